@@ -14,7 +14,7 @@ import rpctl
 from rpctl.engines.engine import Engine
 from rpctl.engines.installed import installed_engines
 from rpctl.engines.referee import EngineVerdict, Referee
-from rpctl.engines.words import line
+from rpctl.engines.words import line, turn_line
 
 DURATION = 1.6  # s of each motion
 RADIUS = 0.1  # m, of wheels
@@ -175,6 +175,15 @@ THREADS = (
         "wheel",
     ),
 )
+TURNS = (  # of skid-steer bases, in place
+    Thread(
+        "husky #120, jackal_simulator #18",
+        "a skid-steer base turns in place less than its wheels say, and by fits and starts",
+        "four_wheels",
+        "mujoco",
+        "wheels hop",
+    ),
+)
 
 
 def judge(thread: Thread, engine: Engine, folder: Path) -> EngineVerdict:
@@ -183,13 +192,14 @@ def judge(thread: Thread, engine: Engine, folder: Path) -> EngineVerdict:
 
 
 def main() -> None:
-    for thread in THREADS:
+    for thread in (*THREADS, *TURNS):
         found, _ = installed_engines([thread.engine])
         if not found:
             continue
         with tempfile.TemporaryDirectory() as folder:
             verdict = judge(thread, found[0], Path(folder))
-        print(f"{thread.cited}: {thread.asked}\n  {line(verdict)}\n")
+        said = turn_line(verdict) if thread in TURNS else line(verdict)
+        print(f"{thread.cited}: {thread.asked}\n  {said}\n")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from rpctl.engines.comparison import EngineGap
 from rpctl.engines.engine import Engine
 from rpctl.engines.installed import ENGINES, installed_engines
 from rpctl.engines.referee import DURATION_S, EngineVerdict, Referee
-from rpctl.engines.words import line, verdict_to_dict
+from rpctl.engines.words import line, turn_line, verdict_to_dict
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable
 from rpctl.robot.catalog import ENTRIES
@@ -130,7 +130,8 @@ def _show(judged: dict[str, tuple[EngineVerdict, ...]], refused: dict[str, Rpctl
     out.print(table)
     for verdicts in () if several else judged.values():
         for verdict in verdicts:
-            out.print(escape(line(verdict)), soft_wrap=True)
+            for said in filter(None, (line(verdict), turn_line(verdict))):
+                out.print(escape(said), soft_wrap=True)
         notes = dict.fromkeys(note for verdict in verdicts for note in verdict.notes)
         for note in notes:
             out.print(f"[dim]note[/] {escape(note)}")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.causes import Trace, beyond, trace
@@ -18,6 +19,7 @@ from rpctl.engines.engine import Engine, EngineFault
 from rpctl.engines.recording import EngineRecording, record
 from rpctl.engines.reduced import ReducedRun
 from rpctl.engines.switches import ALL_DEFAULT, Switches
+from rpctl.engines.turning import TurnVerdict, judge_turn
 from rpctl.equivalence.contact.plan import SERVO_BANDWIDTH, ContactPlan, plan_motion
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
@@ -37,6 +39,7 @@ class EngineVerdict:
         model: What the model did.
         recording: What the engine did by default.
         friction: Coefficient of the ground where it is mended.
+        turn: How a skid-steer base turns in place there; None of others, and where it is not asked.
     """
 
     engine: str
@@ -46,6 +49,7 @@ class EngineVerdict:
     model: EngineRecording = field(repr=False)
     recording: EngineRecording = field(repr=False)
     friction: float = FRICTION
+    turn: TurnVerdict | None = None
 
     @property
     def agrees(self) -> bool:
@@ -132,9 +136,16 @@ class Referee:
                 self.compare,
                 model,
             )
+        plan, _ = self.motion(engine.tick)
+        turn = judge_turn(self.robot, engine, plan, self._hold(plan), self._friction)
         return EngineVerdict(
-            engine.name, engine.version, gaps, found, model, recording, self._friction
+            engine.name, engine.version, gaps, found, model, recording, self._friction, turn
         )
+
+    def _hold(self, plan: ContactPlan) -> Array:
+        """Return the efforts (n_act,) that hold the robot where a plan starts."""
+        still = np.zeros(self.robot.dof)
+        return self.dynamics.efforts(plan.q[0], self.dynamics.inverse(plan.q[0], still, still))
 
     def run(self, engine: Engine, switches: Switches) -> EngineRecording:
         """Return what an engine does with switches.
@@ -144,8 +155,7 @@ class Referee:
             switches: What is mended.
         """
         plan, model = self.motion(engine.tick)
-        still = np.zeros(self.robot.dof)
-        hold = self.dynamics.efforts(plan.q[0], self.dynamics.inverse(plan.q[0], still, still))
+        hold = self._hold(plan)
         try:
             run = engine.start(self.robot, plan.q[0], switches, self._friction)
         except EngineFault as fault:

@@ -8,6 +8,7 @@ from typing import Any
 from rpctl.engines.causes import Cause, beyond
 from rpctl.engines.comparison import EngineGap
 from rpctl.engines.referee import EngineVerdict
+from rpctl.engines.turning import SWINGS, near
 
 
 def line(verdict: EngineVerdict) -> str:
@@ -26,6 +27,32 @@ def line(verdict: EngineVerdict) -> str:
     if found.remaining:
         said += f"; all mended it still {found.remaining[0].words}, which no setting explains"
     return said
+
+
+def turn_line(verdict: EngineVerdict) -> str:
+    """Return what the referee says of a skid-steer base's turn in place; empty if nothing."""
+    turn = verdict.turn
+    if turn is None or not turn.agrees:
+        return ""
+    head, mended = f"{verdict.engine} {verdict.version}", f"{turn.mended.track:.2f} m"
+    known = (
+        f"(the reduced model: {turn.declared:.2f} m as declared; its own wheels' places: "
+        f"{turn.own:.2f} m)"
+    )
+    default = turn.default
+    if default is not None and near(default.track, turn.mended.track):
+        said = f"{head}: turns in place as on a track of {mended} {known}"
+    elif default is not None and math.isfinite(default.track):
+        hops = " and its wheels hop" if default.swing > SWINGS else ""
+        said = (
+            f"{head}: turns in place as on a track of {default.track:.2f} m{hops}; as on "
+            f"{mended} once mended {known}: {turn.setting}"
+        )
+    else:
+        said = f"{head}: does not turn in place; as on {mended} once mended {known}: {turn.setting}"
+    if near(turn.declared, turn.mended.track):
+        return said
+    return f"{said}; declare [drive] track = {turn.mended.track:.3g}"
 
 
 def cause_words(cause: Cause, friction: float) -> str:
@@ -61,6 +88,22 @@ def verdict_to_dict(verdict: EngineVerdict) -> dict[str, Any]:
         ],
         "remaining": [_gap_to_dict(gap) for gap in (found.remaining if found else ())],
         "notes": list(verdict.notes),
+        "turn": _turn_to_dict(verdict),
+    }
+
+
+def _turn_to_dict(verdict: EngineVerdict) -> dict[str, Any] | None:
+    turn = verdict.turn
+    if turn is None:
+        return None
+    default = turn.default.track if turn.default is not None else math.inf
+    return {
+        "track": default if math.isfinite(default) else None,
+        "mended": turn.mended.track if math.isfinite(turn.mended.track) else None,
+        "declared": turn.declared,
+        "own": turn.own,
+        "agrees": turn.agrees,
+        "line": turn_line(verdict),
     }
 
 

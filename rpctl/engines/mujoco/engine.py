@@ -16,6 +16,7 @@ from rpctl.engines.engine import EngineFault, EngineState
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.mends import Touching, mend
 from rpctl.engines.mujoco.sentences import mujoco_switches
+from rpctl.engines.mujoco.turning import SETTING, TurningRun, calm_speed
 from rpctl.engines.mujoco.user_load import PREFIX, compiled, load_as_user
 from rpctl.engines.switches import Switch, Switches
 from rpctl.equivalence.contact.ties import Rollers, TieRods
@@ -35,6 +36,7 @@ class MujocoSimulator:
 
     name: str = "MuJoCo"
     tick: float = TICK_S
+    turning_setting: str = SETTING
 
     def __post_init__(self) -> None:
         """Refuse to be without the library."""
@@ -65,6 +67,20 @@ class MujocoSimulator:
         run.notes = (*loaded.notes, *(f"MuJoCo: {note}" for note in told))
         run.place(q)
         return run
+
+    def turning_speed(self, friction: float) -> float:
+        """Return the speed (m/s) of the rims at which scrubbing wheels stay on the ground."""
+        return calm_speed(friction)
+
+    def start_turning(self, robot: Robot, q: Array, friction: float) -> TurningRun:
+        """Return the robot at rest at q, its wheels so that they stay on the ground.
+
+        Args:
+            robot: The robot.
+            q: Configuration (nq,).
+            friction: Coefficient between wheels and ground.
+        """
+        return TurningRun(robot, q, friction)
 
 
 class MujocoRun:

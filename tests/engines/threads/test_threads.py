@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rpctl.engines.installed import installed_engines
-from rpctl.engines.words import line
+from rpctl.engines.words import line, turn_line
 
 pytestmark = pytest.mark.slow
 DEMO = Path(__file__).parents[3] / "demos" / "referee_threads.py"
@@ -49,6 +49,23 @@ def test_the_referee_names_the_cause_and_its_mending_cures(thread: Any, tmp_path
     assert found.complete  # with the causes mended, and nothing else, it does as the model
     for words in WORDS[thread.robot]:
         assert words in line(verdict)
+
+
+@pytest.mark.parametrize("thread", THREADS.TURNS, ids=lambda thread: thread.robot)
+def test_the_referee_tells_why_a_skid_steer_base_turns_too_little(
+    thread: Any, tmp_path: Path
+) -> None:
+    engines, missing = installed_engines([thread.engine])
+    if not engines:
+        pytest.skip(missing[0])
+    verdict = THREADS.judge(thread, engines[0], tmp_path)
+    turn = verdict.turn
+    assert turn is not None and turn.default is not None and turn.agrees
+    assert turn.own == pytest.approx(0.8, rel=1e-6)  # 0.4 + 0.4²/0.4: the wheels are a square
+    assert turn.mended.track == pytest.approx(turn.own, rel=0.01) and turn.mended.swing < 0.01
+    assert turn.default.track > 2.0 * turn.own and turn.default.swing > 0.2
+    said = turn_line(verdict)
+    assert thread.cause in said and "rpctl export" in said and "[drive] track = 0.8" in said
 
 
 def test_every_thread_has_its_robot_and_its_words() -> None:

@@ -1,0 +1,234 @@
+"""How a skid-steer base turns in place in an engine, told as the track on which it seems to run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.arrays import Array
+from rpctl.drive.wheels import mostly_left
+from rpctl.engines.engine import Engine, EngineFault, EngineRun
+from rpctl.engines.recording import SETTLING_S
+from rpctl.engines.switches import ALL_DEFAULT
+from rpctl.equivalence.contact.plan import ContactPlan
+from rpctl.robot.model import Robot
+
+TURNING_S = 4.0  # s that it turns; the second half counts
+SPIN_BANDWIDTH = 50.0  # rad/s of the servo on the wheels' speeds, critically damped
+BAND = 0.02  # of a track: closer is the same
+AT_SPEED = 0.05  # of the commanded speed: wheels that are off by more do not turn as they are told
+SWINGS = 0.1  # of the mean load: wheels whose load swings by more hop
+CONVERGED, MOST_ROUNDS = 1e-10, 2000
+
+
+@runtime_checkable
+class TurningEngine(Protocol):
+    """An engine in which a base that scrubs can be set up so that its wheels stay on the ground."""
+
+    turning_setting: str  # an imperative: what sets it up
+
+    def turning_speed(self, friction: float) -> float:
+        """Return the fastest speed (m/s) of the rims at which the wheels surely stay down."""
+
+    def start_turning(self, robot: Robot, q: Array, friction: float) -> EngineRun:
+        """Return the robot at rest at q, set up so.
+
+        Args:
+            robot: The robot.
+            q: Configuration (nq,).
+            friction: Coefficient between wheels and ground.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """How a base turned in place.
+
+    Attributes:
+        track: On which its wheels, if they rolled, would turn it as fast, m; infinite: it stood.
+        load: Mean vertical force of each wheel (n_wheels,), N.
+        swing: Standard deviation of a wheel's load over its mean, the largest.
+        off: How far the wheels' mean speed was from the commanded one, as a fraction of it.
+    """
+
+    track: float
+    load: Array
+    swing: float
+    off: float
+
+
+@dataclass(frozen=True, eq=False)
+class TurnVerdict:
+    """How a skid-steer base turns in an engine.
+
+    Attributes:
+        default: As a user runs it; None if it does not.
+        mended: With the engine's ``turning_setting``.
+        declared: The reduced model's track, m.
+        own: The track that Coulomb's friction at the wheels' places gives, m.
+        setting: What mends it.
+    """
+
+    default: Turn | None
+    mended: Turn
+    declared: float
+    own: float
+    setting: str
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the mended engine turns as the wheels' places say, at the commanded speed."""
+        return self.mended.off < AT_SPEED and near(self.mended.track, self.own)
+
+
+def near(track: float, other: float) -> bool:
+    """Return whether two tracks (m) are the same."""
+    return abs(track - other) < BAND * other
+
+
+def judge_turn(
+    robot: Robot, engine: Engine, plan: ContactPlan, hold: Array, friction: float
+) -> TurnVerdict | None:
+    """Return how a base turns in place, or None if that is not asked of it or of the engine.
+
+    Args:
+        robot: The robot.
+        engine: The engine.
+        plan: What holds its arm where it starts.
+        hold: Efforts (n_act,) that hold it at rest.
+        friction: Coefficient between wheels and ground where it is mended.
+    """
+    drive = robot.drive
+    plain = all(wheel.driven and not wheel.slides for wheel in drive.wheels)
+    if drive.type != "skid-steer" or not plain or not isinstance(engine, TurningEngine):
+        return None
+    speed = engine.turning_speed(friction)
+    try:
+        run = engine.start_turning(robot, plan.q[0], friction)
+        mended = turn_in_place(run, robot, plan, hold, engine.tick, speed)
+    except EngineFault:
+        return None
+    try:
+        run = engine.start(robot, plan.q[0], ALL_DEFAULT, friction)
+        default = turn_in_place(run, robot, plan, hold, engine.tick, speed)
+    except EngineFault:
+        default = None
+    own = scrubbing_track(wheel_places(robot), mended.load)
+    return TurnVerdict(default, mended, drive.track, own, engine.turning_setting)
+
+
+def turn_in_place(
+    run: EngineRun, robot: Robot, plan: ContactPlan, hold: Array, tick: float, speed: float
+) -> Turn:
+    """Turn a base to the left, the wheels of both sides at the same speed, and return how it goes.
+
+    Args:
+        run: It in an engine, at rest.
+        robot: The robot.
+        plan: What holds its arm where it starts.
+        hold: Efforts (n_act,) that hold it at rest.
+        tick: How long efforts hold, s.
+        speed: Of the rims, m/s.
+
+    Raises:
+        EngineFault: The motion diverges.
+    """
+    names = [wheel.joint for wheel in robot.drive.wheels]
+    motors = [robot.actuators.index(name) for name in names]
+    limits = np.array([robot.description.joint[name].effort for name in names])
+    side, rolls = np.sign(wheel_places(robot)[:, 1]), _rolling(robot)
+    spin = np.array([_spin_inertia(robot, name) for name in names])
+    summed, rows = np.zeros(len(names)), []
+    settling, count = round(SETTLING_S / tick), round(TURNING_S / tick)
+    for k in range(settling + count):
+        state = run.state()
+        held = np.array([state.joints[name] for name in plan.names]).reshape(-1, 2)
+        tau = plan.efforts(-1, held[:, 0], held[:, 1], hold)
+        rates = np.array([state.joints[name][1] for name in names])
+        gap = (speed * -side / rolls if k >= settling else 0.0) - rates
+        summed += tick * gap
+        push = SPIN_BANDWIDTH * spin * (2.0 * gap + SPIN_BANDWIDTH * summed)
+        tau[motors] = np.clip(push, -limits, limits)
+        run.advance(dict(zip(robot.actuators, tau.tolist(), strict=True)), tick)
+        if k >= settling + count // 2:
+            after = run.state()
+            rows.append((after.planar[2], *(rates * rolls), *after.load[: len(names)]))
+    return _measured(np.array(rows), side, tick, speed)
+
+
+def _measured(rows: Array, side: Array, tick: float, speed: float) -> Turn:
+    """Return how a base turned, of rows of heading, rolling speeds and loads, a tick apart."""
+    n = len(side)
+    heading, rims, load = np.unwrap(rows[:, 0]), rows[:, 1 : 1 + n], rows[:, 1 + n :]
+    yaw = float(heading[-1] - heading[0]) / (tick * (len(rows) - 1))
+    rim = float((-side * rims).mean())
+    mean = load.mean(axis=0)
+    swing = float((load.std(axis=0) / np.maximum(mean, np.finfo(float).tiny)).max())
+    track = 2.0 * rim / yaw if yaw > 0.0 else math.inf
+    return Turn(track, mean, swing, abs(rim / speed - 1.0))
+
+
+def wheel_places(robot: Robot) -> Array:
+    """Return where the wheels are ahead and to the left of P (n_wheels, 2), m, as the file draws.
+
+    Args:
+        robot: The robot.
+    """
+    drive, found = robot.drive, []
+    cos, sin = math.cos(drive.heading), math.sin(drive.heading)
+    for wheel in drive.wheels:
+        pose = robot.tree.pose(robot.description.joint[wheel.joint].child)
+        centre = pose[:3, 3] + pose[:3, :3] @ (wheel.offset * np.array(wheel.axis))
+        x, y = centre[:2] - np.array(drive.point)
+        found.append((cos * x + sin * y, cos * y - sin * x))
+    return np.array(found).reshape(-1, 2)
+
+
+def scrubbing_track(places: Array, load: Sequence[float] | Array) -> float:
+    """Return the track (m) on which wheels of equal speed to both sides turn a base in place.
+
+    Coulomb's friction balances where Σ N |u| is least over the base's twist, u the slip of each
+    contact point. Of four wheels at (±L/2, ±W/2) with equal loads that is W + L²/W.
+
+    Args:
+        places: Of the wheels, ahead and to the left (n, 2), m.
+        load: Of each (n,), N.
+    """
+    x, y = places.T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    rows = np.concatenate([np.stack([one, zero, -y], 1), np.stack([zero, one, x], 1)])
+    rims = np.concatenate([-np.sign(y), zero])  # m/s
+    weight, twist = np.asarray(load, float), np.zeros(3)
+    scale = weight.copy()
+    for _ in range(MOST_ROUNDS):  # weighted least squares, as Weiszfeld did
+        root = np.sqrt(np.tile(scale, 2))
+        before, twist = twist, np.linalg.lstsq(rows * root[:, None], rims * root, rcond=None)[0]
+        if np.abs(twist - before).max() < CONVERGED:
+            break
+        slip = np.hypot(*np.split(rows @ twist - rims, 2))
+        scale = weight / np.maximum(slip, CONVERGED)
+    return 2.0 / float(twist[2]) if twist[2] > 0.0 else math.inf
+
+
+def _rolling(robot: Robot) -> Array:
+    """Return each wheel's way forward over its turn (n_wheels,), m: its radius, with a sign."""
+    drive = robot.drive
+    axes = [robot.tree.axis(robot.description.joint[wheel.joint]) for wheel in drive.wheels]
+    return np.array(
+        [
+            math.copysign(wheel.radius, mostly_left(axis))
+            for wheel, axis in zip(drive.wheels, axes, strict=True)
+        ]
+    )
+
+
+def _spin_inertia(robot: Robot, name: str) -> float:
+    """Return the inertia (kg m²) of a wheel about its axle, its motor's rotor with it."""
+    index = robot.velocity_index(name)
+    inertia = pin.crba(robot.model, robot.model.createData(), robot.configuration())
+    return float(inertia[index, index])
