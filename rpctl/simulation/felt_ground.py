@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.simulation.log import Log
@@ -67,13 +68,14 @@ def felt_ground(run: Run) -> FeltGround | None:
     if not log.root_pose.size:
         return None
     load, lifted, hanging = None, tuple[str, ...](), tuple[str, ...]()
-    touches = np.ones(log.wheel_slip.shape[:2], dtype=bool)
+    touches: NDArray[np.bool_] = np.ones(log.wheel_slip.shape[:2], dtype=bool)
     if log.ground_load.size:
         load = float(log.ground_load.min())
-        bears = log.ground_load >= LIFTED * float(log.ground_load[0].sum())
-        lifted = _named(run, ~bears.all(axis=0))
-        hanging = _named(run, ~bears[0])
-        touches = bears[:, : touches.shape[1]]  # wheels come first among the contacts
+        floor = LIFTED * float(log.ground_load[0].sum())
+        lifted = _named(run, log.ground_load.min(axis=0) < floor)
+        hanging = _named(run, log.ground_load[0] < floor)
+        wheels_load = log.ground_load[:, : touches.shape[1]]  # they come first among the contacts
+        touches = np.asarray(wheels_load >= floor)
     slip, wheel, time = None, None, None
     if log.wheel_slip.size:
         speed = np.where(touches, np.linalg.norm(log.wheel_slip, axis=2), 0.0)
@@ -83,7 +85,7 @@ def felt_ground(run: Run) -> FeltGround | None:
     return FeltGround(slip, wheel, time, load, lifted, float(tilts(log).max()), hanging)
 
 
-def _named(run: Run, chosen: Array) -> tuple[str, ...]:
+def _named(run: Run, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return the names of the contacts that are chosen (n_contacts,)."""
     return tuple(name for name, yes in zip(run.ground.contacts, chosen, strict=True) if yes)
 
