@@ -13,8 +13,9 @@ from rpctl.dynamics.ground_reaction import Contacts
 from rpctl.engines.recording import EngineRecording
 from rpctl.robot.model import Robot
 
-# Wide enough for mended engines on almost all of the catalogue (the load of casters that flick
-# round is not); a fault that a user sees in an animation, a few percent of a way, breaks them.
+# Mended engines keep within these wherever they were run over the catalogue, but for the rear
+# casters of tiago_dual in MuJoCo, which flick round; a fault that a user sees in an animation, a
+# few percent of a way or an angle, breaks them.
 PATH_BAND, PATH_BAND_FLOOR_M = 0.01, 3e-3  # of the way; m
 HEADING_BAND, HEADING_BAND_FLOOR = 0.01, 5e-3  # of the angle turned; rad
 SLIP_BAND, SLIP_BAND_FLOOR = 0.03, 5e-3  # of the largest speed; m/s
