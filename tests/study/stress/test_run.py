@@ -193,6 +193,21 @@ def test_made_up_figures_have_all_verdicts() -> None:
     assert isinstance(rows[0].figures, StressFigures)
 
 
+def test_wheels_that_hang_are_told_once_a_ladder() -> None:
+    found = battery("radius", "payload", laws=2)
+    low = {c.key for c in found.cells if dict(c.levels).get("radius", 0.0) < 0.0}
+    figures = {c.key: replace(GOOD, hanging_wheels=("a", "b") if c.key in low else ())
+               for c in found.cells}  # fmt: skip
+    report = report_of(found, figures, TOLERANCE)
+    (sentence,) = report.hanging("rolling")
+    assert sentence.startswith("radius -3, -2, -1 %: a, b bear nothing from the start: the support")
+    assert report.to_dict()["hanging"] == {"rolling": [sentence]}
+    always = {key: replace(GOOD, hanging_wheels=("a",)) for key in figures}
+    (sentence,) = report_of(found, always, TOLERANCE).hanging("rolling")
+    assert sentence.startswith("nothing stressed: a bear nothing: the other")
+    assert report_of(found, dict.fromkeys(figures, GOOD), TOLERANCE).hanging("rolling") == []
+
+
 def test_a_robot_leans_by_the_turn_of_its_upright() -> None:
     """Turned about the vertical it has not leant; about any other axis by the angle."""
     yaw, pitch = 1.9, 0.3
