@@ -1,4 +1,4 @@
-"""A robot drives a circle faster and faster on a slippery floor, until its tyres let go.
+"""A robot drives a circle faster and faster on ice, until its tyres let go.
 
 The share of the grip that the motion needs is predicted from wheels that only roll. On tyres the
 same motion takes some slip, and beyond all of the grip the robot slides out of the circle.
@@ -8,12 +8,12 @@ import numpy as np
 
 import rpctl
 
-FRICTION, RADIUS = 0.3, 1.0  # of tyres on a wet floor; m
-SPEEDS = (0.8, 1.2, 1.4, 1.8)  # m/s
+FRICTION, RADIUS = 0.1, 0.6  # of tyres on ice; m: no wheel is asked more than its limit
+SPEEDS = (0.4, 0.5, 0.55, 0.6)  # m/s
 
 
 def main() -> None:
-    robot = rpctl.load("urdf/paper.urdf")
+    robot = rpctl.load("paper")
     print("speed m/s   grip needed   slip of a tyre mm/s   off the circle mm   outcome")
     for speed in SPEEDS:
         rolling, slipping = (
@@ -24,7 +24,7 @@ def main() -> None:
                 friction=FRICTION,
                 size=RADIUS,
                 speed=speed,
-                duration=3.0,
+                duration=6.0,
                 collisions=False,
             )
             for plant in ("ideal", "slipping")
@@ -33,7 +33,7 @@ def main() -> None:
         slip = np.hypot(*slipping.log.wheel_slip.T).max()
         found = rpctl.summarize(slipping)
         print(
-            f"{speed:9.1f}   {100.0 * needed:9.0f} %   {1e3 * slip:19.1f}"
+            f"{speed:9.2f}   {100.0 * needed:9.0f} %   {1e3 * slip:19.1f}"
             f"   {1e3 * found.final_base_error:17.1f}   {found.outcome}"
         )
 

@@ -71,6 +71,7 @@ _MODULES = {  # public name -> the module that has it, imported when the name is
     "scale_limits": "rpctl.robot.vary",
     "scale_masses": "rpctl.robot.vary",
     "set_limits": "rpctl.robot.vary",
+    "start_plant": "rpctl.simulation.plants.stepped",
     "summarize": "rpctl.simulation.summary",
     "track": "rpctl.simulation.loop",
     "verify": "rpctl.equivalence.verify",
@@ -132,6 +133,7 @@ if TYPE_CHECKING:  # the same, for type checkers and editors
     from rpctl.simulation.plants.protocol import PlantModel as PlantModel
     from rpctl.simulation.plants.protocol import PlantSample as PlantSample
     from rpctl.simulation.plants.slipping import Slipping as Slipping
+    from rpctl.simulation.plants.stepped import start_plant as start_plant
     from rpctl.simulation.plants.wrench import Wrench as Wrench
     from rpctl.simulation.run import Run as Run
     from rpctl.simulation.summary import summarize as summarize

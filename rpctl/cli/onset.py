@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 from rpctl.cli.terminal import console, escape, new_table
-from rpctl.equivalence.onset.record import INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
+from rpctl.equivalence.onset.record import ASKEW, INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
 
 VERDICTS = {
     WITHIN: "[green]✓[/]",
     INSIDE: "[green]✓[/]",
     SAFE: "[yellow]✓[/]",
+    ASKEW: "[yellow]–[/]",
     WRONG: "[bold red]✗[/]",
 }
 
@@ -34,6 +35,8 @@ def print_onsets(trial: OnsetTrial) -> None:
     out.print(table)
     for each in trial.untried:
         out.print(f"[dim]untried[/] {escape(each.manoeuvre)} until it {each.ending}: {each.why}")
+    for note in trial.notes:
+        out.print(f"[dim]note[/] {escape(note)}")
     if not trial.determinate:
         out.print(
             "[dim]note[/] a prediction is that of equally stiff contacts; in brackets from where "

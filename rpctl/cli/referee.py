@@ -10,9 +10,10 @@ from typing import Annotated, Any
 
 import typer
 
+from rpctl.cli.league import play_league
 from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, split_names
 from rpctl.cli.streams import print_json, say
-from rpctl.cli.terminal import console, escape, new_table, progress_bar
+from rpctl.cli.terminal import console, escape, new_table
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.engines.comparison import EngineGap
 from rpctl.engines.engine import Engine
@@ -45,6 +46,9 @@ def referee_command(
         Path | None,
         typer.Option(metavar="FILE", help="Write a page: all engines' robots on one timeline."),
     ] = None,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes for several robots; as many as processors.")
+    ] = os.cpu_count() or 1,
     as_json: JsonOption = False,
 ) -> None:
     """Drive a robot in other simulators as in the model, and tell why they disagree.
@@ -63,25 +67,19 @@ def referee_command(
         say(f"left out: {sentence}", err=True)
     if not found:
         raise RpctlError("no engine is installed to compare with; pip install 'rpctl[mujoco]'")
+    motion, whole = (friction, duration), True
     judged: dict[str, tuple[EngineVerdict, ...]] = {}
     refused: dict[str, RpctlError] = {}
-    with progress_bar("referee") as advance:
-        for k, name in enumerate(names):
-            advance(k, len(names))
-            try:
-                judged[name] = _judge(name, options, found, (friction, duration), html)
-                if len(names) > 1:  # a league takes minutes: what is known is told at once
-                    for verdict in judged[name]:
-                        say(f"{name}: {line(verdict)}", err=as_json)
-            except RpctlError as error:
-                if len(names) == 1:
-                    raise
-                refused[name] = error
+    if len(names) == 1:
+        judged[names[0]] = _judge(names[0], options, found, motion, html)
+    else:
+        league = play_league(names, found, options, motion, workers, as_json=as_json)
+        judged, refused, whole = league.judged, league.refused, league.whole
     if as_json:
         print_json(_to_dict(judged, refused, missing))
     else:
         _show(judged, refused)
-    if not all(verdict.traced for verdicts in judged.values() for verdict in verdicts):
+    if not whole or not all(verdict.traced for verdicts in judged.values() for verdict in verdicts):
         raise typer.Exit(CHECK_FAILED)
 
 

@@ -80,7 +80,9 @@ def cell_text(row: StressRow) -> str:
 
 
 def _show_left_out(out: Console, report: StressReport, plant: str) -> None:
-    """Print the stresses that mean nothing on a plant, and why runs were refused; alike ones once.
+    """Print what a plant leaves out, where wheels hang, and why runs were refused.
+
+    What is alike is told once.
 
     Args:
         out: Where to print.
@@ -94,6 +96,8 @@ def _show_left_out(out: Console, report: StressReport, plant: str) -> None:
     ]
     if left:
         out.print(f"[dim]left out: {escape(', '.join(left))}[/]")
+    for sentence in report.hanging(plant):
+        out.print(f"[yellow]{escape(sentence)}[/]")
     refused = (r for r in report.rows if r.cell.plant == plant and r.verdict.name == REFUSED)
     for law, reason in dict.fromkeys((str(row.cell.law), row.verdict.reason) for row in refused):
         out.print(f"[dim]{law}: did not run: {escape(reason)}[/]")

@@ -12,11 +12,15 @@ from rpctl.drive.steering import follower_positions
 from rpctl.robot.model import Robot
 
 BANDWIDTH = 200.0  # rad/s of each spring, against the inertia of the swivel that it turns
+STABLE = 0.2  # bandwidth times the step at which a spring that is pulled once a step stays stable
 DIFFERENCE_STEP = 1e-6  # rad, of a difference quotient
 
 
 def tie_rod_efforts(
-    drive: Drive, joints: Mapping[str, tuple[float, float]], inertia: Mapping[str, float]
+    drive: Drive,
+    joints: Mapping[str, tuple[float, float]],
+    inertia: Mapping[str, float],
+    step: float,
 ) -> dict[str, float]:
     """Return the efforts (N·m) of tie rods, critically damped, on followers and their leaders.
 
@@ -27,6 +31,7 @@ def tie_rod_efforts(
         drive: The drive.
         joints: Positions (rad) and rates (rad/s) of its swivels, by joint.
         inertia: Of each follower about its axis, kg·m².
+        step: How long the efforts hold, s: a spring too stiff for it would shake.
     """
     if not drive.followers:
         return {}
@@ -36,11 +41,12 @@ def tie_rod_efforts(
         name: follower_positions(drive, at | {name: at[name] + DIFFERENCE_STEP}) for name in at
     }
     efforts = dict.fromkeys((*at, *place), 0.0)
+    bandwidth = min(BANDWIDTH, STABLE / step)
     for name, wanted in place.items():
         slopes = {leader: (nearby[leader][name] - wanted) / DIFFERENCE_STEP for leader in at}
         position, rate = joints[name]
         rate -= sum(slope * joints[leader][1] for leader, slope in slopes.items())
-        pull = inertia[name] * BANDWIDTH * (BANDWIDTH * (position - wanted) + 2.0 * rate)
+        pull = inertia[name] * bandwidth * (bandwidth * (position - wanted) + 2.0 * rate)
         efforts[name] -= pull
         for leader, slope in slopes.items():
             efforts[leader] += slope * pull

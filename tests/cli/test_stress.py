@@ -123,6 +123,7 @@ def test_the_choice_of_a_battery() -> None:
         BatteryOptions(plants="ice").battery(robot)
 
 
+@pytest.mark.slow
 def test_a_ctrl_c_tells_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["paper", "--stresses", "payload,delay", "--combinations", "1", "--seed", "3",
              "--tolerance", "0.02", "--quick", "--workers", "1"]  # fmt: skip

@@ -13,7 +13,7 @@ from rpctl.engines.engine import EngineFault
 from rpctl.engines.rollers import refuse_rollers
 from rpctl.engines.silence import captured
 from rpctl.engines.switches import ALL_DEFAULT, ALL_MENDED
-from rpctl.engines.tie_rods import BANDWIDTH, follower_inertia, tie_rod_efforts
+from rpctl.engines.tie_rods import BANDWIDTH, STABLE, follower_inertia, tie_rod_efforts
 from rpctl.robot.model import Robot
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -64,6 +64,9 @@ def test_only_rollers_that_are_to_be_mended_are_refused() -> None:
         refuse_rollers(mecanum, ALL_MENDED, "Drake")
 
 
+SHORT = 1e-4  # s: a step at which tie rods are as stiff as they get
+
+
 def test_tie_rods_pull_to_their_place_and_do_no_work_along_it() -> None:
     car = rpctl.load("car")
     leader, follower = car.drive.steered[0].joint, car.drive.followers[0].joint
@@ -71,18 +74,34 @@ def test_tie_rods_pull_to_their_place_and_do_no_work_along_it() -> None:
     inertia = follower_inertia(car, q)
     place = car.joint_position(q, follower)
     still = {leader: (0.3, 0.0), follower: (place, 0.0)}
-    assert tie_rod_efforts(car.drive, still, inertia) == pytest.approx({leader: 0, follower: 0})
+    assert tie_rod_efforts(car.drive, still, inertia, SHORT) == pytest.approx(
+        {leader: 0, follower: 0}
+    )
     ahead = {leader: (0.3, 0.0), follower: (place + 0.01, 0.0)}
-    pull = tie_rod_efforts(car.drive, ahead, inertia)
+    pull = tie_rod_efforts(car.drive, ahead, inertia, SHORT)
     assert pull[follower] == pytest.approx(-inertia[follower] * BANDWIDTH**2 * 0.01)
     nearby = car.configuration(joints={leader: 0.31})
     slope = (car.joint_position(nearby, follower) - place) / 0.01
     assert pull[leader] + slope * pull[follower] == pytest.approx(0.0, abs=0.01 * pull[leader])
     along = {leader: (0.3, 0.2), follower: (place, 0.2 * slope)}
-    assert abs(tie_rod_efforts(car.drive, along, inertia)[follower]) < 0.02 * abs(pull[follower])
+    assert abs(tie_rod_efforts(car.drive, along, inertia, SHORT)[follower]) < 0.02 * abs(
+        pull[follower]
+    )
     lags = {leader: (0.3, 0.0), follower: (place, 1.0)}
-    damped = tie_rod_efforts(car.drive, lags, inertia)[follower]
+    damped = tie_rod_efforts(car.drive, lags, inertia, SHORT)[follower]
     assert damped == pytest.approx(-2.0 * inertia[follower] * BANDWIDTH)
+
+
+def test_tie_rods_yield_where_steps_are_long() -> None:
+    """A damper that is pulled once a step takes away less than the rate that it damps."""
+    car, step = rpctl.load("car"), 1.0 / 240.0
+    leader, follower = car.drive.steered[0].joint, car.drive.followers[0].joint
+    q = car.configuration(joints={leader: 0.3})
+    inertia = follower_inertia(car, q)
+    turns = {leader: (0.3, 0.0), follower: (car.joint_position(q, follower), 1.0)}
+    change = tie_rod_efforts(car.drive, turns, inertia, step)[follower] * step / inertia[follower]
+    assert change == pytest.approx(-2.0 * STABLE)
+    assert 2.0 * BANDWIDTH * step > 1.5
 
 
 def test_what_a_library_prints_is_kept(capfd: pytest.CaptureFixture[str]) -> None:

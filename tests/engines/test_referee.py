@@ -18,7 +18,7 @@ from rpctl.engines.installed import installed_engines
 from rpctl.engines.mujoco import library
 from rpctl.engines.mujoco.engine import MujocoRun, MujocoSimulator
 from rpctl.engines.referee import EngineVerdict, Referee
-from rpctl.engines.switches import ALL_MENDED, MENDED, Switches
+from rpctl.engines.switches import ALL_MENDED, DEFAULT, MENDED, Switches
 from rpctl.engines.words import line, verdict_to_dict
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
@@ -77,7 +77,7 @@ def named(verdict: EngineVerdict) -> list[tuple[str, ...]]:
     return [cause.names for cause in verdict.trace.causes]
 
 
-@pytest.mark.parametrize("name", ["paper", "car", "mecanum", "casters", "tiago"])
+@pytest.mark.parametrize("name", ["paper", "car", "mecanum", "casters", "tiago", "tiago_no_hand"])
 def test_the_mended_engine_agrees_with_the_reduced_model(name: str) -> None:
     judge = Referee(rpctl.load(name), duration=DURATION)
     _, model = judge.motion(MujocoSimulator().tick)
@@ -143,6 +143,13 @@ def test_tie_rods_that_are_left_out_are_named() -> None:
     verdict = judged(rpctl.load("car"), "mimic")
     assert named(verdict) == [("mimic",)]
     assert 'joint1="steering_right_joint" joint2="steering_left_joint" polycoef="' in line(verdict)
+
+
+def test_tie_rods_as_springs_bear_the_default_step() -> None:
+    judge, engine = Referee(rpctl.load("swerve"), duration=DURATION), MujocoSimulator()
+    judge.motion(engine.tick)
+    long = judge.run(engine, ALL_MENDED.turned(["timestep"], DEFAULT))
+    assert not beyond(judge.compare(judge.run(engine, ALL_MENDED), long))
 
 
 def test_losses_that_the_model_leaves_out_are_named(tmp_path: Path) -> None:

@@ -55,6 +55,7 @@ def lifted(robot: Robot, scale: float) -> Robot:
     return dataclasses.replace(robot, model=model)
 
 
+@pytest.mark.slow
 def test_slipping(robot: Robot) -> None:
     radius = circle_radius(robot, contacts_of(ReducedDynamics(robot), MU))
     expected = {

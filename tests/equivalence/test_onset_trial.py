@@ -57,6 +57,7 @@ def test_it_slips_in_contact_where_paper_and_pencil_say(robot: Robot) -> None:
     assert found == pytest.approx(expected, rel=ACCURACY)
 
 
+@pytest.mark.slow
 def test_it_tips_in_contact_where_paper_and_pencil_say(robot: Robot) -> None:
     expected = paper_and_pencil.tipping_force()
     found = measured(robot, DRIVES, TIPS, 2.0, expected)

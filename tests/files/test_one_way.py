@@ -31,6 +31,8 @@ ELSEWHERE = {  # what opens no input, and why
     "simulation/compiled/machine/cache.py": "reads back what it has written, if it is its own",
     "simulation/compiled/machine/identity.py": "reads the package's own modules",
     "study/versions.py": "reads the package's own modules",
+    "engines/mujoco/heights.py": "reads what the one way has read, as numbers",
+    "study/stress/journal.py": "adds to what it writes",
     "view/film/video.py": "writes a film, and reads back what it has written",
     "view/serve/live.py": "reads back the report that it has written",
     "view/pages/page.py": "reads the package's own assets",

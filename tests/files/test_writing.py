@@ -299,6 +299,10 @@ ELSEWHERE = {
     "simulation/packed.py": "an entry of an archive that is open for writing",
     "files/worker.py": "it writes to the pipes of a process",
     "study/run_chunk.py": "a reference that was sent lies in a folder of this process alone",
+    "study/stress/journal.py": "adds a line a run to the file that the one writer began",
+    "engines/bullet/world.py": "PyBullet wants a name: it lies in a folder of this process alone",
+    "engines/drake/world.py": "Drake wants a name: it lies in a folder of this process alone",
+    "engines/mujoco/export.py": "read back before it is put in place, in a folder of its own",
     "view/film/video.py": "encoders want a name: it lies in a folder of this process alone",
 }
 

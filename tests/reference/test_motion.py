@@ -18,6 +18,7 @@ from rpctl.reference.motion import Reference, end_effector_reference
 from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates
 from rpctl.robot.catalog import names
+from tests.grids import cells
 
 ROBOTS = names()
 STEP = 1e-6
@@ -55,7 +56,10 @@ def test_speeds_and_accelerations_are_the_poses_derivatives(mixed_chain: Robot, 
         np.testing.assert_allclose(np.cross(state.direction[0], state.twist), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+LONG = ("tiago_dual", "tiago_pro", "so101")
+
+
+@pytest.mark.parametrize("name", cells(ROBOTS, {*ROBOTS} - {*LONG}, LONG))
 def test_arms_stay_inside_their_limits(name: str) -> None:
     robot = rpctl.load(name)
     reference = reference_by_name(robot, "eight")

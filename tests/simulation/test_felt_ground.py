@@ -50,6 +50,26 @@ def test_slip_load_and_tilt(robot: Robot) -> None:
     )
 
 
+def test_a_wheel_that_hangs_says_so_and_does_not_slip(robot: Robot) -> None:
+    """Wheel 0 spins in the air throughout, wheel 1 lifts at row 2; wheel 1 slips on the ground."""
+    run = golden_run(robot)
+    wheels = [wheel.joint for wheel in run.robot.drive.wheels]
+    assert run.ground.contacts[:2] == (wheels[0], wheels[1])
+    slip = np.zeros((COUNT, len(wheels), 2))
+    slip[:, 0, 0] = 9.0
+    slip[2:4, 1, 0] = 5.0, 0.002
+    load = np.full((COUNT, len(run.ground.contacts)), 50.0)
+    load[:, 0] = load[2, 1] = 0.0
+    pose = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8], (COUNT, 1))
+    found = felt_ground(felt(run, root_pose=pose, ground_load=load, wheel_slip=slip))
+    assert found is not None
+    assert (found.lifted, found.hanging) == ((wheels[0], wheels[1]), (wheels[0],))
+    assert found.sentence == (
+        f"{wheels[1]} slipped most, 2 mm/s at {run.t[3]:.3g} s; {wheels[0]} bore nothing from the "
+        f"start: the others carry the robot; {wheels[1]} lifted"
+    )
+
+
 def test_wheels_that_roll_say_nothing(robot: Robot) -> None:
     assert felt_ground(golden_run(robot)) is None
 

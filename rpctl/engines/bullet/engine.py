@@ -93,7 +93,9 @@ class BulletRun:
         for _ in range(round(dt / world.step)):
             given = dict(efforts)
             if self._follower_inertia:
-                rods = tie_rod_efforts(self._robot.drive, self._joints(), self._follower_inertia)
+                rods = tie_rod_efforts(
+                    self._robot.drive, self._joints(), self._follower_inertia, world.step
+                )
                 given |= {name: given.get(name, 0.0) + rod for name, rod in rods.items()}
             p.setJointMotorControlArray(
                 world.body,

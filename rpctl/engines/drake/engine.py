@@ -99,7 +99,9 @@ class DrakeRun:
             given = dict(efforts)
             if each_step:
                 self._brake()
-                rods = tie_rod_efforts(self._robot.drive, self._joints(), self._follower_inertia)
+                rods = tie_rod_efforts(
+                    self._robot.drive, self._joints(), self._follower_inertia, world.step
+                )
                 given |= {name: given.get(name, 0.0) + rod for name, rod in rods.items()}
             forces = np.zeros(world.plant.num_velocities())
             for name, effort in given.items():

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rpctl.engines.mujoco.bodies import add_bodies, add_motors
+from rpctl.engines.mujoco.even import even_contacts
 from rpctl.engines.mujoco.heights import BASE, LEAST, Heights, read_heights
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.rollers import NOTE, add_rollers, has_rollers
@@ -91,6 +92,8 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     tie_mimics(spec, robot, settings)
     followers, ties = tie_followers(spec, robot, settings)
     contacts = tuple(dict.fromkeys(geoms.values()))
+    rollers = geoms.keys() - set(contacts)  # they have hard contacts of their own
+    even_contacts(spec, [pair.name for pair in spec.pairs if pair.name not in rollers])
     return Built(spec, contacts, geoms, followers, (*notes, *drawn, *ties), repairs, heights)
 
 

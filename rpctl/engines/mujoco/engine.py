@@ -19,7 +19,8 @@ from rpctl.engines.mujoco.sentences import mujoco_switches
 from rpctl.engines.mujoco.turning import SETTING, TurningRun, calm_speed
 from rpctl.engines.mujoco.user_load import PREFIX, compiled, load_as_user
 from rpctl.engines.switches import Switch, Switches
-from rpctl.equivalence.contact.ties import Rollers, TieRods
+from rpctl.engines.tie_rods import STABLE
+from rpctl.equivalence.contact.ties import TIE_ROD_BANDWIDTH, Rollers, TieRods
 from rpctl.robot.model import Robot
 
 TICK_S = 2e-3  # s: one of MuJoCo's default steps
@@ -105,7 +106,8 @@ class MujocoRun:
         self._owner = {model.geom(g).id: index[name] for g, name in touching.owner.items()}
         crowned = {name: model.geom(geom).id for name, geom in touching.crowned.items()}
         self._rollers = Rollers(robot, model, self._data, crowned, friction)
-        self._rods = TieRods(robot, model, self._data, self._dofs)
+        bandwidth = min(TIE_ROD_BANDWIDTH, STABLE / model.opt.timestep)
+        self._rods = TieRods(robot, model, self._data, self._dofs, bandwidth)
         self._pulled = switches.mended("mimic") and not touching.tied
         kinds = self._mujoco.mjtWarning
         self._bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)

@@ -14,9 +14,7 @@ from rpctl.drive.steering import follower_positions
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
 
-TIE_ROD_BANDWIDTH = (
-    300.0  # rad/s: stiffness of a tie rod, against the inertia of the swivel that it turns
-)
+TIE_ROD_BANDWIDTH = 300.0  # rad/s
 DIFFERENCE_STEP = 1e-6  # rad, of a difference quotient
 ROLLER_FRICTION = (
     1e-5  # friction along which a roller runs, or a ball slides: the least MuJoCo takes
@@ -31,13 +29,23 @@ class TieRods:
         model: Its ``MjModel``, on a free root.
         data: Its ``MjData``.
         dofs: Index in qvel of the moving joints; in qpos it is one more.
+        bandwidth: Of each spring, against the inertia of the swivel that it turns, rad/s;
+            None: as hard as small steps allow.
 
     Attributes:
         inertia: Of each follower about its axis, once it is measured, kg·m².
     """
 
-    def __init__(self, robot: Robot, model: Any, data: Any, dofs: Mapping[str, int]) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        model: Any,
+        data: Any,
+        dofs: Mapping[str, int],
+        bandwidth: float | None = None,
+    ) -> None:
         self._robot, self._model, self._data, self._dofs = robot, model, data, dofs
+        self._bandwidth = TIE_ROD_BANDWIDTH if bandwidth is None else bandwidth
         self.inertia: dict[str, float] = {}
 
     def measure(self) -> None:
@@ -73,8 +81,8 @@ class TieRods:
             inertia = self.inertia[name]
             pull = (
                 inertia
-                * TIE_ROD_BANDWIDTH
-                * (TIE_ROD_BANDWIDTH * (position - place[name]) + 2.0 * rate)
+                * self._bandwidth
+                * (self._bandwidth * (position - place[name]) + 2.0 * rate)
             )
             data.qfrc_applied[self._dofs[name]] -= pull
             for leader, derivative in jacobian.items():

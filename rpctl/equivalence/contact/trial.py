@@ -66,7 +66,7 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
     rows = gaps(robot, contacts, plan.names, reduced, engine)
     return ContactTrial(
         checks=tuple(replace(row, time=float(times[row.sample])) for row in rows),
-        notes=(*model.notes, *_tilt_note(model.tilt), *_notes(robot, contacts, engine)),
+        notes=(*model.notes, *tilt_note(model.tilt), *_notes(robot, contacts, engine)),
         contacts=contacts.names,
         determinate=contacts.determinate,
         joints=plan.names,
@@ -155,8 +155,8 @@ def _reduced_row(
     return pose, ground.load, ground.force, ground.zmp, tau[list(plan.servoed)], caster_angles
 
 
-def _tilt_note(tilt: float) -> Iterator[str]:
-    """Yield a note if the robot settles at a larger tilt (rad) than soft contacts explain."""
+def tilt_note(tilt: float) -> Iterator[str]:
+    """Yield a note if a robot settles at a larger tilt (rad) than soft contacts explain."""
     if tilt > MAX_TILT:
         yield (
             f"it stands {math.degrees(tilt):.2g}° out of the level: its wheels and supports do not "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.equivalence.contact.inverse_mass import vertical_inverse_masses
 from rpctl.equivalence.contact.model import SOLREF, ContactModel
 from rpctl.equivalence.mujoco_model import NAME_PREFIX
 from rpctl.robot.model import Robot
@@ -37,6 +38,9 @@ class PushedBody(ContactModel):
         self._model.geom_solref[ground] = softness * TIME_CONSTANT_S, 1.0
         self._model.geom_solimp[ground, :2] = IMPEDANCE
         self._model.opt.impratio = IMPRATIO
+        bodies = self._model.geom_bodyid[list(self._index)]
+        level = vertical_inverse_masses(self._model, self._index).mean()
+        self._model.body_invweight0[bodies, 0] = level  # equally stiff, as predictions assume
         self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
         self._wheels = [
             (int(self._model.geom(f"{NAME_PREFIX}{wheel.joint}").id), wheel.radius)

@@ -45,6 +45,9 @@ class OnsetRuns:
         contacts: How the robot stands.
         manoeuvre: The manoeuvre.
         body: The robot in MuJoCo.
+
+    Attributes:
+        tilt: How far it leans out of the level once it has settled, rad.
     """
 
     def __init__(
@@ -68,6 +71,7 @@ class OnsetRuns:
         for _ in range(round(SETTLING_S / TICK_S)):
             self._tick(still.unforced)
         body.keep()
+        self.tilt = body.tilt
         self._order = [body.names.index(name) for name in contacts.names]
         self._rest = self._margins(body.load())
 

@@ -8,6 +8,8 @@ from typing import Any
 
 SPEED_TOLERANCE, FORCE_TOLERANCE = 0.025, 0.05  # relative: forces go with the square of the speed
 WITHIN, INSIDE, SAFE, WRONG = "within", "inside the interval", "safe side", "wrong"
+ASKEW = "not comparable"  # with a prediction for a robot that stands level
+MAX_TILT = 2e-3  # rad: the onset of a robot half a metre high moves by a percent of its footprint
 SAME = 1e-3  # relative width up to which an interval is one number
 
 
@@ -24,6 +26,7 @@ class Onset:
         would: Predicted onset for all splits; that number again where it is one.
         equal: Predicted onset of equally stiff contacts; ``would`` where loads are determinate.
         measured: Onset in contact; infinite without one.
+        tilt: How far it leans in contact before it starts, rad.
     """
 
     manoeuvre: str
@@ -34,6 +37,7 @@ class Onset:
     would: float
     equal: float
     measured: float
+    tilt: float = 0.0
 
     @property
     def tolerance(self) -> float:
@@ -59,9 +63,13 @@ class Onset:
     def verdict(self) -> str:
         """``"within"`` the tolerance, ``"inside the interval"``, ``"safe side"`` or ``"wrong"``.
 
+        It is ``"not comparable"`` where the robot leans by more than :data:`MAX_TILT`.
+
         On the safe side of an interval, the robot holds out for longer than all of it. A number
         has no excuse to either side.
         """
+        if self.tilt > MAX_TILT:
+            return ASKEW
         if abs(self.gap) <= self.tolerance:
             return WITHIN
         if self.single or self.measured < self.could:
@@ -99,11 +107,13 @@ class OnsetTrial:
         onsets: A row a manoeuvre.
         untried: What was not tried.
         determinate: Whether loads follow from statics, and predictions are numbers.
+        notes: What else must be known of the robot in contact.
     """
 
     onsets: tuple[Onset, ...]
     untried: tuple[NoOnset, ...]
     determinate: bool
+    notes: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -117,4 +127,5 @@ class OnsetTrial:
             "determinate": self.determinate,
             "onsets": [onset.to_dict() for onset in self.onsets],
             "untried": [asdict(each) for each in self.untried],
+            "notes": list(self.notes),
         }

@@ -9,12 +9,13 @@ from dataclasses import replace
 
 from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.equivalence.contact.trial import tilt_note
 from rpctl.equivalence.mujoco_model import EngineRefused
 from rpctl.equivalence.onset.body import PushedBody
 from rpctl.equivalence.onset.manoeuvre import SLIPS, TIPS, Manoeuvre, manoeuvres
 from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, measure
 from rpctl.equivalence.onset.prediction import Predicted, SlipsFirst, natural_size, predict
-from rpctl.equivalence.onset.record import NoOnset, Onset, OnsetTrial
+from rpctl.equivalence.onset.record import MAX_TILT, NoOnset, Onset, OnsetTrial
 from rpctl.equivalence.row import CONTACT_ORACLE, Skipped
 from rpctl.errors import ActuationError, SingularBasisError
 from rpctl.robot.model import Robot
@@ -67,7 +68,9 @@ def onset_trial(
                 progress(done)
     except EngineRefused as refusal:
         return Skipped(TRIAL_NAME, CONTACT_ORACLE, str(refusal))
-    return OnsetTrial(tuple(onsets), tuple(untried), contacts.determinate)
+    tilt = max((onset.tilt for onset in onsets), default=0.0)
+    notes = tuple(tilt_note(tilt)) if tilt > MAX_TILT else ()
+    return OnsetTrial(tuple(onsets), tuple(untried), contacts.determinate, notes)
 
 
 def _rows(dynamics: ReducedDynamics, contacts: Contacts) -> Iterator[Onset | NoOnset]:
@@ -85,7 +88,7 @@ def _tried(dynamics: ReducedDynamics, contacts: Contacts, manoeuvre: Manoeuvre) 
         return NoOnset(manoeuvre.name, manoeuvre.ending, str(reason))
     body = PushedBody(dynamics.robot, grip.friction)
     guess = predicted.equal if math.isfinite(predicted.equal) else natural_size(dynamics, manoeuvre)
-    measured = measure(OnsetRuns(dynamics, grip, manoeuvre, body), guess)
+    runs = OnsetRuns(dynamics, grip, manoeuvre, body)
     return Onset(
         manoeuvre=manoeuvre.name,
         ending=manoeuvre.ending,
@@ -94,7 +97,8 @@ def _tried(dynamics: ReducedDynamics, contacts: Contacts, manoeuvre: Manoeuvre) 
         could=predicted.could,
         would=predicted.would,
         equal=predicted.equal,
-        measured=measured,
+        measured=measure(runs, guess),
+        tilt=runs.tilt,
     )
 
 

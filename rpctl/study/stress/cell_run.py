@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
+from rpctl.simulation.felt_ground import FeltGround
 from rpctl.simulation.loop import simulate
 from rpctl.simulation.merits import measures
 from rpctl.simulation.run import Run
@@ -85,7 +86,24 @@ def figures_of(run: Run) -> StressFigures:
         would_slip=kind == ROLLING and bool(ground.would_slip),
         would_tip=kind != CONTACT and bool(ground.would_tip),
         tilt=largest_tilt(run.log.root_pose),
+        **_felt(summary.felt_ground, {wheel.joint for wheel in run.robot.drive.wheels}),
     )
+
+
+def _felt(ground: FeltGround | None, wheels: Set[str]) -> dict[str, Any]:
+    """Return the figures that say what the plant felt of the ground.
+
+    Args:
+        ground: It; None where wheels roll.
+        wheels: Joints of the wheels; other contacts are supports.
+    """
+    if ground is None:
+        return {}
+    return {
+        "felt_ground": ground.sentence,
+        "lifted_wheels": tuple(name for name in ground.lifted if name in wheels),
+        "hanging_wheels": tuple(name for name in ground.hanging if name in wheels),
+    }
 
 
 def largest_tilt(poses: Array) -> float:

@@ -39,7 +39,7 @@ class Journal:
         """The file."""
         return self.folder / JOURNAL_FILE
 
-    def open(self, resume: bool) -> dict[str, StressFigures]:
+    def begin(self, resume: bool) -> dict[str, StressFigures]:
         """Make the file, or go on with it.
 
         Args:

@@ -21,6 +21,7 @@ from rpctl.simulation.plant import Plant
 from rpctl.simulation.plants.carried_load import CarriedLoad
 
 ROLLING, CONTACT = "rolling", "contact"  # kinds of plants
+RADIUS = "radius"  # the stress that lifts wheels off the ground, or supports
 
 # A base that localises itself in a map with a lidar, and reads its wheels and joints by encoders.
 LOCALISATION = Noise(
@@ -129,7 +130,7 @@ STRESSES = {
             lambda plant, robot, level: replace(plant, delay=1e-3 * level),
         ),
         Stress(
-            "radius", "%", (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 0.0,
+            RADIUS, "%", (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 0.0,
             "that all wheels' radii differ from their description", _radii, _no_wheels,
         ),
         Stress(

@@ -11,6 +11,7 @@ from typing import Any
 from rpctl.control.settings import to_table
 from rpctl.study.scenarios import LawPair
 from rpctl.study.stress.battery import Battery, StressCell
+from rpctl.study.stress.hanging import hanging_told
 from rpctl.study.stress.ladders import LOCALISATION, Stress
 from rpctl.study.stress.verdict import (
     FAIL,
@@ -160,6 +161,15 @@ class StressReport:
             last += 1
         return levels[first], levels[last]
 
+    def hanging(self, plant: str) -> list[str]:
+        """Return where wheels hang in the air from the start, and why; a sentence a ladder.
+
+        Args:
+            plant: Kind of the plant.
+        """
+        runs = [(row.cell, row.figures) for row in self.rows if row.cell.plant == plant]
+        return hanging_told(runs, self.battery.stresses_on(plant))
+
     @property
     def nominal_failure(self) -> StressRow | None:
         """The first run of the first laws that fails, or is refused, with nothing stressed."""
@@ -182,6 +192,7 @@ class StressReport:
                 {"plant": plant, "stress": stress, "reason": reason}
                 for (plant, stress), reason in battery.left_out.items()
             ],
+            "hanging": {plant: self.hanging(plant) for plant in battery.plants},
             "localisation": asdict(LOCALISATION),
             "cells": [row.to_dict() for row in self.rows],
             "envelope": [asdict(each) for each in self.reaches()],

@@ -48,7 +48,7 @@ def run_battery(
     worker, notify = executor or SerialExecutor(), progress or (lambda done, total: None)
     configs = {cell.key: battery.config_of(cell) for cell in battery.cells}
     journal = Journal(out, identity_of(battery))
-    done = journal.open(resume)
+    done = journal.begin(resume)
     missing = [StressChunk(key, config) for key, config in configs.items() if key not in done]
     count = len(configs) - len(missing)
     notify(count, len(configs))

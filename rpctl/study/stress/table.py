@@ -12,7 +12,7 @@ from rpctl.study.stress.report import StressReport, StressRow
 COLUMNS = (
     "plant", "law", "stress", "level", "unit", "and_stress", "and_level", "and_unit", "seed",
     "verdict", "reason", "outcome", "time", "base_error", "end_effector_error", "violations",
-    "tilt",
+    "tilt", "felt_ground",
 )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ PASS, DEGRADE, FAIL, REFUSED = "pass", "degrade", "fail", "refused"
 VERDICTS = (PASS, DEGRADE, FAIL)  # from good to bad; a run that was refused has none
 ENDED = "ended"  # outcome of a run that came to no end
 TOLERANCE_RATIO = 0.01  # of the robot's length: how far from its reference a run that passes may be
+MOST_TOLD = 3  # broken limits that a reason names; the figures have all
 MAX_TILT = math.radians(10.0)  # rad: tyres and casters give way by less; a fall goes on beyond it
 
 
@@ -32,6 +33,9 @@ class StressFigures:
         would_slip: Whether its motion needs more grip than there is, on a plant that always rolls.
         would_tip: Whether its motion would lift a wheel, on a plant that cannot fall.
         tilt: Largest angle by which the robot leant over from where it stood, rad.
+        felt_ground: What the plant says of the ground, in words; empty where its wheels roll.
+        lifted_wheels: Wheels that bore nothing for a while.
+        hanging_wheels: Those of them that bore nothing where it stood, before it moved.
     """
 
     outcome: str
@@ -43,6 +47,9 @@ class StressFigures:
     would_slip: bool = False
     would_tip: bool = False
     tilt: float = 0.0
+    felt_ground: str = ""
+    lifted_wheels: tuple[str, ...] = ()
+    hanging_wheels: tuple[str, ...] = ()
 
     @property
     def error(self) -> float:
@@ -61,7 +68,8 @@ def figures_from(data: dict[str, Any]) -> StressFigures:
     Raises:
         TypeError: Some are missing, or are no figures.
     """
-    return StressFigures(**{**data, "violations": tuple(data["violations"])})
+    lists = ("violations", "lifted_wheels", "hanging_wheels")
+    return StressFigures(**{**data, **{name: tuple(data.get(name, ())) for name in lists}})
 
 
 class StressVerdict(NamedTuple):
@@ -108,14 +116,24 @@ def judge(figures: StressFigures, tolerance: float) -> StressVerdict:
     if figures.outcome == REFUSED:
         return StressVerdict(REFUSED, figures.sentence)
     fault = _fault(figures)
+    wheels = _wheels_in_the_air(figures)
     if fault is not None:
-        return StressVerdict(FAIL, fault)
+        return StressVerdict(FAIL, fault + wheels)
     if figures.outcome == LATE:
-        return StressVerdict(DEGRADE, f"late: {figures.sentence}")
+        return StressVerdict(DEGRADE, f"late: {figures.sentence}{wheels}")
     if figures.would_slip:
         return StressVerdict(DEGRADE, "its wheels would slip")
     away = f"{length(figures.error)} from its reference"
-    return StressVerdict(PASS if figures.error <= tolerance else DEGRADE, away)
+    if figures.error <= tolerance:
+        return StressVerdict(PASS, away)
+    return StressVerdict(DEGRADE, away + wheels)
+
+
+def _wheels_in_the_air(figures: StressFigures) -> str:
+    """Return which wheels bore nothing, as the end of a reason; empty if all did."""
+    if figures.hanging_wheels:
+        return f"; {', '.join(figures.hanging_wheels)} bore nothing from the start"
+    return f"; {', '.join(figures.lifted_wheels)} lifted" if figures.lifted_wheels else ""
 
 
 def _fault(figures: StressFigures) -> str | None:
@@ -127,5 +145,7 @@ def _fault(figures: StressFigures) -> str | None:
     if figures.would_tip:
         return "it would tip over"
     if figures.violations:
-        return f"broke {', '.join(figures.violations)}"
+        more = len(figures.violations) - MOST_TOLD
+        rest = f" and {more} more" if more > 0 else ""
+        return f"broke {', '.join(figures.violations[:MOST_TOLD])}{rest}"
     return None if math.isfinite(figures.error) else "its error is not finite"

@@ -19,14 +19,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 200
-BOX_IN, GAP_IN, MARGIN_IN = 0.36, 0.16, 0.1  # widths, inches
+BOX_IN, GAP_IN, MARGIN_IN = 0.41, 0.16, 0.1  # widths, inches
 ROW_IN, LEVELS_IN, BLOCK_GAP_IN = 0.155, 0.15, 0.07  # heights of a law, its levels, a gap; inches
-HEAD_IN, FOOT_IN = 0.62, 0.36
+HEAD_IN, FOOT_IN, NOTE_IN = 0.62, 0.36, 0.15
 FEWEST = 5  # boxes that a panel has room for, at least
 CELL_PT, LEVEL_PT = SMALL_PT - 0.9, SMALL_PT - 1.2
 FILLS = {PASS: "#d7efe0", DEGRADE: "#e8a02c", FAIL: "#8f1d2c", REFUSED: "#ffffff"}
 INKS = {PASS: style.INK, DEGRADE: style.INK, FAIL: "#ffffff", REFUSED: style.DESIRED}
 SIGNS = {PASS: "", DEGRADE: "~", FAIL: "×", REFUSED: "–"}
+PAIRS = "two at once: how many"
 NOMINAL = "nominal"  # among the keys
 KEY_GAP_IN = 0.42  # inches: a box, and what is between two of them
 KEYS = {
@@ -69,23 +70,30 @@ def stress_figure(report: StressReport) -> Figure:
     laws = [str(law) for law in battery.laws]
     blocks, height = _blocks(report)
     names = [*laws, *(_title(stress) for stress in battery.stresses)]
+    names += [PAIRS] if _has_pairs(report) else []
+    notes = [f"{plant} plant, {told}" for plant in battery.plants for told in report.hanging(plant)]
+    foot = FOOT_IN + NOTE_IN * len(notes)
     labels = 0.12 + max(text_width(name, SMALL_PT) for name in names)
     panel = BOX_IN * max(FEWEST, *(len(stress.levels) for stress in battery.stresses))
     width = 2 * MARGIN_IN + labels + (panel + GAP_IN) * len(battery.plants)
-    widest = max(_key_width(), text_width(_subtitle(report), SMALL_PT))
+    widest = max(text_width(text, SMALL_PT) for text in (_subtitle(report), *notes))
+    widest = max(widest, _key_width())
     width = max(width, MARGIN_IN + widest)
-    figure = Figure((width, HEAD_IN + height + FOOT_IN))
+    full = HEAD_IN + height + foot
+    figure = Figure((width, full))
     figure.set_facecolor(style.PAPER)
-    full = HEAD_IN + height + FOOT_IN
     for k, plant in enumerate(battery.plants):
         left = MARGIN_IN + labels + (panel + GAP_IN) * k
-        place = (left / width, FOOT_IN / full, panel / width, height / full)
+        place = (left / width, foot / full, panel / width, height / full)
         axes = figure.add_axes(place)
         _panel(axes, report, plant, blocks, (panel, height))
         if k == 0:
             _names(axes, blocks, laws, labels)
     _heading(figure, report, width, full)
     _key(figure, width, full)
+    for k, note in enumerate(reversed(notes)):
+        figure.text(MARGIN_IN / width, (FOOT_IN + NOTE_IN * (k - 0.3)) / full, literal(note),
+                    fontsize=SMALL_PT, color=style.DESIRED)  # fmt: skip
     return figure
 
 
@@ -216,7 +224,7 @@ def _names(axes: Axes, blocks: Sequence[_LadderBlock], laws: Sequence[str], widt
     tops = {top for top, _ in titles}
     last = max(tops, default=0.0) + LEVELS_IN + ROW_IN * len(laws) + BLOCK_GAP_IN
     if height - last > 0.5 * ROW_IN:
-        titles.append((last, "two at once: how many"))
+        titles.append((last, PAIRS))
     for top, title in titles:
         axes.text(-width, top + 0.55 * LEVELS_IN, title, fontsize=SMALL_PT, va="center", **bold)
         for j, law in enumerate(laws):

@@ -134,6 +134,7 @@ def test_a_robot_rolls_down_a_slope(standing: Robot) -> None:
     assert after - before == pytest.approx(MASS * G * 2.0 * math.sin(0.2))
 
 
+@pytest.mark.slow
 def test_a_run_on_a_slope_keeps_its_energy(paper: Robot) -> None:
     run = track(
         paper, "eight", 0.3, (0.05, 0.0, 0.0), plant=Plant(slope=(0.1, 0.05)), collisions=False

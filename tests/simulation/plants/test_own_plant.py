@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import rpctl
 from rpctl import ControllerOutput, Plant, ReducedDynamics, Rest, Robot, RpctlError
+from rpctl.simulation.noise import Noise
 from rpctl.simulation.plants.named import PLANTS, plant_by_name
 from rpctl.simulation.plants.protocol import PlantSample
 from rpctl.simulation.plants.rolling import RollingMotion
@@ -92,3 +95,17 @@ def test_notes_are_those_of_the_end(paper: Robot, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(RollingMotion, "notes", late)
     run = rpctl.track(paper, "circle", 0.02, (0.1, 0.0, 0.0), collisions=False, backend="pinocchio")
     assert "it slid" in run.notes
+
+
+@pytest.mark.parametrize("kind", ["ideal", "slipping"])
+def test_a_plant_stepped_by_hand_is_that_of_track(paper: Robot, kind: str) -> None:
+    """The same controller in a loop of ten lines, with noise and a delay of two periods."""
+    plant = replace(plant_by_name(kind, paper), delay=0.004, noise=Noise(position=1e-3), seed=3)
+    run = rpctl.track(paper, "circle", 0.1, plant=plant, collisions=False, backend="pinocchio")
+    stepped = rpctl.start_plant(paper, plant, run.q[0])
+    controller = rpctl.Controller(paper, "circle", rest=stepped.rest)
+    for row in run.q[1:]:
+        stepped.step(controller.step(*stepped.sample), 0.002)
+        np.testing.assert_allclose(stepped.state.q, row, atol=1e-12)
+    assert stepped.sample.t == pytest.approx(0.1)
+    assert abs(stepped.sample.q[0] - stepped.state.q[0]) > 1e-6  # the controller sees noise

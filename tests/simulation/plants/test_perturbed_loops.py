@@ -84,6 +84,7 @@ def test_a_run_is_replayed_from_what_it_saved(paper: Robot, tmp_path: Path) -> N
     assert weak.all()
 
 
+@pytest.mark.slow
 def test_efforts_that_saturate_unseen_still_get_there(tmp_path: Path) -> None:
     """They saturate at the start, as no law knows, and nothing has wound up at the end."""
     robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.8))))
@@ -147,6 +148,7 @@ def test_odometry_believes_the_radii_that_it_knows(paper: Robot) -> None:
     assert seen[101][0] == pytest.approx(mean / 1.1, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_backlash_leaves_no_more_than_the_gap(paper: Robot) -> None:
     gap = 5e-3
     plant = Plant(backlash={"arm_*": gap})

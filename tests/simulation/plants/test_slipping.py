@@ -365,6 +365,7 @@ def test_joints_lose_what_they_lose_where_wheels_roll(kind: str, tmp_path: Path)
     assert gained == pytest.approx(work - lost, abs=1e-3 * work)
 
 
+@pytest.mark.slow
 def test_steps_are_of_second_order(paper: Robot) -> None:
     def end(dt: float) -> Array:
         motion = motion_of(paper, friction=0.3, longest=dt)
@@ -412,6 +413,7 @@ def test_very_stiff_tyres_stick_and_slide_in_whole_steps(
 # What stays a constraint, and what is refused
 
 
+@pytest.mark.slow
 def test_joints_that_follow_others_still_do(tmp_path: Path) -> None:
     robot = load(write(tmp_path, vehicle("car-like")))
     motion = motion_of(robot, friction=0.2)

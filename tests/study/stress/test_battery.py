@@ -102,6 +102,7 @@ def test_a_robot_without_an_arm_carries_its_payload_itself() -> None:
     assert load.link_of(robot) == robot.description.root
 
 
+@pytest.mark.slow
 def test_every_cell_is_a_file(tmp_path: Path) -> None:
     found = battery(combinations=4, quick=True, laws=1)
     for cell in found.cells:
@@ -132,6 +133,7 @@ def errors_along(found: Battery) -> list[float]:
     return [task(StressChunk("", configs[each])).error for each in levels]
 
 
+@pytest.mark.slow
 def test_errors_grow_along_a_ladder() -> None:
     """The paper's laws have nothing against a constant force: they give way in proportion."""
     found = battery("slope", laws=2)

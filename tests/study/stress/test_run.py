@@ -27,6 +27,7 @@ from tests.study.stress.samples import GOOD, RUN, battery, contents, made_up, pa
 TOLERANCE = 0.01
 
 
+@pytest.mark.slow
 def test_a_worst_case_is_replayed_exactly(tmp_path: Path) -> None:
     found = battery("payload", laws=1, quick=True, run=replace(RUN, duration=1.0))
     report = run_battery(found, tmp_path, TOLERANCE)
@@ -64,6 +65,7 @@ def test_a_battery_that_was_stopped_goes_on(
     assert contents(whole) == contents(stopped)
 
 
+@pytest.mark.slow
 def test_a_larger_battery_takes_up_a_smaller_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,13 +94,13 @@ def test_what_a_folder_holds_is_not_mixed(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_journal_keeps_what_is_sound(tmp_path: Path) -> None:
     journal = Journal(tmp_path, {"a": 1})
-    assert journal.open(resume=False) == {}
+    assert journal.begin(resume=False) == {}
     journal.add("x", GOOD)
     odd = {"cell": "y", "figures": {**GOOD.to_dict(), "unknown": 1}}
     with journal.path.open("a") as file:
         file.write(json.dumps(odd) + "\n")
     journal.add("z", replace(GOOD, base_error=None))
-    assert journal.open(resume=True) == {"x": GOOD, "z": replace(GOOD, base_error=None)}
+    assert journal.begin(resume=True) == {"x": GOOD, "z": replace(GOOD, base_error=None)}
 
 
 def report(**verdicts: str) -> StressReport:
@@ -159,6 +161,7 @@ def test_the_worst_is_by_its_verdict_first() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_run_that_cannot_be_made_says_why(tmp_path: Path) -> None:
     found = battery("delay", laws=1, quick=True)
     task = StressTask(found.robot)
@@ -188,6 +191,21 @@ def test_made_up_figures_have_all_verdicts() -> None:
     rows = report_of(found, {c.key: made_up(c.key) for c in found.cells}, TOLERANCE).rows
     assert {row.verdict.name for row in rows} == {"pass", "degrade", "fail"}
     assert isinstance(rows[0].figures, StressFigures)
+
+
+def test_wheels_that_hang_are_told_once_a_ladder() -> None:
+    found = battery("radius", "payload", laws=2)
+    low = {c.key for c in found.cells if dict(c.levels).get("radius", 0.0) < 0.0}
+    figures = {c.key: replace(GOOD, hanging_wheels=("a", "b") if c.key in low else ())
+               for c in found.cells}  # fmt: skip
+    report = report_of(found, figures, TOLERANCE)
+    (sentence,) = report.hanging("rolling")
+    assert sentence.startswith("radius -3, -2, -1 %: a, b bear nothing from the start: the support")
+    assert report.to_dict()["hanging"] == {"rolling": [sentence]}
+    always = {key: replace(GOOD, hanging_wheels=("a",)) for key in figures}
+    (sentence,) = report_of(found, always, TOLERANCE).hanging("rolling")
+    assert sentence.startswith("nothing stressed: a bear nothing: the other")
+    assert report_of(found, dict.fromkeys(figures, GOOD), TOLERANCE).hanging("rolling") == []
 
 
 def test_a_robot_leans_by_the_turn_of_its_upright() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from typing import Any
@@ -38,6 +39,15 @@ TOLERANCE = 0.010
         ({"base_error": math.nan, "end_effector_error": None}, "fail", "its error is not finite"),
         ({"base_error": 0.001, "end_effector_error": math.nan}, "fail", "not finite"),
         ({"base_error": None, "end_effector_error": None}, "fail", "its error is not finite"),
+        ({"violations": (*"abcd",)}, "fail", "broke a, b, c and 1 more"),
+        (
+            {"outcome": "stuck", "lifted_wheels": ("a", "b"), "hanging_wheels": ("a",)},
+            "fail",
+            "stuck: on its way; a bore nothing from the start",
+        ),
+        ({"outcome": "late", "lifted_wheels": ("a",)}, "degrade", "late: on its way; a lifted"),
+        ({"base_error": 0.02, "lifted_wheels": ("a",)}, "degrade", "20 mm from its reference; a l"),
+        ({"lifted_wheels": ("a",)}, "pass", "10 mm from its reference"),
         ({"outcome": "ended"}, "fail", "ended: on its way"),
         ({"outcome": "refused"}, "refused", "on its way"),
     ]
@@ -57,6 +67,8 @@ def test_the_rule_is_told_with_its_bound() -> None:
 
 def test_figures_are_again_what_json_said() -> None:
     assert figures_from(GOOD.to_dict()) == GOOD
+    lifted = replace(GOOD, lifted_wheels=("a", "b"), hanging_wheels=("a",), felt_ground="a bore")
+    assert figures_from(json.loads(json.dumps(lifted.to_dict()))) == lifted
     broken = replace(GOOD, violations=("a effort",), base_error=None)
     assert figures_from(broken.to_dict() | {"violations": ["a effort"]}) == broken
     with pytest.raises(TypeError):

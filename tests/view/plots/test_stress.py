@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle
 from rpctl.study.stress.report import report_of
 from rpctl.study.stress.verdict import VERDICTS
 from rpctl.view.plots.stress import FILLS, SIGNS, stress_figure
-from tests.study.stress.samples import battery, made_up
+from tests.study.stress.samples import GOOD, battery, made_up
 
 
 def picture(**more: Any) -> tuple[Any, Any]:
@@ -80,3 +80,18 @@ def test_a_plant_without_a_stress_says_why() -> None:
     assert why in [text.get_text() for text in rolling.texts]
     assert why not in [text.get_text() for text in slipping.texts]
     assert len(slipping.patches) == len(rolling.patches) + 5
+
+
+def test_wheels_that_hang_are_told_above_the_key() -> None:
+    found = battery("radius", laws=1)
+    low = {cell.key for cell in found.cells if sum(dict(cell.levels).values()) < 0.0}
+    figures = {
+        cell.key: replace(GOOD, hanging_wheels=("wheel",) if cell.key in low else ())
+        for cell in found.cells
+    }
+    figure = stress_figure(report_of(found, figures, 0.01))
+    (note,) = [text for text in figure.texts if text.get_text().startswith("rolling plant, ")]
+    assert "radius -3, -2, -1 %: wheel bear nothing" in note.get_text()
+    panel, key = (axes.get_position() for axes in figure.axes)
+    boxes = key.y1 - 0.14 / figure.get_size_inches()[1]  # tops of those of the key
+    assert boxes < note.get_position()[1] < panel.y0
