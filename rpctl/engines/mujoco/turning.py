@@ -23,7 +23,10 @@ from rpctl.robot.model import Robot
 SETTINGS = ContactSettings(wheel_shape="crowned")  # those that ``rpctl export`` writes
 LIFT = 0.7  # of a wheel's load, that scrubbing may take: a turn slips slower than the rims run
 GRAVITY = 9.81  # m/s²
-SETTING = "give the wheels the crowned shapes and the contact pairs that `rpctl export` writes"
+SETTING = (
+    "give the wheels the crowned shapes and the contact pairs that `rpctl export` writes, and turn "
+    "slowly: what slides faster than some .1 m/s hops there, too"
+)
 
 
 def calm_speed(friction: float) -> float:
