@@ -115,7 +115,10 @@ def test_lines_are_those_of_what_expand_prints(tmp_path: Path) -> None:
         ('${xacro.fatal("no such size")}', "no such size"),
         ("${'a' * 10**11}", "of memory; if it is meant, set RPCTL_MAX_XACRO_MEMORY"),
         ("${[0] * 10**9}", "of memory; if it is meant, set RPCTL_MAX_XACRO_MEMORY"),
-        ("${9**9**9}", "takes over 3 s; if it is meant, set RPCTL_MAX_XACRO_SECONDS"),
+        pytest.param(
+            "${9**9**9}", "takes over 3 s; if it is meant, set RPCTL_MAX_XACRO_SECONDS",
+            marks=pytest.mark.slow,  # it waits
+        ),
     ],
 )  # fmt: skip
 def test_what_cannot_be_expanded_is_told(

@@ -21,7 +21,7 @@ from tests.robots import SET_A, platform, write
 ROBOTS = names()
 
 
-@pytest.mark.parametrize("name", every(3, ROBOTS))
+@pytest.mark.parametrize("name", every(5, ROBOTS))
 def test_robots_of_the_catalogue_pass(name: str) -> None:
     proof = verify(rpctl.load(name), samples=5, seed=1)
     assert proof.passed, [check for check in proof.checks if not check.passed]

@@ -20,6 +20,7 @@ from rpctl.equivalence import mujoco_engine, mujoco_model
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import EngineRefused, EngineTerms, MujocoEngine
 from rpctl.robot.catalog import ENTRIES
+from tests.grids import every
 from tests.robots import SET_A, platform, write
 
 if not mujoco_engine.installed():
@@ -73,7 +74,7 @@ def test_the_reduced_dynamics_agree(name: str, rng: np.random.Generator) -> None
         assert max(gaps(robot, engine, rng)) <= EXACT
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", every(3, ROBOTS))
 def test_the_free_tree_agrees(name: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     engine, oracle, data = MujocoEngine(robot), GibbsAppell(robot), robot.model.createData()

@@ -44,8 +44,8 @@ COARSE: dict[str, Any] = {
     "plant_step": 0.01,
 }  # s; where no rounding is looked for
 TURNS = list(product(("paper", "mixed_chain", "tiago_dual"), ("circle", "spin", "eight")))
-QUICK_TURNS = {("paper", "spin"), ("mixed_chain", "circle")}
-TURNS_IN_CI = {("tiago_dual", "eight")}
+QUICK_TURNS = {("paper", "spin")}
+TURNS_IN_CI = {("mixed_chain", "circle"), ("tiago_dual", "eight")}
 PATHS = ("line", "reverse", "spin", "circle", "eight")
 
 
