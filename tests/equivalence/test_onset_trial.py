@@ -19,7 +19,7 @@ from rpctl.equivalence.onset import trial as trial_module
 from rpctl.equivalence.onset.body import PushedBody
 from rpctl.equivalence.onset.manoeuvre import SLIPS, TIPS, circle_radius, manoeuvres
 from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, measure
-from rpctl.equivalence.onset.record import WITHIN, NoOnset, Onset, OnsetTrial
+from rpctl.equivalence.onset.record import ASKEW, WITHIN, NoOnset, Onset, OnsetTrial
 from rpctl.equivalence.onset.trial import onset_trial
 from rpctl.equivalence.row import Skipped
 from rpctl.robot.load import load
@@ -169,6 +169,15 @@ def test_what_cannot_be_tried_is_told() -> None:
 def fail(robot: Robot) -> OnsetTrial:
     onset = Onset("brakes", SLIPS, "N", MU, 110.0, 110.0, 110.0, 100.0)
     return OnsetTrial((onset,), (NoOnset("drives off", TIPS, "it slips before"),), True)
+
+
+@pytest.mark.parametrize(("tilt", "verdict"), [(0.0, "wrong"), (1e-3, "wrong"), (5e-3, ASKEW)])
+def test_a_robot_that_leans_is_not_judged(robot: Robot, tilt: float, verdict: str) -> None:
+    """2e-3 rad is the border: a level robot's wrong prediction stays wrong."""
+    (onset,) = fail(robot).onsets
+    leaning = dataclasses.replace(onset, tilt=tilt)
+    assert leaning.verdict == leaning.to_dict()["verdict"] == verdict
+    assert leaning.passed is (verdict == ASKEW)
 
 
 def test_a_wrong_prediction_ends_the_command(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,6 +42,13 @@ def cart(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     return rpctl.load(write(tmp_path_factory.mktemp("cart"), platform(SET_A, extra=ball(0.5))))
 
 
+@pytest.mark.slow
+def test_a_heavy_robot_does_not_lean_on_its_casters() -> None:
+    """All wheels of its file end at one height; casters that are light are no softer for it."""
+    motion = start(rpctl.load("tiago_dual"), ContactSettings())
+    assert 2.0 * math.hypot(*motion.pose[3:5]) < math.radians(0.1)
+
+
 def test_it_stands_where_it_is_put_and_the_ground_bears_its_weight(paper: Robot) -> None:
     motion = start(paper, ContactSettings())
     contacts = find_contacts(ReducedDynamics(paper))
