@@ -31,7 +31,7 @@ from rpctl.libraries import library
 from rpctl.reference.robot_length import robot_length
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import RunSettings
-from rpctl.simulation.plant import PLANT_KINDS
+from rpctl.simulation.plant import SIMULATED
 from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
 from rpctl.study.scenarios import LawPair, controllers
 from rpctl.study.stress.battery import DURATION, Battery, default_pair, default_pairs, extremes
@@ -55,7 +55,7 @@ class BatteryOptions:
         str,
         typer.Option(
             metavar="NAME,...",
-            help=f"Of {', '.join(PLANT_KINDS)}; all that are installed if not given.",
+            help=f"Of {', '.join(SIMULATED)}; all that are installed if not given.",
         ),
     ] = ""
     laws: Annotated[
@@ -127,8 +127,8 @@ def _plants(names: list[str]) -> tuple[str, ...]:
         RpctlError: There is no such plant, or what simulates it is not installed.
     """
     for name in names:
-        if name not in PLANT_KINDS:
-            raise UnknownNameError("plant", name, PLANT_KINDS)
+        if name not in SIMULATED:
+            raise UnknownNameError("plant", name, SIMULATED)
     if CONTACT in names:
         mujoco_library()
     return tuple(dict.fromkeys(names))
@@ -142,12 +142,12 @@ def _default_plants(robot: Robot, quick: bool) -> tuple[str, ...]:
         quick: Whether the fastest is enough.
     """
     if quick or not robot.drive.base_speeds:
-        return PLANT_KINDS[:1]
+        return SIMULATED[:1]
     try:
-        return _plants([*PLANT_KINDS])
+        return _plants([*SIMULATED])
     except EngineMissing as error:
         say(f"the plant {CONTACT} is left out: {error}", err=True)
-        return tuple(kind for kind in PLANT_KINDS if kind != CONTACT)
+        return tuple(kind for kind in SIMULATED if kind != CONTACT)
 
 
 def stress_command(

@@ -29,7 +29,8 @@ from rpctl.simulation.plants.sensor_settings import SensorBias, require_bits
 from rpctl.simulation.plants.slipping import Slipping
 from rpctl.simulation.plants.wrench import Wrench
 
-PLANT_KINDS = ("rolling", "slipping", "contact", "own")
+SIMULATED = ("rolling", "slipping", "contact")  # kinds that rpctl simulates itself
+PLANT_KINDS = (*SIMULATED, "own")
 
 
 def require_not_negative(name: str, value: float) -> None:

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli.app import app
-from rpctl.cli.stress import BatteryOptions
+from rpctl.cli.stress import BatteryOptions, _default_plants
 from rpctl.errors import UnknownNameError
 from rpctl.study.stress.cell_run import StressChunk, StressTask
 from rpctl.study.stress.journal import JOURNAL_FILE
@@ -196,3 +196,11 @@ def wait_for_lines(process: subprocess.Popen[str], path: Path, count: int) -> No
         assert process.poll() is None
         assert time.monotonic() < patience
         time.sleep(0.01)
+
+
+def test_a_battery_takes_the_plants_that_rpctl_simulates(paper: rpctl.Robot) -> None:
+    """A simulator of the user's, which a run may have, is none of them."""
+    plants = _default_plants(paper, quick=False)
+    assert plants[:2] == ("rolling", "slipping")
+    assert set(plants) <= {"rolling", "slipping", "contact"}
+    assert _default_plants(paper, quick=True) == ("rolling",)
