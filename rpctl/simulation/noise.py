@@ -8,7 +8,7 @@ blocks, alone or beside other runs, they are the same.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_within
 from rpctl.robot.coordinates import JointEntry
 from rpctl.robot.model import Robot
-from rpctl.simulation.plants.sensor_settings import SensorBias
+from rpctl.simulation.plants.sensor_settings import SensorBias, SensorNumbers
 
 BLOCK = 256  # rows that are drawn at a time
 PLACE = 3  # numbers of a row that are the base's pose: x, y and heading
@@ -25,24 +25,8 @@ COSINE, SINE = 2, 3  # entries of q that hold the heading of the base
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Standard deviations of what the controller measures. Samples are independent.
-
-    Attributes:
-        position: Of x and of y of the root link, m.
-        heading: Of the root link, rad.
-        joints: Of the positions of the arm's joints and of those that are steered, rad or m.
-        speed: Of the base's speeds, m/s.
-        turn_rate: Of the base's turning rate, rad/s.
-        joint_rates: Of the rates of the same joints, rad/s or m/s.
-    """
-
-    position: float = 0.0
-    heading: float = 0.0
-    joints: float = 0.0
-    speed: float = 0.0
-    turn_rate: float = 0.0
-    joint_rates: float = 0.0
+class Noise(SensorNumbers):
+    """Standard deviations of what the controller measures. Samples are independent."""
 
     def __post_init__(self) -> None:
         """Refuse what is no deviation."""
@@ -50,10 +34,6 @@ class Noise:
             if not value >= 0.0:
                 raise RpctlError(f"noise of {name} is {value:g}; give a deviation of 0 or more")
             require_within(f"noise of {name}", [value])
-
-    def __bool__(self) -> bool:
-        """Return whether there is any."""
-        return any(astuple(self))
 
 
 class Sensors:

@@ -10,8 +10,8 @@ MAX_BITS = 32  # of an encoder
 
 
 @dataclass(frozen=True)
-class SensorBias:
-    """Constant errors of what the controller measures; it measures so much more than there is.
+class SensorNumbers:
+    """A number for each quantity that the controller measures.
 
     Attributes:
         position: Of x and of y of the root link, m.
@@ -29,14 +29,19 @@ class SensorBias:
     turn_rate: float = 0.0
     joint_rates: float = 0.0
 
+    def __bool__(self) -> bool:
+        """Return whether there is any."""
+        return any(astuple(self))
+
+
+@dataclass(frozen=True)
+class SensorBias(SensorNumbers):
+    """Constant errors of what the controller measures; it measures so much more than there is."""
+
     def __post_init__(self) -> None:
         """Refuse what is no number."""
         for name, value in vars(self).items():
             require_within(f"sensor_bias of {name}", [value])
-
-    def __bool__(self) -> bool:
-        """Return whether there is any."""
-        return any(astuple(self))
 
 
 def require_bits(bits: int) -> None:
