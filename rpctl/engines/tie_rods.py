@@ -9,11 +9,47 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import follower_positions
+from rpctl.engines.switches import Switches
 from rpctl.robot.model import Robot
 
 BANDWIDTH = 200.0  # rad/s of each spring, against the inertia of the swivel that it turns
 STABLE = 0.2  # bandwidth times the step at which a spring that is pulled once a step stays stable
 DIFFERENCE_STEP = 1e-6  # rad, of a difference quotient
+
+
+class TieRodPulls:
+    """The tie rods of a robot in an engine; without any if ``mimic`` is left or nothing follows.
+
+    Args:
+        robot: The robot.
+        q: Where it starts (nq,).
+        switches: What is mended.
+        step: How long efforts hold, s.
+    """
+
+    def __init__(self, robot: Robot, q: Array, switches: Switches, step: float) -> None:
+        tied = switches.mended("mimic") and bool(robot.drive.followers)
+        self._drive, self._step = robot.drive, step
+        self._inertia = follower_inertia(robot, q) if tied else {}
+
+    def __bool__(self) -> bool:
+        """Return whether there are any."""
+        return bool(self._inertia)
+
+    def added(
+        self, efforts: Mapping[str, float], joints: Mapping[str, tuple[float, float]]
+    ) -> dict[str, float]:
+        """Return efforts (N·m or N, by joint) and those of the rods.
+
+        Args:
+            efforts: Without the rods.
+            joints: Positions (rad) and rates (rad/s) of the swivels, by joint.
+        """
+        given = dict(efforts)
+        if self:
+            rods = tie_rod_efforts(self._drive, joints, self._inertia, self._step)
+            given |= {name: given.get(name, 0.0) + rod for name, rod in rods.items()}
+        return given
 
 
 def tie_rod_efforts(

@@ -16,7 +16,7 @@ from rpctl.engines.contact_points import LinkMotion, NamedContacts, wheel_slip
 from rpctl.engines.engine import EngineFault, EngineMissing, EngineState
 from rpctl.engines.rollers import refuse_rollers
 from rpctl.engines.switches import Switch, Switches
-from rpctl.engines.tie_rods import follower_inertia, tie_rod_efforts
+from rpctl.engines.tie_rods import TieRodPulls
 from rpctl.robot.model import Robot
 
 MAX_SPEED = 1e4  # m/s: faster is no motion
@@ -80,8 +80,7 @@ class BulletRun:
         self._robot, self._world, self._t = robot, world, 0.0
         self._named = NamedContacts(robot)
         self.contacts, self.notes = self._named.names, world.notes
-        tied = switches.mended("mimic") and bool(robot.drive.followers)
-        self._follower_inertia = follower_inertia(robot, q) if tied else {}
+        self._rods = TieRodPulls(robot, q, switches, world.step)
 
     def advance(self, efforts: Mapping[str, float], dt: float) -> None:
         """Hold the efforts (N·m or N, by joint) for ``dt`` (s).
@@ -91,12 +90,7 @@ class BulletRun:
         """
         world, p = self._world, self._world.p
         for _ in range(round(dt / world.step)):
-            given = dict(efforts)
-            if self._follower_inertia:
-                rods = tie_rod_efforts(
-                    self._robot.drive, self._joints(), self._follower_inertia, world.step
-                )
-                given |= {name: given.get(name, 0.0) + rod for name, rod in rods.items()}
+            given = self._rods.added(efforts, self._joints()) if self._rods else efforts
             p.setJointMotorControlArray(
                 world.body,
                 [world.joints[name] for name in given],

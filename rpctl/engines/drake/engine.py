@@ -17,7 +17,7 @@ from rpctl.engines.drake.world import DEFAULT_STEP, DrakeWorld
 from rpctl.engines.engine import EngineFault, EngineMissing, EngineState
 from rpctl.engines.rollers import refuse_rollers
 from rpctl.engines.switches import Switch, Switches
-from rpctl.engines.tie_rods import follower_inertia, tie_rod_efforts
+from rpctl.engines.tie_rods import TieRodPulls
 from rpctl.robot.model import Robot
 
 MAX_SPEED = 1e4  # m/s: faster is no motion
@@ -81,8 +81,7 @@ class DrakeRun:
         self._robot, self._world, self._t = robot, world, 0.0
         self._named = NamedContacts(robot)
         self.contacts, self.notes = self._named.names, world.notes
-        tied = switches.mended("mimic") and bool(robot.drive.followers)
-        self._follower_inertia = follower_inertia(robot, q) if tied else {}
+        self._rods = TieRodPulls(robot, q, switches, world.step)
         self._dry = switches.mended("losses") and robot.losses is not None
 
     def advance(self, efforts: Mapping[str, float], dt: float) -> None:
@@ -92,17 +91,12 @@ class DrakeRun:
             EngineFault: The motion diverges.
         """
         world = self._world
-        each_step = bool(self._follower_inertia) or self._dry
+        each_step = bool(self._rods) or self._dry
         stride = world.step if each_step else dt
         port = world.plant.get_applied_generalized_force_input_port()
         for _ in range(round(dt / stride)):
-            given = dict(efforts)
-            if each_step:
-                self._brake()
-                rods = tie_rod_efforts(
-                    self._robot.drive, self._joints(), self._follower_inertia, world.step
-                )
-                given |= {name: given.get(name, 0.0) + rod for name, rod in rods.items()}
+            self._brake()
+            given = self._rods.added(efforts, self._joints()) if self._rods else efforts
             forces = np.zeros(world.plant.num_velocities())
             for name, effort in given.items():
                 forces[world.joints[name].velocity_start()] = effort

@@ -25,6 +25,7 @@ from rpctl.engines.mujoco.rollers import has_rollers
 from rpctl.engines.mujoco.sensors import HOME
 from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, plan_motion, start
 from rpctl.equivalence.contact.record import Gap, travelled
+from rpctl.equivalence.contact.trial import tilt_note
 from rpctl.equivalence.row import Skipped
 from rpctl.errors import ActuationError, DivergedError, RpctlError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
@@ -38,7 +39,6 @@ STAND_BAND_M, STAND_BAND_RAD = 1e-3, 2e-3  # that a robot at rest may move in a 
 PATH_BAND, PATH_FLOOR_M = 4e-3, 1e-3  # of the distance travelled; m
 HEADING_BAND, HEADING_FLOOR = 8e-3, 4e-3  # of the angle turned; rad
 ROLLER_BANDS = 10.0  # times wider: a dozen barrels are not quite round, and roll as bodies of mass
-MAX_TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
 AHEAD_S = 1e-4  # s, of the difference quotient of a follower's rate
 FOLLOWER_BANDWIDTH = 150.0  # rad/s, critically damped: stiffer than the servo of what they follow
 SCRUB_NOTE = (
@@ -212,7 +212,7 @@ def run_on_ground(robot: Robot, model: Any, root: str) -> GroundTrial:
     first = body.pose
     _stand(body, rest, STANDING_S)
     checks = _standing_rows(first, body.pose)
-    notes = _tilt_note(float(first[4]))
+    notes = tuple(tilt_note(float(first[4])))
     if plan is not None:
         rolling, scrubs = _crowned(model, robot)
         if scrubs:
@@ -327,15 +327,6 @@ def _motion_rows(dynamics: ReducedDynamics, body: _TrialBody, plan: ContactPlan)
         _gap("path", far, wide * (PATH_BAND * way + PATH_FLOOR_M), "m"),
         _gap("heading", off, wide * (HEADING_BAND * turned + HEADING_FLOOR), "rad"),
     ]
-
-
-def _tilt_note(tilt: float) -> tuple[str, ...]:
-    if tilt <= MAX_TILT:
-        return ()
-    return (
-        f"it stands {math.degrees(tilt):.2g}° out of the level: its wheels and supports do not end "
-        "at one height in the file",
-    )
 
 
 def _gap(name: str, gap: float, band: float, unit: str) -> Gap:
