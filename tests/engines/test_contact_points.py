@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,8 +14,14 @@ from rpctl.engines.contact_points import LinkMotion, NamedContacts, wheel_slip
 from rpctl.engines.engine import EngineFault
 from rpctl.engines.rollers import refuse_rollers
 from rpctl.engines.silence import captured
-from rpctl.engines.switches import ALL_DEFAULT, ALL_MENDED
-from rpctl.engines.tie_rods import BANDWIDTH, STABLE, follower_inertia, tie_rod_efforts
+from rpctl.engines.switches import ALL_DEFAULT, ALL_MENDED, MENDED
+from rpctl.engines.tie_rods import (
+    BANDWIDTH,
+    STABLE,
+    TieRodPulls,
+    follower_inertia,
+    tie_rod_efforts,
+)
 from rpctl.robot.model import Robot
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -65,6 +73,21 @@ def test_only_rollers_that_are_to_be_mended_are_refused() -> None:
 
 
 SHORT = 1e-4  # s: a step at which tie rods are as stiff as they get
+
+
+def test_rods_that_are_not_mended_add_nothing() -> None:
+    """Losses may be mended alone: the swivels of a car are then left to its motors."""
+    car = rpctl.load("car")
+    leader, follower = car.drive.steered[0].joint, car.drive.followers[0].joint
+    q, efforts = car.configuration(), {leader: 1.0}
+    astray = {leader: (0.3, 0.0), follower: (0.0, 0.0)}
+    left = TieRodPulls(car, q, replace(ALL_DEFAULT, losses=MENDED), SHORT)
+    assert not left
+    assert left.added(efforts, astray) == efforts
+    tied = TieRodPulls(car, q, ALL_MENDED, SHORT)
+    assert tied
+    rods = tie_rod_efforts(car.drive, astray, follower_inertia(car, q), SHORT)
+    assert tied.added(efforts, astray) == {leader: 1.0 + rods[leader], follower: rods[follower]}
 
 
 def test_tie_rods_pull_to_their_place_and_do_no_work_along_it() -> None:
