@@ -10,42 +10,46 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+READY_DEV := $(VENV)/.ready-dev
+# Modules are compiled when they are first imported: most never are.
+INSTALL = $(BIN)/python -m pip install --disable-pip-version-check --progress-bar off --no-compile
 
 .PHONY: demo test slow thorough versions lint types bench pictures clean
 
 demo: $(READY)
+	@echo "TIAGo follows a figure-eight; the report goes to runs/demo/report.html"
 	$(BIN)/rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1 --out runs/demo
 
 # A worker a processor: threads of linear algebra below it would only wait for each other.
 test slow thorough: export OMP_NUM_THREADS = 1
 
-test: $(READY)
+test: $(READY_DEV)
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
-slow: $(READY)
+slow: $(READY_DEV)
 	$(BIN)/python -m pytest -m slow -n auto --dist worksteal
 
-thorough: $(READY)
+thorough: $(READY_DEV)
 	$(BIN)/python -m pytest -m thorough -n auto --dist worksteal
 
-versions: $(READY)
+versions: $(READY_DEV)
 	$(BIN)/python tests/versions.py $(VERSIONS)
 
-lint: $(READY)
+lint: $(READY_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(READY)
+types: $(READY_DEV)
 	$(BIN)/mypy
 
 # The table takes some minutes on a machine that does nothing else; TABLE=--quick takes one, and
 # BENCH adds options of pytest, as BENCH=--benchmark-max-time=0.1 for a quick look.
 bench: export OMP_NUM_THREADS = 1
-bench: $(READY)
+bench: $(READY_DEV)
 	$(BIN)/python -m tests.bench.table --out runs/bench $(TABLE)
 	$(BIN)/python -m pytest tests/bench --benchmark-only --override-ini addopts= $(BENCH)
 
-pictures: $(READY)
+pictures: $(READY_DEV)
 	$(BIN)/python demos/readme_picture.py demos
 
 clean:
@@ -56,7 +60,12 @@ $(READY): pyproject.toml
 		|| { echo "rpctl needs Python 3.10 or later; $$($(PYTHON) --version) is older. Try: make PYTHON=python3.11 $(MAKECMDGOALS)"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
 		|| { echo "This Python lacks venv. On Debian or Ubuntu: apt install python3-venv"; exit 1; }
-	@echo "Setting up $(VENV) (once; a minute or two)"
+	@echo "Setting up $(VENV), once: rpctl and the packages that it needs, about 500 MB to download"
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@$(INSTALL) --editable .
 	@touch $(READY)
+
+$(READY_DEV): $(READY)
+	@echo "Adding to $(VENV) what tests, types and benchmarks need, about 250 MB to download"
+	@$(INSTALL) --editable '.[dev]'
+	@touch $(READY_DEV)

@@ -34,7 +34,16 @@ with tempfile.TemporaryDirectory() as folder:
         law(*(ctypes.c_void_p(each.ctypes.data) for each in (*seen, state, *results)))
         return rpctl.Command(nu_d.copy(), nu_d_dot.copy())
 
-    ours = rpctl.track(robot, "eight", 10.0, START, kinematic, lambda *_: tau.copy())
-theirs = rpctl.track(robot, "eight", 10.0, START, dynamic=rpctl.PaperDynamic())
+    ours = rpctl.track(
+        robot,
+        "eight",
+        duration=10.0,
+        initial_error=START,
+        kinematic=kinematic,
+        dynamic=lambda *_: tau.copy(),
+    )
+theirs = rpctl.track(
+    robot, "eight", duration=10.0, initial_error=START, dynamic=rpctl.PaperDynamic()
+)
 print(f"at most {written.operations}")
 print("largest difference of q to Python's law:", np.abs(ours.q - theirs.q).max())

@@ -33,7 +33,9 @@ class PointAhead(rpctl.BaseLaw):
 def main() -> None:
     robot = rpctl.load("paper")
     for law in (PointAhead(), rpctl.UnifiedKinematic()):
-        run = rpctl.track(robot, "eight", 20.0, (0.1, -0.1, 0.1), law)
+        run = rpctl.track(
+            robot, "eight", duration=20.0, initial_error=(0.1, -0.1, 0.1), kinematic=law
+        )
         rms = 1e3 * rpctl.summarize(run).rms_base_error
         print(f"{type(law).__name__:17} base {rms:.1f} mm rms off its reference")
 

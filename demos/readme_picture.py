@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 
 import rpctl
-from rpctl.view.film.browser import require_browser
-from rpctl.view.film.film import write_still
+from rpctl.view.film import require_browser, write_still
 
 SIZE = (960, 540)
 TIMES = {"tiago": 13.0, "paper": 16.0, "mecanum": 13.0, "tiago_pro": 13.0}  # s

@@ -3,6 +3,7 @@
 Usage: python demos/real_time.py [SECONDS of each law, 5 if left out; then names of robots]
 """
 
+import itertools
 import sys
 import time
 
@@ -24,9 +25,11 @@ def stepped(controller: rpctl.Controller, duration: float) -> np.ndarray:
     start = controller.reference(0.0)
     q, nu = robot.configuration_at(start.pose, start.joints), np.zeros(robot.dof)
     began = time.perf_counter()
-    for k in range(round(duration / PERIOD)):
+    for k in itertools.count():
         time.sleep(max(0.0, began + k * PERIOD - time.perf_counter()))
         before = time.perf_counter()
+        if before - began >= duration:  # a law that comes late takes fewer samples
+            break
         output = controller.step(before - began, q, nu)
         seconds.append(time.perf_counter() - before)
         nu = nu + PERIOD * dynamics.forward(q, nu, output.efforts)

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import rpctl
-from rpctl.engines.engine import Engine
-from rpctl.engines.installed import installed_engines
+from rpctl.engines.engine import Engine, installed_engines
 from rpctl.engines.referee import EngineVerdict, Referee
 from rpctl.engines.words import line, turn_line
 

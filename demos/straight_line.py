@@ -12,7 +12,9 @@ def main() -> None:
     robot = rpctl.load("paper")
     for law in (rpctl.PaperKinematic(), rpctl.UnifiedKinematic()):
         for name in ("line", "circle"):
-            run = rpctl.track(robot, name, 15.0, (0.0, 0.2, 0.0), law)
+            run = rpctl.track(
+                robot, name, duration=15.0, initial_error=(0.0, 0.2, 0.0), kinematic=law
+            )
             lateral = rpctl.summarize(run).final_lateral_error
             print(
                 f"{type(law).__name__:16} {name:6} "

@@ -7,7 +7,6 @@ another is found.
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +17,9 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.arrays import Array
 from rpctl.simulation.config import Config
-from rpctl.simulation.facts import GroundFacts, RobotFacts
-from rpctl.simulation.log import Log
-from rpctl.simulation.run_schema import PLANT_ARRAYS
+from rpctl.simulation.loop.recorder import FELT
+from rpctl.simulation.run.facts import GroundFacts, RobotFacts, reference_wheels
+from rpctl.simulation.run.log import Log
 from tests import urdf
 from tests.runs import vary
 
@@ -150,15 +149,16 @@ def golden_run(robot: Robot) -> Run:
         "slip_ratio": np.array(SLIP_RATIOS),
         "load_range": np.empty((COUNT, 0)),  # three contacts: statics tell each load
         "slip_range": np.empty((COUNT, 0)),
-        **dict.fromkeys(PLANT_ARRAYS, np.empty((COUNT, 0))),  # wheels that roll
+        "wheels_ref": np.zeros((COUNT, 4)),
+        "turns": np.zeros(COUNT),
+        **dict.fromkeys(FELT, np.empty((COUNT, 0))),  # wheels that roll
         "active_limits": np.array([[0, 0], [0, 1], [1, 1], [1, 0], [0, 0], [1, 0]], float),
     }
-    for array in arrays.values():
-        array.setflags(write=False)
     return Run(
-        log=Log(**arrays, bound_limits=BOUND_LIMITS),
+        log=Log(arrays, BOUND_LIMITS),
+        bound_limits=BOUND_LIMITS,
         robot=_robot_facts(robot),
-        ground=GroundFacts(CONTACTS, CONTACT_POINTS, ((1, 2), (0,)), (), friction=0.7),
+        ground=GroundFacts(CONTACTS, CONTACT_POINTS, ((1, 2), (0,)), (), friction=0.7, wheels=3),
         config=Config(),
         controller_model=None,
         kinematic_report={"softened": 3.0},
@@ -170,10 +170,7 @@ def golden_run(robot: Robot) -> Run:
 
 def part(run: Run, samples: slice | Array, shift: float = 0.0, t: Any = None) -> Run:
     """Return some samples of a run, later by a time that no page should tell, or at other times."""
-    columns = {item.name: getattr(run.log, item.name) for item in fields(Log)}
-    arrays: dict[str, Any] = {
-        n: a[samples] for n, a in columns.items() if isinstance(a, np.ndarray)
-    }
+    arrays: dict[str, Any] = {n: a[samples] for n, a in run.log.arrays().items()}
     return vary(run, **{**arrays, "t": arrays["t"] + shift if t is None else t})
 
 
@@ -222,6 +219,11 @@ def _robot_facts(robot: Robot) -> RobotFacts:
         other_names=("flap_joint", "idle_wheel_joint"),
         other_limits=((-0.3, 0.4, 2.5), (-math.inf, math.inf, 6.0)),
         end_effector="slide",
+        urdf="",
+        file_sha256=robot.description.sha256,
+        nq=robot.nq,
+        wheels_ref=reference_wheels(robot),
+        rebuilds=False,
     )
 
 

@@ -1,4 +1,4 @@
-"""What the package's modules import and define, read once however many tests ask."""
+"""What the package's modules import, read once however many tests ask."""
 
 from __future__ import annotations
 
@@ -14,16 +14,6 @@ PACKAGE = Path(rpctl.__file__).parent
 
 
 @dataclass(frozen=True)
-class Signature:
-    """A public function or method: where it begins, its parameters and its docstring."""
-
-    name: str
-    line: int
-    parameters: tuple[str, ...]
-    docstring: str
-
-
-@dataclass(frozen=True)
 class Module:
     """A module: its file, relative to the package, and what its statements say."""
 
@@ -31,8 +21,6 @@ class Module:
     imports: tuple[str, ...]  # whole modules
     names: tuple[tuple[str, str], ...]  # names imported from modules: (module, name)
     relative: bool  # whether it imports by relative names
-    classes: tuple[str, ...]
-    functions: tuple[Signature, ...]
 
 
 @cache
@@ -51,23 +39,6 @@ def statements(body: Sequence[ast.AST]) -> Iterator[ast.AST]:
                 yield from statements(inner)
 
 
-def signatures(tree: ast.Module) -> Iterator[Signature]:
-    """Yield the public functions of a module, and the public methods of its public classes."""
-    bodies = [tree.body]
-    bodies += [
-        node.body
-        for node in tree.body
-        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
-    ]
-    for body in bodies:
-        for node in body:
-            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
-                listed = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-                names = (argument.arg for argument in listed)
-                own = tuple(name for name in names if name not in ("self", "cls"))
-                yield Signature(node.name, node.lineno, own, ast.get_docstring(node) or "")
-
-
 def _module(file: Path) -> Module:
     tree = ast.parse(file.read_text(encoding="utf-8"))
     every = list(statements(tree.body))
@@ -78,6 +49,4 @@ def _module(file: Path) -> Module:
         imports=tuple(alias.name for names in whole for alias in names),
         names=tuple((str(node.module), alias.name) for node in some for alias in node.names),
         relative=any(node.level for node in some),
-        classes=tuple(node.name for node in every if isinstance(node, ast.ClassDef)),
-        functions=tuple(signatures(tree)),
     )

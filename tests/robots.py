@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.urdf import read
+from rpctl.description.urdf.reader import read
 from rpctl.drive.detect import detect
 from rpctl.drive.drive_file import DriveSpec
 from rpctl.robot.load import load

@@ -7,30 +7,27 @@ import json
 import random
 import warnings
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rpctl import Run
-from rpctl.arrays import Array
-from rpctl.simulation.packing import pack
-from rpctl.simulation.run import entries_of
 
 CENTRAL, END = b"PK\x01\x02", b"PK\x05\x06"  # marks of a directory's entries and of its end
-HEADERS = (  # of an array; the shape of the columns' goes into the braces
-    "{'descr': '|O', 'fortran_order': False, 'shape': (%d, %d, %d), }",
-    "{'descr': '<f4', 'fortran_order': False, 'shape': (%d, %d, %d), }",
-    "{'descr': '|u1', 'fortran_order': True, 'shape': (%d, %d, %d), }",
-    "{'descr': '|u1', 'fortran_order': False, 'shape': (1%d, %d, %d), }",
-    "{'descr': '|u1', 'fortran_order': False, 'shape': (%d, 4, 2, %d, %d), }",
-    "{'descr': '|u1', 'fortran_order': False, 'shape': (-%d, %d, %d), }",
-    "{'descr': '|u1', 'fortran_order': False, 'shape': (%d99999999, %d, %d), }",
-    "{'descr': [('a', '|u1')], 'fortran_order': False, 'shape': (%d, %d, %d), }",
-    "__import__('os').system('true') or (%d, %d, %d)",
-    "{'descr': '|u1', 'shape': (%d, %d, %d)}",
-    "(" * 300 + "%d, %d, %d",
+HEADERS = (  # of an array; the shape goes into the braces
+    "{'descr': '|O', 'fortran_order': False, 'shape': (%d, %d), }",
+    "{'descr': '<i8', 'fortran_order': False, 'shape': (%d, %d), }",
+    "{'descr': '<f8', 'fortran_order': True, 'shape': (%d, %d), }",
+    "{'descr': '<f8', 'fortran_order': False, 'shape': (1%d, %d), }",
+    "{'descr': '<f8', 'fortran_order': False, 'shape': (-%d, %d), }",
+    "{'descr': '<f8', 'fortran_order': False, 'shape': (%d99999999, %d), }",
+    "{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (%d, %d), }",
+    "__import__('os').system('true') or (%d, %d)",
+    "{'descr': '<f8', 'shape': (%d, %d)}",
+    "(" * 300 + "%d, %d",
 )
 VALUES: tuple[Any, ...] = (
     None, True, False, 0, -1, 3, 10**17, 0.5, -1e300, 1e308, 5e-324, float("nan"), float("inf"),
@@ -41,31 +38,34 @@ VALUES: tuple[Any, ...] = (
 
 @dataclass(frozen=True)
 class Parts:
-    """A run's file: its JSON and its columns, as they were before they were packed."""
+    """A run's file: its header and its arrays."""
 
-    meta: dict[str, Any]
-    planes: np.ndarray[Any, np.dtype[np.uint8]]
+    header: dict[str, Any]
+    arrays: Mapping[str, np.ndarray[Any, np.dtype[Any]]]
 
     def text(self) -> str:
-        return json.dumps(self.meta, ensure_ascii=False)
+        return json.dumps(self.header)
 
-    def members(self) -> list[tuple[str, bytes]]:
-        return [("meta.npy", npy(np.array(self.text()))), ("columns.npy", npy(self.planes))]
+    def members(self, text: str | None = None) -> list[tuple[str, bytes]]:
+        header = np.frombuffer((self.text() if text is None else text).encode(), np.uint8)
+        entries = {"header": header, **self.arrays}
+        return [(f"{name}.npy", npy(array)) for name, array in entries.items()]
+
+    def whole(self, text: str | None = None) -> bytes:
+        return zipped(self.members(text))
+
+    def changed(self, **arrays: Any) -> Parts:
+        """Return a file with other arrays; None leaves one out."""
+        kept = {n: a for n, a in {**self.arrays, **arrays}.items() if a is not None}
+        return replace(self, arrays=kept)
 
 
-def parts_of(run: Run) -> Parts:
-    """Return the parts of a run's file, each column of each array kept for itself."""
-    meta, arrays = entries_of(run)
-    layout: dict[str, Any] = {}
-    columns: list[Array] = []
-    for name, array in arrays.items():
-        flat = array.reshape(len(array), -1)
-        numbers = [[len(columns) + k] for k in range(flat.shape[1])]
-        layout[name] = {"shape": list(array.shape[1:]), "columns": numbers}
-        columns += list(flat.T)
-    head = json.loads(json.dumps(meta, default=lambda number: number.tolist()))
-    packed = {"schema": 6, "precision": "double", **head, "columns": layout}
-    return Parts(packed, pack(np.array(columns)))
+def parts_of(run: Run, folder: Path) -> Parts:
+    """Return the parts of a run's file."""
+    path = run.save(folder / "parts.npz")
+    with np.load(path, allow_pickle=False) as stored:
+        entries = {name: stored[name] for name in stored}
+    return Parts(json.loads(bytes(entries.pop("header"))), entries)
 
 
 def npy(array: Any) -> bytes:
@@ -99,7 +99,7 @@ def with_header(data: bytes, header: str, version: int = 1) -> bytes:
 def damaged(parts: Parts, chance: random.Random) -> bytes:
     """Return a file whose bytes, names or headers were damaged: the same run, or none."""
     members = parts.members()
-    which = chance.randrange(2)
+    which = chance.choice((0, 2))  # the header, or q
     name, data = members[which]
 
     def put(*changed: tuple[str, bytes]) -> bytes:
@@ -125,7 +125,7 @@ def damaged(parts: Parts, chance: random.Random) -> bytes:
         return bytes(whole)
 
     def headed() -> bytes:
-        header = chance.choice(HEADERS) % parts.planes.shape
+        header = chance.choice(HEADERS) % parts.arrays["q"].shape
         return put((name, with_header(data, header, chance.choice((0, 1, 1, 1, 2, 3, 9)))))
 
     cut = chance.randrange(len(data))
@@ -138,7 +138,7 @@ def damaged(parts: Parts, chance: random.Random) -> bytes:
         lambda: put((name, data), ("extra.npy", npy(np.zeros(3)))),
         lambda: put((name, data[:cut])),
         lambda: put((name, data + b"\0" * 7)),
-        lambda: put((name, npy(parts.planes if which == 0 else np.array("{}")))),
+        lambda: put((name, npy(np.array("{}")))),
         lambda: put((name, npy(np.array(["{}", "{}"])))),
         lambda: zipped(members, chance.choice((zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA))),
         lambda: zipped(members, zipfile.ZIP_STORED),
@@ -153,26 +153,16 @@ def damaged(parts: Parts, chance: random.Random) -> bytes:
 
 def rewritten(parts: Parts, chance: random.Random) -> bytes:
     """Return a sound file with another value, name or sample somewhere: another run, or none."""
-    text, planes = parts.text(), parts.planes
     if chance.random() < 0.2:
-        planes = _other_planes(planes, chance)
-    else:
-        text = rewritten_json(text, chance)
-    return zipped([("meta.npy", npy(np.array(text))), ("columns.npy", npy(planes))])
-
-
-def rewritten_older(whole: bytes, chance: random.Random) -> bytes:
-    """Return an older file, whose arrays are entries of their own, with another value of JSON."""
-    with np.load(io.BytesIO(whole), allow_pickle=False) as stored:
-        entries = {name: stored[name] for name in stored}
-    entries["meta"] = np.array(rewritten_json(str(entries["meta"]), chance))
-    return zipped([(f"{name}.npy", npy(array)) for name, array in entries.items()])
+        name = chance.choice(list(parts.arrays))
+        return parts.changed(**{name: _other(parts.arrays[name], chance)}).whole()
+    return parts.whole(rewritten_json(parts.text(), chance))
 
 
 def rewritten_json(text: str, chance: random.Random) -> str:
     """Return a text of JSON with another value, name, digit or nesting somewhere."""
-    meta = json.loads(text)
-    holder, key = chance.choice(list(_places(meta)))
+    header = json.loads(text)
+    holder, key = chance.choice(list(_places(header)))
     way = chance.randrange(7)
     if way <= 2:
         holder[key] = chance.choice(VALUES)
@@ -181,12 +171,12 @@ def rewritten_json(text: str, chance: random.Random) -> str:
     elif way == 4:
         holder[key] = nested(holder[key], chance.choice((1, 30, 3000)))
     elif way == 5:
-        text = json.dumps(meta).replace('{"', f'{{"{chance.choice(list(meta))}": 1, "', 1)
+        text = json.dumps(header).replace('{"', f'{{"{chance.choice(list(header))}": 1, "', 1)
         digits = chance.choice(("1" * 400 + ".", "1" * 400, "-0.", "1e999, 0."))
         return text.replace("0.", digits, 1)
     elif isinstance(holder, dict):
         holder[chance.choice(("x", "robot", "\ud800", ""))] = holder.pop(key)
-    return json.dumps(meta, ensure_ascii=chance.random() < 0.5)
+    return json.dumps(header)
 
 
 def nested(value: Any, depth: int) -> Any:
@@ -196,32 +186,18 @@ def nested(value: Any, depth: int) -> Any:
     return value
 
 
-def with_samples(parts: Parts, name: str, change: Callable[[Array], Array]) -> bytes:
-    """Return a file with other samples of one array.
-
-    Args:
-        parts: Of the file.
-        name: Of the array.
-        change: From what its columns (n, K) are to what they become.
-    """
-    from rpctl.simulation.packing import unpack
-
-    columns = unpack(parts.planes)
-    numbers = [of[0] for of in parts.meta["columns"][name]["columns"]]
-    columns[numbers] = change(columns[numbers])
-    return zipped(replace(parts, planes=pack(columns)).members())
-
-
-def _other_planes(planes: Any, chance: random.Random) -> Any:
-    """Return columns with some of them exchanged, cut, doubled, or of other bytes."""
-    count, _, rows = planes.shape
-    row = chance.randrange(count)
-    if chance.random() < 0.3:
-        return planes[:, :, : chance.choice((0, 1, 2, rows // 2))]
-    if chance.random() < 0.3:
-        return np.concatenate([planes[:row], planes[row + chance.randrange(2) :]])
-    other = planes.copy()
-    other[row] = np.frombuffer(chance.randbytes(8 * rows), np.uint8).reshape(8, rows)
+def _other(array: Any, chance: random.Random) -> Any:
+    """Return an array cut, doubled, or with some other numbers in it."""
+    way = chance.randrange(3)
+    if way == 0:
+        return array[: chance.choice((0, 1, 2, len(array) // 2))]
+    if way == 1:
+        return np.concatenate([array, array], axis=-1)
+    other = array.copy()
+    if other.size:
+        other.flat[chance.randrange(other.size)] = chance.choice(
+            (np.nan, np.inf, 1e30, -1e30, 0.5, 1e300)
+        )
     return other
 
 

@@ -1,12 +1,15 @@
-"""Names and docstrings: a class name is one thing, and a public function says what it takes."""
+"""Docstrings of what `rpctl` exports: each says what it is, and what it takes."""
 
 from __future__ import annotations
 
-import ast
+import inspect
 import re
-from collections import defaultdict
+from collections.abc import Callable, Iterator
+from typing import Any
 
-from tests.package_statements import Signature, modules, signatures, statements
+import pytest
+
+import rpctl
 
 ENOUGH_TO_NAME = 3  # parameters from which on a sentence no longer says them all
 
@@ -14,59 +17,41 @@ ENOUGH_TO_NAME = 3  # parameters from which on a sentence no longer says them al
 def documented(docstring: str) -> set[str]:
     """Return the parameters that the section Args has an entry for."""
     section = re.search(r"^\s*Args:\n(.*?)(?:\n\s*\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
-    entries = re.findall(r"^\s*(\w[\w, ]*):", section[1], re.MULTILINE) if section else []
+    entries = re.findall(r"^\s*\**(\w[\w, ]*):", section[1], re.MULTILINE) if section else []
     return {name.strip() for entry in entries for name in entry.split(",")}
 
 
-def test_parameters_are_documented() -> None:
-    missing = []
-    for module in modules():
-        for function in module.functions:
-            if len(function.parameters) < ENOUGH_TO_NAME or function.name.endswith("_command"):
-                continue  # a command's help documents its parameters
-            lacking = set(function.parameters) - documented(function.docstring)
-            if lacking:
-                where = f"{module.file}:{function.line} {function.name}"
-                missing.append(f"{where}: {', '.join(sorted(lacking))}")
-    assert not missing, "\n".join(missing)
+def callables(exported: Any) -> Iterator[Callable[..., Any]]:
+    """Yield a function, or the public methods that a class of ours defines."""
+    if not inspect.isclass(exported):
+        yield exported
+        return
+    for name, member in vars(exported).items():
+        method = getattr(member, "__func__", member)
+        if inspect.isfunction(method) and not name.startswith("_"):
+            yield method
 
 
-def test_a_class_name_is_one_thing() -> None:
-    places = defaultdict(list)
-    for module in modules():
-        for name in module.classes:
-            places[name].append(str(module.file))
-    assert not {name: files for name, files in places.items() if len(files) > 1}
+def lacking(function: Callable[..., Any]) -> set[str]:
+    parameters = {*inspect.signature(function).parameters} - {"self", "cls"}
+    few = len(parameters) < ENOUGH_TO_NAME
+    return set() if few else parameters - documented(function.__doc__ or "")
 
 
-def test_classes_and_functions_are_seen_wherever_they_are() -> None:
-    """In conditions, handlers and classes; what is nested or private needs no document."""
-    text = """
-import one
-class A:
-    def f(self, x, /, y, *, z):
-        'Doc.'
-        class B: from two import b
-    def _g(self): pass
-try:
-    with one: import three
-except E:
-    if one: class_ = 1
-    else:
-        class C: pass
-match one:
-    case 1:
-        class D: pass
-def h(cls, a):
-    def nested(): pass
-"""
-    tree = ast.parse(text)
-    found = [node.name for node in statements(tree.body) if isinstance(node, ast.ClassDef)]
-    assert found == ["A", "B", "C", "D"]
-    assert [*signatures(tree)] == [
-        Signature("h", 17, ("a",), ""), Signature("f", 4, ("x", "y", "z"), "Doc.")]  # fmt: skip
-    taken = [
-        node for node in statements(tree.body) if isinstance(node, ast.Import | ast.ImportFrom)
-    ]
-    assert [node.names[0].name for node in taken] == ["one", "b", "three"]
-    assert {each.file.as_posix() for each in modules()} > {"__init__.py", "robot/model.py"}
+@pytest.mark.parametrize("name", rpctl.__all__)
+def test_an_exported_name_is_documented(name: str) -> None:
+    exported = getattr(rpctl, name)
+    assert exported.__doc__
+    missing = {each.__qualname__: lacking(each) for each in callables(exported)}
+    assert not {method: names for method, names in missing.items() if names}
+
+
+def test_a_parameter_that_is_not_documented_is_seen() -> None:
+    def f(a: int, b: int, c: int) -> None:
+        """Do.
+
+        Args:
+            a, b: Two.
+        """
+
+    assert lacking(f) == {"c"}

@@ -18,8 +18,8 @@ import rpctl
 from rpctl import Run
 from rpctl.errors import RunFileError
 from rpctl.simulation.config import read_config
-from rpctl.simulation.loop import simulate
-from rpctl.simulation.spool import PART_FOLDER, chunk_files
+from rpctl.simulation.loop.track import simulate
+from rpctl.simulation.run.part import PART_FOLDER, chunk_files
 from rpctl.view.marks import digest, mark_of
 from rpctl.view.run_folder import find_faults
 
@@ -176,7 +176,7 @@ def test_killed_derivation(count: int, form: str, tmp_path: Path) -> None:
 def test_killed_plot(count: int, paper: rpctl.Robot, tmp_path: Path) -> None:
     folder = tmp_path / "work"
     folder.mkdir()
-    rpctl.track(paper, "line", 0.05).save(folder / "run.npz")
+    rpctl.track(paper, "line", duration=0.05).save(folder / "run.npz")
     words = ("plot", "run.npz", "--out", "figure.pdf")
     whole = run_for(None, *words, folder=folder)
     size = (folder / "figure.pdf").stat().st_size
@@ -202,7 +202,8 @@ def test_killed_save_of_a_configuration(count: int, tmp_path: Path) -> None:
         file.write_text("# mine\n[run]\nduration = 3.0\n")
         run_for(after, *words, folder=folder)
         assert file.read_text() in (text, "# mine\n[run]\nduration = 3.0\n")
-        assert {*files(folder)} == {"mine.toml"}
+        assert {*files(folder)} - {"mine.toml.schema.json"} == {"mine.toml"}
+        assert json.loads(files(folder)["mine.toml.schema.json"])  # of the whole run
         read_config(file)
 
 

@@ -89,7 +89,7 @@ def test_the_bill_names_every_dependency_with_its_range(
         assert part["scope"] == "required"
         assert part["purl"] == f"pkg:pypi/{name}"
     optional = {"av", "distributed", "drake", "mujoco", "playwright", "pyarrow", "pybullet"}
-    optional |= {"robot-descriptions", "salib", "xacro"}
+    optional |= {"robot-descriptions", "salib", "sympy", "xacro"}
     assert set(parts) == {"uPlot"} | optional
     assert {parts[name]["scope"] for name in optional} == {"optional"}
     own = bill["metadata"]["component"]
@@ -149,6 +149,18 @@ def test_every_dependency_has_a_lower_and_an_upper_bound(metadata: Message) -> N
     for line in lines:
         assert ">=" in line.partition(";")[0], line
         assert "<" in line.partition(";")[0], line
+
+
+def test_the_table_of_dependencies_names_each(metadata: Message) -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*?`) \| .* \| \d+ \|$", text, flags=re.MULTILINE)
+    named = {name for row in rows for name in re.findall(r"`([\w-]+)`", row)}
+    assert named == {*requirements(metadata), "tomli"}
+    extras = {
+        name for name in metadata.get_all("Provides-Extra", []) if name not in ("dev", "test")
+    }
+    listed = text.partition("is an extra: ")[2].partition(".\n")[0]
+    assert set(re.findall(r"`([\w-]+)`", listed)) == extras
 
 
 def test_what_is_imported_is_asked_for(metadata: Message) -> None:

@@ -39,6 +39,18 @@ ROBOTS = {  # quasi-velocities, drive
 }
 OWN = tuple(entry.name for entry in ENTRIES if entry.own)
 QUICK_WALKS = {"paper", "arm"}
+SLOW_WALKS = {  # with the quick ones: one of a kind
+    "skid_steer",
+    "car",
+    "tricycle",
+    "bicycle",
+    "swerve",
+    "caster_drive",
+    "omni",
+    "mecanum",
+    "tiago",
+}
+LIMITS_KEPT = {"mixed_chain", "tricycle", "omni"}  # by plain `track` in CI
 ON_AXLES = [name for name in OWN if ROBOTS[name][1] in ("car-like", "tricycle", "bicycle")]
 PAIRS = [
     (name, reference)
@@ -47,17 +59,11 @@ PAIRS = [
     if ROBOTS[name][1] != "fixed" and not (reference == "spin" and name in ON_AXLES)
 ]
 PAIRS_IN_CI = {
-    ("paper", "circle"),
-    ("mixed_chain", "reverse"),
-    ("casters", "line"),
     ("skid_steer", "circle"),
     ("car", "eight"),
-    ("tricycle", "line"),
     ("bicycle", "reverse"),
     ("swerve", "eight"),
-    ("twin_casters", "line"),
     ("caster_drive", "eight"),
-    ("omni", "spin"),
     ("mecanum", "spin"),
 }
 OFF = (0.1, -0.1, 0.1)  # m, m, rad: the error at the start of a robot that drives
@@ -69,7 +75,6 @@ SPRUNG = {  # springs that a URDF does not tell bear the shoulders: their motors
     "pr2": {f"{side}_{joint}_flex_joint" for side in "lr" for joint in ("elbow", "wrist")},  # falls
     "baxter": {"left_s1", "right_s1"},
 }
-LONG_LAPS = {"car", "twin_casters", "swerve"}  # half a minute each
 REPORT_SIZE = 500_000  # bytes: the viewer alone is larger
 
 
@@ -87,7 +92,7 @@ def test_there_is_an_own_robot_of_every_drive() -> None:
     assert {ROBOTS[name][1] for name in OWN} == BASE_SPEEDS.keys()
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, QUICK_WALKS, set(ROBOTS) - QUICK_WALKS))
+@pytest.mark.parametrize("name", cells(ROBOTS, QUICK_WALKS, SLOW_WALKS))
 def test_a_robot_walks_from_its_description_to_its_report(name: str, tmp_path: Path) -> None:
     dof, drive = ROBOTS[name]
     facts = json_of("inspect", name)
@@ -108,7 +113,7 @@ def test_a_robot_walks_from_its_description_to_its_report(name: str, tmp_path: P
     assert report.stat().st_size > REPORT_SIZE
 
 
-@pytest.mark.parametrize("name", cells(names(), slow=set(OWN) - LONG_LAPS))
+@pytest.mark.parametrize("name", cells(names(), slow=LIMITS_KEPT))
 def test_plain_track_keeps_every_limit(name: str) -> None:
     """The default reference fits the robot, whichever it is."""
     run = rpctl.track(rpctl.load(name))
@@ -120,14 +125,16 @@ def test_plain_track_keeps_every_limit(name: str) -> None:
     assert run.t[-1] == pytest.approx(summary.sizing.duration, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_casters_of_tiago_dual_roll_along() -> None:
     robot = rpctl.load("tiago_dual")
     assert (robot.dof, robot.drive.type) == (19, "differential")
     assert [swivel.role for swivel in robot.drive.swivels] == 4 * ["caster"]
     assert [wheel.driven for wheel in robot.drive.wheels] == 2 * [True] + 4 * [False]
     assert rpctl.verify(robot, samples=3).passed
-    summary = rpctl.summarize(rpctl.track(robot, "eight", 2.5, (0.02, -0.02, 0.02)))
+    summary = rpctl.summarize(
+        rpctl.track(robot, "eight", duration=2.5, initial_error=(0.02, -0.02, 0.02))
+    )
     assert summary.limits_violated == ()
     assert summary.final_base_error < 0.01
 
@@ -141,6 +148,6 @@ def test_what_cannot_spin_says_so(name: str) -> None:
 @pytest.mark.parametrize(("name", "reference"), cells(PAIRS, slow=PAIRS_IN_CI))
 def test_every_drive_follows_every_reference(name: str, reference: str) -> None:
     robot = rpctl.load(name)
-    summary = rpctl.summarize(rpctl.track(robot, reference, 12.0, OFF))
+    summary = rpctl.summarize(rpctl.track(robot, reference, duration=12.0, initial_error=OFF))
     assert summary.limits_violated == ()
     assert summary.final_base_error < (SPUN if reference == "spin" else SETTLED)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, is_dataclass
 from importlib import import_module
 from typing import Annotated, Any
@@ -163,26 +163,42 @@ def load_command(name: str) -> Any:
 def _flatten(command: Callable[..., Any]) -> Callable[..., Any]:
     """Replace each parameter of a command that is a dataclass by the fields of the dataclass.
 
-    Typer makes an option of each field; the command is called with the dataclass.
+    Typer makes an option of each field; the command is called with the dataclass. What is
+    annotated with ``FieldOptions`` is replaced by those, in turn.
     """
-    groups: dict[str, tuple[type, list[str]]] = {}
-    flat: list[inspect.Parameter] = []
-    for parameter in inspect.signature(command, eval_str=True).parameters.values():
-        kind = parameter.annotation
-        found = [parameter]
-        if is_dataclass(kind) and isinstance(kind, type):
-            found = [*inspect.signature(kind, eval_str=True).parameters.values()]
-            groups[parameter.name] = kind, [field.name for field in found]
-        flat += (each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in found)
+    flat, made = _options(command)
 
     @functools.wraps(command)
     def run(**given: Any) -> Any:
-        for name, (kind, fields) in groups.items():
-            given[name] = kind(**{field: given.pop(field) for field in fields})
-        return command(**given)
+        return made(given)
 
     run.__signature__ = inspect.Signature(flat)  # type: ignore[attr-defined]
     return run
+
+
+def _options(made: Callable[..., Any]) -> tuple[list[inspect.Parameter], Callable[..., Any]]:
+    """Return the options of a command or dataclass, and what makes it of their values."""
+    flat: list[inspect.Parameter] = []
+    makers: dict[str, Callable[[dict[str, Any]], Any]] = {}
+    for parameter in inspect.signature(made, eval_str=True).parameters.values():
+        name, kind = parameter.name, parameter.annotation
+        fields = next((m for m in getattr(kind, "__metadata__", ()) if hasattr(m, "flags")), None)
+        if fields is not None:
+            found, makers[name] = fields.parameters(), _given(fields.names)
+        elif is_dataclass(kind) and isinstance(kind, type):
+            found, makers[name] = _options(kind)
+        else:
+            found, makers[name] = [parameter], functools.partial(_value, name)
+        flat += (each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in found)
+    return flat, lambda given: made(**{name: make(given) for name, make in makers.items()})
+
+
+def _value(name: str, given: dict[str, Any]) -> Any:
+    return given[name]
+
+
+def _given(names: Sequence[str]) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    return lambda given: {name: given[name] for name in names if given[name] is not None}
 
 
 def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:

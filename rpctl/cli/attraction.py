@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,8 +21,7 @@ from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
 from rpctl.errors import RpctlError, require_positive
-from rpctl.files.together import write_together
-from rpctl.files.writing import require_writable, to_json
+from rpctl.files.writing import require_writable, to_json, write_together
 from rpctl.study.attraction import (
     DURATION,
     PERIOD,
@@ -33,27 +33,29 @@ from rpctl.study.attraction import (
     fractions,
     start_errors,
 )
-from rpctl.study.benchmark import run_grid
+from rpctl.study.cells import run_cells
+from rpctl.study.executor import executor_for
 
 DPI = 200
 FILES = ("attraction.json", "attraction.png", "attraction.pdf")
 
 
-def attraction_command(
-    robot: RobotArgument,
-    options: LoadOptions,
+@dataclass(frozen=True)
+class AttractionOptions:
+    """Which laws start where, and where the result goes."""
+
     reference: Annotated[
         str, typer.Option(metavar="NAME|FILE,...", help="References, as track takes them.")
-    ] = "eight",
+    ] = "eight"
     kinematic: Annotated[
         str, typer.Option(metavar="NAME,...", help=f"Laws, of {', '.join(KINEMATIC_LAWS)}.")
-    ] = "unified",
+    ] = "unified"
     dynamic: Annotated[
         str | None,
         typer.Option(
             metavar="|".join(DYNAMIC_LAWS), help="Dynamic law; the robot's own if not given."
         ),
-    ] = None,
+    ] = None
     starts: Annotated[
         int,
         typer.Option(
@@ -62,15 +64,22 @@ def attraction_command(
             help=f"About so many starts, in ±{REACH_M:g} m and all round, for each law on each "
             "reference.",
         ),
-    ] = 200,
-    duration: Annotated[float, typer.Option(metavar="S", help="Of each run, s.")] = DURATION,
+    ] = 200
+    duration: Annotated[float, typer.Option(metavar="S", help="Of each run, s.")] = DURATION
     jobs: Annotated[
         int, typer.Option(min=1, help="Processes; as many as there are processors.")
-    ] = os.cpu_count() or 1,
+    ] = os.cpu_count() or 1
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-attraction if not given."),
-    ] = None,
+    ] = None
+
+
+def attraction_command(
+    *,
+    robot: RobotArgument,
+    options: LoadOptions,
+    settings: AttractionOptions,
     as_json: JsonOption = False,
 ) -> None:
     """Draw from which starts a law brings a robot to its reference, and how soon.
@@ -79,24 +88,30 @@ def attraction_command(
     within 5 cm of its reference from some time on, no limit is broken, and the outcome is that of a
     run that tracks.
     """
-    require_positive("--duration", duration)
-    laws, references = split_names(kinematic), split_names(reference)
+    require_positive("--duration", settings.duration)
+    laws, references = split_names(settings.kinematic), split_names(settings.reference)
     for law in laws:
         kinematic_by_name(law)
-    if dynamic is not None:
-        dynamic_by_name(dynamic)
+    if settings.dynamic is not None:
+        dynamic_by_name(settings.dynamic)
     loaded = options.load(robot)
     if not loaded.drive.base_speeds:
         raise RpctlError(f"{loaded.name} has a fixed base: it starts where it is")
-    folder = out or default_folder(loaded.name, "attraction")
+    folder = settings.out or default_folder(loaded.name, "attraction")
     for name in FILES:
         require_writable(folder / name, makes_folder=True)
     asked = [
-        Start(law, name, e) for law in laws for name in references for e in start_errors(starts)
+        Start(law, name, e)
+        for law in laws
+        for name in references
+        for e in start_errors(settings.starts)
     ]
-    study = Attraction(loaded, dynamic, duration)
-    with progress_bar("attraction") as advance:
-        endings = run_grid(study, asked, min(jobs, len(asked)), advance)
+    study = Attraction(loaded, settings.dynamic, settings.duration)
+    with (
+        executor_for(min(settings.jobs, len(asked))) as executor,
+        progress_bar("attraction") as advance,
+    ):
+        endings = run_cells(study, asked, executor, advance)
     if all(ending.outcome is None for ending in endings):
         raise RpctlError(f"nothing ran: {endings[0].sentence}")
     summary = _summary(study, endings)

@@ -6,7 +6,7 @@ import csv
 import io
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,14 +15,11 @@ from rich.console import Console
 from rich.table import Table
 
 from rpctl.cli.options import (
+    REFERENCE_FIELDS,
+    FieldOptions,
     JsonOption,
-    LapsOption,
     LoadOptions,
-    RetimeOption,
     RobotArgument,
-    SizeOption,
-    SmoothOption,
-    SpeedOption,
     default_folder,
     read_triple,
     split_names,
@@ -31,15 +28,33 @@ from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.files.together import write_together
-from rpctl.files.writing import require_writable, to_json
-from rpctl.reference.sizing import SizingRequest
-from rpctl.reference.smooth_wish import read_smoothing
-from rpctl.simulation.outcome import TRACKED
-from rpctl.simulation.table import FORMULA
-from rpctl.study.benchmark import INITIAL_ERROR, REFERENCES, Benchmark, Cell, Row, grid, run_grid
-from rpctl.study.scenarios import PAPER, SCENARIOS, LawPair, controllers, proposed
-from rpctl.study.verdicts import MEASURES, TIE_RATIO, Verdict, best, group_rows, verdicts
+from rpctl.files.records import Plain
+from rpctl.files.writing import require_writable, to_json, write_together
+from rpctl.reference.sizing import SizingRequest, read_smoothing
+from rpctl.simulation.config import RunSettings
+from rpctl.simulation.merits.outcome import TRACKED
+from rpctl.study.cells import run_cells
+from rpctl.study.compare import (
+    INITIAL_ERROR,
+    MEASURES,
+    PAPER,
+    REFERENCES,
+    SCENARIOS,
+    TIE_RATIO,
+    Benchmark,
+    Cell,
+    LawPair,
+    Row,
+    Verdict,
+    best,
+    controllers,
+    grid,
+    group_rows,
+    proposed,
+    verdicts,
+)
+from rpctl.study.executor import executor_for
+from rpctl.study.stress_report import csv_literal
 
 MM_PER_M, US_PER_S = 1e3, 1e6
 DPI = 200
@@ -96,53 +111,62 @@ class GridOptions:
         return grid(scenarios, references, pairs)
 
 
-def compare_command(
-    robot: RobotArgument,
-    options: LoadOptions,
-    selection: GridOptions,
+@dataclass(frozen=True)
+class CompareOptions:
+    """How each cell is run, and where the table goes."""
+
     duration: Annotated[
         float | None,
         typer.Option(
             metavar="S", help="Of each run, s; as long as the laps take or the reference moves."
         ),
-    ] = None,
-    size: SizeOption = None,
-    speed: SpeedOption = None,
-    laps: LapsOption = None,
-    smooth: SmoothOption = None,
-    retime: RetimeOption = None,
+    ] = None
+    sizing: Annotated[Plain, FieldOptions(RunSettings, REFERENCE_FIELDS)] = field(
+        default_factory=dict
+    )
     initial_error: Annotated[
         str, typer.Option(metavar="X,Y,THETA", help="Tracking error at the start, m, m, rad.")
-    ] = ",".join(map(str, INITIAL_ERROR)),
+    ] = ",".join(map(str, INITIAL_ERROR))
     jobs: Annotated[
         int, typer.Option(min=1, help="Processes; as many as there are processors.")
-    ] = os.cpu_count() or 1,
+    ] = os.cpu_count() or 1
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-compare if not given."),
-    ] = None,
+    ] = None
+
+
+def compare_command(
+    *,
+    robot: RobotArgument,
+    options: LoadOptions,
+    selection: GridOptions,
+    settings: CompareOptions,
     as_json: JsonOption = False,
 ) -> None:
     """Compare pairs of laws over references and scenarios; write a table and a figure.
 
     A cell that cannot run says why in the table.
     """
-    error = read_triple(initial_error)
+    error = read_triple(settings.initial_error)
     cells = selection.cells()
     loaded = options.load(robot)
-    folder = out or default_folder(loaded.name, "compare")
+    folder = settings.out or default_folder(loaded.name, "compare")
     for suffix in SUFFIXES:
         require_writable(folder / f"compare{suffix}", makes_folder=True)
     bench = Benchmark(
         loaded,
-        duration,
+        settings.duration,
         error,
-        SizingRequest(size, speed, laps),
-        read_smoothing(smooth),
-        bool(retime),
+        SizingRequest(*(settings.sizing.get(name) for name in REFERENCE_FIELDS[:3])),
+        read_smoothing(settings.sizing.get("smooth")),
+        bool(settings.sizing.get("retime")),
     )
-    with progress_bar("compare") as advance:
-        rows = run_grid(bench, cells, min(jobs, len(cells)), advance)
+    with (
+        executor_for(min(settings.jobs, len(cells))) as executor,
+        progress_bar("compare") as advance,
+    ):
+        rows = run_cells(bench, cells, executor, advance)
     if all(row.figures is None for row in rows):
         raise RpctlError(f"nothing ran: {rows[0].failure}")
     ours = proposed(loaded)
@@ -190,13 +214,8 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     writer.writeheader()
     for row in rows:
         cells = {**row, "violations": "; ".join(row["violations"] or ())}
-        writer.writerow({name: _literal(cell) for name, cell in cells.items()})
+        writer.writerow({name: csv_literal(cell) for name, cell in cells.items()})
     return text.getvalue()
-
-
-def _literal(cell: Any) -> Any:
-    """Return a cell that no spreadsheet takes for a formula."""
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA) else cell
 
 
 def show_comparison(rows: Sequence[Row], ours: LawPair, folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,21 +20,22 @@ from rpctl.files.writing import require_writable
 FORMATS = ("mjcf",)
 
 
-def export_command(
-    robot: RobotArgument,
-    options: LoadOptions,
+@dataclass(frozen=True)
+class ExportOptions:
+    """What is written for MuJoCo, and where."""
+
     form: Annotated[
         str, typer.Option("--format", metavar="mjcf", help="Of the file: MuJoCo's MJCF.")
-    ] = "mjcf",
+    ] = "mjcf"
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE", help="Where to write, whole or not at all; ROBOT.xml if not given."
         ),
-    ] = None,
+    ] = None
     friction: Annotated[
         float, typer.Option(metavar="MU", help="Coefficient between wheels and ground.")
-    ] = 0.7,
+    ] = 0.7
     wheel_width: Annotated[
         float | None,
         typer.Option(
@@ -41,26 +43,33 @@ def export_command(
             help="Width of the wheels, m, as cylinders, which scrub where they turn; else they are "
             "crowned, touch the ground at one point and roll as the model's do.",
         ),
-    ] = None,
+    ] = None
     meshes: Annotated[
         bool,
         typer.Option(
             "--meshes/--no-meshes", help="Write the visual meshes, too, into a folder beside FILE."
         ),
-    ] = True,
+    ] = True
+
+
+def export_command(
+    *,
+    robot: RobotArgument,
+    options: LoadOptions,
+    settings: ExportOptions,
     as_json: JsonOption = False,
 ) -> None:
     """Write a robot for MuJoCo; the file is read back, run and compared before it is there."""
     from rpctl.simulation.mjcf_file import export_mjcf
 
-    if form not in FORMATS:
-        raise UnknownNameError("format", form, FORMATS)
-    if out is not None:
-        require_writable(out)
+    if settings.form not in FORMATS:
+        raise UnknownNameError("format", settings.form, FORMATS)
+    if settings.out is not None:
+        require_writable(settings.out)
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
     loaded = options.load(robot)
-    path = out if out is not None else Path(f"{file_name(loaded.name)}.xml")
-    found = export_mjcf(loaded, path, friction, wheel_width, meshes)
+    path = settings.out if settings.out is not None else Path(f"{file_name(loaded.name)}.xml")
+    found = export_mjcf(loaded, path, settings.friction, settings.wheel_width, settings.meshes)
     if as_json:
         print_json(found.to_dict())
     else:

@@ -13,14 +13,14 @@ from rich.table import Table
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, format_limit, new_table
-from rpctl.description.argument_messages import XacroArgument
-from rpctl.description.condense import condense
+from rpctl.description.urdf.findings import condense
+from rpctl.description.xacro.messages import XacroArgument
 from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import Finding
 from rpctl.reference.fitting import too_weak
-from rpctl.robot.facts import facts
+from rpctl.robot.inspection import facts
 from rpctl.robot.model import Robot
 
 SEVERITY_STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import inspect
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-import rpctl
 from rpctl.cli.words import XACRO_OPTION, read_words
-from rpctl.description.argument_messages import XacroArgument
-from rpctl.description.expansion import list_arguments
+from rpctl.description.xacro.expansion import list_arguments
+from rpctl.description.xacro.messages import XacroArgument
 from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
-from rpctl.robot.names import find_source
+from rpctl.files.records import FieldType, Range, setting_of
+from rpctl.robot.load_settings import LoadSettings
+from rpctl.robot.sources import find_source
+
+if TYPE_CHECKING:
+    from rpctl.robot.model import Robot
 
 FROM_FILE = "file"  # of --armature: what the transmissions say
 MAX_WORD = 40  # characters of a name in that of a folder: at most 160 of its 255 bytes
@@ -58,41 +63,41 @@ JsonOption = Annotated[
 ]
 
 
-SizeOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="M",
-        help="Of a named reference, m: radius of the circle, half the length of eight and "
-        "waypoints, half the side of the square, length of the line; as fits the robot if not "
-        "given.",
-    ),
-]
-SpeedOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="M_PER_S",
-        help="Largest speed along a named reference, m/s (of a spin, rad/s); half of what the "
-        "robot's limits allow, or less, if not given.",
-    ),
-]
-LapsOption = Annotated[
-    float | None,
-    typer.Option(metavar="N", help="How many times circle, eight or spin; 1 if not given."),
-]
-SmoothOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="METRES|auto",
-        help="Smooth the rows of a CSV: by at most so much, root mean square, or by as much as "
-        "their noise asks for.",
-    ),
-]
-RetimeOption = Annotated[
-    bool | None,
-    typer.Option(
-        "--retime", help="Slow a CSV down where it asks more than the robot's limits allow."
-    ),
-]
+@dataclass(frozen=True)
+class FieldOptions:
+    """Options made of the fields of a record; a mapping holds those that are given, by field.
+
+    Attributes:
+        kind: The record's class.
+        names: Of the fields.
+        flags: Names of options that are not their fields', by field.
+    """
+
+    kind: Any
+    names: tuple[str, ...]
+    flags: Mapping[str, str] = field(default_factory=dict)
+
+    def parameters(self) -> list[inspect.Parameter]:
+        """Return the options as parameters of a command, None where they are not given."""
+        return [self._parameter(setting_of(self.kind, name)) for name in self.names]
+
+    def _parameter(self, item: FieldType) -> inspect.Parameter:
+        whole = item.type is int and isinstance(item.limit, Range)
+        flag = f"--{item.name.replace('_', '-')}"
+        option = typer.Option(
+            self.flags.get(item.name, flag),
+            metavar=item.setting.metavar or None,
+            help=item.setting.help,
+            min=item.limit.low if whole and isinstance(item.limit, Range) else None,
+        )
+        # words that the command reads itself: a triple, or a number or a word
+        kind = next((k for k in (float, int, bool) if item.type in (k, k | None)), str)
+        hint = Annotated[kind | None, option]  # type: ignore[valid-type]
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        return inspect.Parameter(item.name, keyword, default=None, annotation=hint)
+
+
+REFERENCE_FIELDS = ("size", "speed", "laps", "smooth", "retime")  # of RunSettings
 
 
 @dataclass(frozen=True)
@@ -167,32 +172,38 @@ class LoadOptions:
         Raises:
             RpctlError: An option is wrong, or there is no such robot.
         """
-        found, words = find_source(source), read_words(self.xacro_args)
-        ignore = self.ignore_missing_packages
-        return list_arguments(
-            found.path, found.read_settings(self.package_dir or (), words, ignore)
-        )
+        place = find_source(source)
+        return list_arguments(place.path, place.read_settings(self.settings()))
 
-    def load(self, source: str) -> rpctl.Robot:
+    def load(self, source: str) -> Robot:
         """Load the robot that is called ``source``.
 
         Raises:
             RpctlError: An option is wrong, or the robot cannot be loaded.
         """
-        return rpctl.load(
-            source,
-            self.drive,
-            _positions(self.lock),
-            self.density,
-            self.end_effector,
-            self.strict,
-            self.package_dir or (),
-            read_words(self.xacro_args),
-            self.ignore_missing_packages,
-            self.home,
-            self.free or (),
-            not self.no_losses,
-            _armature(self.armature),
+        from rpctl.robot.load import load_robot  # it takes its time
+
+        return load_robot(source, self.settings())
+
+    def settings(self) -> LoadSettings:
+        """Return what they say of a robot.
+
+        Raises:
+            RpctlError: An option is wrong.
+        """
+        return LoadSettings(
+            drive=self.drive,
+            lock=_positions(self.lock),
+            density=self.density,
+            end_effector=self.end_effector,
+            strict=self.strict,
+            package_dirs=tuple(self.package_dir or ()),
+            xacro_args=read_words(self.xacro_args),
+            ignore_missing_packages=self.ignore_missing_packages,
+            home=tuple(self.home or ()),
+            free=tuple(self.free or ()),
+            losses=not self.no_losses,
+            armature=_armature(self.armature),
         )
 
     def words(self) -> list[str]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from rpctl.cli.terminal import console, escape, new_table
+from rpctl.equivalence.check import Check, Skipped
 from rpctl.equivalence.contact.record import Gap
-from rpctl.equivalence.row import Check, Skipped
 
 MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,8 +17,7 @@ from rpctl.cli.streams import print_json, say
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.engines.comparison import EngineGap
-from rpctl.engines.engine import Engine
-from rpctl.engines.installed import ENGINES, installed_engines
+from rpctl.engines.engine import ENGINES, Engine, installed_engines
 from rpctl.engines.referee import DURATION_S, EngineVerdict, Referee
 from rpctl.engines.words import line, turn_line, verdict_to_dict
 from rpctl.errors import RpctlError
@@ -27,28 +27,36 @@ from rpctl.robot.catalog import ENTRIES
 SMALL_UNITS = {"m": ("mm", 1e3), "rad": ("°", 180.0 / math.pi)}
 
 
+@dataclass(frozen=True)
+class RefereeOptions:
+    """What drives in which engines, and how."""
+
+    catalogue: Annotated[
+        bool, typer.Option("--catalogue", help="All wheeled robots of the catalogue.")
+    ] = False
+    engines: Annotated[
+        str, typer.Option(metavar="NAME,...", help=f"{', '.join(ENGINES)}; all by default.")
+    ] = ""
+    friction: Annotated[
+        float, typer.Option(help="Coefficient of the ground, where an engine's own is mended.")
+    ] = FRICTION
+    duration: Annotated[float, typer.Option(help="How long the robot drives, s.")] = DURATION_S
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a page: all engines' robots on one timeline."),
+    ] = None
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes for several robots; as many as processors.")
+    ] = os.cpu_count() or 1
+
+
 def referee_command(
+    *,
     options: LoadOptions,
     robots: Annotated[
         list[str] | None, typer.Argument(metavar="[ROBOT]...", help="Robots, as for inspect.")
     ] = None,
-    catalogue: Annotated[
-        bool, typer.Option("--catalogue", help="All wheeled robots of the catalogue.")
-    ] = False,
-    engines: Annotated[
-        str, typer.Option(metavar="NAME,...", help=f"{', '.join(ENGINES)}; all by default.")
-    ] = "",
-    friction: Annotated[
-        float, typer.Option(help="Coefficient of the ground, where an engine's own is mended.")
-    ] = FRICTION,
-    duration: Annotated[float, typer.Option(help="How long the robot drives, s.")] = DURATION_S,
-    html: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write a page: all engines' robots on one timeline."),
-    ] = None,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Processes for several robots; as many as processors.")
-    ] = os.cpu_count() or 1,
+    settings: RefereeOptions,
     as_json: JsonOption = False,
 ) -> None:
     """Drive a robot in other simulators as in the model, and tell why they disagree.
@@ -57,23 +65,23 @@ def referee_command(
     installed, with its own defaults. Exit 1 if a disagreement could not be traced to its causes.
     """
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
-    names = _robots(robots or [], catalogue)
-    if html is not None:
-        require_writable(html)
+    names = _robots(robots or [], settings.catalogue)
+    if settings.html is not None:
+        require_writable(settings.html)
         if len(names) > 1:
             raise RpctlError("--html shows one robot; give one")
-    found, missing = installed_engines(split_names(engines))
+    found, missing = installed_engines(split_names(settings.engines))
     for sentence in missing:
         say(f"left out: {sentence}", err=True)
     if not found:
         raise RpctlError("no engine is installed to compare with; pip install 'rpctl[mujoco]'")
-    motion, whole = (friction, duration), True
+    motion, whole = (settings.friction, settings.duration), True
     judged: dict[str, tuple[EngineVerdict, ...]] = {}
     refused: dict[str, RpctlError] = {}
     if len(names) == 1:
-        judged[names[0]] = _judge(names[0], options, found, motion, html)
+        judged[names[0]] = _judge(names[0], options, found, motion, settings.html)
     else:
-        league = play_league(names, found, options, motion, workers, as_json=as_json)
+        league = play_league(names, found, options, motion, settings.workers, as_json=as_json)
         judged, refused, whole = league.judged, league.refused, league.whole
     if as_json:
         print_json(_to_dict(judged, refused, missing))

@@ -10,11 +10,11 @@ from rpctl.cli.options import IgnoreOption, JsonOption, PackageDirOption, XacroA
 from rpctl.cli.streams import print_document, print_json, say
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.cli.words import read_words
-from rpctl.description.expansion import expand
+from rpctl.description.xacro.expansion import expand
 from rpctl.errors import format_finding
 from rpctl.robot.catalog import ENTRIES, Entry
-from rpctl.robot.names import find_source
-from rpctl.robot.robot_descriptions import PACKAGE, PublicRobot, cache_folder, list_robots
+from rpctl.robot.load_settings import LoadSettings
+from rpctl.robot.sources import PACKAGE, PublicRobot, cache_folder, find_source, list_robots
 
 
 def expand_command(
@@ -29,8 +29,12 @@ def expand_command(
 ) -> None:
     """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
     found = find_source(robot)
-    settings = found.read_settings(package_dir or (), read_words(words), ignore_missing_packages)
-    expansion = expand(found.path, settings)
+    settings = LoadSettings(
+        package_dirs=tuple(package_dir or ()),
+        xacro_args=read_words(words),
+        ignore_missing_packages=ignore_missing_packages,
+    )
+    expansion = expand(found.path, found.read_settings(settings))
     for finding in expansion.findings:
         say(format_finding(str(found.path), finding), err=True)
     if as_json:

@@ -25,21 +25,31 @@ from rpctl.cli.terminal import progress_bar
 from rpctl.engines.engine import EngineMissing
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.errors import UnknownNameError, require_positive
-from rpctl.files.together import write_together
-from rpctl.files.writing import require_writable, to_json
+from rpctl.files.writing import require_writable, to_json, write_together
 from rpctl.libraries import library
-from rpctl.reference.robot_length import robot_length
+from rpctl.reference.sizing import robot_length
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import RunSettings
-from rpctl.simulation.plant import SIMULATED
-from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
-from rpctl.study.scenarios import LawPair, controllers
-from rpctl.study.stress.battery import DURATION, Battery, default_pair, default_pairs, extremes
-from rpctl.study.stress.ladders import CONTACT, STRESSES, stresses_by_name
-from rpctl.study.stress.report import StressReport
-from rpctl.study.stress.run import run_battery, write_worst
-from rpctl.study.stress.table import report_csv
-from rpctl.study.stress.verdict import TOLERANCE_RATIO
+from rpctl.simulation.plants.plant import SIMULATED
+from rpctl.study.compare import LawPair, controllers
+from rpctl.study.executor import executor_for
+from rpctl.study.stress_battery import (
+    CONTACT,
+    DURATION,
+    STRESSES,
+    Battery,
+    default_pair,
+    default_pairs,
+    run_battery,
+    stresses_by_name,
+)
+from rpctl.study.stress_report import (
+    TOLERANCE_RATIO,
+    StressReport,
+    report_csv,
+    report_of,
+    write_worst,
+)
 
 FILES = ("stress.json", "stress.csv", "envelope.png")
 PICTURE = "rpctl.view.plots.stress"
@@ -106,7 +116,7 @@ class BatteryOptions:
             robot,
             _laws(robot, split_names(self.laws)) or (own[:2] if self.quick else own),
             _plants(split_names(self.plants)) or _default_plants(robot, self.quick),
-            tuple(map(extremes, stresses)) if self.quick else stresses,
+            tuple(each.extremes() for each in stresses) if self.quick else stresses,
             RunSettings(self.reference, self.duration),
             self.seed,
             combinations if self.combinations is None else self.combinations,
@@ -189,14 +199,14 @@ def stress_command(
     folder = out or default_folder(loaded.name, "stress")
     for name in FILES:
         require_writable(folder / name, makes_folder=True)
-    executor: Executor = SerialExecutor() if workers == 1 else ProcessExecutor(workers)
     words = [robot, *options.words()]
     with (
-        executor,
+        executor_for(workers) as executor,
         kept_told(folder, _again(words, selection, tolerance, folder)),
         progress_bar("stress", f"{len(battery.cells)} runs") as advance,
     ):
-        report = run_battery(battery, folder, bound, executor, advance, resume)
+        figures = run_battery(battery, folder, executor, advance, resume)
+    report = report_of(battery, figures, bound)
     worst = write_files(report, folder)
     if as_json:
         print_json(report.to_dict())

@@ -11,9 +11,18 @@ from rich.console import Console
 from rich.table import Table
 
 from rpctl.cli.terminal import console, escape, new_table
-from rpctl.study.scenarios import LawPair
-from rpctl.study.stress.report import StressReport, StressRow
-from rpctl.study.stress.verdict import DEGRADE, FAIL, PASS, REFUSED, VERDICTS, error_text, rule
+from rpctl.study.compare import LawPair
+from rpctl.study.stress_battery import REFUSED
+from rpctl.study.stress_report import (
+    DEGRADE,
+    FAIL,
+    PASS,
+    VERDICTS,
+    StressReport,
+    StressRow,
+    error_text,
+    rule,
+)
 from rpctl.study.study_result import replay_command
 
 WIDTH = 100  # characters

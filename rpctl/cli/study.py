@@ -19,10 +19,10 @@ from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, to_json, write_atomically
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
-from rpctl.simulation.backend import BACKENDS
+from rpctl.simulation.loop.backend import BACKENDS
 from rpctl.study.cluster import DaskExecutor
-from rpctl.study.executor import Executor, ProcessExecutor, SerialExecutor
-from rpctl.study.extras import parquet, salib
+from rpctl.study.design import extra
+from rpctl.study.executor import Executor, executor_for
 from rpctl.study.merits import REFUSED
 from rpctl.study.optimise import optimise
 from rpctl.study.store import RUNS_FILE
@@ -74,7 +74,7 @@ class StudyOptions:
         """Return what runs the chunks."""
         if self.scheduler is not None:
             return DaskExecutor(self.scheduler, tell=lambda text: say(text, err=True))
-        return SerialExecutor() if self.workers == 1 else ProcessExecutor(self.workers)
+        return executor_for(self.workers)
 
 
 def study_command(
@@ -103,12 +103,12 @@ def study_command(
         return
     if file is None:
         raise RpctlError("give a study file; `rpctl study ROBOT --template` prints one")
-    parquet()  # told before any run
+    extra("pyarrow.parquet")  # told before any run
     words = [robot, *options.words()]
     study = read_study(file, loaded, settings.backend)
     study = replace(study, command=join(["rpctl", "track", *words]))
     if study.design.kind in ("sobol", "morris"):
-        salib("util")
+        extra("SALib.util")
     folder = settings.out or default_folder(loaded.name, file.stem)
     again = join(["rpctl", "study", *words, str(file), "--out", str(folder), "--resume"])
     again += " --optimize" * settings.optimize

@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 
 from rpctl.cli.terminal import console, escape, new_table
-from rpctl.study.optimum_words import BETTER, optimum_sentence, statistic_words
+from rpctl.study.optimise import BETTER, optimum_sentence, statistic_words
 from rpctl.study.sensitivity import Sensitivity, importances
 from rpctl.study.statistics import Interval
 from rpctl.study.study_result import StudyResult, replay_command

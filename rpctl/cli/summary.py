@@ -13,14 +13,14 @@ from rich.table import Table
 from rpctl.cli.terminal import console, escape, format_limit, new_table
 from rpctl.errors import RpctlError
 from rpctl.reference.sizing import Sizing
-from rpctl.simulation.collision_facts import clearance_text, collision_texts
-from rpctl.simulation.outcome import LATE, TRACKED
-from rpctl.simulation.path_error import PathFigures
-from rpctl.simulation.summary import EffortPeak, Summary
-from rpctl.simulation.texts import lag
+from rpctl.simulation.merits.collision_facts import clearance_text, collision_texts
+from rpctl.simulation.merits.outcome import LATE, TRACKED
+from rpctl.simulation.merits.path_error import PathFigures
+from rpctl.simulation.merits.summary import EffortPeak, Summary
+from rpctl.simulation.merits.texts import lag
 
 if TYPE_CHECKING:
-    from rpctl.reference.recording import Recording
+    from rpctl.reference.recorded.recording import Recording
     from rpctl.view.run_folder import RunFolder
 
 

@@ -15,20 +15,20 @@ from rpctl.cli.streams import print_json
 from rpctl.cli.summary import show_recording, show_sizing, show_summary
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.track_options import ConfigOptions, ResultOptions
-from rpctl.cli.verify import certificate_line, certify
+from rpctl.cli.verify import VerifyOptions, certificate_line, certify
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
 from rpctl.reference.fitting import too_weak
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, is_goal
 from rpctl.robot.model import Robot
-from rpctl.simulation.budget import Budget
 from rpctl.simulation.config import Config, write_config
-from rpctl.simulation.expectation import expect
-from rpctl.simulation.loop import default_duration, require_affordable, simulate
-from rpctl.simulation.periods import whole_periods
-from rpctl.simulation.run import Run
-from rpctl.simulation.spool import PART_FOLDER, Spool
+from rpctl.simulation.loop.budget import Budget
+from rpctl.simulation.loop.periods import whole_periods
+from rpctl.simulation.loop.track import default_duration, require_affordable, simulate
+from rpctl.simulation.merits.expectation import expect
+from rpctl.simulation.run.part import PART_FOLDER, PartWriter
+from rpctl.simulation.run.run import Run
 
 if TYPE_CHECKING:
     from rpctl.view.run_folder import RunFolder
@@ -56,7 +56,7 @@ def track_command(
     config = settings.with_plant(config, loaded)
     reference = config.run.load_reference(loaded, results.collisions)
     if settings.save_config is not None:
-        write_config(config, settings.save_config)
+        write_config(config, settings.save_config, schema=True)
     folder = results.out or default_folder(loaded.name, reference_label(config.run.reference))
     results.require_possible(folder)
     output = console(stderr=as_json)
@@ -69,7 +69,9 @@ def track_command(
     if weak and getattr(reference, "sizing", None) is None:  # a sizing says it itself
         output.print(f"[yellow]note[/] {escape(weak)}")
     budget = require_affordable(loaded, config, reference)
-    certificate = certify(loaded, samples, 0, [], options.strict) if samples else None
+    certificate = None
+    if samples:
+        certificate = certify(loaded, VerifyOptions(samples, engines="none"), options.strict)
     if certificate is not None:
         output.print(certificate_line(certificate))
     task = _Task(loaded, config, reference, certificate, budget)
@@ -97,49 +99,49 @@ def _simulate(
     task: _Task, results: ResultOptions, folder: Path, say: Callable[[str], object]
 ) -> RunFolder:
     """Simulate and write; what ends it early, Ctrl-C or an error, leaves the run so far."""
-    with Spool(folder / PART_FOLDER) as spool, _live_page(task, results.live, say) as page:
+    with PartWriter(folder / PART_FOLDER) as part, _live_page(task, results.live, say) as page:
         ended: list[Run] = []
         try:
             with progress_bar("simulate", task.budget.brief) as advance:
                 run = simulate(
                     task.robot, task.config, task.reference, task.certificate,
-                    advance, page, ended.append, spool, results.collisions, results.backend,
+                    advance, page, ended.append, part, results.collisions, results.backend,
                 )  # fmt: skip
         except BaseException:
             if ended:
                 if page is not None:
                     page.end("Ended")
-                written = _write(ended[0], page, results, folder, spool)
+                written = _write(ended[0], page, results, folder, part)
                 note = escape(ended[0].notes[-1])
                 console(stderr=True).print(f"{note}: [bold]{escape(str(written.report))}[/]")
             raise
         if page is not None:
             page.end("Simulated")
         if results.perturbs(task.config):
-            with _part_told(spool):
+            with _part_told(part):
                 run = _with_expectation(run, task)
-        return _write(run, page, results, folder, spool)
+        return _write(run, page, results, folder, part)
 
 
 def _write(
-    run: Run, page: Broadcast | None, results: ResultOptions, folder: Path, spool: Spool
+    run: Run, page: Broadcast | None, results: ResultOptions, folder: Path, part: PartWriter
 ) -> RunFolder:
     """Write the files of a run and show them to who watched it; its part is removed then."""
-    with _part_told(spool):
+    with _part_told(part):
         written = results.write(run, folder)
-    spool.remove()
+    part.remove()
     if page is not None:
         page.finish(written.report)
     return written
 
 
 @contextmanager
-def _part_told(spool: Spool) -> Iterator[None]:
+def _part_told(part: PartWriter) -> Iterator[None]:
     """Say where the samples are if something keeps the run from being written."""
     try:
         yield
     except BaseException:
-        where = escape(str(spool.folder))
+        where = escape(str(part.folder))
         console(stderr=True).print(f"what was simulated is kept: [bold]{where}[/]")
         raise
 
@@ -162,7 +164,7 @@ def _live_page(
     """Serve the page that shows the simulation while it runs, if it is wanted."""
     if not wanted:
         return nullcontext()
-    from rpctl.simulation.obstacles import find_obstacles
+    from rpctl.simulation.merits.obstacles import find_obstacles
     from rpctl.view.serve.live import broadcast
 
     settings = task.config.run

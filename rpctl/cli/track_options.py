@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpctl.cli.options import (
-    LapsOption,
-    RetimeOption,
-    SizeOption,
-    SmoothOption,
-    SpeedOption,
-    read_triple,
-)
+from rpctl.cli.options import REFERENCE_FIELDS, FieldOptions, read_triple
 from rpctl.cli.terminal import progress_bar
 from rpctl.control.registry import KINEMATIC_LAWS
-from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.control.velocity_output import VelocityOutput
 from rpctl.errors import RpctlError
+from rpctl.files.records import Plain
 from rpctl.files.writing import require_writable
 from rpctl.reference.pose_goal import goal_of_words
-from rpctl.reference.smooth_wish import read_smoothing
+from rpctl.reference.sizing import read_smoothing
 from rpctl.robot.model import Robot
-from rpctl.simulation.backend import BACKENDS, require_backend
-from rpctl.simulation.config import Config, read_config
-from rpctl.simulation.plant import Plant
-from rpctl.simulation.plants.named import PLANTS, plant_by_name
-from rpctl.simulation.run import Run
+from rpctl.simulation.config import Config, RunSettings, read_config
+from rpctl.simulation.loop.backend import BACKENDS, require_backend
+from rpctl.simulation.plants.plant import Plant
+from rpctl.simulation.plants.starting import PLANTS, plant_by_name
+from rpctl.simulation.run.run import Run
 
 if TYPE_CHECKING:
     from rpctl.view.run_folder import RunFolder
@@ -38,14 +32,7 @@ if TYPE_CHECKING:
 class ConfigOptions:
     """The options that choose laws, reference and circumstances of a run."""
 
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
-            help="Path of the base or of the end effector: a name, a path file (TOML), or "
-            "time-stamped poses (CSV); eight if not given.",
-        ),
-    ] = None
+    named: Annotated[Plain, FieldOptions(RunSettings, ("reference",))] = field(default_factory=dict)
     goal: Annotated[
         str | None,
         typer.Option(
@@ -60,31 +47,10 @@ class ConfigOptions:
             help="Where a joint of the arm is to be in the end, rad or m. Repeatable.",
         ),
     ] = None
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S", help="How long, s; as long as the laps take or the reference moves, or 20."
-        ),
-    ] = None
-    size: SizeOption = None
-    speed: SpeedOption = None
-    laps: LapsOption = None
-    smooth: SmoothOption = None
-    retime: RetimeOption = None
-    initial_error: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,THETA",
-            help="Tracking error at the start: how far the reference is ahead and to the left of "
-            "the robot (m) and turned from it (rad); none if not given.",
-        ),
-    ] = None
-    log_every: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="Log one sample of N, and the last; all if not given."
-        ),
-    ] = None
+    run: Annotated[
+        Plain,
+        FieldOptions(RunSettings, ("duration", *REFERENCE_FIELDS, "initial_error", "log_every")),
+    ] = field(default_factory=dict)
     kinematic: Annotated[
         str | None,
         typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law; unified if not given."),
@@ -101,16 +67,10 @@ class ConfigOptions:
             "efforts if not given.",
         ),
     ] = None
-    actuator_lag: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S", help="Lag of first order with which it follows speeds, s; 0 if not given."
-        ),
-    ] = None
-    dead_time: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="Time until it begins to follow them, s; 0 if not given."),
-    ] = None
+    late: Annotated[
+        Plain,
+        FieldOptions(VelocityOutput, ("lag", "dead_time"), {"lag": "--actuator-lag"}),
+    ] = field(default_factory=dict)
     plant: Annotated[
         str | None,
         typer.Option(
@@ -120,13 +80,7 @@ class ConfigOptions:
             "configuration says if not given.",
         ),
     ] = None
-    friction: Annotated[
-        float | None,
-        typer.Option(
-            help="Friction coefficient of the wheels: where they can slip, and to tell if they "
-            f"would; {FRICTION:g} if not given."
-        ),
-    ] = None
+    grip: Annotated[Plain, FieldOptions(RunSettings, ("friction",))] = field(default_factory=dict)
     config: Annotated[
         Path | None,
         typer.Option(
@@ -151,22 +105,13 @@ class ConfigOptions:
         Raises:
             RpctlError: An option is wrong, or the file cannot be read.
         """
-        error = None if self.initial_error is None else read_triple(self.initial_error)
         config = Config() if self.config is None else read_config(self.config)
-        config = config.with_output(self.output, self.actuator_lag, self.dead_time)
+        config = config.with_output(self.output, **self.late)
         config = config.with_laws(self.kinematic, self.dynamic).with_bandwidth(self.bandwidth)
-        return config.with_run(
-            reference=self._reference(),
-            duration=self.duration,
-            initial_error=error,
-            friction=self.friction,
-            size=self.size,
-            speed=self.speed,
-            laps=self.laps,
-            log_every=self.log_every,
-            smooth=read_smoothing(self.smooth),
-            retime=self.retime,
-        )
+        run = {**self.run, **self.grip, "reference": self._reference()}
+        if "initial_error" in run:
+            run["initial_error"] = read_triple(run["initial_error"])
+        return config.with_run(**{**run, "smooth": read_smoothing(run.get("smooth"))})
 
     def with_plant(self, config: Config, robot: Robot) -> Config:
         """Return a configuration whose plant is the one that is asked for.
@@ -184,8 +129,8 @@ class ConfigOptions:
 
     def _reference(self) -> str | None:
         if self.goal is None and not self.arm_goal:
-            return self.reference
-        if self.reference is not None:
+            return self.named.get("reference")
+        if self.named:
             raise RpctlError("--goal and --arm-goal are a reference themselves; omit --reference")
         return goal_of_words(self.goal, self.arm_goal or ())
 
@@ -214,7 +159,7 @@ class ResultOptions:
         bool,
         typer.Option(
             "--single",
-            help="Write the run's numbers in single precision, 7 digits, in half of the room.",
+            help="Write places in single precision, too: 7 digits of all but the time.",
         ),
     ] = False
     perturbed: Annotated[
@@ -258,7 +203,7 @@ class ResultOptions:
         for name in (RUN_FILE, SUMMARY_FILE, FIGURE_FILE, REPORT_FILE):
             require_writable(folder / name, makes_folder=True)
         if self.png:
-            from rpctl.view.film.browser import require_browser
+            from rpctl.view.film import require_browser
 
             require_browser()
 
@@ -271,7 +216,7 @@ class ResultOptions:
                 run, folder, self.max_megabytes, "single" if self.single else "double"
             )
             if self.png:
-                from rpctl.view.film.film import SCENE_FILE, write_still
+                from rpctl.view.film import SCENE_FILE, write_still
 
                 write_still(replace(run, digest=written.digest), folder / SCENE_FILE)
         return written

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -14,8 +15,8 @@ from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgume
 from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.check import CONTACT_ORACLE
 from rpctl.equivalence.contact.record import ContactTrial
-from rpctl.equivalence.row import CONTACT_ORACLE
 from rpctl.equivalence.verify import verify
 from rpctl.files.writing import require_writable
 from rpctl.robot.model import Robot
@@ -23,40 +24,45 @@ from rpctl.robot.model import Robot
 MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
 
 
-def verify_command(
-    robot: RobotArgument,
-    options: LoadOptions,
-    samples: Annotated[int, typer.Option(min=1, help="Number of random states.")] = 100,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random states.")] = 0,
+@dataclass(frozen=True)
+class VerifyOptions:
+    """How thoroughly a robot is verified."""
+
+    samples: Annotated[int, typer.Option(min=1, help="Number of random states.")] = 100
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random states.")] = 0
     engines: Annotated[
         str,
         typer.Option(metavar="mujoco|none", help="Other physics engines that take part."),
-    ] = "mujoco",
+    ] = "mujoco"
     contact: Annotated[
         bool,
         typer.Option("--contact", help="Let it roll on a plane, too, as a free body in MuJoCo."),
-    ] = False,
+    ] = False
     onset: Annotated[
         bool,
         typer.Option("--onset", help="Let it slip and tip there, too, and when was predicted."),
-    ] = False,
+    ] = False
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the certificate as a page, too.")
-    ] = None,
+    ] = None
+
+
+def verify_command(
+    *,
+    robot: RobotArgument,
+    options: LoadOptions,
+    settings: VerifyOptions,
     as_json: JsonOption = False,
 ) -> None:
     """Compare independent derivations of a robot's dynamics; exit 1 if they disagree."""
-    if html is not None:
-        require_writable(html)
+    if settings.html is not None:
+        require_writable(settings.html)
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
-    wanted = [] if engines == "none" else engines.split(",")
-    certificate = certify(
-        options.load(robot), samples, seed, wanted, options.strict, contact, onset
-    )
-    if html is not None:
+    certificate = certify(options.load(robot), settings, options.strict)
+    if settings.html is not None:
         from rpctl.view.pages.certificate import write_certificate
 
-        write_certificate(certificate, html)
+        write_certificate(certificate, settings.html)
     if as_json:
         print_json(certificate.to_dict())
     else:
@@ -65,36 +71,26 @@ def verify_command(
         raise typer.Exit(CHECK_FAILED)
 
 
-def certify(
-    robot: Robot,
-    samples: int,
-    seed: int,
-    engines: list[str],
-    strict: bool = False,
-    contact: bool = False,
-    onset: bool = False,
-) -> Certificate:
+def certify(robot: Robot, settings: VerifyOptions, strict: bool = False) -> Certificate:
     """Verify a robot, with a bar on a terminal.
 
     Args:
         robot: The robot.
-        samples: Number of random states.
-        seed: Their seed.
-        engines: Other physics engines that take part.
+        settings: How thoroughly.
         strict: Whether declared numbers that the shapes contradict fail.
-        contact: Whether the robot is to roll on a plane, too.
-        onset: Whether it is to slip and to tip there, too.
     """
+    engines = [] if settings.engines == "none" else settings.engines.split(",")
+    samples = settings.samples
     with progress_bar("verify") as advance:
         return verify(
             robot,
             samples,
-            seed,
+            settings.seed,
             engines,
             lambda done: advance(done, samples),
             strict,
-            contact,
-            onset,
+            settings.contact,
+            settings.onset,
         )
 
 

@@ -44,13 +44,12 @@ class FilmOptions:
         int | None, typer.Option(min=1, max=120, help="Pictures a second; else 30, of a GIF 20.")
     ] = None
 
-    def write(self, what: list[str], package_dirs: Sequence[Path | str], expand: bool) -> bool:
+    def write(self, what: list[str], package_dirs: Sequence[Path | str]) -> bool:
         """Write the picture and the film that are asked for; return whether there are any.
 
         Args:
             what: The run.
             package_dirs: Where its packages or its robot's file lie.
-            expand: Whether a .xacro may be evaluated.
 
         Raises:
             RpctlError: An option lacks another, or ``what`` is not one run.
@@ -65,14 +64,14 @@ class FilmOptions:
             return False
         for path in filter(None, (self.png, self.video)):
             require_writable(path)
-        from rpctl.view.film.film import write_film, write_still
+        from rpctl.view.film import write_film, write_still
         from rpctl.view.pages.report import robot_of
-        from rpctl.view.shown_run import is_run, load_run
+        from rpctl.view.run_folder import is_run, load_run
 
         if len(what) > 1 or not is_run(what[0]):
             raise RpctlError(f"{' '.join(what)} is no run; films and pictures are of one run")
         run, pixels = load_run(Path(what[0]), _note), _read_size(self.size)
-        robot = robot_of(run, package_dirs, expand)
+        robot = robot_of(run, package_dirs)
         if isinstance(robot, RpctlError):
             _note(f"the robot cannot be drawn: {robot}")
         if self.png is not None:
@@ -100,30 +99,23 @@ def view_command(
         Path | None, typer.Option(metavar="FILE", help="Write the page; serve nothing.")
     ] = None,
     film: FilmOptions,
-    expand: Annotated[
-        bool,
-        typer.Option(
-            "--expand",
-            help="Evaluate the .xacro of an older run that does not hold its robot; it is code.",
-        ),
-    ] = False,
 ) -> None:
     """Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play.
 
     Or write the page, a film or a picture. A run is data: showing it evaluates nothing, and folders
     that it names are not used.
     """
-    from rpctl.view.shown_run import is_run
+    from rpctl.view.run_folder import is_run
 
     folders = options.package_dir or ()
-    if film.write(what, folders, expand):
+    if film.write(what, folders):
         return
     if html is not None:
         require_writable(html)
     if len(what) > 1 or is_run(what[0]):
         from rpctl.view.serve.live import serve
 
-        report = _report([Path(each) for each in what], folders, expand)
+        report = _report([Path(each) for each in what], folders)
         _write_or(html, report, lambda: serve(report, _say))
         return
     from rpctl.view.pages.robot_page import robot_page
@@ -134,15 +126,13 @@ def view_command(
     _write_or(html, lambda: robot_page(robot).encode(), lambda: server.run(_say))
 
 
-def _report(
-    runs: Sequence[Path], package_dirs: Sequence[Path | str], expand: bool
-) -> Callable[[], bytes]:
+def _report(runs: Sequence[Path], package_dirs: Sequence[Path | str]) -> Callable[[], bytes]:
     """Return what returns the page of one run or several; it is drawn before."""
-    from rpctl.view.shown_run import RunPage, comparison
+    from rpctl.view.run_folder import RunPage, comparison
 
     if len(runs) == 1:
-        return RunPage(runs[0], package_dirs, expand, _note)
-    page = comparison(runs, package_dirs, expand, _note)
+        return RunPage(runs[0], package_dirs, _note)
+    page = comparison(runs, package_dirs, _note)
     return lambda: page
 
 
@@ -213,7 +203,7 @@ def plot_command(
 ) -> None:
     """Write the figure of a run for a paper: lines and text as PDF, or pixels as PNG."""
     from rpctl.view.plots.figures import save_figure
-    from rpctl.view.shown_run import load_run
+    from rpctl.view.run_folder import load_run
 
     path = out or (run if is_folder(run) else run.parent) / DEFAULT_FIGURE
     if out is None and path.is_symlink():

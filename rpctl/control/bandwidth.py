@@ -54,7 +54,6 @@ def joint_gains(
     The gains are those of the home posture; they do not change during a run.
 
     Args:
-        dynamics: The robot's dynamics, as far as the controller knows them.
         period: Control period T, s.
         delay: Time δ from a measurement to the efforts it leads to, as far as it is known, s.
     """
@@ -87,7 +86,6 @@ def at_bandwidth(law: Any, bandwidth: float) -> Any:
 
     Args:
         law: A kinematic or a dynamic law; one without settings of the joints comes back as it is.
-        bandwidth: Hz.
 
     Raises:
         RpctlError: The bandwidth is not positive.

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+import daqp
 import numpy as np
 from scipy.linalg import null_space
 
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import joint_gains
-from rpctl.control.dynamic import Midpoint, by_velocity, midpoint
+from rpctl.control.dynamic import by_velocity, midpoint
 from rpctl.control.joint_limits import JointBounds, JointLimits
-from rpctl.control.law import Command, Efforts, Limit, Rest
-from rpctl.control.soft_bound_qp import shortest
+from rpctl.control.law import Command, Efforts, Limit, ReportsNothing, Rest
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import UnknownNameError, require_positive
+from rpctl.errors import SolverError, UnknownNameError
+from rpctl.files.records import POSITIVE, Record, Setting
 
+COMPLIANCE = 1e-4  # of x: the square that breaking a soft bound by one is worth; well conditioned
+PRIMAL_TOLERANCE = 1e-9  # of a bound; the solver's own 1e-6 would show in a log
+DAQP_OPTIMAL = 1
 # Default weight of a joint's error relative to the base's 1: a joint at its limit must not make the
 # base drift.
 JOINT_ERROR_WEIGHT = 1e-4
@@ -26,8 +30,52 @@ REST_SPEED_FRACTION = 1e-3  # of the full speed; a slower base has no direction 
 ROUNDING = 1e-12  # N·m or N per unit of acceleration, or a rate per unit of ν: rounding
 
 
+class Solution(NamedTuple):
+    """A minimiser, and how hard each row pulls it: negative multipliers belong to lower bounds."""
+
+    x: Array  # (n,)
+    hard: Array  # (hard rows,)
+    soft: Array  # (soft rows,)
+
+
+def shortest(
+    hard: Array, hard_bounds: tuple[Array, Array], soft: Array, soft_bounds: tuple[Array, Array]
+) -> Solution:
+    """Return the x of least ½|x|² + ½|s|²/COMPLIANCE with s by how much soft bounds are broken.
+
+    Args:
+        hard: Rows (m, n) whose values must stay within ``hard_bounds``.
+        hard_bounds: Lower and upper bounds (m,); infinite ones bind nothing.
+        soft: Rows (k, n) whose values should stay within ``soft_bounds``.
+        soft_bounds: Lower and upper bounds (k,).
+
+    Raises:
+        SolverError: The solver failed; the hard bounds may contradict each other.
+    """
+    n, m, k = hard.shape[1], len(hard), len(soft)
+    rows = np.zeros((m + k, n + k))
+    rows[:m, :n], rows[m:, :n] = hard, soft
+    rows[m:, n:] = np.sqrt(COMPLIANCE) * np.eye(k)
+    lower, upper = (np.concatenate(pair) for pair in zip(hard_bounds, soft_bounds, strict=True))
+    x, _, flag, info = daqp.solve(
+        np.eye(n + k),
+        np.zeros(n + k),
+        rows,
+        upper,
+        lower,
+        np.zeros(m + k, dtype=np.int32),
+        primal_tol=PRIMAL_TOLERANCE,
+    )
+    if flag != DAQP_OPTIMAL:
+        raise SolverError(
+            f"DAQP ended with status {flag} on a quadratic program of {n} unknowns, {m} hard and "
+            f"{k} soft bounds"
+        )
+    return Solution(np.asarray(x)[:n], info["lam"][:m], info["lam"][m:])
+
+
 @dataclass(frozen=True)
-class BoundedDynamic:
+class BoundedDynamic(Record):
     """The predictive law of [MS21, Eq. 21-26] within the limits of the URDF.
 
     It minimises the paper's own cost over the box of effort limits,
@@ -50,30 +98,42 @@ class BoundedDynamic:
 
     Efforts are held for a period, so M and h are those of its middle, see
     :func:`~rpctl.control.dynamic.midpoint`.
-
-    Attributes:
-        horizon_dyn: Prediction time h1 of the base, s.
-        joint_horizon_dyn: Prediction time of the arm's joints, s; None: of each what its bandwidth
-            allows, see :func:`~rpctl.control.bandwidth.joint_gains`.
-        midpoint: Whether M and h are those of the middle of the period, or those of the sample.
-        along: Weight of the base's error along its motion, where one across weighs 1.
-        weights: w′ by name of the quasi-velocity; default 1 for the base's and 1e-4 for joints'.
     """
 
-    horizon_dyn: float = 0.15
-    along: float = 1e-2
-    weights: Mapping[str, float] = field(default_factory=dict)
-    joint_horizon_dyn: float | None = None
-    midpoint: bool = True
-
-    def __post_init__(self) -> None:
-        """Refuse settings that leave the minimum open."""
-        require_positive("horizon_dyn", self.horizon_dyn)
-        if self.joint_horizon_dyn is not None:
-            require_positive("joint_horizon_dyn", self.joint_horizon_dyn)
-        require_positive("along", self.along)
-        for name, weight in self.weights.items():
-            require_positive(f"the weight of {name}", weight)
+    horizon_dyn: Annotated[
+        float, POSITIVE, Setting("s", "Horizon h₁", "Prediction time h1 of the base.")
+    ] = 0.15
+    along: Annotated[
+        float,
+        POSITIVE,
+        Setting("", "", "Weight of the base's error along its motion, where one across weighs 1."),
+    ] = 1e-2
+    weights: Annotated[
+        Mapping[str, float],
+        POSITIVE,
+        Setting(
+            "",
+            "",
+            "w′ by name of the quasi-velocity; 1 for the base's and 1e-4 for joints' if not given.",
+        ),
+    ] = field(default_factory=dict)
+    joint_horizon_dyn: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "s",
+            "Joints' horizon h₁",
+            "Prediction time of the arm's joints; of each what its bandwidth allows if not given.",
+        ),
+    ] = None
+    midpoint: Annotated[
+        bool,
+        Setting(
+            "",
+            "M, h of the period's middle",
+            "Whether M and h are those of the middle of the period, or those of the sample.",
+        ),
+    ] = True
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
@@ -102,12 +162,10 @@ class _Sample(NamedTuple):
     bounds: JointBounds  # on ẍ
 
 
-class BoundedLaw:
+class BoundedLaw(ReportsNothing):
     """:class:`BoundedDynamic` on one robot at one control period.
 
     Args:
-        law: Its settings.
-        dynamics: The robot's dynamics.
         period: Control period, s.
     """
 
@@ -138,41 +196,18 @@ class BoundedLaw:
         ]
         self.root_weights = np.sqrt(weights)
 
-    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
-        """Return τ (n_act,) and the limits that bind.
-
-        Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            command: Command to follow.
-        """
-        return self.efforts(dynamics, q, nu, command, np.zeros_like(nu))
-
-    def report(self) -> dict[str, float]:
-        """Return an empty report."""
-        return {}
-
-    def desired_acceleration(self, nu: Array, command: Command) -> Array:
-        """Return ν̇* (dof,)."""
-        return np.asarray(command.nu_d_dot - (nu - command.nu_d) / self.times)
-
-    def efforts(
+    def __call__(
         self,
         dynamics: ReducedDynamics,
         q: Array,
         nu: Array,
         command: Command,
-        disturbance: Array,
+        disturbance: Array | float = 0.0,
     ) -> Efforts:
-        """Return τ (n_act,) and the limits that bind, for a robot that a disturbance accelerates.
+        """Return τ (n_act,) and the limits that bind.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            command: Command to follow.
-            disturbance: Acceleration ν̇ (dof,) in addition to that of ``dynamics``.
+            disturbance: Acceleration ν̇ (dof,) of the robot in addition to that of ``dynamics``.
         """
         sample = self._sample(dynamics, q, nu, command, disturbance)
         free = (
@@ -184,12 +219,21 @@ class BoundedLaw:
             return Efforts(sample.tau)
         return self._solve_within_limits(sample, self._cost_factor(sample.B, command))
 
+    def desired_acceleration(self, nu: Array, command: Command) -> Array:
+        """Return ν̇* (dof,)."""
+        return np.asarray(command.nu_d_dot - (nu - command.nu_d) / self.times)
+
     def _sample(
-        self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, disturbance: Array
+        self,
+        dynamics: ReducedDynamics,
+        q: Array,
+        nu: Array,
+        command: Command,
+        disturbance: Array | float,
     ) -> _Sample:
         nu_dot = self.desired_acceleration(nu, command)
         rows, drift = self.joints.rows(dynamics, q, nu)
-        middle = self.middle(dynamics, q, nu, command)
+        middle = midpoint(dynamics, q, nu, command, self.held_for)
         force = dynamics.inverse(middle.q, middle.nu, nu_dot - disturbance, middle.nu_d)
         tau = np.asarray(dynamics.efforts(middle.q, force))
         gain = np.asarray(dynamics.efforts(middle.q, dynamics.inertia(middle.q)))
@@ -198,17 +242,6 @@ class BoundedLaw:
         )
         B = dynamics.actuation(middle.q)
         return _Sample(B, tau, gain, rows, rows @ nu_dot + drift, bounds)
-
-    def middle(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Midpoint:
-        """Return the state whose M and h the law takes, that of the middle of the period.
-
-        Args:
-            dynamics: The robot's dynamics.
-            q: Configuration (nq,) at the sample.
-            nu: Quasi-velocities (dof,) at the sample.
-            command: Command to follow.
-        """
-        return midpoint(dynamics, q, nu, command, self.held_for)
 
     def _max_accelerations(
         self, holding_efforts: Array, gain: Array, rows: Array
@@ -220,7 +253,6 @@ class BoundedLaw:
         Args:
             holding_efforts: Efforts at zero acceleration (n_act,).
             gain: Derivative of the efforts by ν̇ (n_act, dof).
-            rows: Rows of S of the limited joints (k, dof).
         """
         cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), ROUNDING))  # (n_act, k)
         size = np.maximum(np.abs(cost), ROUNDING)
@@ -247,7 +279,6 @@ class BoundedLaw:
         joint's bound is the base's h1 times an acceleration, divided by the joint's full speed.
 
         Args:
-            sample: Terms of the QP.
             T: Factor of the cost (dof, dof).
         """
         B, box, unit, h1 = sample.B, self.effort_limits, self._unit, self._law.horizon_dyn

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import USUAL_PERIOD
-from rpctl.control.law import Command, Rest
+from rpctl.control.law import Command, ReportsNothing, Rest
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import require_positive
+from rpctl.files.records import POSITIVE, Record, Setting
 
 
 @dataclass(frozen=True)
-class PaperDynamic:
+class PaperDynamic(Record):
     """The predictive law of [MS21, Eq. 21-26].
 
     The velocity errors ε = ν − ν_d, predicted to first order over the horizon h1, minimise
@@ -28,23 +28,29 @@ class PaperDynamic:
     so that ε̇ = −ε/h1. The paper's robot loses nothing, ℓ = 0. Where a joint does, it is compensated
     at the speed it is wanted to have: what is left, ℓ(ν) − ℓ(ν_d), brakes the error, and friction
     does not follow the sign of a measurement that is noise.
-
-    Attributes:
-        horizon_dyn: Prediction time h1, s.
-        joint_horizon_dyn: Prediction time of the arm's joints, s; None: h1, as published.
-        midpoint: Whether M and h are those of the middle of the period, see :func:`midpoint`; the
-            paper, in continuous time, has those of the sample.
     """
 
-    horizon_dyn: float = 0.15
-    joint_horizon_dyn: float | None = None
-    midpoint: bool = False
-
-    def __post_init__(self) -> None:
-        """Refuse a horizon that predicts nothing."""
-        require_positive("horizon_dyn", self.horizon_dyn)
-        if self.joint_horizon_dyn is not None:
-            require_positive("joint_horizon_dyn", self.joint_horizon_dyn)
+    horizon_dyn: Annotated[float, POSITIVE, Setting("s", "Horizon h₁", "Prediction time h1.")] = (
+        0.15
+    )
+    joint_horizon_dyn: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "s",
+            "Joints' horizon h₁",
+            "Prediction time of the arm's joints; h1, as published, if not given.",
+        ),
+    ] = None
+    midpoint: Annotated[
+        bool,
+        Setting(
+            "",
+            "M, h of the period's middle",
+            "Whether M and h are those of the middle of the period, or those of the sample, as "
+            "published.",
+        ),
+    ] = False
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
@@ -74,7 +80,7 @@ class PaperDynamic:
         return self.start(dynamics, USUAL_PERIOD)(dynamics, q, nu, command)
 
 
-class PaperDynamicController:
+class PaperDynamicController(ReportsNothing):
     """:class:`PaperDynamic` on one robot.
 
     Args:
@@ -86,22 +92,11 @@ class PaperDynamicController:
         self.times, self.held_for = times, period
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
-        """Return τ (n_act,).
-
-        Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            command: Command to follow.
-        """
+        """Return τ (n_act,)."""
         nu_dot = command.nu_d_dot - (nu - command.nu_d) / self.times
         middle = midpoint(dynamics, q, nu, command, self.held_for)
         force = dynamics.inverse(middle.q, middle.nu, nu_dot, middle.nu_d)
         return np.asarray(dynamics.efforts(middle.q, force))
-
-    def report(self) -> dict[str, float]:
-        """Return an empty report."""
-        return {}
 
 
 class Midpoint(NamedTuple):
@@ -126,10 +121,6 @@ def midpoint(
     limits bind, it is what the robot does not do.
 
     Args:
-        dynamics: The robot's dynamics.
-        q: Configuration (nq,) at the sample.
-        nu: Quasi-velocities (dof,) at the sample.
-        command: What it follows.
         period: T, s; 0 returns the state of the sample.
     """
     if period == 0.0:
@@ -144,8 +135,6 @@ def by_velocity(dynamics: ReducedDynamics, base: float, joints: Array) -> Array:
     """Return a setting by quasi-velocity (dof,).
 
     Args:
-        dynamics: The robot's dynamics.
-        base: That of the base's.
         joints: Those of the arm's joints (n_joints,).
     """
     return np.concatenate([np.full(dynamics.robot.dof - len(joints), base), joints])

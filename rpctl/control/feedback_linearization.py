@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
 from rpctl.control.approach import Approach
-from rpctl.control.error import Tracking
-from rpctl.control.leash import Leash
-from rpctl.control.twist import Twist
+from rpctl.control.error import Leash, Tracking, Twist
 from rpctl.control.twist_law import BaseLaw
-from rpctl.errors import UnfitLawError, require_positive
+from rpctl.errors import UnfitLawError
+from rpctl.files.records import POSITIVE, Setting
 from rpctl.reference.motion import ReferenceState
 
 SPIN_RADIUS = 1e-6  # m; a reference that turns about a point nearer than this spins
@@ -39,28 +39,20 @@ class FeedbackLinearization(BaseLaw):
 
     ω̇_d contains v̈_r sin x3/v. A reference does not give v̈_r: it is taken from the direction, which
     is exact while the pace is steady; what a soft start adds is left out.
-
-    Attributes:
-        horizon: Prediction time of the arm and of an omnidirectional base, s.
-        kp: Gain of the position error, 1/s².
-        kd: Gain of its rate, 1/s.
-        slowest: v₀, m/s: from this speed on the law is exact.
-        leash: Bounds the error of the base before the law; None: it does not.
-        approach: Stage for large errors of a base that cannot turn on the spot; None: none.
     """
 
-    horizon: float = 0.65
-    kp: float = 1.0
-    kd: float = 2.0
-    slowest: float = 0.2
+    horizon: Annotated[
+        float,
+        POSITIVE,
+        Setting("s", "Horizon h", "Prediction time of the arm and of an omnidirectional base."),
+    ] = 0.65
+    kp: Annotated[float, POSITIVE, Setting("1/s²", "", "Gain of the position error.")] = 1.0
+    kd: Annotated[float, POSITIVE, Setting("1/s", "", "Gain of its rate.")] = 2.0
+    slowest: Annotated[
+        float, POSITIVE, Setting("m/s", "", "v₀: from this speed on the law is exact.")
+    ] = 0.2
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
     approach: Approach | None = field(default_factory=Approach, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Refuse settings that do not close the loop."""
-        super().__post_init__()
-        for name in ("kp", "kd", "slowest"):
-            require_positive(name, getattr(self, name))
 
     def leashed(self, tracking: Tracking) -> Tracking:
         """Return the error as it is: the law reads the robot's own speed off it.

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import joint_gains
 from rpctl.control.bounded import BoundedDynamic, BoundedLaw
-from rpctl.control.dynamic import by_velocity
-from rpctl.control.law import Command, Efforts, Rest
+from rpctl.control.dynamic import by_velocity, midpoint
+from rpctl.control.law import Command, Efforts, ReportsNothing, Rest
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import RpctlError
+from rpctl.files.records import POSITIVE, Record, Setting
 
 
 @dataclass(frozen=True)
-class IntegralDynamic:
+class IntegralDynamic(Record):
     """The law within limits, plus integral action against what the model does not know.
 
     Without limits the desired acceleration is
@@ -34,25 +36,31 @@ class IntegralDynamic:
 
     A run starts without a bump: d is what the model does not know of the robot at rest, ν̇ = 0, from
     the efforts that hold it there. Where these are not known, d starts at 0 and has to be learnt.
-
-    Attributes:
-        gain: k of the base, 1/s. With the default TIAGo keeps within 2.2 mm of the eight in MuJoCo,
-            where its wheels scrub (10: 3.2 mm; 20: 1.7 mm); of a delay of 50 ms it leaves 15° of
-            phase (10: 28°; 20: 2°).
-        inner: The law that finds the efforts.
-        joint_gain: k of the arm's joints, 1/s; None: of each what its bandwidth allows, see
-            :func:`~rpctl.control.bandwidth.joint_gains`.
     """
 
-    gain: float = 15.0
-    inner: BoundedDynamic = field(default_factory=BoundedDynamic)
-    joint_gain: float | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a gain that integrates nothing."""
-        require_positive("gain", self.gain)
-        if self.joint_gain is not None:
-            require_positive("joint_gain", self.joint_gain)
+    gain: Annotated[
+        float,
+        POSITIVE,
+        Setting(
+            "1/s",
+            "Gain k",
+            "k of the base. With the default TIAGo keeps within 2.2 mm of the eight in "
+            "MuJoCo, where its wheels scrub (10: 3.2 mm; 20: 1.7 mm); of a delay of 50 ms it "
+            "leaves 15° of phase (10: 28°; 20: 2°).",
+        ),
+    ] = 15.0
+    inner: Annotated[
+        BoundedDynamic, Setting("", "Law within", "The law that finds the efforts.")
+    ] = field(default_factory=BoundedDynamic)
+    joint_gain: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "1/s",
+            "Joints' gain k",
+            "k of the arm's joints; of each what its bandwidth allows if not given.",
+        ),
+    ] = None
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
@@ -70,12 +78,10 @@ class IntegralDynamic:
         return IntegralLaw(self, dynamics, period, rest)
 
 
-class IntegralLaw:
+class IntegralLaw(ReportsNothing):
     """:class:`IntegralDynamic` on one robot at one control period, with the integral so far.
 
     Args:
-        law: Its settings.
-        dynamics: The robot's dynamics.
         period: Control period, s.
         rest: State before the run; None starts the integral at zero.
     """
@@ -116,12 +122,6 @@ class IntegralLaw:
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         """Return τ (n_act,) and the limits that bind; the integral advances by the time since the
         last call, one period unless :meth:`sampled_after` told another.
-
-        Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            command: Command to follow.
         """
         if self._before is not None and self._elapsed is not None:
             started_at, nu_dot = self._before
@@ -129,14 +129,10 @@ class IntegralLaw:
             gain = np.minimum(self.gain, 1.0 / self._elapsed)
             unexpected = nu - started_at - self._elapsed * nu_dot
             self._disturbance = self._disturbance + gain * unexpected
-        efforts = self.inner.efforts(dynamics, q, nu, command, self._disturbance)
+        efforts = self.inner(dynamics, q, nu, command, self._disturbance)
         nu_dot = self.inner.desired_acceleration(nu, command)
         if efforts.limits:
-            middle = self.inner.middle(dynamics, q, nu, command)
+            middle = midpoint(dynamics, q, nu, command, self.inner.held_for)
             nu_dot = dynamics.forward(middle.q, middle.nu, efforts.tau) + self._disturbance
         self._before = nu, nu_dot
         return efforts
-
-    def report(self) -> dict[str, float]:
-        """Return an empty report."""
-        return {}

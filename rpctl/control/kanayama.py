@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
 from rpctl.control.approach import Approach
-from rpctl.control.error import Tracking
-from rpctl.control.leash import Leash
-from rpctl.control.twist import Twist
+from rpctl.control.error import Leash, Tracking, Twist
 from rpctl.control.twist_law import BaseLaw
-from rpctl.errors import require_positive
+from rpctl.files.records import POSITIVE, Setting
 
 
 @dataclass(frozen=True)
@@ -28,28 +27,18 @@ class Kanayama(BaseLaw):
 
     Near a line x2 and x3 have natural frequency √Ky |v_r| and damping Kθ/(2 √Ky); the gains here
     damp critically, as the paper's.
-
-    Attributes:
-        horizon: Prediction time of the arm and of an omnidirectional base, s.
-        kx: Kx, 1/s.
-        ky: Ky, 1/m².
-        ktheta: Kθ, 1/m.
-        leash: Bounds the error of the base before the law; None: it does not.
-        approach: Stage for large errors of a base that cannot turn on the spot; None: none.
     """
 
-    horizon: float = 0.65
-    kx: float = 1.5
-    ky: float = 16.0
-    ktheta: float = 8.0
+    horizon: Annotated[
+        float,
+        POSITIVE,
+        Setting("s", "Horizon h", "Prediction time of the arm and of an omnidirectional base."),
+    ] = 0.65
+    kx: Annotated[float, POSITIVE, Setting("1/s", "", "Kx.")] = 1.5
+    ky: Annotated[float, POSITIVE, Setting("1/m²", "", "Ky.")] = 16.0
+    ktheta: Annotated[float, POSITIVE, Setting("1/m", "", "Kθ.")] = 8.0
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
     approach: Approach | None = field(default_factory=Approach, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Refuse gains that do not close the loop."""
-        super().__post_init__()
-        for name in ("kx", "ky", "ktheta"):
-            require_positive(name, getattr(self, name))
 
     def unicycle(self, tracking: Tracking) -> Twist:
         """Return the twist of a base that cannot move sideways."""

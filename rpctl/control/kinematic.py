@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.error import Tracking
-from rpctl.control.twist import Twist
+from rpctl.control.error import Tracking, Twist
 from rpctl.control.twist_law import BaseLaw
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import require_positive, require_within
+from rpctl.files.records import POSITIVE, POSITIVE_OR_NONE, WITHIN, Setting
 
 
 @dataclass(frozen=True)
@@ -29,24 +29,19 @@ class PaperKinematic(BaseLaw):
 
     with s = sgn ω_r. On the output's zero the lateral error obeys ẋ2 = −β |ω_r| x2: a straight
     line leaves it as it is.
-
-    Attributes:
-        horizon: Prediction time h, s.
-        joint_horizon: Prediction time of the arm's joints, s; None: h, as published.
-        beta: Weight β of the lateral error in the longitudinal output.
-        smoothing: ω₀ (rad/s) of s = ω_r/√(ω_r² + ω₀²); 0 is the paper's sign.
     """
 
-    horizon: float = 0.8
-    beta: float = 1.5
-    smoothing: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse settings that leave the law undefined."""
-        super().__post_init__()
-        require_within("beta", [self.beta])
-        if self.smoothing:
-            require_positive("smoothing", self.smoothing)
+    horizon: Annotated[
+        float, POSITIVE, Setting("s", "Horizon h", "Prediction time h, also of the joints.")
+    ] = 0.8
+    beta: Annotated[
+        float, WITHIN, Setting("", "β", "Weight of the lateral error in the longitudinal output.")
+    ] = 1.5
+    smoothing: Annotated[
+        float,
+        POSITIVE_OR_NONE,
+        Setting("rad/s", "Smoothing ω₀", "Of s = ω_r/√(ω_r² + ω₀²); 0 is the paper's sign."),
+    ] = 0.0
 
     def joint_horizons(self, dynamics: ReducedDynamics, period: float) -> Array:
         """Return the prediction times of the arm's joints (n_joints,), s.
@@ -78,7 +73,6 @@ def coupled(
     """Return the twist of a turning base that lets x1 − b x2 decay at 1/h while b is steady.
 
     Args:
-        tracking: Reference and error.
         turn: ω_d (rad/s) and its derivative along the actual motion (rad/s²).
         beta_sign: b = β s, and its derivative.
         horizon: Prediction time h, s.

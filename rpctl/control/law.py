@@ -48,15 +48,7 @@ class KinematicFunction(Protocol):
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array, /
     ) -> Command:
-        """Return the command.
-
-        Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            reference: The reference.
-            t: Time, s.
-            q: Configuration (nq,).
-            nu: Quasi-velocities of the robot (dof,).
-        """
+        """Return the command."""
 
 
 class DynamicFunction(Protocol):
@@ -65,14 +57,7 @@ class DynamicFunction(Protocol):
     def __call__(
         self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, /
     ) -> Efforts | Array:
-        """Return τ (n_act,), alone or with the limits that bound it.
-
-        Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            command: What to follow.
-        """
+        """Return τ (n_act,), alone or with the limits that bound it."""
 
 
 @runtime_checkable
@@ -103,9 +88,6 @@ class Preparing(Protocol):
         """Compute ahead for the next sample.
 
         Args:
-            t: Time of the last sample, s.
-            q: Configuration (nq,) then.
-            nu: Quasi-velocities (dof,) then.
             after: Time until the next sample, s.
         """
 
@@ -131,7 +113,6 @@ class Law(Protocol[Controller_co]):
         """Return the controller of one run, which remembers nothing of other runs.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
             period: Control period, s.
             rest: State before the run; None if it is not known.
         """
@@ -143,7 +124,15 @@ DynamicLaw = Law[DynamicController]
 Stateless = TypeVar("Stateless", bound="StatelessLaw")
 
 
-class StatelessLaw:
+class ReportsNothing:
+    """A controller that counts nothing."""
+
+    def report(self) -> dict[str, float]:
+        """Return an empty report."""
+        return {}
+
+
+class StatelessLaw(ReportsNothing):
     """A law that remembers nothing: it is its own controller and has nothing to report."""
 
     def start(
@@ -158,17 +147,9 @@ class StatelessLaw:
         """
         return self
 
-    def report(self) -> dict[str, float]:
-        """Return an empty report."""
-        return {}
-
 
 class FunctionLaw(StatelessLaw):
-    """A plain function, or a controller that was started by hand, as a law.
-
-    Args:
-        function: What to call.
-    """
+    """A plain function, or a controller that was started by hand, as a law."""
 
     def __init__(self, function: KinematicFunction | DynamicFunction) -> None:
         self._function: Any = function

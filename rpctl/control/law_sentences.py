@@ -26,8 +26,6 @@ def law_sentences(
     """Return sentences on the laws: what those of the paper ignore, how fast the joints are.
 
     Args:
-        dynamics: The robot's dynamics, as far as the controller knows them.
-        kinematic: The kinematic law.
         dynamic: The dynamic law; None where speeds are the output.
         period: Control period, s.
     """
@@ -73,12 +71,7 @@ def _joints_sentence(
 
 
 def gains_sentence(names: tuple[str, ...], gains: JointGains) -> str:
-    """Return the joints' gains in one sentence: those that sampling sets, and what efforts slow.
-
-    Args:
-        names: Of the joints.
-        gains: Theirs.
-    """
+    """Return the joints' gains in one sentence: those that sampling sets, and what efforts slow."""
     first = int(np.argmax(gains.bandwidth))
     fastest, h, h1, k = (float(part[first]) for part in gains)
     slower = [

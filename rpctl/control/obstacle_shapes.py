@@ -8,8 +8,13 @@ import coal
 import numpy as np
 
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.robot.collision_model import CollisionModel, arm_joints, collision_model
-from rpctl.robot.collision_shapes import CollisionShape, standing
+from rpctl.robot.collision import (
+    CollisionModel,
+    CollisionShape,
+    arm_joints,
+    collision_model,
+    standing,
+)
 from rpctl.robot.model import Robot
 
 HEIGHT_M = 1e3  # m: of an obstacle without end
@@ -23,8 +28,6 @@ def links_among(
     What the base avoids no link may touch; what the end effector avoids no link of the arm may.
 
     Args:
-        robot: The robot.
-        base: Obstacles of the base.
         tip: Obstacles of the end effector; they come after the base's.
     """
     model = collision_model(robot)

@@ -14,8 +14,10 @@ from rpctl.control.integral import IntegralDynamic
 from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import DynamicLaw, KinematicLaw
+from rpctl.control.obstacles import OBSTACLES, Obstacle
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import UnknownNameError
+from rpctl.files.records import CHOICES, Choice
 
 Made = TypeVar("Made")
 
@@ -32,6 +34,12 @@ DYNAMIC_LAWS: dict[str, Callable[[], DynamicLaw]] = {
     "bounded": BoundedDynamic,
     "integral": IntegralDynamic,
 }
+KINEMATIC_CHOICE = Choice("kinematic law", "law", KINEMATIC_LAWS)
+DYNAMIC_CHOICE = Choice("dynamic law", "law", DYNAMIC_LAWS)
+OBSTACLE_CHOICE = Choice("obstacle", "shape", OBSTACLES)
+CHOICES.update(  # what a setting may be, by its type
+    {KinematicLaw: KINEMATIC_CHOICE, DynamicLaw: DYNAMIC_CHOICE, Obstacle: OBSTACLE_CHOICE}
+)
 
 
 def kinematic_by_name(name: str) -> KinematicLaw:

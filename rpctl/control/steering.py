@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.twist import Twist
+from rpctl.control.error import Twist
 from rpctl.drive.steering import steer
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import ReferenceState
@@ -40,10 +40,6 @@ def base_command(
     predictive laws of first order, whose one approximation is the reference's δ̈_r for δ̈*.
 
     Args:
-        dynamics: The robot's dynamics.
-        state: The reference.
-        q: Configuration (nq,).
-        nu: Quasi-velocities (dof,).
         twist: Desired twist of the base.
         h: Prediction time of the law, s.
     """
@@ -68,9 +64,6 @@ def _rolling(
     depend on ν₁, so ṅ is the difference of two drifts.
 
     Args:
-        dynamics: The robot's dynamics.
-        q: Configuration (nq,).
-        nu: Quasi-velocities (dof,).
         accelerations: Commanded accelerations of the steered joints (n_steered,).
         twist: Desired twist of the base.
     """
@@ -125,8 +118,6 @@ def steering_targets(dynamics: ReducedDynamics, state: ReferenceState, twist: Tw
     """Return the angles δ* that take the base along m, and their rates, (2, n_steered).
 
     Args:
-        dynamics: The robot's dynamics.
-        state: The reference.
         twist: Desired twist of the base.
     """
     robot = dynamics.robot

@@ -4,48 +4,56 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach
 from rpctl.control.bandwidth import USUAL_PERIOD, joint_gains
-from rpctl.control.error import BASE_ERRORS, Tracking, observe
-from rpctl.control.law import Command, KinematicController, Rest
-from rpctl.control.leash import Leash
+from rpctl.control.error import BASE_ERRORS, Leash, Tracking, Twist, observe, omnidirectional_twist
+from rpctl.control.law import Command, KinematicController, ReportsNothing, Rest
 from rpctl.control.steering import base_command
-from rpctl.control.twist import Twist, omnidirectional_twist
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import require_positive
+from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.reference.motion import Reference
 
 
 @dataclass(frozen=True)
-class BaseLaw(ABC):
+class BaseLaw(Record, ABC):
     """A kinematic law that is defined by its twist for a base that cannot move sideways.
 
-    An omnidirectional base gets :func:`~rpctl.control.twist.omnidirectional_twist`, whatever the
+    An omnidirectional base gets :func:`~rpctl.control.error.omnidirectional_twist`, whatever the
     law: its three errors need no trade. The arm's errors, predicted to first order over a horizon h
     of each joint's own, vanish: q̇_d = q̇_r + (q_r − q)/h ([MS21, Eq. 20]).
-
-    Attributes:
-        horizon: Prediction time h of an omnidirectional base, s.
-        joint_horizon: Prediction time of the arm's joints, s; None: of each what its bandwidth
-            allows, see :func:`~rpctl.control.bandwidth.joint_gains`.
-        leash: Bounds the base's error before the law; None: the law as it was published.
-        approach: Stage for large errors of a base that cannot turn on the spot; None: none.
     """
 
-    horizon: float
-    joint_horizon: float | None = field(default=None, kw_only=True)
-    leash: Leash | None = field(default=None, kw_only=True)
-    approach: Approach | None = field(default=None, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Refuse a horizon that predicts nothing."""
-        require_positive("horizon", self.horizon)
-        if self.joint_horizon is not None:
-            require_positive("joint_horizon", self.joint_horizon)
+    horizon: Annotated[
+        float,
+        POSITIVE,
+        Setting("s", "Horizon h", "Prediction time of the arm and of an omnidirectional base."),
+    ]
+    joint_horizon: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "s",
+            "Joints' horizon h",
+            "Prediction time of the arm's joints; of each what its bandwidth allows if not given.",
+        ),
+    ] = field(default=None, kw_only=True)
+    leash: Annotated[
+        Leash | None,
+        Setting("", "Leash", "Bounds the base's error before the law; false: as it was published."),
+    ] = field(default=None, kw_only=True)
+    approach: Annotated[
+        Approach | None,
+        Setting(
+            "",
+            "Approach from",
+            "Stage for large errors of a base that cannot turn on the spot; false: none.",
+        ),
+    ] = field(default=None, kw_only=True)
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
@@ -95,33 +103,20 @@ class BaseLaw(ABC):
         """Return the twist of a base that cannot move sideways."""
 
 
-class BaseController:
+class BaseController(ReportsNothing):
     """A :class:`BaseLaw` on one robot at one control period.
 
     Args:
-        law: Its settings.
         joint_horizons: Prediction times of the arm's joints (n_joints,), s.
     """
 
     def __init__(self, law: BaseLaw, joint_horizons: Array) -> None:
         self._law, self._joint_horizons = law, joint_horizons
 
-    def report(self) -> dict[str, float]:
-        """Return an empty report."""
-        return {}
-
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return ν_d and its analytic derivative along the actual motion.
-
-        Args:
-            dynamics: The robot's dynamics.
-            reference: The reference.
-            t: Time, s.
-            q: Configuration (nq,).
-            nu: Quasi-velocities of the robot (dof,).
-        """
+        """Return ν_d and its analytic derivative along the actual motion."""
         law, h = self._law, self._joint_horizons
         tracking = observe(dynamics, reference(t), q, nu)
         state, e, e_dot = tracking

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from rpctl.control.approach import Approach
-from rpctl.control.error import Tracking
+from rpctl.control.error import Leash, Tracking, Twist
 from rpctl.control.kinematic import coupled
-from rpctl.control.leash import Leash
-from rpctl.control.twist import Twist
 from rpctl.control.twist_law import BaseLaw
-from rpctl.errors import require_positive, require_within
+from rpctl.files.records import POSITIVE, POSITIVE_OR_NONE, WITHIN, Setting
 from rpctl.reference.motion import ReferenceState
 
 
@@ -51,31 +50,39 @@ class UnifiedKinematic(BaseLaw):
     A term ½ h² v̇ sin x3 in p2 would foresee changes of the speed, but ν̇_d would then need v̈, which
     a reference does not give. On figure-eights of 6 to 20 s a lap it changed the rms error by less
     than 1 %.
-
-    Attributes:
-        horizon: Prediction time h, s.
-        beta: Weight β of the lateral error in the longitudinal output. On a spin x2 decays at
-            β |ω|, and x1 = ±β x2 costs on the way: from β = 1 on, faster is no longer nearer.
-        bend: κ, 1/m: the curvature from which on a path counts as a turn; 0 is the paper's sign.
-        weight: w, m²/rad²: the square of the lateral error that counts as much as one radian.
-        leash: Bounds the error of the base before the law; None: it does not.
-        approach: Stage for large errors of a base that cannot turn on the spot; None: none.
     """
 
-    horizon: float = 0.65
-    beta: float = 1.25
-    bend: float = 0.5
-    weight: float = 0.02
+    horizon: Annotated[float, POSITIVE, Setting("s", "Horizon h", "Prediction time h.")] = 0.65
+    beta: Annotated[
+        float,
+        WITHIN,
+        Setting(
+            "",
+            "β",
+            "Weight of the lateral error in the longitudinal output. On a spin it decays at β |ω|, "
+            "and x1 = ±β x2 costs on the way: from β = 1 on, faster is no longer nearer.",
+        ),
+    ] = 1.25
+    bend: Annotated[
+        float,
+        POSITIVE_OR_NONE,
+        Setting(
+            "1/m",
+            "",
+            "κ: the curvature from which on a path counts as a turn; 0 is the paper's sign.",
+        ),
+    ] = 0.5
+    weight: Annotated[
+        float,
+        POSITIVE,
+        Setting(
+            "m²/rad²",
+            "",
+            "w: the square of the lateral error that counts as much as one radian.",
+        ),
+    ] = 0.02
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
     approach: Approach | None = field(default_factory=Approach, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Refuse settings that leave the law undefined."""
-        super().__post_init__()
-        require_positive("weight", self.weight)
-        require_within("beta", [self.beta])
-        if self.bend:
-            require_positive("bend", self.bend)
 
     def unicycle(self, tracking: Tracking) -> Twist:
         """Return the twist to ask of a base that cannot move sideways."""

@@ -28,6 +28,10 @@ class Unregistered:
     name: str
     settings: Mapping[str, object] = field(default_factory=dict)
 
+    def named_table(self, key: str) -> dict[str, Any]:
+        """Return what a run's file says of it."""
+        return {key: self.name, "settings": to_json(self.settings)}
+
     def start(self, *_: object) -> NoReturn:
         """Refuse to start.
 

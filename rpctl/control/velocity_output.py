@@ -7,27 +7,31 @@ from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.law import Command, Rest
-from rpctl.control.measured import MeasuredSample
-from rpctl.control.speed_limits import Actuation, SpeedLimits, Speeds
+from rpctl.control.joint_limits import Actuation, SpeedLimits, Speeds
+from rpctl.control.law import Command, ReportsNothing, Rest
+from rpctl.control.measurements import MeasuredSample
 from rpctl.dynamics.lag import follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, SingularBasisError, UnknownNameError, require_positive
+from rpctl.errors import SMALLEST, SingularBasisError, UnknownNameError
+from rpctl.files.records import POSITIVE, Range, Record, Setting
 
 OUTPUTS = ("effort", "velocity")
 LONGEST_STEP = 0.02  # s, of the predicted motion
 MAX_DEAD_TIME = 2.0  # s: no motion can be foretold for longer
 MAX_LAG = 10.0  # s
+LAG = Range(0.0, MAX_LAG, f"a time in s, from 0 to {MAX_LAG:g}")
+DEAD_TIME = Range(0.0, MAX_DEAD_TIME, f"a time in s, from 0 to {MAX_DEAD_TIME:g}")
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 STOPPING_TIME = 0.3  # s: time constant with which a controlled stop ends the motion
 
 
 @dataclass(frozen=True)
-class VelocityOutput:
+class VelocityOutput(Record):
     """Speeds for a robot whose speeds follow their commands late.
 
     The model is T ν̇(t) = c(t − T_d) − ν(t): each quasi-velocity is a lag T of first order behind
@@ -39,34 +43,38 @@ class VelocityOutput:
     - the lag is inverted along the motion, c = ν_d + (T + ½ T_s) ν̇_d. The second term makes up for
       the command that is held for a period T_s. Then ν − ν_d decays as exp(−t/T), and a reference
       is followed as by a robot that takes ν_d at once;
-    - :class:`~rpctl.control.speed_limits.SpeedLimits` bounds c.
+    - :class:`~rpctl.control.joint_limits.SpeedLimits` bounds c.
 
     A wrong T leaves a loop that is stable, only less exact: the measured ν enters the prediction.
-
-    Attributes:
-        lag: T of all quasi-velocities, s.
-        dead_time: T_d, s.
-        lags: T by name of the quasi-velocity, where it differs from ``lag``, s.
-        accelerations: Largest |ν̇| by name of the quasi-velocity, m/s² or rad/s².
-        effort_ratio: Fraction of the effort limits that accelerations may take.
     """
 
-    lag: float = 0.0
-    dead_time: float = 0.0
-    lags: Mapping[str, float] = field(default_factory=dict)
-    accelerations: Mapping[str, float] = field(default_factory=dict)
-    effort_ratio: float = 0.95
-
-    def __post_init__(self) -> None:
-        """Refuse what is no time, or leaves nothing."""
-        require_time("lag", self.lag, MAX_LAG)
-        require_time("dead_time", self.dead_time, MAX_DEAD_TIME)
-        for name, lag in self.lags.items():
-            require_time(f"the lag of {name}", lag, MAX_LAG)
-        for name, acceleration in self.accelerations.items():
-            require_positive(f"the acceleration of {name}", acceleration)
-        if not 0.0 < self.effort_ratio <= 1.0:
-            raise RpctlError(f"effort_ratio is {self.effort_ratio:g}; give more than 0, at most 1")
+    lag: Annotated[
+        float,
+        LAG,
+        Setting(
+            "s", "Lag", "Lag of first order with which it follows speeds, s; 0 if not given.", "S"
+        ),
+    ] = 0.0
+    dead_time: Annotated[
+        float,
+        DEAD_TIME,
+        Setting("s", "Dead time", "Time until it begins to follow them, s; 0 if not given.", "S"),
+    ] = 0.0
+    lags: Annotated[
+        Mapping[str, float],
+        LAG,
+        Setting("s", "", "Lag by name of the quasi-velocity, where it differs."),
+    ] = field(default_factory=dict)
+    accelerations: Annotated[
+        Mapping[str, float],
+        POSITIVE,
+        Setting("m/s² or rad/s²", "", "Largest accelerations by name of the quasi-velocity."),
+    ] = field(default_factory=dict)
+    effort_ratio: Annotated[
+        float,
+        Range(SMALLEST, 1.0, "more than 0, at most 1"),
+        Setting("", "", "Fraction of the effort limits that accelerations may take."),
+    ] = 0.95
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
@@ -96,7 +104,6 @@ def lags_by_name(names: tuple[str, ...], lag: float, lags: Mapping[str, float]) 
     """Return the lag of each quasi-velocity (dof,), s.
 
     Args:
-        names: Of the quasi-velocities.
         lag: Of those that are not named, s.
         lags: By name, s.
 
@@ -107,21 +114,6 @@ def lags_by_name(names: tuple[str, ...], lag: float, lags: Mapping[str, float]) 
         if name not in names:
             raise UnknownNameError("quasi-velocity", name, names)
     return np.array([lags.get(name, lag) for name in names])
-
-
-def require_time(name: str, value: float, largest: float) -> None:
-    """Refuse what is no time from 0 to ``largest`` (s).
-
-    Args:
-        name: What it is, in the words of the user.
-        value: The time, s.
-        largest: s.
-
-    Raises:
-        RpctlError: Naming it.
-    """
-    if not 0.0 <= value <= largest:
-        raise RpctlError(f"{name} is {value:g}; give a time in s, from 0 to {largest:g}")
 
 
 def as_output(output: str | VelocityOutput) -> VelocityOutput | None:
@@ -140,12 +132,10 @@ def as_output(output: str | VelocityOutput) -> VelocityOutput | None:
     return VelocityOutput() if output == "velocity" else None
 
 
-class VelocityController:
+class VelocityController(ReportsNothing):
     """:class:`VelocityOutput` on one robot at one control period.
 
     Args:
-        output: Its settings.
-        dynamics: The robot's dynamics.
         period: Control period, s.
     """
 
@@ -163,11 +153,6 @@ class VelocityController:
         """Return the time at which the next command acts, and the state then.
 
         Where the steered wheels fix no one motion on the way, the prediction of q ends.
-
-        Args:
-            t: Time, s.
-            q: Measured configuration (nq,).
-            nu: Measured quasi-velocities (dof,).
         """
         self._follow(t, nu)
         sent = self._sent
@@ -186,14 +171,7 @@ class VelocityController:
         return MeasuredSample(end, q, nu)
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Speeds:
-        """Return the speeds to send, and the limits that bind them.
-
-        Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            q: Predicted configuration (nq,).
-            nu: Predicted quasi-velocities (dof,).
-            command: What the kinematic law asks for there.
-        """
+        """Return the speeds to send, and the limits that bind them."""
         wanted = command.nu_d + (self._lag + 0.5 * self._period) * command.nu_d_dot
         return self._limits(
             dynamics, wanted, Actuation(q, nu, self._model_nu, self._period, self._lag)
@@ -225,7 +203,3 @@ class VelocityController:
             last, passed = self._sent[-1][1][None], np.array([t - self._model_time])
             self._model_nu = follow(self._model_nu, last, passed, self._lag)[0]
         self._model_time = t
-
-    def report(self) -> dict[str, float]:
-        """Return an empty report."""
-        return {}

@@ -1,8 +1,10 @@
-"""M, h and B of a robot as exact polynomials, by the recursion or by differentiating G."""
+"""M, h and B of a robot as exact polynomials, and the numbers of its URDF as exact rationals."""
 
 from __future__ import annotations
 
+import math
 import time
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import count
@@ -12,7 +14,6 @@ import numpy as np
 import sympy as sp
 
 from rpctl.derive.folding import cyclic_joints
-from rpctl.derive.parameters import ROOT2, ROOT3, Numbers, Parameter, rational
 from rpctl.derive.polynomial import Poly, PolynomialScalar, Space, rounded
 from rpctl.equivalence.gibbs_appell import GibbsAppell, JointRates, LinkKinematics
 from rpctl.equivalence.tree import Scalars, Tree
@@ -75,7 +76,6 @@ class _Derivation:
         self.parameters = tuple(numbers.parameters.values())
         self.symbols = position_symbols(robot)
         self.rates = _rate_symbols(robot, self.symbols)
-        self.accelerations = tuple(sp.Symbol(f"{rate}_dot") for rate in self.rates)
         self.positions: dict[str, Any] = self._positions()
         angles = {a.cos: a for a in self.positions.values() if isinstance(a, Angle)}
         self.angles = tuple(angles.values())
@@ -113,7 +113,7 @@ class _Derivation:
         squares = {angle.sin: 1 - angle.cos**2 for angle in self.angles}
         radii = [p.symbol for p in self.parameters if str(p.symbol).startswith("r")]
         inverses = {radius: sp.Symbol(f"{radius}_inverse") for radius in radii}
-        generators = [*self.accelerations, *self.rates]
+        generators = [*self.rates]
         generators += [symbol for angle in self.angles for symbol in (angle.cos, angle.sin)]
         generators += [*self.lengths, ROOT2, ROOT3]
         generators += [*(p.symbol for p in self.parameters), *inverses.values()]
@@ -200,27 +200,6 @@ def by_recursion(robot: Robot, named: bool = False) -> Equations:
     return replace(found, losses=losses)
 
 
-def by_differentiation(robot: Robot, named: bool = False) -> Equations:
-    """Return the equations from the Gibbs function's derivatives: M = ∂²G/∂ν̇², h = ∂G/∂ν̇ at 0.
-
-    Args, errors: as :func:`by_recursion`. [MS21, Eq. 1-3].
-    """
-    derivation = _Derivation(robot, named)
-    space = derivation.space
-    positions, u, root, rates = derivation.start()
-    u_dot = np.array([derivation.element(x) for x in derivation.accelerations], dtype=object)
-    G = derivation.oracle.function(positions, u, u_dot, root, rates).poly
-    turned = [space.generator(x) for x in derivation.accelerations]
-    gradient = [G.diff(x) for x in turned]
-    M = np.array(
-        [[PolynomialScalar(space, row.diff(x)) for x in turned] for row in gradient], dtype=object
-    )
-    at_rest = [(x, 0) for x in turned]
-    h = [PolynomialScalar(space, row.evaluate(at_rest).set_ring(space.ring)) for row in gradient]
-    B = np.array([rates.rows[name] for name in robot.actuators]).T.reshape(len(u), -1)
-    return derivation.result(M, h, B, ())
-
-
 def position_symbols(robot: Robot) -> dict[str, sp.Symbol]:
     """Return θ1, θ2, … for turning and η1, η2, … for sliding joints; φ1, φ2, … for wheels."""
     counters = {letter: count(1) for letter in ("theta", "eta", "phi")}
@@ -241,3 +220,120 @@ def _rate_symbols(robot: Robot, positions: Mapping[str, sp.Symbol]) -> tuple[sp.
     return base + tuple(
         sp.Symbol(f"{positions[joint.name]}_dot", real=True) for joint in robot.joints
     )
+
+
+DIRECTION_TOLERANCE = 1e-9  # an entry of a direction so near to a simple value is that value
+FLOAT_DIGITS = 15  # of a float that survive its printing; the rest is rounding
+LETTERS = {"mass": "m", "length": "l", "inertia": "I", "gravity": "g"}
+UNITS = {"mass": "kg", "length": "m", "inertia": "kg m^2", "gravity": "m/s^2"}
+ROOT2, ROOT3 = sp.Symbol("root2"), sp.Symbol("root3")
+SIMPLE = {
+    0.0: sp.Integer(0),
+    0.5: sp.Rational(1, 2),
+    math.sqrt(2.0) / 2.0: ROOT2 / 2,
+    math.sqrt(3.0) / 2.0: ROOT3 / 2,
+    1.0: sp.Integer(1),
+}
+COMPONENTS = {"centre of mass": "xyz", "origin": "xyz", "axle midpoint P": "xyz"}
+INERTIAS = ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A symbol for a number of the URDF.
+
+    Attributes:
+        symbol: The symbol.
+        value: Its value in the URDF.
+        unit: SI unit.
+        of: What it is of, in words.
+    """
+
+    symbol: sp.Symbol
+    value: float
+    unit: str
+    of: str
+
+
+class Numbers:
+    """Turns numbers into exact values; with ``named``, all but directions into symbols.
+
+    Every mass, length and inertia gets its own symbol, but equal numbers share one within one
+    link's inertia, and between the wheels, which are meant to be alike.
+
+    Args:
+        robot: The robot.
+        named: Whether numbers become symbols.
+    """
+
+    def __init__(self, robot: Robot, named: bool) -> None:
+        self.parameters: dict[tuple[Any, ...], Parameter] = {}
+        self.exact = True  # until a direction is asked for that only decimals can give
+        self._named = named
+        self._asked: Counter[str] = Counter()
+        wheels = {wheel.joint for wheel in robot.drive.wheels}
+        self._wheels = wheels | {robot.description.joint[name].child for name in wheels}
+
+    def __call__(self, value: float, kind: str, label: str) -> sp.Expr:
+        """Return a number of a kind (that of ``Scalars.number``) as an expression."""
+        if kind == "direction":
+            entry = direction(value)
+            self.exact &= (
+                abs(value) < DIRECTION_TOLERANCE
+                or not isinstance(entry, sp.Rational)
+                or entry.q < 3
+            )
+            return entry
+        quantity, owner, part = self._place(label)
+        if not self._named or kind not in LETTERS or not label:
+            return rational(value)
+        if rational(value) == 0:
+            return sp.Integer(0)
+        shared = "wheels" if owner in self._wheels else owner
+        key = (kind, quantity, shared, "" if kind == "inertia" else part, rational(abs(value)))
+        if key not in self.parameters:
+            self._add(key, float(value), label, part)
+        elif owner not in self.parameters[key].of:
+            self._extend(key, owner, value)
+        known = self.parameters[key]
+        return known.symbol if value * known.value > 0.0 else -known.symbol
+
+    def _place(self, label: str) -> tuple[str, str, str]:
+        """Return the quantity, whose it is, and which of its components is asked for now."""
+        quantity, _, owner = label.partition(" of ")
+        if quantity == "centre":
+            quantity, _, owner = label.removeprefix("centre of ").partition(" of ")
+            quantity = f"centre of {quantity}"
+        asked = self._asked[label]
+        self._asked[label] += 1
+        parts = INERTIAS if quantity == "inertia" else tuple(COMPONENTS.get(quantity, ""))
+        return quantity, owner, parts[asked % len(parts)] if parts else ""
+
+    def _add(self, key: tuple[Any, ...], value: float, label: str, part: str) -> None:
+        kind, quantity = key[0], key[1]
+        letter = "r" if quantity == "radius" else LETTERS[kind]
+        symbol = sp.Symbol(f"{letter}_{len(self.parameters)}", real=True)
+        of = f"{part} of {label}" if kind == "length" and part else f"{part} {label}".strip()
+        self.parameters[key] = Parameter(symbol, value, UNITS[kind], of)
+
+    def _extend(self, key: tuple[Any, ...], owner: str, value: float) -> None:
+        known = self.parameters[key]
+        sign = "" if value * known.value > 0.0 else "minus "
+        of = f"{known.of}, {sign}{owner}"
+        self.parameters[key] = Parameter(known.symbol, known.value, known.unit, of)
+
+
+def rational(value: float) -> sp.Rational:
+    """Return the exact value of a float's shortest decimal of 15 digits: 0.1 is 1/10."""
+    return sp.Rational(f"{value:.{FLOAT_DIGITS}g}")
+
+
+def direction(value: float) -> sp.Expr:
+    """Return an entry of a rotation or unit vector; one within 1e-9 of a simple value is it.
+
+    Simple are 0, ±1/2, ±√2/2, ±√3/2 and ±1: a URDF writes them with as many digits as it likes.
+    """
+    for simple, exact in SIMPLE.items():
+        if abs(abs(value) - simple) < DIRECTION_TOLERANCE:
+            return exact if value >= 0.0 else -exact
+    return rational(value)

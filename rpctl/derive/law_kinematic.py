@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import sympy as sp
 
+from rpctl.control.error import SERIES_RADIUS, Leash
 from rpctl.control.kinematic import PaperKinematic
-from rpctl.control.leash import SERIES_RADIUS, Leash
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.unified import UnifiedKinematic
+from rpctl.derive.equations import rational
 from rpctl.derive.law_sheet import Sheet, choice
-from rpctl.derive.parameters import rational
 from rpctl.robot.model import Robot
 
 AXES = ("x", "y", "theta")
@@ -34,11 +34,7 @@ class Measured(NamedTuple):
 def measure(sheet: Sheet, robot: Robot, twist: Sequence[sp.Expr], law: BaseLaw) -> Measured:
     """Write the inputs and the tracking error of the base; [MS21, Eq. 6-10].
 
-    Args:
-        sheet: Where to write.
-        robot: The robot.
-        twist: Its twist (3,), P's speed forward and to the left and the turning rate.
-        law: The kinematic law.
+    Its twist (3,) is P's speed forward and to the left and the turning rate.
     """
     x, y, theta = (
         sheet.given(name, f"pose[{i}]", unit, of)

@@ -15,9 +15,7 @@ from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import BASE_ERRORS
 from rpctl.control.twist_law import BaseLaw
-from rpctl.derive.casadi_scalar import CasadiScalar
-from rpctl.derive.equations import position_symbols
-from rpctl.derive.law_dynamics import LawDynamics, clean, law_dynamics
+from rpctl.derive.equations import position_symbols, rational
 from rpctl.derive.law_kinematic import Measured, base_twist, measure, wrapped
 from rpctl.derive.law_sheet import Sheet
 from rpctl.derive.law_steering import (
@@ -27,9 +25,8 @@ from rpctl.derive.law_steering import (
     rolling_inputs,
     steered_command,
 )
-from rpctl.derive.law_steps import Operations, Translator, count_operations, without_idle
-from rpctl.derive.parameters import rational
-from rpctl.derive.steps import Node, Steps
+from rpctl.derive.program import CasadiScalar, LawDynamics, clean, law_dynamics
+from rpctl.derive.steps import Node, Operations, Steps, Translator, count_operations, without_idle
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import printable
 from rpctl.robot.model import BASE_NV, Robot
@@ -95,14 +92,7 @@ class LawProgram:
 def law_sheet(
     robot: Robot, kinematic: BaseLaw, dynamic: PaperDynamic, period: float = USUAL_PERIOD
 ) -> LawSheet:
-    """Write a law on a robot in symbols.
-
-    Args:
-        robot: The robot.
-        kinematic: The paper's or the unified law.
-        dynamic: The dynamic law.
-        period: Control period, s, on which the joints' prediction times depend.
-    """
+    """Write the paper's or the unified law on a robot in symbols, for a control period (s)."""
     sheet = Sheet()
     nu = _rates(sheet, robot)
     rolling = rolling_inputs(sheet, robot) if robot.drive.steered else None

@@ -23,9 +23,9 @@ from rpctl.control.steering import (
     max_deviation,
     twist_weights,
 )
-from rpctl.derive.law_dynamics import clean
+from rpctl.derive.equations import rational
 from rpctl.derive.law_sheet import Sheet, choice
-from rpctl.derive.parameters import rational
+from rpctl.derive.program import clean
 from rpctl.drive.drive import Swivel
 from rpctl.drive.steering import MIN_SPEED, NEWTON_STEPS
 from rpctl.dynamics.reduced import ReducedDynamics

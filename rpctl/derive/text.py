@@ -1,13 +1,16 @@
-"""A closed form as plain text, and what the text and LaTeX formats share."""
+"""A closed form, and a law, as plain text and as LaTeX that needs nothing but amsmath."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
 
 import sympy as sp
 
 from rpctl.derive.closed_form import ClosedForm
-from rpctl.derive.subexpressions import readable
+from rpctl.derive.law_program import LawSheet
+from rpctl.derive.law_sheet import as_piecewise
+from rpctl.derive.short_form import readable
 from rpctl.errors import printable
 
 
@@ -70,3 +73,243 @@ def columns(rows: list[tuple[str, str]]) -> list[str]:
     """Return rows of two columns, the second aligned."""
     width = max((len(left) for left, _ in rows), default=0)
     return [f"  {left.ljust(width)}  {right}" for left, right in rows]
+
+
+LINE_WIDTH = 76  # of a line of a formula, in letters, about
+SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+SPECIAL |= {character: f"\\{character}" for character in "#$%&_{}"}
+
+PREAMBLE = r"""\documentclass[a4paper,fleqn]{article}
+\usepackage{amsmath}
+\setlength{\textwidth}{17cm}
+\setlength{\oddsidemargin}{-0.5cm}
+\setlength{\topmargin}{-1.5cm}
+\setlength{\textheight}{25cm}
+\setlength{\parindent}{0pt}
+\setcounter{MaxMatrixCols}{%(columns)d}
+\renewcommand{\arraystretch}{1.2}
+\allowdisplaybreaks
+\sloppy
+\begin{document}
+"""
+
+BODY = r"""\section*{%(robot)s}
+The reduced equations of motion $M \dot\nu + h = B \tau%(lost)s$ with $\nu = (%(rates)s)$ and
+$\tau$ the efforts of %(actuators)s.
+
+\medskip
+%(legend)s
+%(parts)s
+"""
+
+
+def to_latex(form: ClosedForm) -> str:
+    """Return a closed form as a complete LaTeX document."""
+    return PREAMBLE % {"columns": max(10, form.B.cols)} + equations_of(form) + "\\end{document}\n"
+
+
+def equations_of(form: ClosedForm) -> str:
+    """Return the section of a closed form."""
+    names = {symbol: _symbol(str(symbol)) for symbol in _all_symbols(form)}
+    rows = [f"${names[symbol]}$ & {escaped(what)}" for symbol, what in legend(form)]
+    rows += [
+        f"${names[p.symbol]}$ & {p.value:g} {_unit(p.unit)}, {escaped(p.of)}"
+        for p in form.parameters
+    ]
+    parts = []
+    if form.definitions:
+        parts.append(aligned([(names[s], value) for s, value in form.definitions], names))
+    lefts = [(" = ".join(f"M_{{{x[1:]}}}" for x in left), value) for left, value in inertia(form)]
+    parts += ["$M$ is symmetric:", aligned(lefts, names)]
+    parts.append(aligned([(f"h_{{{i + 1}}}", x) for i, x in enumerate(form.h)], names))
+    parts.append(f"\\[ B = {_latex(form.B, names)} \\]")
+    if any(form.losses):
+        parts.append(aligned([(f"\\ell_{{{i + 1}}}", x) for i, x in enumerate(form.losses)], names))
+    return BODY % {
+        "lost": r" + \ell" if any(form.losses) else "",
+        "robot": escaped(form.robot),
+        "rates": ", ".join(names[rate] for rate in form.rates),
+        "actuators": ", ".join(map(escaped, form.actuators)),
+        "legend": "\\begin{tabular}{lp{13cm}}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n",
+        "parts": "\n".join(parts),
+    }
+
+
+def aligned(rows: Sequence[tuple[str, sp.Expr]], names: Mapping[sp.Symbol, str]) -> str:
+    """Return equations one below the other, each in as many lines as it needs."""
+    written = []
+    for left, value in rows:
+        lines, width = [""], 0
+        for piece in _pieces(readable(value), names):
+            width += _width(piece)
+            if width > LINE_WIDTH and lines[-1]:
+                lines.append("")
+                width = _width(piece)
+            lines[-1] += f" {piece}"
+        written.append(f"{left} &= " + " \\\\\n&\\quad ".join(line.strip() for line in lines))
+    return "\\begin{align*}\n" + " \\\\\n".join(written) + "\n\\end{align*}"
+
+
+def _pieces(expression: sp.Expr, names: Mapping[sp.Symbol, str]) -> Iterator[str]:
+    """Yield parts of an expression between which a line may end: terms, also inside of factors."""
+    terms = expression.as_ordered_terms()
+    for place, term in enumerate(terms):
+        whole = _latex(term, names)
+        sign = "" if place == 0 or whole.startswith("-") else "+ "
+        sums = [factor for factor in sp.Mul.make_args(term) if factor.is_Add]
+        if not sums or _width(whole) <= LINE_WIDTH or term.is_Add:
+            yield sign + whole
+            continue
+        longest = max(sums, key=sp.count_ops)
+        head = term / longest
+        factor = {1: "", -1: "-"}.get(head, _latex(head, names))
+        *inner, last = _pieces(longest, names)
+        first = inner.pop(0) if inner else ""
+        yield f"{sign}{factor} \\bigl( {first}"
+        yield from inner
+        yield f"{last} \\bigr)"
+
+
+def _width(latex: str) -> int:
+    """Return about how many letters wide a formula is; a sign takes three."""
+    plain = re.sub(r"\\(left|right|frac|dot|bigl|bigr)|[{}^_\s]", "", latex)
+    return len(re.sub(r"\\[a-zA-Z]+", "x", plain)) + 2 * len(re.findall("[+-]", plain))
+
+
+def _latex(expression: sp.Expr, names: Mapping[sp.Symbol, str]) -> str:
+    return str(sp.latex(readable(expression), symbol_names=dict(names)))
+
+
+def _symbol(name: str) -> str:
+    """Return theta1_dot as a dotted theta with index 1, C1m2 as a C with index 1-2."""
+    plain = name.removesuffix("_dot")
+    letters = ("theta", "eta", "phi", "rho", "Omega", "omega")
+    stem = next((letter for letter in letters if plain.startswith(letter)), plain[:1])
+    index = plain[len(stem) :].replace("m", "-")
+    head = f"\\{stem}" if stem in letters else stem
+    head = f"\\dot{{{head}}}" if plain != name else head
+    return f"{head}_{{{index}}}" if index else head
+
+
+def _all_symbols(form: ClosedForm) -> set[sp.Symbol]:
+    parts = [form.M, form.h, form.B, form.losses, sp.Tuple(*form.rates)]
+    parts += [sp.Tuple(symbol, value) for symbol, value in form.definitions]
+    parts += [coordinate.symbol for coordinate in form.coordinates]
+    return set().union(*(part.free_symbols for part in parts))
+
+
+def _unit(unit: str) -> str:
+    return re.sub(r"\^(\d)", r"$^\1$", unit)
+
+
+def escaped(text: str) -> str:
+    """Return any text as LaTeX of plain ASCII; names come from any file."""
+    plain = "".join(c if " " <= c <= "~" else "?" for c in text)
+    return "".join(SPECIAL.get(c, c) for c in plain)
+
+
+GREEK = ("alpha", "beta", "eta", "kappa", "omega", "theta")
+TOO_LONG = "M, h and B of this robot are too long to read; --format c and python compute them."
+
+
+def law_text(law: LawSheet, form: ClosedForm | None) -> str:
+    """Return a law as plain text; expressions are valid SymPy.
+
+    Args:
+        law: The law on a robot.
+        form: The robot's equations in closed form, or None if they are too long to read.
+    """
+    sheet = law.sheet
+    lines = [f"{printable(law.robot.name)}: from the measured state to actuator efforts", ""]
+    settings = [(f"{s.symbol} = {s.value:g} {s.unit}", s.of) for s in sheet.settings]
+    lines += ["settings", *columns(settings), ""]
+    read = _read(law)
+    given = [each for each in sheet.inputs if each.symbol in read]
+    inputs = [(str(g.symbol), f"{printable(g.of)} {_bracketed(g.unit)}".strip()) for g in given]
+    lines += ["inputs: pose of the root link, positions and rates, the reference (_r)"]
+    lines += [*columns(inputs), "", "in this order"]
+    lines += [f"  {symbol} = {_plain(value)}" for symbol, value in sheet.definitions]
+    for name, values in (("nu_d", law.nu_d), ("nu_d_dot", law.nu_d_dot), ("nu_dot", law.nu_dot)):
+        lines.append(f"  {name} = ({', '.join(map(_plain, values))})")
+    lossy = " - l(nu_d), l the losses in the joints" if law.robot.losses is not None else ""
+    lines += ["", f"tau of least effort, relative to the limits, with B tau = M nu_dot + h{lossy}"]
+    lines.append("")
+    return "\n".join(lines) + (f"\n{to_text(form)}" if form else f"{TOO_LONG}\n")
+
+
+def law_latex(law: LawSheet, form: ClosedForm | None) -> str:
+    """Return a law as a complete LaTeX document that needs nothing but amsmath.
+
+    Args:
+        law: The law on a robot.
+        form: The robot's equations in closed form, or None if they are too long to read.
+    """
+    sheet, read = law.sheet, _read(law)
+    symbols = [*(s.symbol for s in sheet.settings), *(g.symbol for g in sheet.inputs)]
+    symbols += [symbol for symbol, _ in sheet.definitions]
+    names = {symbol: symbol_latex(str(symbol)) for symbol in symbols}
+    rows = [
+        f"${names[s.symbol]}$ & {s.value:g} {escaped(s.unit)}, {escaped(s.of)}"
+        for s in sheet.settings
+    ]
+    rows += [
+        f"${names[g.symbol]}$ & {escaped(f'{g.of} {_bracketed(g.unit)}')}" for g in sheet.inputs
+        if g.symbol in read
+    ]  # fmt: skip
+    legend = "\\begin{tabular}{lp{13cm}}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n"
+    definitions = [(names[symbol], as_piecewise(value)) for symbol, value in sheet.definitions]
+    body = [f"\\section*{{{escaped(law.robot.name)}: the law}}", legend]
+    body.append(aligned(definitions, names))
+    for name, values in (
+        (r"\nu_d", law.nu_d), (r"\dot\nu_d", law.nu_d_dot), (r"\dot\nu^*", law.nu_dot)
+    ):  # fmt: skip
+        body.append(f"\\[ {name} = \\bigl({_listed(values, names)}\\bigr) \\]")
+    lossy = r" - \ell(\nu_d)$, $\ell$ the losses in the joints" if law.robot.losses else "$"
+    body.append(
+        r"$\tau$ is the effort, least relative to the limits, with $B\tau = M\dot\nu^* + h"
+        f"{lossy}."
+    )
+    body.append(equations_of(form) if form else escaped(TOO_LONG))
+    return PREAMBLE % {"columns": max(10, len(law.robot.actuators))} + "\n".join(
+        [*body, "\\end{document}", ""]
+    )
+
+
+def symbol_latex(name: str) -> str:
+    """Return x1_dot as a dotted x with index 1, theta1_r_ddot as a twice dotted theta."""
+    stem, dots = name, ""
+    for ending, mark in (("_ddot", "\\ddot"), ("_dot", "\\dot")):
+        if name.endswith(ending):
+            stem, dots = name.removesuffix(ending), mark
+    head, *indices = stem.split("_")
+    letters, number = re.fullmatch(r"([A-Za-z]+)(\d*)", head).groups()  # type: ignore[union-attr]
+    stem = f"\\{letters}" if letters in GREEK else letters
+    stem = stem if len(letters) == 1 or letters in GREEK else f"\\mathit{{{letters}}}"
+    stem = f"{dots}{{{stem}}}" if dots else stem
+    words = [w if len(w) == 1 or w.isdigit() else _word(w) for w in [number, *indices] if w]
+    return f"{stem}_{{{','.join(words)}}}" if words else stem
+
+
+def _word(word: str) -> str:
+    return f"\\{word}" if word in GREEK else f"\\mathrm{{{word}}}"
+
+
+def _listed(values: tuple[sp.Expr, ...], names: Mapping[sp.Symbol, str]) -> str:
+    return ",\\ ".join(
+        str(sp.latex(as_piecewise(value), symbol_names=dict(names))) for value in values
+    )
+
+
+def _read(law: LawSheet) -> set[sp.Symbol]:
+    """Return the symbols that the law depends on."""
+    parts = [value for _, value in law.sheet.definitions]
+    parts += [*law.nu_d, *law.nu_d_dot, *law.nu_dot]
+    return set().union(*(part.free_symbols for part in parts))
+
+
+def _plain(value: sp.Expr) -> str:
+    return plain(as_piecewise(value))
+
+
+def _bracketed(unit: str) -> str:
+    return f"[{unit}]" if unit else ""

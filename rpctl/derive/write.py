@@ -1,7 +1,20 @@
-"""``derive``: a robot's equations of motion as text, LaTeX, Python or C."""
+"""``derive`` and ``derive_law``: equations of motion, or a law, as text, LaTeX, Python or C."""
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
+from rpctl.control.bandwidth import USUAL_PERIOD
+from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.kinematic import PaperKinematic
+from rpctl.control.registry import dynamic_by_name, kinematic_by_name
+from rpctl.control.twist_law import BaseLaw
+from rpctl.control.unified import UnifiedKinematic
+from rpctl.derive.closed_form import ClosedForm, closed_form
+from rpctl.derive.codegen import c_law, c_source, python_law, python_source
+from rpctl.derive.law_program import law_program, law_sheet
+from rpctl.derive.steps import Operations
+from rpctl.derive.text import law_latex, law_text, to_latex, to_text
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 
@@ -26,13 +39,7 @@ def derive(robot: Robot, format: str = "text", parameters: bool = False) -> str:
     if format in ("python", "c"):
         if parameters:
             raise RpctlError(f"--format {format} has numbers only; leave --parameters out")
-        from rpctl.derive.codegen import c_source, python_source
-
         return c_source(robot) if format == "c" else python_source(robot)
-    from rpctl.derive.closed_form import closed_form
-    from rpctl.derive.latex import to_latex
-    from rpctl.derive.text import to_text
-
     if robot.drive.swivels:
         raise RpctlError(
             f"{robot.name}: wheels that swivel divide by sines and cosines of their angles, so the "
@@ -40,3 +47,93 @@ def derive(robot: Robot, format: str = "text", parameters: bool = False) -> str:
         )
     form = closed_form(robot, parameters)
     return to_latex(form) if format == "latex" else to_text(form)
+
+
+PRECISIONS = ("double", "float")
+NOT_CLOSED = {  # what has no closed form, and why
+    "Horizon": "solves a quadratic program at each sample",
+    "EndEffector": "solves for the arm's rates within its limits at each sample",
+    "BoundedDynamic": "solves a quadratic program where a limit binds",
+    "IntegralDynamic": "remembers its integral and solves a quadratic program where a limit binds",
+}
+
+
+class DerivedLaw(NamedTuple):
+    """A law that is written: its text, and what a sample costs; None for formulas to read."""
+
+    text: str
+    operations: Operations | None
+
+
+def derive_law(
+    robot: Robot,
+    kinematic: Any = "unified",
+    dynamic: Any = "paper",
+    format: str = "text",
+    precision: str = "double",
+    period: float = USUAL_PERIOD,
+) -> DerivedLaw:
+    """Write a kinematic law, its analytic ν̇_d and the dynamic law in closed form.
+
+    Settings are constants with names. The law is that near its reference: the stage for far starts
+    of bases that cannot turn on the spot remembers its way, and is left out.
+
+    Args:
+        robot: The robot.
+        kinematic: ``"paper"``, ``"unified"``, or such a law with settings of its own.
+        dynamic: ``"paper"``, or that law with settings of its own.
+        format: ``"text"`` or ``"latex"`` to read; ``"python"`` or ``"c"``, code without
+            dependencies, without loops and without memory.
+        precision: Of the numbers in C, ``"double"`` or ``"float"``.
+        period: Control period, s; the joints' prediction times follow from it unless they are set.
+
+    Raises:
+        RpctlError: The laws have no closed form, or nothing drives the robot.
+        UnknownNameError: A law, the format or the precision is not known.
+    """
+    for kind, value, known in (("format", format, FORMATS), ("precision", precision, PRECISIONS)):
+        if value not in known:
+            raise UnknownNameError(kind, value, known)
+    if precision != "double" and format != "c":
+        raise RpctlError(f"--format {format} has no precision to choose; take --format c")
+    law = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
+    efforts = dynamic_by_name(dynamic) if isinstance(dynamic, str) else dynamic
+    sheet = law_sheet(robot, *_closed(robot, law, efforts), period)
+    if format in ("text", "latex"):
+        write = law_text if format == "text" else law_latex
+        return DerivedLaw(write(sheet, _form(robot)), None)
+    program = law_program(sheet)
+    text = python_law(program) if format == "python" else c_law(program, precision == "float")
+    return DerivedLaw(text, program.operations)
+
+
+def _closed(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic]:
+    """Return the laws, which have a closed form on this robot."""
+    if robot.dof == 0:
+        raise RpctlError(f"{robot.name}: nothing moves, so there is no law to write")
+    if type(law) not in (PaperKinematic, UnifiedKinematic):
+        raise RpctlError(f"{_refusal(law)}; take --law unified or paper")
+    if type(efforts) is not PaperDynamic:
+        raise RpctlError(
+            f"{_refusal(efforts)}; take --dynamic paper, and keep the efforts' limits beside it"
+        )
+    if efforts.midpoint:
+        raise RpctlError(
+            "PaperDynamic(midpoint=True) looks half a period ahead; leave midpoint out"
+        )
+    return law, efforts
+
+
+def _refusal(law: object) -> str:
+    name = type(law).__name__
+    return f"{name} {NOT_CLOSED.get(name, 'is none of those that are written in closed form')}"
+
+
+def _form(robot: Robot) -> ClosedForm | None:
+    """Return a robot's closed form; None if it is too long to read."""
+    if robot.drive.swivels:
+        return None
+    try:
+        return closed_form(robot)
+    except RpctlError:
+        return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,12 +11,12 @@ import numpy as np
 from lxml import etree
 
 from rpctl.arrays import Array
-from rpctl.description.findings import excerpt
-from rpctl.description.links import AXES
-from rpctl.description.mesh_files import read_shape
-from rpctl.description.mesh_paths import MeshError, MeshPaths
-from rpctl.description.mesh_service import StalledMeshError, ask
+from rpctl.description.meshes.paths import MeshError, MeshPaths
+from rpctl.description.meshes.reading import read_shape
+from rpctl.description.meshes.service import StalledMeshError, ask
 from rpctl.description.records import Description, Link, Shape
+from rpctl.description.urdf.findings import excerpt
+from rpctl.description.urdf.links import AXES
 from rpctl.errors import DescriptionError, Finding, RpctlError
 
 MAX_DENSITY = 1e6  # kg/m3; more is a wrong unit
@@ -51,7 +51,6 @@ def fill(description: Description, density: float) -> Description:
     Links with an <inertial> stay as they are.
 
     Args:
-        description: The robot.
         density: kg/m³.
 
     Raises:
@@ -216,12 +215,18 @@ def _sum(solids: list[Solid]) -> Solid:
 def _with_inertials(xml: str, filled: dict[str, Link]) -> str:
     """Return the document with the estimates as <inertial> elements, to the last digit."""
     root = etree.fromstring(xml)
-    for element in root.findall("link"):
-        link = filled.get(element.get("name"))
-        if link is None:
-            continue
-        element.append(inertial_element(link))
+    write_inertials(root, filled)
     return str(etree.tostring(root, encoding="unicode"))
+
+
+def write_inertials(root: Any, links: Mapping[str, Link]) -> None:
+    """Give links of a document the inertias of their records, by name."""
+    for element in root.findall("link"):
+        link = links.get(element.get("name", ""))
+        if link is not None:
+            for old in element.findall("inertial"):
+                element.remove(old)
+            element.append(inertial_element(link))
 
 
 def inertial_element(link: Link) -> Any:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_paths import MeshPaths
-from rpctl.description.read_settings import ReadSettings
+from rpctl.description.meshes.paths import MeshPaths
+from rpctl.description.urdf.document import parse_document
+from rpctl.description.urdf.findings import Findings
 from rpctl.errors import Finding
 
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
@@ -125,6 +128,42 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class ReadSettings:
+    """How the file of a robot is read.
+
+    Attributes:
+        package_dirs: Folders that the user declares: packages, or folders that hold packages.
+        xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, as texts, by name.
+        ignore_missing_packages: Whether includes from packages that are not found are left out.
+    """
+
+    package_dirs: tuple[Path, ...] = ()
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
+    ignore_missing_packages: bool = False
+
+
+READ_DEFAULTS = ReadSettings()
+
+
+def as_xacro(value: object) -> str:
+    """Return a value as xacro has it; its truth values are written small."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """A <plugin>: its file, its name, its line, and the texts of its elements by tag.
+
+    Tags are in small letters and without ``_``.
+    """
+
+    file: str
+    name: str
+    line: int
+    texts: Mapping[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
 class Description:
     """A URDF: its links and joints in file order, and the findings about it.
 
@@ -143,6 +182,9 @@ class Description:
         file_sha256: Digest of the file's bytes; None where no file was read.
         rotors: Inertia of the rotors that transmissions tell of, seen from their joints: I n² by
             the joint's name, kg·m² or kg.
+        plugins: Plugins of simulators, wherever they stand.
+        actuated: Joints with a transmission, or a command interface of ros2_control.
+        sprung: Joints with a spring of Gazebo.
     """
 
     path: Path
@@ -159,6 +201,9 @@ class Description:
     urdf: bytes = field(default=b"", repr=False)
     file_sha256: str | None = None
     rotors: Mapping[str, float] = field(default_factory=dict, repr=False)
+    plugins: tuple[Plugin, ...] = field(default=(), repr=False)
+    actuated: frozenset[str] = field(default=frozenset(), repr=False)
+    sprung: frozenset[str] = field(default=frozenset(), repr=False)
 
     @cached_property
     def link(self) -> dict[str, Link]:
@@ -187,6 +232,18 @@ class Description:
     def mesh_paths(self) -> MeshPaths:
         """Finds the mesh files that the URDF names."""
         return MeshPaths(self.path, self.read_with.package_dirs)
+
+    def document(self) -> Any:
+        """Return a copy of the tree of ``raw``, each tag at its line, for whoever edits it."""
+        return deepcopy(self._document)
+
+    @cached_property
+    def _document(self) -> Any:
+        return parse_document(self.raw, Findings())
+
+    def __getstate__(self) -> Mapping[str, Any]:
+        """Return what another process needs: lxml's tree cannot be sent, and is read again."""
+        return {name: value for name, value in vars(self).items() if name != "_document"}
 
     @property
     def has_meshes(self) -> bool:

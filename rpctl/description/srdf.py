@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rpctl.description.document import parse_document
-from rpctl.description.encoding import Refusal
-from rpctl.description.expansion import expand, is_xacro, list_arguments
-from rpctl.description.findings import Findings, excerpt
-from rpctl.description.read_settings import READ_DEFAULTS, ReadSettings
+from rpctl.description.records import READ_DEFAULTS, ReadSettings
+from rpctl.description.urdf.document import Refusal, parse_document
+from rpctl.description.urdf.findings import Findings, excerpt
+from rpctl.description.xacro.expansion import expand, is_xacro, list_arguments
 from rpctl.errors import DescriptionError, Finding
 from rpctl.files.opening import read_input
 
@@ -39,7 +38,6 @@ def read_state(
 
     Args:
         path: The SRDF, or the .xacro that becomes one; lines are those of what it becomes.
-        name: Name of the state.
         settings: Of the robot: its packages, and the values of arguments that the SRDF has, too.
 
     Raises:

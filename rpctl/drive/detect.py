@@ -2,52 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import replace
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
 from rpctl.drive.assemble import assemble
+from rpctl.drive.controls import PLANAR, BaseControl, plugin_controls
 from rpctl.drive.drive import FIXED_BASE, POWERED_CASTERS, Drive
 from rpctl.drive.drive_file import DriveSpec
 from rpctl.drive.evidence import Evidence, gather_evidence
 from rpctl.drive.leftovers import explain_leftovers, lock_option
-from rpctl.drive.near_misses import misaligned_axes, wheels_on_fixed_joints
-from rpctl.drive.no_drive_message import explain_no_drive
-from rpctl.drive.parallel_wheels import (
-    mecanum_evidence,
-    parallel_kind,
-    swivels_of_mecanum_wheels,
-)
-from rpctl.drive.plugins import SimulatorTags, read_simulator_tags
-from rpctl.drive.wheels import WheelCandidate, find_candidates, parallel
+from rpctl.drive.no_drive import explain_no_drive, misaligned_axes, wheels_on_fixed_joints
+from rpctl.drive.swivels import SwivelCandidate
+from rpctl.drive.wheels import WheelCandidate, find_candidates, has_mecanum_rollers, parallel
 from rpctl.errors import DriveError, UnknownNameError
 
 MAX_RADIUS_RATIO = 1.1  # of the wheels of a skid-steer drive, if nothing tells that it is one
+MECANUM, SKID_STEER = "mecanum", "skid-steer"
+MADE_FOR = {  # type of the drive that a control is made for: that of parallel wheels
+    "mecanum": MECANUM,
+    "omni": MECANUM,
+    "skid-steer": SKID_STEER,
+    "differential": SKID_STEER,
+}
+MECANUM_ROBOTS = ("youbot",)  # whose files give neither rollers nor a word of them
+CHOICE = "say --drive skid-steer or --drive mecanum"
 
 
 def detect(
     tree: FrozenTree,
     spec: DriveSpec | None = None,
-    tags: SimulatorTags | None = None,
+    controls: tuple[BaseControl, ...] | None = None,
     free: Collection[str] = (),
 ) -> Drive:
     """Find the drive of a robot.
 
-    A wheel turns without limits about a level axle, is held by the root link, rigidly or through
-    one upright joint, and reaches the ground. The type follows from the number of wheels, the
-    lines that their axles lie on, and the upright joints that steer. Rollers, names and plugins
-    distinguish mecanum from skid-steer wheels, and without any they are skid-steer. What looks
-    like a wheel and is none of the drive's is refused.
+    The type follows from the number of wheels, the lines that their axles lie on, and the upright
+    joints that steer. Rollers, names and plugins distinguish mecanum from skid-steer wheels. What
+    looks like a wheel and is none of the drive's is refused.
 
     Args:
         tree: The robot, with its locked joints.
-        spec: What the user says of the drive.
-        tags: What the file tells simulators and controllers; read from it if None.
-        free: Names of joints that are no wheels.
-
-    Returns:
-        The drive, with its evidence and its doubts.
+        controls: Plugins and controllers of the base; the file's plugins if None.
 
     Raises:
         DriveError: No wheels fit, or nothing tells which drive they are; every candidate is named.
@@ -59,16 +56,12 @@ def detect(
     candidates = find_candidates(tree, spec.wheels)
     if spec.wheels:
         candidates = _named(tree.description, candidates, spec)
-    tags = read_simulator_tags(tree.description) if tags is None else tags
-    evidence = gather_evidence(tree, candidates, spec, tags, free)
+    controls = plugin_controls(tree.description) if controls is None else controls
+    evidence = gather_evidence(tree, candidates, spec, controls, free)
     if spec.type is None and _is_arm(evidence):
         return _fixed(evidence)
-    crossed = [] if spec.wheels else misaligned_axes(tree, evidence.grounded.wheels)
-    if crossed:
-        raise DriveError(
-            f"{tree.description.path}: the joints of wheels turn across their cylinders' axles; "
-            f"give {', '.join(crossed)}, or name the wheels in a drive file"
-        )
+    if not spec.wheels:
+        _refuse_crossed_axes(evidence)
     if spec.type is None:
         _refuse_swivels_of_mecanum_wheels(evidence)
     kind = spec.type or _kind(evidence)
@@ -77,6 +70,16 @@ def detect(
     if evidence.leftovers and not spec.wheels:
         raise DriveError(explain_leftovers(tree, kind, evidence.leftovers))
     return _explained(assemble(kind, evidence), evidence)
+
+
+def _refuse_crossed_axes(evidence: Evidence) -> None:
+    path = evidence.description.path
+    crossed = misaligned_axes(evidence.tree, evidence.grounded.wheels)
+    if crossed:
+        raise DriveError(
+            f"{path}: the joints of wheels turn across their cylinders' axles; "
+            f"give {', '.join(crossed)}, or name the wheels in a drive file"
+        )
 
 
 def _explained(drive: Drive, evidence: Evidence) -> Drive:
@@ -202,3 +205,107 @@ def _named(
             "joint"
         )
     return [candidate for candidate in candidates if candidate.joint.name in spec.wheels]
+
+
+@dataclass(frozen=True)
+class ParallelKind:
+    """What parallel wheels are.
+
+    Attributes:
+        kind: ``"skid-steer"`` or ``"mecanum"``.
+        why: The evidence, in words; empty if there is none.
+        doubt: What was assumed, and how to say otherwise; empty if nothing was.
+    """
+
+    kind: str
+    why: str = ""
+    doubt: str = ""
+
+
+def parallel_kind(evidence: Evidence) -> ParallelKind:
+    """Return what two or more pairs of parallel wheels are, and why.
+
+    Rollers, names of wheels and their meshes, and plugins and controllers tell. A plugin that
+    moves the base any way is weak evidence for mecanum wheels; without any the wheels are taken
+    for ordinary ones.
+
+    Raises:
+        DriveError: One part of the file says mecanum and another skid-steer.
+    """
+    told: dict[str, str] = {}
+    for kind, why in _told(evidence):
+        told.setdefault(kind, why)
+    if len(told) > 1:
+        path = evidence.description.path
+        raise DriveError(
+            f"{path}: the file says two things of its wheels: {told[MECANUM]}, but "
+            f"{told[SKID_STEER]}; {CHOICE}"
+        )
+    for kind, why in told.items():
+        return ParallelKind(kind, why)
+    planar = next((c for c in evidence.controls if c.kind == PLANAR), None)
+    if planar is not None and len(evidence.fixed) == 4:
+        doubt = (
+            f"the wheels are taken for mecanum wheels, for {_control_name(planar)} moves the base "
+        )
+        return ParallelKind(MECANUM, doubt=f"{doubt}any way; {CHOICE}")
+    return ParallelKind(
+        SKID_STEER,
+        doubt=f"{len(evidence.fixed)} parallel wheels are taken for ordinary ones, skid-steer: "
+        f"nothing in the file tells of rollers; {CHOICE}",
+    )
+
+
+def mecanum_evidence(evidence: Evidence) -> str:
+    """Return what tells of mecanum wheels, in words, or nothing."""
+    return next((why for kind, why in _told(evidence) if kind == MECANUM), "")
+
+
+def _told(evidence: Evidence) -> Iterator[tuple[str, str]]:
+    """Yield each kind that something in the file tells, and what."""
+    for wheel in evidence.grounded.wheels:
+        if has_mecanum_rollers(evidence.tree, wheel):
+            yield MECANUM, f'the rollers of "{wheel.joint.name}" lie askew to its axle'
+    word = _mention(evidence)
+    if word:
+        yield MECANUM, word
+    for control in evidence.controls:
+        if control.kind in MADE_FOR:
+            kind = MADE_FOR[control.kind]
+            yield kind, f"{_control_name(control)} is made for {control.kind} drives"
+
+
+def _mention(evidence: Evidence) -> str:
+    """Return the name that mentions mecanum wheels, in words, or nothing.
+
+    Omni wheels with parallel axles are such, as makers call them; and what rolls on a wheel is.
+    """
+    links = [evidence.description.link[w.joint.child] for w in evidence.grounded.wheels]
+    meshes = [s.mesh or "" for link in links for s in link.visuals + link.collisions]
+    names = [wheel.joint.name for wheel in evidence.grounded.wheels]
+    names += [link.name for link in links]
+    for name in (*names, *meshes, evidence.description.name):
+        if MECANUM in name.lower():
+            return f'the name "{name}" mentions them'
+    for name in (*names, *(mesh.rpartition("/")[2] for mesh in meshes)):
+        if "omni" in name.lower():
+            return f'the name "{name}" mentions them'
+    for wheel in evidence.grounded.wheels:
+        for name, _ in evidence.tree.rigid_links(wheel.joint.child):
+            if "roller" in name.lower() and name != wheel.joint.child:
+                return f'"{wheel.joint.name}" has rollers, such as "{name}"'
+    robot = evidence.description.name.lower()
+    if any(known in robot for known in MECANUM_ROBOTS):
+        return f'the robot "{evidence.description.name}" is known for them'
+    return ""
+
+
+def _control_name(control: BaseControl) -> str:
+    return control.label + (f" (line {control.line})" if control.line is not None else "")
+
+
+def swivels_of_mecanum_wheels(evidence: Evidence) -> tuple[SwivelCandidate, ...]:
+    """Return the swivels, if they carry all wheels, and something tells of mecanum wheels."""
+    carried = {wheel.joint.name for swivel in evidence.swivels for wheel in swivel.wheels}
+    whole = len(carried) == len(evidence.grounded.wheels) == 4
+    return evidence.swivels if whole and mecanum_evidence(evidence) else ()

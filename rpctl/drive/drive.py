@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 POWERED_CASTERS = "powered-casters"  # all wheels trail upright joints; motors drive them
 # The base's own speeds by the drive's type; each independently steered joint's rate follows them.
@@ -179,18 +177,6 @@ class Drive:
     def carried(self, swivel: Swivel) -> tuple[int, ...]:
         """Return the wheels (indices) that a swivel carries."""
         return tuple(i for i, wheel in enumerate(self.wheels) if wheel.swivel == swivel.joint)
-
-    @staticmethod
-    def from_dict(values: Mapping[str, Any]) -> Drive:
-        """Return the drive that ``dataclasses.asdict`` took apart, lists for tuples or not."""
-        wheels = (
-            Wheel(**{**w, "axis": tuple(w["axis"]), "direction": tuple(w["direction"])})
-            for w in values["wheels"]
-        )
-        swivels = (Swivel(**{**s, "pivot": tuple(s["pivot"])}) for s in values["swivels"])
-        listed = ("point", "evidence", "doubts", "declared")
-        rest = {key: tuple(values[key]) for key in listed if key in values}
-        return Drive(**{**values, "wheels": tuple(wheels), "swivels": tuple(swivels), **rest})
 
 
 FIXED_BASE = Drive("fixed")

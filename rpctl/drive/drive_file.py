@@ -4,58 +4,114 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Annotated, Any
 
 from rpctl.drive.drive import BASE_SPEEDS
-from rpctl.errors import is_number
 from rpctl.files import toml
+from rpctl.files.records import (
+    POSITIVE,
+    OneOf,
+    OutOfRangeError,
+    Range,
+    Record,
+    Setting,
+    read_record,
+)
 
 DRIVE_TYPES = tuple(BASE_SPEEDS)
 SWIVEL_ROLES = ("steered", "caster")
 STEERING_MODES = ("ackermann", "free")
-DRIVE_KEYS = ("type", "track", "point", "steering", "wheel", "swivel")
+ROLLER_RANGE = Range(math.nextafter(-90.0, 0.0), 90.0, "degrees between -90 and 90", below=True)
+ONLY_OF = {
+    "track": "skid-steer",
+    "point": "skid-steer",
+    "steering": "car-like",
+}  # types that have it
 
 
 @dataclass(frozen=True)
-class WheelSpec:
-    """A declared wheel: its radius (m), its roller's angle (rad), whether it is driven."""
+class WheelSpec(Record):
+    """A declared wheel; None where it is to be detected."""
 
-    radius: float | None = None
-    roller: float | None = None
-    driven: bool | None = None
+    joint: Annotated[str, Setting("", "joint", "The wheel's joint.")]
+    radius: Annotated[float | None, POSITIVE, Setting("m", "radius", "Its radius.")] = None
+    roller_deg: Annotated[
+        float | None,
+        ROLLER_RANGE,
+        Setting("deg", "roller", "Angle from the heading to the roller on the ground (mecanum)."),
+    ] = None
+    driven: Annotated[bool | None, Setting("", "driven", "Whether a motor turns it.")] = None
+
+    @property
+    def roller(self) -> float | None:
+        """Its roller's angle, rad."""
+        return None if self.roller_deg is None else math.radians(self.roller_deg)
 
 
 @dataclass(frozen=True)
-class SwivelSpec:
-    """A declared swivel: ``"steered"`` or ``"caster"``, and whether it is driven."""
+class SwivelSpec(Record):
+    """A declared swivel; None where it is to be detected."""
 
-    role: str | None = None
-    driven: bool | None = None
+    joint: Annotated[str, Setting("", "joint", "The swivel's joint.")]
+    role: Annotated[str | None, OneOf(SWIVEL_ROLES), Setting("", "role", "What it does.")] = None
+    driven: Annotated[bool | None, Setting("", "driven", "Whether a motor turns it.")] = None
 
 
 @dataclass(frozen=True)
-class DriveSpec:
+class DriveSpec(Record):
     """A declared drive; None or empty where it is to be detected.
 
-    Attributes:
-        type: Its type.
-        wheels: The wheels, by joint: all of them, where any are named.
-        swivels: Swivels, by joint.
-        track: Effective track of a skid-steer drive, m.
-        point: Centre of rotation of a skid-steer drive in the root link's frame (x, y), m.
-        steering: ``"ackermann"``: the wheels' axles meet in one centre; ``"free"``: each steered
-            wheel of an axle turns on its own, and on average they do not slip.
+    Where any wheels are named, these are all of them.
     """
 
-    type: str | None = None
-    wheels: Mapping[str, WheelSpec] = field(default_factory=dict)
-    swivels: Mapping[str, SwivelSpec] = field(default_factory=dict)
-    track: float | None = None
-    point: tuple[float, float] | None = None
-    steering: str = "ackermann"
+    type: Annotated[str | None, OneOf(DRIVE_TYPES), Setting("", "type", "Of the drive.")] = None
+    wheel: Annotated[tuple[WheelSpec, ...], Setting("", "wheels", "The wheels.")] = ()
+    swivel: Annotated[tuple[SwivelSpec, ...], Setting("", "swivels", "Swivels.")] = ()
+    track: Annotated[
+        float | None, POSITIVE, Setting("m", "track", "Effective track of a skid-steer drive.")
+    ] = None
+    point: Annotated[
+        tuple[float, float] | None,
+        Setting("m", "point", "Centre of rotation of a skid-steer drive in the root link's frame."),
+    ] = None
+    steering: Annotated[
+        str,
+        OneOf(STEERING_MODES),
+        Setting("", "steering", "Whether the wheels' axles meet in one centre (ackermann), or each "
+                "turns on its own and on average they do not slip (free)."),
+    ] = STEERING_MODES[0]  # fmt: skip
+
+    def __post_init__(self) -> None:
+        """Refuse what the type of the drive does not have, and what is named twice."""
+        super().__post_init__()
+        faults = []
+        for name, kind in ONLY_OF.items():
+            if getattr(self, name) not in (None, STEERING_MODES[0]) and self.type != kind:
+                faults.append(f"{name} is of {kind} drives only; leave it out")
+        for name, tables in (("wheel", self.wheel), ("swivel", self.swivel)):
+            joints = [each.joint for each in tables]
+            twice = dict.fromkeys(joint for joint in joints if joints.count(joint) > 1)
+            faults += [f'{name}: joint "{joint}" is named twice' for joint in twice]
+            if tables and self.type == "fixed":
+                faults.append(f"a fixed base has no {name}; leave [[{name}]] out")
+        if self.type != "mecanum" and any(each.roller_deg is not None for each in self.wheel):
+            faults.append("wheel: roller_deg is of mecanum drives only; leave it out")
+        if faults:
+            raise OutOfRangeError(faults)
+
+    @cached_property
+    def wheels(self) -> dict[str, WheelSpec]:
+        """The wheels by joint."""
+        return {each.joint: each for each in self.wheel}
+
+    @cached_property
+    def swivels(self) -> dict[str, SwivelSpec]:
+        """The swivels by joint."""
+        return {each.joint: each for each in self.swivel}
 
 
 def read_drive(path: str | Path) -> DriveSpec:
@@ -64,119 +120,13 @@ def read_drive(path: str | Path) -> DriveSpec:
     Raises:
         DescriptionError: The file is missing, is not TOML, or has faults; all are named.
     """
-    return toml.read(path, lambda data, faults: _Reader(faults).drive(data), "a drive file")
+    return toml.read(path, _drive_in, "a drive file")
 
 
-class _Reader:
-    """Reads a drive file's tables, and collects their faults."""
-
-    def __init__(self, faults: list[str]) -> None:
-        self.faults = faults
-
-    def drive(self, data: dict[str, Any]) -> DriveSpec:
-        self._known(data, DRIVE_KEYS, "", "a drive file")
-        kind = self._choice(data, "type", DRIVE_TYPES, "")
-        if "type" not in data:
-            self.faults.append(f"type is missing; use one of {', '.join(DRIVE_TYPES)}")
-        track, point = self._length(data, "track", ""), data.get("point")
-        for name in ("track", "point"):
-            if name in data and kind != "skid-steer":
-                self.faults.append(f"{name} is of skid-steer drives only; leave it out")
-        if point is not None and not _pair(point):
-            self.faults.append(f"point is {point!r}; give [x, y] in m")
-        for name in ("wheel", "swivel"):
-            if name in data and kind == "fixed":
-                self.faults.append(f"a fixed base has no {name}; leave [[{name}]] out")
-        if "steering" in data and kind != "car-like":
-            self.faults.append("steering is of car-like drives only; leave it out")
-        return DriveSpec(
-            type=kind,
-            wheels={
-                name: self._wheel(where, t, kind) for where, name, t in self._tables(data, "wheel")
-            },
-            swivels={
-                name: self._swivel(where, t) for where, name, t in self._tables(data, "swivel")
-            },
-            track=track,
-            point=(float(point[0]), float(point[1])) if _pair(point) else None,
-            steering=self._choice(data, "steering", STEERING_MODES, "") or STEERING_MODES[0],
-        )
-
-    def _wheel(self, where: str, table: dict[str, Any], kind: str | None) -> WheelSpec:
-        self._known(table, ("joint", "radius", "roller_deg", "driven"), where, "a wheel")
-        roller = table.get("roller_deg")
-        if roller is not None and kind != "mecanum":
-            self.faults.append(f"{where}roller_deg is of mecanum drives only; leave it out")
-        if roller is not None and not (is_number(roller) and abs(roller) < 90.0):
-            self.faults.append(f"{where}roller_deg is {roller!r}; give degrees between -90 and 90")
-            roller = None
-        return WheelSpec(
-            radius=self._length(table, "radius", where),
-            roller=None if roller is None else math.radians(roller),
-            driven=self._flag(table, "driven", where),
-        )
-
-    def _swivel(self, where: str, table: dict[str, Any]) -> SwivelSpec:
-        self._known(table, ("joint", "role", "driven"), where, "a swivel")
-        return SwivelSpec(
-            self._choice(table, "role", SWIVEL_ROLES, where), self._flag(table, "driven", where)
-        )
-
-    def _tables(self, data: dict[str, Any], key: str) -> Iterable[tuple[str, str, dict[str, Any]]]:
-        """Yield the tables of an array: what to call each, its joint, and itself."""
-        tables = data.get(key, [])
-        if not isinstance(tables, list):
-            self.faults.append(f"{key} is one table; write [[{key}]] before each")
-            return
-        seen = set()
-        for number, table in enumerate(tables, start=1):
-            where = f"{key} {number}"
-            if not isinstance(table, dict):
-                self.faults.append(f"{where} is not a table; write [[{key}]] before it")
-                continue
-            joint = table.get("joint")
-            if not isinstance(joint, str) or not joint:
-                self.faults.append(f'{where} has no joint; write joint = "NAME"')
-                continue
-            if joint in seen:
-                self.faults.append(f'{where}: joint "{joint}" is named twice')
-            seen.add(joint)
-            yield f"{where}: ", joint, table
-
-    def _known(self, table: dict[str, Any], keys: Collection[str], where: str, what: str) -> None:
-        listed = ", ".join(keys)
-        self.faults += [
-            f'{where}"{key}" is not known; {what} has {listed}' for key in table if key not in keys
-        ]
-
-    def _choice(
-        self, table: dict[str, Any], key: str, choices: Collection[str], where: str
-    ) -> str | None:
-        value = table.get(key)
-        if value is not None and value not in choices:
-            self.faults.append(f"{where}{key} is {value!r}; use one of {', '.join(choices)}")
-            return None
-        return value
-
-    def _length(self, table: dict[str, Any], key: str, where: str) -> float | None:
-        value = table.get(key)
-        if value is None:
-            return None
-        if not is_number(value) or value <= 0:
-            self.faults.append(f"{where}{key} is {value!r}; give a positive number of metres")
-            return None
-        return float(value)
-
-    def _flag(self, table: dict[str, Any], key: str, where: str) -> bool | None:
-        value = table.get(key)
-        if value is not None and not isinstance(value, bool):
-            self.faults.append(f"{where}{key} is {value!r}; give true or false")
-            return None
-        return value
-
-
-def _pair(value: Any) -> TypeGuard[list[float]]:
-    return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+def _drive_in(data: dict[str, Any], faults: list[str]) -> Any:
+    if "type" not in data:
+        faults.append(f"type is missing; give one of {', '.join(DRIVE_TYPES)}")
+    return read_record(DriveSpec, data, "", faults)
 
 
 def suggest(
@@ -185,7 +135,6 @@ def suggest(
     """Return a drive file to start from.
 
     Args:
-        kind: Type of the drive.
         wheels: Radius (m) of each joint that could carry a wheel, None where it is not known.
         swivels: Role of each joint that could be a swivel.
     """

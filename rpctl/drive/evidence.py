@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.records import Description
-from rpctl.drive.drive_file import DriveSpec, SwivelSpec
-from rpctl.drive.grounded import GroundedWheels, find_grounded
+from rpctl.description.records import Description, Joint
+from rpctl.drive.controls import BaseControl
+from rpctl.drive.drive_file import DriveSpec, suggest
 from rpctl.drive.leftovers import Leftover, find_leftovers
-from rpctl.drive.plugins import BaseControl, SimulatorTags
 from rpctl.drive.swivels import CASTER_WORDS, SwivelCandidate, find_swivels
-from rpctl.drive.wheels import WheelCandidate, coaxial
+from rpctl.drive.wheels import GROUND_TOLERANCE_M, WheelCandidate, coaxial, ground_tolerance
 from rpctl.errors import DriveError, UnknownNameError
 
 BALL_WORDS = ("ball", *CASTER_WORDS)
+MAX_RADIUS_RATIO = 2.0  # largest ratio of an unknown wheel's radius to the largest known radius
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Evidence:
         lines: Wheels that the root link holds, those about one line together.
         balls: Spheres that the root link holds beside a pair of wheels: they slide sideways, too.
         swivels: Upright joints that carry the other wheels.
-        tags: What the file tells simulators and controllers.
+        controls: Plugins and controllers that move the base.
         spec: What the user says.
         leftovers: Joints that look like wheels and are none of these.
     """
@@ -38,7 +39,7 @@ class Evidence:
     lines: tuple[tuple[WheelCandidate, ...], ...]
     balls: tuple[WheelCandidate, ...]
     swivels: tuple[SwivelCandidate, ...]
-    tags: SimulatorTags
+    controls: tuple[BaseControl, ...]
     spec: DriveSpec
     leftovers: tuple[Leftover, ...]
 
@@ -48,14 +49,9 @@ class Evidence:
         return self.tree.description
 
     @property
-    def controls(self) -> tuple[BaseControl, ...]:
-        """Plugins and controllers that move the base."""
-        return self.tags.controls
-
-    @property
     def actuated(self) -> frozenset[str]:
         """Joints with a transmission, or a command interface of ros2_control."""
-        return self.tags.actuated
+        return self.description.actuated
 
     @property
     def fixed(self) -> tuple[WheelCandidate, ...]:
@@ -75,10 +71,9 @@ class Evidence:
     @property
     def trailing(self) -> bool:
         """Whether every wheel trails an upright joint, powered or not, and none is held firmly."""
-        told = self.spec.swivels
+        told = {each.joint for each in self.spec.swivel if each.role is not None}
         trails = (
-            swivel.role == "caster"
-            or (swivel.trails and told.get(swivel.joint.name, SwivelSpec()).role is None)
+            swivel.role == "caster" or (swivel.trails and swivel.joint.name not in told)
             for swivel in self.swivels
         )
         return not self.lines and bool(self.swivels) and all(trails)
@@ -98,16 +93,12 @@ def gather_evidence(
     tree: FrozenTree,
     candidates: list[WheelCandidate],
     spec: DriveSpec,
-    tags: SimulatorTags,
+    controls: tuple[BaseControl, ...],
     free: Collection[str] = (),
 ) -> Evidence:
     """Return the wheels among the candidates, sorted by what holds them.
 
     Args:
-        tree: The robot.
-        candidates: The joints that could carry wheels.
-        spec: What the user says.
-        tags: What the file tells simulators and controllers.
         free: Joints that the user wants free: they are no wheels.
 
     Raises:
@@ -116,13 +107,13 @@ def gather_evidence(
         UnknownNameError: A swivel's joint is not known.
     """
     grounded = find_grounded(tree, candidates, bool(spec.wheels))
-    swivels = find_swivels(tree, grounded.wheels, spec.swivels, tags.actuated)
+    swivels = find_swivels(tree, grounded.wheels, spec.swivels)
     _require_swivels(tree.description, spec, {swivel.joint.name for swivel in swivels})
     held = [wheel for wheel in grounded.wheels if wheel.swivel is None]
     lines, balls = _split_balls(held)
-    driven = tuple(dict.fromkeys(name for control in tags.controls for name in control.joints))
-    leftovers = find_leftovers(tree, grounded, free, driven)
-    return Evidence(tree, grounded, lines, balls, tuple(swivels), tags, spec, leftovers)
+    driven = tuple(dict.fromkeys(name for control in controls for name in control.joints))
+    leftovers = find_leftovers(tree, grounded.wheels, free, driven)
+    return Evidence(tree, grounded, lines, balls, tuple(swivels), controls, spec, leftovers)
 
 
 def _split_balls(
@@ -176,3 +167,107 @@ def _require_swivels(description: Description, spec: DriveSpec, found: set[str])
                 "about an upright axis, be held by the root link, and carry a wheel that stands "
                 f"on the ground{listed}"
             )
+
+
+@dataclass(frozen=True)
+class GroundedWheels:
+    """Which candidates touch the ground.
+
+    Attributes:
+        wheels: Those that do, with their radii.
+        rejected: Why each of the others does not, in sentences.
+        doubts: What was assumed of their sizes, in sentences.
+    """
+
+    wheels: tuple[WheelCandidate, ...]
+    rejected: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def find_grounded(
+    tree: FrozenTree, candidates: Sequence[WheelCandidate], declared: bool
+) -> GroundedWheels:
+    """Return which candidates reach the ground; the lowest of them defines its height.
+
+    The radius of a wheel of unknown size is its axle's height above the ground; if no size is
+    known, the ground is at the root link's origin. One joint alone is no wheel, nor is one that
+    ends more than its radius above the lowest part of the body.
+
+    Args:
+        declared: Whether the user says that all of them are wheels.
+    """
+    rejected: list[str] = []
+    if not declared:
+        candidates, rejected = _clear_of_body(tree, candidates)
+    known = [c for c in candidates if c.radius is not None]
+    ground = min((c.bottom for c in known), default=0.0)
+    least = min((float(c.centre[2]) - ground for c in candidates), default=0.0)
+    widest = max((float(c.radius) for c in known if c.radius is not None), default=least)
+    place = "the other wheels' ground" if known else f'the root link "{tree.description.root}"'
+    wheels, doubts = [], []
+    for candidate in candidates:
+        height, name = float(candidate.centre[2]) - ground, candidate.joint.name
+        wheel = candidate
+        if candidate.radius is None:
+            if height <= 0.0:
+                raise _unknown_radius(tree, candidate.joint, candidates)
+            if height > MAX_RADIUS_RATIO * widest and not declared:
+                rejected.append(f'"{name}": its axle is {height:.3g} m above the ground: no wheel')
+                continue
+            wheel = replace(candidate, radius=height, source=f"axle height over {place}")
+            doubts.append(_radius_doubt(candidate, wheel))
+        gap = wheel.bottom - ground
+        if gap > ground_tolerance(wheel.radius or 0.0) and not declared:
+            rejected.append(f'"{name}": it ends {gap:.3g} m above the ground: no wheel')
+            continue
+        wheels.append(wheel)
+    return GroundedWheels(tuple(wheels), tuple(rejected), tuple(doubts))
+
+
+def _clear_of_body(
+    tree: FrozenTree, candidates: Sequence[WheelCandidate]
+) -> tuple[list[WheelCandidate], list[str]]:
+    """Return the candidates that reach below the body, and a reason for each of the others."""
+    body = (link for link, _ in tree.rigid_links(tree.description.root))
+    heights = [ends for link in body for ends in tree.heights(link)]
+    foot = min((c.bottom for c in candidates if c.radius is not None), default=math.nan)
+    # A shape that the lowest wheel stands on is the ground, as files of simulators have it.
+    floor = min(
+        (low for low, high in heights if not abs(high - foot) <= GROUND_TOLERANCE_M),
+        default=math.inf,
+    )
+    kept, rejected = [], []
+    for candidate in candidates:
+        name, radius = candidate.joint.name, candidate.radius
+        if radius is not None and candidate.bottom - floor > radius:
+            gap = candidate.bottom - floor
+            rejected.append(f'"{name}": the body reaches {gap:.3g} m lower: no wheel')
+        elif len(candidates) == 1:
+            rejected.append(
+                f'"{name}": no other joint turns about a level axle: one alone is no wheel'
+            )
+        else:
+            kept.append(candidate)
+    return kept, rejected
+
+
+def _radius_doubt(candidate: WheelCandidate, wheel: WheelCandidate) -> str:
+    """Return the doubt about a candidate of unknown radius that became a wheel."""
+    note = f" ({candidate.source})" if candidate.source else ""
+    return (
+        f'no shape tells the size of wheel "{wheel.joint.name}"{note}: its radius, '
+        f"{wheel.radius:.4g} m, is the {wheel.source}; give its radius in a drive file if it is "
+        "another"
+    )
+
+
+def _unknown_radius(
+    tree: FrozenTree, joint: Joint, candidates: Sequence[WheelCandidate]
+) -> DriveError:
+    start = suggest("differential", {c.joint.name: c.radius for c in candidates})
+    return DriveError(
+        f'{tree.description.path}:{joint.line}: the radius of wheel "{joint.child}" is not known: '
+        "no cylinder or sphere among its shapes, no mesh that can be read, and its axle is not "
+        'above the root link; give the link a <collision> with <cylinder radius="..." '
+        f'length="..."/> along the axle, or its radius in a drive file (--drive FILE):\n{start}'
+    )

@@ -10,9 +10,8 @@ from itertools import takewhile
 
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Joint
-from rpctl.drive.grounded import GroundedWheels
 from rpctl.drive.swivels import CASTER_WORDS
-from rpctl.drive.wheel_like import WheelLike, moved_below, wheel_like
+from rpctl.drive.wheels import WheelCandidate, moved_below, wheel_like
 
 MIN_LETTERS = 3  # of a pattern beside its star
 MAX_LISTED = 8  # joints that a message lists
@@ -37,7 +36,7 @@ class Leftover:
 
 def find_leftovers(
     tree: FrozenTree,
-    grounded: GroundedWheels,
+    wheels: Sequence[WheelCandidate],
     free: Collection[str],
     driven: Collection[str] = (),
 ) -> tuple[Leftover, ...]:
@@ -49,13 +48,11 @@ def find_leftovers(
     of their wheels.
 
     Args:
-        tree: The robot.
-        grounded: The wheels that were taken.
         free: Joints that the user wants free: they are no wheels.
         driven: Joints that plugins and controllers of the base drive as wheels.
     """
-    taken = {wheel.joint.name for wheel in grounded.wheels}
-    taken |= {wheel.swivel.name for wheel in grounded.wheels if wheel.swivel is not None}
+    taken = {wheel.joint.name for wheel in wheels}
+    taken |= {wheel.swivel.name for wheel in wheels if wheel.swivel is not None}
     like = [
         each
         for each in (wheel_like(tree, joint) for joint in tree.description.joints)
@@ -65,8 +62,8 @@ def find_leftovers(
         and not any(above.name in taken and above.endless and not tree.is_upright(above)
                     for above in tree.free_joints(each.joint.parent))
     ]  # fmt: skip
-    ground = min((wheel.bottom for wheel in grounded.wheels), default=math.nan)
-    usual = max((wheel.radius or 0.0 for wheel in grounded.wheels), default=None)
+    ground = min((wheel.bottom for wheel in wheels), default=math.nan)
+    usual = max((wheel.radius or 0.0 for wheel in wheels), default=None)
     found = [_leftover(tree, each, ground, usual) for each in like]
     found += _idle_casters(tree, taken, free) if taken else []
     left = [each for each in found if each is not None]
@@ -75,14 +72,13 @@ def find_leftovers(
 
 
 def _leftover(
-    tree: FrozenTree, like: WheelLike, ground: float, usual: float | None
+    tree: FrozenTree, like: WheelCandidate, ground: float, usual: float | None
 ) -> Leftover | None:
     """Return why a joint that looks like a wheel's was not taken; None if it is no wheel.
 
     ``usual`` is the radius (m) of one whose shapes tell none.
     """
     joint = like.joint
-    above = tree.free_joints(joint.parent)
     moving = _tilting(tree, joint)
     like = like if like.radius is not None else replace(like, radius=usual)
     if not tree.is_level(joint) and not like.is_near(ground):
@@ -96,7 +92,12 @@ def _leftover(
         if not (like.stands(ground) or (like.named and math.isnan(ground))):
             return None
         return Leftover(joint, "has limits", edit=f'make it "continuous" (line {joint.line})')
-    below = moved_below(tree, joint.child)
+    return _fault(tree, joint, moving) or _left_by_height(joint, like.bottom - ground)
+
+
+def _fault(tree: FrozenTree, joint: Joint, moving: Sequence[Joint]) -> Leftover | None:
+    """Return why an endless joint cannot carry a wheel of the drive, but for its height."""
+    above, below = tree.free_joints(joint.parent), moved_below(tree, joint.child)
     if moving:
         names = tuple(carrier.name for carrier in moving)
         why = f"hangs on {_quoted(names)}, which can move and may be no suspension"
@@ -114,7 +115,11 @@ def _leftover(
     if below:
         names = tuple(each.name for each in below)
         return Leftover(joint, f"moves other joints, {_quoted(names)}", hold=names)
-    gap = like.bottom - ground
+    return None
+
+
+def _left_by_height(joint: Joint, gap: float) -> Leftover:
+    """Return how far (m) above the ground a joint ends; NaN where there is none."""
     if math.isnan(gap):
         return Leftover(joint, "has no other beside it that stands on the ground")
     return Leftover(joint, f"ends {1e3 * gap:.3g} mm above the ground")
@@ -161,8 +166,6 @@ def explain_leftovers(tree: FrozenTree, kind: str, leftovers: Sequence[Leftover]
     """Return the message that a drive leaves out what looks like wheels, and what to say.
 
     Args:
-        tree: The robot.
-        kind: Type of the drive.
         leftovers: What it leaves out; at least one.
     """
     first = leftovers[0].joint
@@ -193,13 +196,7 @@ def lock_option(tree: FrozenTree, names: Sequence[str]) -> str:
 
 
 def option(tree: FrozenTree, flag: str, names: Sequence[str]) -> str:
-    """Return an option for joints, as one pattern where it fits no other moving joint.
-
-    Args:
-        tree: The robot.
-        flag: The option.
-        names: The joints.
-    """
+    """Return an option for joints, as one pattern where it fits no other moving joint."""
     moving = {joint.name for joint in tree.description.joints if joint.moving}
     for pattern in _patterns(names) if len(names) > 1 else ():
         fits = {name for name in moving if fnmatchcase(name, pattern)}

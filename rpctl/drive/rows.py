@@ -167,7 +167,6 @@ def drive_rows(drive: Drive, gliding: Collection[str] = ()) -> DriveRows:
     """Return the rows of a drive.
 
     Args:
-        drive: The drive.
         gliding: Joints of swivels that glide: the ground does nothing to them, they keep their
             angle and their wheels do not roll.
     """

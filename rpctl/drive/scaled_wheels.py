@@ -10,7 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.drive.drive import Drive
-from rpctl.drive.grounded import ground_tolerance
+from rpctl.drive.wheels import ground_tolerance
 from rpctl.errors import RpctlError
 
 SOURCE = "scaled"  # of a radius that is not the file's
@@ -21,8 +21,6 @@ def scale_radii(drive: Drive, tree: FrozenTree, scales: Mapping[str, float]) -> 
     """Return a drive whose wheels have other radii; their axles stay where they are on the body.
 
     Args:
-        drive: The drive.
-        tree: The robot's tree.
         scales: Of the radii, by wheel joint; those left out stay.
 
     Raises:
@@ -52,8 +50,6 @@ def lifted_wheels(drive: Drive, tree: FrozenTree, radii: Array) -> Array:
     """Return which wheels (..., n_wheels) would hang in the air with other radii, and do not now.
 
     Args:
-        drive: The drive.
-        tree: The robot's tree.
         radii: Of the wheels (..., n_wheels), m.
     """
     now = np.array([wheel.radius for wheel in drive.wheels])
@@ -72,8 +68,6 @@ def scale_track(drive: Drive, tree: FrozenTree, scale: float) -> Drive:
     themselves and their masses stay.
 
     Args:
-        drive: The drive.
-        tree: The robot's tree.
         scale: Of the contacts' distances from the line through P along the heading.
 
     Raises:

@@ -29,7 +29,6 @@ def free_twist(drive: Drive, positions: Mapping[str, float]) -> Array:
     """Return N (3,): the twist that the steering leaves, of no particular length.
 
     Args:
-        drive: A drive with steered wheels.
         positions: Positions of the steered joints, rad; 0 for those left out.
     """
     rows = {"": lateral_row(drive.point, drive.heading)} if drive.has_axle else {}
@@ -70,7 +69,6 @@ def is_regular(drive: Drive, positions: Mapping[str, float]) -> bool:
     steered wheel along its own) does not fix its motion: N vanishes, or lies across that speed.
 
     Args:
-        drive: The drive.
         positions: Positions of the steered joints, rad; 0 for those left out.
     """
     if not drive.steered:
@@ -94,7 +92,6 @@ def steer(drive: Drive, direction: Array) -> Array:
     turns a steady bend's angle by asin(k ω/|V|).
 
     Args:
-        drive: A drive with steered wheels.
         direction: A twist of the root link of any length but zero, and its first two derivatives
             by time (3, 3).
 
@@ -146,7 +143,6 @@ def trailing_positions(
     never does, and a right angle is taken; where its pivot stands still, 0.
 
     Args:
-        drive: The drive.
         twist: Twist of the root link (3,), of any length.
         casters: Which; None: those whose joint or wheels have actuators.
     """
@@ -191,7 +187,6 @@ def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
     0 where it turns on the spot, or where nothing limits the steering.
 
     Args:
-        drive: The drive.
         joints: Joints by name.
     """
     if not (drive.has_axle and drive.steered):
@@ -207,7 +202,6 @@ def heading_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
     nothing steers.
 
     Args:
-        drive: The drive.
         joints: Joints by name.
     """
     swivels = [swivel for swivel in drive.swivels if swivel.role != "caster"]
@@ -242,7 +236,6 @@ def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits
     Followers of two leaders keep to their own limits only.
 
     Args:
-        drive: The drive.
         joints: Joints by name.
     """
     own = [joints[swivel.joint] for swivel in drive.steered]
@@ -270,9 +263,6 @@ def _allowed_branch(drive: Drive, leader: str, follower: Joint, grid: Array) -> 
     """Return the leader's positions at which a follower keeps its limits, and the follower's.
 
     Args:
-        drive: The drive.
-        leader: Name of the leading joint.
-        follower: The following joint.
         grid: Positions of the leader, from 0 outwards, rad.
     """
     turned = np.array([follower_positions(drive, {leader: x})[follower.name] for x in grid])

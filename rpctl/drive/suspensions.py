@@ -8,16 +8,14 @@ from dataclasses import dataclass
 
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Joint
-from rpctl.drive.plugins import SimulatorTags
-from rpctl.drive.roller_joints import rollers_of
-from rpctl.drive.wheel_like import WheelLike, moved_below, wheel_like
-from rpctl.drive.wheels import turns_like_wheel
+from rpctl.drive.leftovers import MAX_LISTED
+from rpctl.drive.wheel_size import rollers_of
+from rpctl.drive.wheels import WheelCandidate, moved_below, turns_like_wheel, wheel_like
 from rpctl.errors import Finding, listed
 
 MAX_ROCKER_RANGE = 0.5 * math.pi  # rad; what tilts further may be an arm
 MAX_STRUT_RADII = 2.0  # of its wheel's radius; what slides further may be a lift
 MIN_STRUT_COSINE = math.cos(math.radians(45.0))  # between a strut's axis and the upright
-MAX_LISTED = 8  # joints that a sentence lists
 
 
 @dataclass(frozen=True)
@@ -38,26 +36,22 @@ class HeldJoint:
 
 
 def hold_passive(
-    tree: FrozenTree, kind: str | None, tags: SimulatorTags, free: Collection[str]
+    tree: FrozenTree, kind: str | None, free: Collection[str]
 ) -> tuple[FrozenTree, tuple[Finding, ...]]:
     """Return a robot with its passive suspensions held at rest, and what is held, in findings.
 
     Args:
         tree: The robot, with the joints that the user locks.
         kind: Type of the drive that the user gives, or None; a fixed base has no suspension.
-        tags: Joints with actuators, and with springs.
-        free: Joints that the user wants free.
     """
     if kind == "fixed":
         return tree, ()
-    held = find_held(tree, tags, free)
+    held = find_held(tree, free)
     at_rest = {each.joint.name: each.position for each in held}
     return FrozenTree(tree.description, {**tree.locked, **at_rest}), held_findings(held)
 
 
-def find_held(
-    tree: FrozenTree, tags: SimulatorTags, free: Collection[str]
-) -> tuple[HeldJoint, ...]:
+def find_held(tree: FrozenTree, free: Collection[str]) -> tuple[HeldJoint, ...]:
     """Return the joints that are held at rest, in file order.
 
     The ground is flat and the base does not tilt, so that what springs under it does not move. A
@@ -65,25 +59,20 @@ def find_held(
     wheels on the ground and no arm, and its travel is small or springs oppose it. Where that is
     not clear it is left free. The rollers of a wheel turn with the contact, which the drive's
     rows of rolling describe. A driver's steering wheel moves none of the robot's.
-
-    Args:
-        tree: The robot.
-        tags: Joints with actuators, and with springs.
-        free: Joints that the user wants free.
     """
     wheels = _wheels(tree)
     ground = min((w.bottom for w in wheels if w.round), default=math.nan)
-    carried: dict[str, list[WheelLike]] = {}
+    carried: dict[str, list[WheelCandidate]] = {}
     for wheel in wheels:
         unknown = wheel.named and wheel.radius is None
         if unknown or (wheel.round and wheel.is_near(ground)):
             for carrier in _carriers(tree, wheel):
                 carried.setdefault(carrier.name, []).append(wheel)
-    rollers = dict(_rollers(tree, wheels, tags.actuated))
+    rollers = dict(_rollers(tree, wheels))
     clear = {
         name
         for name, group in carried.items()
-        if name not in free and _gives_way(tree, name, group, tags, rollers)
+        if name not in free and _gives_way(tree, name, group, rollers)
     }
     held = {name for name in clear if _whole(tree, carried[name], clear)}
     return (
@@ -101,7 +90,7 @@ def find_held(
     )
 
 
-def _wheels(tree: FrozenTree) -> list[WheelLike]:
+def _wheels(tree: FrozenTree) -> list[WheelCandidate]:
     """Return the endless joints that look like wheels', but those on other such, as rollers are."""
     like = (wheel_like(tree, joint) for joint in tree.description.joints)
     turning = {w.joint.name: w for w in like if w is not None and turns_like_wheel(tree, w.joint)}
@@ -112,7 +101,9 @@ def _wheels(tree: FrozenTree) -> list[WheelLike]:
     ]
 
 
-def _steering_wheels(tree: FrozenTree, wheels: list[WheelLike], ground: float) -> Iterator[Joint]:
+def _steering_wheels(
+    tree: FrozenTree, wheels: list[WheelCandidate], ground: float
+) -> Iterator[Joint]:
     """Yield the joints of steering wheels: so called, and higher than any wheel on the ground."""
     top = ground + 2.0 * max((w.radius for w in wheels if w.radius and w.round), default=math.nan)
     for joint in tree.description.joints:
@@ -150,12 +141,12 @@ def held_findings(held: tuple[HeldJoint, ...]) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
-def _carriers(tree: FrozenTree, wheel: WheelLike) -> list[Joint]:
+def _carriers(tree: FrozenTree, wheel: WheelCandidate) -> list[Joint]:
     """Return the free joints above a wheel that are no swivels."""
     return [c for c in tree.free_joints(wheel.joint.parent) if not tree.is_upright(c)]
 
 
-def _whole(tree: FrozenTree, wheels: list[WheelLike], clear: set[str]) -> bool:
+def _whole(tree: FrozenTree, wheels: list[WheelCandidate], clear: set[str]) -> bool:
     """Return whether each joint that could hold the wheels is clearly passive."""
     return all(c.name in clear for wheel in wheels for c in _carriers(tree, wheel))
 
@@ -163,17 +154,18 @@ def _whole(tree: FrozenTree, wheels: list[WheelLike], clear: set[str]) -> bool:
 def _gives_way(
     tree: FrozenTree,
     name: str,
-    wheels: list[WheelLike],
-    tags: SimulatorTags,
+    wheels: list[WheelCandidate],
     rollers: Collection[str],
 ) -> bool:
     """Return whether a joint is clearly a passive suspension of wheels."""
     joint = tree.description.joint[name]
-    if name in tags.actuated or not _carries_wheels_only(tree, joint, wheels, rollers):
+    if name in tree.description.actuated or not _carries_wheels_only(tree, joint, wheels, rollers):
         return False
     travel = joint.upper - joint.lower
-    undriven = any(wheel.joint.name in tags.actuated for wheel in wheels)  # the file names motors
-    undriven = undriven or name in tags.sprung
+    undriven = any(
+        wheel.joint.name in tree.description.actuated for wheel in wheels
+    )  # the file names motors
+    undriven = undriven or name in tree.description.sprung
     if joint.kind == "prismatic":
         radius = min((wheel.radius for wheel in wheels if wheel.radius), default=0.0)
         strut = abs(float(tree.axis(joint)[2])) >= MIN_STRUT_COSINE
@@ -183,7 +175,7 @@ def _gives_way(
 
 
 def _carries_wheels_only(
-    tree: FrozenTree, joint: Joint, wheels: list[WheelLike], rollers: Collection[str]
+    tree: FrozenTree, joint: Joint, wheels: list[WheelCandidate], rollers: Collection[str]
 ) -> bool:
     """Return whether all that moves below a joint is wheels, their rollers and what holds them."""
     names = {wheel.joint.name for wheel in wheels} | {*rollers}
@@ -191,18 +183,20 @@ def _carries_wheels_only(
     return all(below.name in names | holding for below in moved_below(tree, joint.child))
 
 
-def _rollers(
-    tree: FrozenTree, wheels: list[WheelLike], actuated: Collection[str]
-) -> Iterator[tuple[str, str]]:
+def _rollers(tree: FrozenTree, wheels: list[WheelCandidate]) -> Iterator[tuple[str, str]]:
     """Yield each roller of a wheel, and the wheel: endless joints on it, which nothing drives."""
     for wheel in wheels:
         rollers = rollers_of(tree, wheel.joint)
         if len(moved_below(tree, wheel.joint.child)) == len(rollers):
-            yield from ((r.name, wheel.joint.name) for r in rollers if r.name not in actuated)
+            yield from (
+                (r.name, wheel.joint.name)
+                for r in rollers
+                if r.name not in tree.description.actuated
+            )
 
 
 def _at_rest(
-    tree: FrozenTree, name: str, wheels: list[WheelLike], held: Collection[str]
+    tree: FrozenTree, name: str, wheels: list[WheelCandidate], held: Collection[str]
 ) -> HeldJoint:
     """Return a suspension at rest; one that mimics another held one stands where that has it."""
     joint = tree.description.joint[name]

@@ -90,7 +90,6 @@ class SwivelCandidate:
 
         Args:
             role: Its role in the drive, see :class:`Swivel`.
-            driven: Whether it has an actuator.
             shares: Swivel with which it shares one lateral constraint, or None.
         """
         mimic = self.joint.mimic
@@ -113,28 +112,24 @@ def find_swivels(
     tree: FrozenTree,
     wheels: tuple[WheelCandidate, ...],
     specs: Mapping[str, SwivelSpec],
-    actuated: frozenset[str],
 ) -> list[SwivelCandidate]:
     """Return the swivels that carry the given wheels, in file order.
 
     Args:
-        tree: The robot.
-        wheels: The wheels on the ground.
         specs: What the user says of swivels, by joint.
-        actuated: Joints that a ``<transmission>`` names.
     """
     groups: dict[str, list[WheelCandidate]] = {}
     for wheel in wheels:
         if wheel.swivel is not None:
             groups.setdefault(wheel.swivel.name, []).append(wheel)
     return [
-        _swivel_candidate(tree, tuple(group), specs.get(name, SwivelSpec()), name in actuated)
+        _swivel_candidate(tree, tuple(group), specs.get(name, SwivelSpec(name)))
         for name, group in groups.items()
     ]
 
 
 def _swivel_candidate(
-    tree: FrozenTree, wheels: tuple[WheelCandidate, ...], spec: SwivelSpec, actuated: bool
+    tree: FrozenTree, wheels: tuple[WheelCandidate, ...], spec: SwivelSpec
 ) -> SwivelCandidate:
     joint = wheels[0].swivel
     assert joint is not None
@@ -145,7 +140,7 @@ def _swivel_candidate(
     trail = float(ahead @ (contact - pivot))
     radius = max(wheel.radius or 0.0 for wheel in wheels)
     trails = abs(trail) > max(MIN_TRAIL_M, MIN_TRAIL_RADII * radius)
-    role, why, doubt = _role(joint, trail, trails, spec, actuated)
+    role, why, doubt = _role(joint, trail, trails, spec, joint.name in tree.description.actuated)
     if role == "caster" and trail > 0.0:
         ahead, trail = -ahead, -trail
     return SwivelCandidate(

@@ -10,15 +10,15 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
-from rpctl.description.mesh_files import read_shape
-from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.description.meshes.paths import MeshError, MeshPaths
+from rpctl.description.meshes.reading import read_shape
 from rpctl.description.records import Joint, Shape
-from rpctl.drive.roller_joints import rollers_of
 
 SHAPE_ROLES = ("collision", "visual")  # simulators roll on the collision, so it comes first
 MAX_ECCENTRICITY = 0.1  # of its radius; a tyre on a link of its own is no further off the axle
 RADIUS_ROUNDING_M = 1e-9  # m: cylinders of radii nearer than this are one wheel's two tyres
 MIN_EXTENT_RATIO = 0.8  # of a wheel's extents across its axle; a tread's lugs make it 0.95
+MIN_ROLLERS = 3  # endless joints on one wheel that are its rollers
 
 
 class WheelShape(NamedTuple):
@@ -157,18 +157,12 @@ def _mesh_size(
         if shape.kind != "mesh" or its_role != role:
             continue
         try:
-            bounds = _bounds(shape, axis, paths)
+            size = _bounds(shape, axis, role, paths)
         except MeshError as error:
             reasons.append(f'mesh "{shape.mesh}" {error}')
             continue
-        narrow, wide = bounds.narrow, bounds.wide
-        radius = 0.5 * wide  # the reach, which a tread's lugs do not tilt
-        if own or bounds.aside <= MAX_ECCENTRICITY * radius:
-            uneven = f"{narrow:.3g} m by {wide:.3g} m" if narrow < MIN_EXTENT_RATIO * wide else ""
-            source = f"bounds of the {role} mesh, line {shape.line}"
-            found.append(
-                WheelSize(radius, source, bounds.middle, uneven, bounds.aside, bounds.width)
-            )
+        if own or size.aside <= MAX_ECCENTRICITY * (size.radius or 0.0):
+            found.append(size)
     return _widest(found)
 
 
@@ -182,17 +176,11 @@ def _widest(found: list[WheelSize]) -> WheelSize | None:
     return widest._replace(offset=float(np.mean(tyres)))
 
 
-class _Bounds(NamedTuple):
-    """The extents of a mesh about an axle through the frame's origin, m."""
+def _bounds(shape: Shape, axis: Array, role: str, paths: MeshPaths) -> WheelSize:
+    """Return the size of a mesh about an axle (3,) through the frame's origin.
 
-    narrow: float  # the lesser of two extents across it
-    wide: float
-    middle: float  # along it
-    aside: float  # distance of its middle from it
-    width: float  # along it
-
-
-def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> _Bounds:
+    Its radius is its reach, which a tread's lugs do not tilt.
+    """
     surfaces = read_shape(str(shape.mesh), shape.size, paths).surfaces
     points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
     points = points @ shape.origin[:3, :3].T + shape.origin[:3, 3]
@@ -201,7 +189,23 @@ def _bounds(shape: Shape, axis: Array, paths: MeshPaths) -> _Bounds:
     first /= np.linalg.norm(first)
     across = points @ np.column_stack([first, np.cross(axis, first)])
     narrow, wide = sorted(np.ptp(across, axis=0).tolist())
-    aside = math.hypot(*(0.5 * (across.min(axis=0) + across.max(axis=0))))
-    return _Bounds(
-        narrow, wide, 0.5 * float(along.min() + along.max()), aside, float(np.ptp(along))
+    return WheelSize(
+        radius=0.5 * wide,
+        source=f"bounds of the {role} mesh, line {shape.line}",
+        offset=0.5 * float(along.min() + along.max()),
+        uneven=f"{narrow:.3g} m by {wide:.3g} m" if narrow < MIN_EXTENT_RATIO * wide else "",
+        aside=math.hypot(*(0.5 * (across.min(axis=0) + across.max(axis=0)))),
+        width=float(np.ptp(along)),
     )
+
+
+def rollers_of(tree: FrozenTree, wheel: Joint) -> tuple[Joint, ...]:
+    """Return the rollers on a wheel that hold still or turn freely; none, if too few."""
+    found, stack = [], [*tree.description.child_joints[wheel.child]]
+    while stack:
+        joint = stack.pop()
+        if joint.endless:
+            found.append(joint)
+        elif not tree.is_free(joint):
+            stack += tree.description.child_joints[joint.child]
+    return tuple(found) if len(found) >= MIN_ROLLERS else ()

@@ -1,4 +1,4 @@
-"""Wheel candidates: the joints that could carry a wheel, where it is and how large."""
+"""Joints that could carry a wheel, and those that look like it: where they are, how large."""
 
 from __future__ import annotations
 
@@ -6,13 +6,27 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint
 from rpctl.drive.drive_file import WheelSpec
-from rpctl.drive.wheel_size import round_parts, wheel_size
+from rpctl.drive.wheel_size import rollers_of, round_parts, wheel_size
 
 MAX_AXLE_OFFSET = 0.02  # of the distance between two wheels: so far apart axles of a pair may be
+
+GROUND_TOLERANCE_M = 5e-3  # m; what is so near to the ground touches it (URDFs are in mm),
+GROUND_TOLERANCE_RADII = 0.1  # and so is a wheel within this share of its radius
+MECANUM_DEG = (20.0, 70.0)  # between a mecanum wheel's rollers and its axle; of an omni wheel 90
+WHEEL_WORDS = ("wheel", "tyre", "tire")
+MAX_CAMBER_SINE = 0.5  # of a wheel's axle off the level; a steeper one is no wheel's
+NEAR_RADII = 1.0  # so many of its radii above the ground a wheel may end that hangs in a suspension
+
+
+def ground_tolerance(radius: float) -> float:
+    """Return how far (m) above the ground a wheel of a radius (m) may end and still touch it."""
+    return max(GROUND_TOLERANCE_M, GROUND_TOLERANCE_RADII * radius)
 
 
 @dataclass(frozen=True)
@@ -30,6 +44,7 @@ class WheelCandidate:
         offset: Distance of the wheel's centre from the joint's origin along the axle, m.
         ball: Whether its shape is a sphere: a ball, unless nothing else is a wheel.
         uneven: The two extents of its mesh across the axle, in words, if they differ too much.
+        round: Whether its shapes are round about its axle.
     """
 
     joint: Joint
@@ -42,6 +57,7 @@ class WheelCandidate:
     offset: float
     ball: bool
     uneven: str
+    round: bool = True
 
     @property
     def centre(self) -> Array:
@@ -52,6 +68,19 @@ class WheelCandidate:
     def bottom(self) -> float:
         """Height of its lowest point in the root link's frame, m; NaN without a radius."""
         return float(self.centre[2]) - (math.nan if self.radius is None else self.radius)
+
+    @property
+    def named(self) -> bool:
+        """Whether a name says that it is a wheel."""
+        return is_named_wheel(self.joint)
+
+    def stands(self, ground: float) -> bool:
+        """Return whether it ends on the ground, whose height is given in m."""
+        return abs(self.bottom - ground) <= ground_tolerance(self.radius or 0.0)
+
+    def is_near(self, ground: float) -> bool:
+        """Return whether it ends near the ground, whose height is given in m."""
+        return self.bottom - ground <= NEAR_RADII * (self.radius or 0.0)
 
 
 def find_candidates(tree: FrozenTree, specs: Mapping[str, WheelSpec]) -> list[WheelCandidate]:
@@ -65,7 +94,7 @@ def find_candidates(tree: FrozenTree, specs: Mapping[str, WheelSpec]) -> list[Wh
         specs: What the user says of wheels, by joint.
     """
     return [
-        _candidate(tree, joint, specs.get(joint.name, WheelSpec()))
+        _candidate(tree, joint, specs.get(joint.name, WheelSpec(joint.name)))
         for joint in tree.description.joints
         if turns_like_wheel(tree, joint)
         and _is_held(tree, joint)
@@ -91,6 +120,7 @@ def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec) -> WheelCandidat
         offset=size.offset,
         ball=bool(parts) and all(part.shape.kind == "sphere" for part in parts),
         uneven=size.uneven,
+        round=bool(parts) or (size.radius is not None and not size.uneven),
     )
 
 
@@ -143,3 +173,51 @@ def mostly_left(axle: Array) -> float:
 def leftward(axle: Array) -> Array:
     """Return an axle (3,), turned round where it points right."""
     return axle * math.copysign(1.0, mostly_left(axle))
+
+
+def has_mecanum_rollers(tree: FrozenTree, wheel: WheelCandidate) -> bool:
+    """Return whether a wheel's rollers lie askew to its axle, as a mecanum wheel's do."""
+    rollers = rollers_of(tree, wheel.joint)
+    cosines = [min(1.0, abs(float(tree.axis(roller) @ wheel.axle))) for roller in rollers]
+    low, high = MECANUM_DEG
+    return bool(cosines) and all(low < math.degrees(math.acos(c)) < high for c in cosines)
+
+
+def contact_roller(tree: FrozenTree, wheel: WheelCandidate) -> Array | None:
+    """Return a vector (2,) along the roller on the ground, of a mecanum wheel with rollers.
+
+    It is the lowest one's; in the root link's frame, of no certain length and way.
+    """
+    if not has_mecanum_rollers(tree, wheel):
+        return None
+    rollers = rollers_of(tree, wheel.joint)
+    lowest = min(rollers, key=lambda roller: float(tree.pose(roller.child)[2, 3]))
+    return np.asarray(tree.axis(lowest)[:2])
+
+
+def wheel_like(tree: FrozenTree, joint: Joint) -> WheelCandidate | None:
+    """Return a free joint that looks like a wheel's, whatever holds it; None if it does not.
+
+    Its axis is about level, and it turns without limits, or is called a wheel.
+    """
+    named = is_named_wheel(joint)
+    if not tree.is_free(joint) or joint.kind == "prismatic" or not (named or joint.endless):
+        return None
+    if abs(float(tree.axis(joint)[2])) > (MAX_CAMBER_SINE if named else MAX_TILT_SINE):
+        return None
+    return _candidate(tree, joint, WheelSpec(joint.name))
+
+
+def is_named_wheel(joint: Joint) -> bool:
+    """Return whether the name of a joint, or of the link that it moves, is a wheel's."""
+    return any(word in f"{joint.name} {joint.child}".lower() for word in WHEEL_WORDS)
+
+
+def moved_below(tree: FrozenTree, link: str) -> list[Joint]:
+    """Return the free joints below a link, in the order of the tree."""
+    found, stack = [], [*reversed(tree.description.child_joints[link])]
+    while stack:
+        joint = stack.pop()
+        found += [joint] * tree.is_free(joint)
+        stack += reversed(tree.description.child_joints[joint.child])
+    return found

@@ -6,18 +6,25 @@ The dynamics assume that the wheels neither slip nor lift; this says whether the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.dynamics.contact_notes import contact_notes, free_rotation
 from rpctl.dynamics.many_states import Reactions
 from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
 from rpctl.dynamics.rolling import contact_point
-from rpctl.dynamics.stance import MIN_STANCE_WIDTH_M, Stance, loads, make_stance, width
-from rpctl.dynamics.supports import Supports, find_supports
+from rpctl.dynamics.stance import (
+    MIN_STANCE_WIDTH_M,
+    Stance,
+    Supports,
+    find_supports,
+    loads,
+    make_stance,
+    width,
+)
 from rpctl.errors import require_positive
 from rpctl.robot.coordinates import ROOT_JOINT
 
@@ -40,7 +47,7 @@ class Contacts:
             one line.
         determinate: Whether the loads follow from statics alone: three contacts exactly. With
             more, they are those of equal springs under a rigid robot, one split of many; the
-            ranges over all splits come from :func:`rpctl.dynamics.load_ranges.find_ranges`.
+            ranges over all splits come from :func:`rpctl.dynamics.grip.find_ranges`.
         notes: What keeps loads and margins from being defined or unique, in sentences.
         points: Contacts (n, 2) with all joints at 0 or frozen, in the root link's frame, m.
         supports: Those of the contacts that are not wheels.
@@ -66,9 +73,11 @@ class Contacts:
     stance: Stance | None = field(repr=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GroundReaction:
-    """Forces of the ground on a robot at one instant; empty or None where they are not defined.
+    """Forces of the ground on a robot at one instant; at K instants all have K rows.
+
+    They are empty or None where they are not defined.
 
     Attributes:
         force: Total force (3,), world axes, N; the third is the load.
@@ -90,21 +99,7 @@ class GroundReaction:
     load: Array
     zmp: Array
     arms: Array
-    tip_margin: float | None
-    slip_ratio: Array
-
-
-@dataclass(frozen=True, eq=False)
-class GroundReactions:
-    """Forces of the ground at K instants: those of :class:`GroundReaction`, K rows of each."""
-
-    force: Array
-    longitudinal: Array
-    lateral: Array
-    load: Array
-    zmp: Array
-    arms: Array
-    tip_margin: Array | None
+    tip_margin: Any
     slip_ratio: Array
 
 
@@ -167,10 +162,10 @@ def ground_reaction(
         outside: What pushes the robot besides; None: nothing.
     """
     pushed = None if outside is None else OutsideForce(*(each[None] for each in outside))
-    found = ground_reactions(dynamics, contacts, q[None], nu[None], tau[None], outside=pushed)
-    margin = None if found.tip_margin is None else float(found.tip_margin[0])
-    rows = {f.name: getattr(found, f.name)[0] for f in fields(found) if f.name != "tip_margin"}
-    return GroundReaction(tip_margin=margin, **rows)
+    rows = vars(ground_reactions(dynamics, contacts, q[None], nu[None], tau[None], None, pushed))
+    first: dict[str, Any] = {k: None if row is None else row[0] for k, row in rows.items()}
+    margin = first.pop("tip_margin")
+    return GroundReaction(**first, tip_margin=None if margin is None else float(margin))
 
 
 def ground_reactions(
@@ -181,7 +176,7 @@ def ground_reactions(
     tau: Array,
     reactions: Reactions | None = None,
     outside: OutsideForce | None = None,
-) -> GroundReactions:
+) -> GroundReaction:
     """Return the forces of the ground on a robot at K states.
 
     The horizontal ones are the multipliers of M v̇ + h = B τ + Aᵀ λ, of least norm where rows of A
@@ -196,10 +191,8 @@ def ground_reactions(
         q: Configurations (K, nq).
         nu: Quasi-velocities (K, dof).
         tau: Actuator efforts (K, n_act), N·m or N.
-        reactions: What :class:`~rpctl.dynamics.many_states.ManyStates` says of these states; None:
-            they are asked for one by one.
-        outside: What pushes the robot besides, (K, nv) and (K, 6), if ``reactions`` are asked for;
-            None: nothing.
+        reactions: Of these states, from ``ManyStates``; None: they are asked for one by one.
+        outside: What else pushes the robot, (K, nv) and (K, 6), where there are no ``reactions``.
     """
     if reactions is None:
         multipliers, wrench = _one_by_one(dynamics, contacts, q, nu, tau, outside)
@@ -214,10 +207,10 @@ def ground_reactions(
     zmp, force = q[:, :2] + _turned(q, local), np.column_stack([_turned(q, wrench[:, :2]), fz])
     if not contacts.balanced:
         none = np.empty((len(q), 0))
-        return GroundReactions(force, along, lateral, none, zmp, none, None, none)
+        return GroundReaction(force, along, lateral, none, zmp, none, None, none)
     arms, margin, load = _split(dynamics, contacts, q, moments, local)
     slip = _slip_ratio(contacts, along, lateral, np.maximum(load[:, : along.shape[1]], floor))
-    return GroundReactions(force, along, lateral, load, zmp, arms, margin, slip)
+    return GroundReaction(force, along, lateral, load, zmp, arms, margin, slip)
 
 
 def _one_by_one(
@@ -335,3 +328,47 @@ def _force_maps(
         axles.append(shared)
         across.append(identity[row])
     return tuple(axles), along, np.array(across)
+
+
+def free_rotation(points: Array, heading: float) -> str:
+    """Return the freedom that contacts (n, 2) on one line leave, in words."""
+    along = points[-1] - points[0]
+    ahead = abs(along @ [math.cos(heading), math.sin(heading)])
+    aside = abs(along @ [-math.sin(heading), math.cos(heading)])
+    if max(ahead, aside) <= MIN_STANCE_WIDTH_M:
+        return "pitch and roll"
+    return "pitch" if aside > ahead else "roll"
+
+
+def contact_notes(
+    names: tuple[str, ...], supports: Supports, balanced: bool, free: str
+) -> tuple[str, ...]:
+    """Return what keeps a robot's loads and margins from being defined or unique, in sentences.
+
+    Args:
+        names: Names of its contacts.
+        supports: Those that are not wheels.
+        balanced: Whether they hold a balance.
+        free: The freedom that they leave, from :func:`free_rotation`, if they do not.
+    """
+    fix = "give each caster a <collision> with a <sphere> or <cylinder> that reaches the ground"
+    if supports.unknown:
+        listed = ", ".join(supports.unknown)
+        return (
+            f"the support polygon is incomplete: {listed} touch the ground but are drawn as "
+            f"meshes only, so loads and margins are not defined; {fix}",
+        )
+    if not balanced:
+        return (
+            f"only {', '.join(names)} are known to touch the ground, on one line: the planar model "
+            f"assumes balance and leaves {free} out, so loads and margins are "
+            "not defined; if "
+            f"the robot does not balance, {fix}",
+        )
+    if len(names) > 3:
+        return (
+            f"{len(names)} contacts share the load, more than statics can tell apart: wheel loads "
+            "and grip are intervals over all splits, and where one of them is drawn it is that of "
+            "equally stiff contacts",
+        )
+    return ()

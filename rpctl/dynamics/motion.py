@@ -12,11 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg.lapack import dposv
 
 from rpctl.arrays import Array
-from rpctl.dynamics.losses import braked, solve_positive
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
+from rpctl.robot.losses import Losses
 
 GAMMA = 1.0 - math.sqrt(0.5)  # of ARS(2,2,2)
 DELTA = 1.0 - 0.5 / GAMMA
@@ -49,7 +50,7 @@ def step(
     """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ.
 
     Losses may be stiff: friction stops a light joint within far less than a step. A robot that has
-    any is advanced by :func:`imex_step`, another by :func:`rk4_step`.
+    any is advanced by :func:`imex_step`, another by :func:`rk4_step`; both have these arguments.
 
     Args:
         dynamics: The reduced dynamics.
@@ -75,17 +76,6 @@ def rk4_step(
 
     A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the planar
     root, so q stays on the manifold and the order is that of the classical method.
-
-    Args:
-        dynamics: The reduced dynamics.
-        q: Configuration (nq,).
-        nu: Quasi-velocities (dof,).
-        tau: Actuator efforts (n_act,), N·m or N.
-        dt: Step, s.
-        outside: What pushes the robot besides; None: nothing.
-
-    Returns:
-        The state after ``dt``, the work done by τ and what losses took of it.
     """
     model, losses = dynamics.robot.model, dynamics.robot.losses
 
@@ -133,17 +123,6 @@ def imex_step(
 
     Work and loss are impulses times the mean of the speeds before and after: where M and S are
     constant, the energy's balance closes to rounding.
-
-    Args:
-        dynamics: The reduced dynamics of a robot that has losses.
-        q: Configuration (nq,).
-        nu: Quasi-velocities (dof,).
-        tau: Actuator efforts (n_act,), N·m or N.
-        dt: Step, s.
-        outside: What pushes the robot besides; None: nothing.
-
-    Returns:
-        The state after ``dt``, the work done by τ and what losses took of it.
     """
     model, losses, own = dynamics.robot.model, dynamics.robot.losses, GAMMA * dt
     if losses is None:
@@ -189,3 +168,60 @@ def dexpinv(slide: Array, v: Array) -> Array:
     corrected[0] += 0.5 * bx - turn * by / 12.0
     corrected[1] += 0.5 * by + turn * bx / 12.0
     return corrected
+
+
+CONVERGED = 1e-9  # of the largest rate: the error after a correction that small is its square
+NEWTON_STEPS = 25  # tried before only the sure ones are; from rest or from sliding it takes 1 to 4
+SURE_STEPS = 500
+OVERSHOOT = 0.5  # of the slope along a Newton step at its start: more at its end is too far
+
+
+def braked(losses: Losses, M: Array, S: Array, nu: Array, weight: float, guess: Array) -> Array:
+    """Return the ν (dof,) that M (ν − ν₀) = w ℓ(ν), ℓ(ν) = Sᵀ force(S ν), leaves of ν₀.
+
+    It is the one minimum of the strictly convex ½ |ν − ν₀|²_M + w Σ potential(S ν). Newton's steps
+    find it in a few; a step that crosses the bend of the friction law goes too far, and one with
+    the curvature f/√(q̇² + ε²) is taken instead, which never does (it minimises a parabola that lies
+    above the potential).
+
+    Args:
+        losses: The losses.
+        M: Reduced inertia (dof, dof).
+        S: Basis (nv, dof).
+        nu: ν₀ (dof,).
+        weight: w, s.
+        guess: Where to start (dof,).
+
+    Raises:
+        RpctlError: M is not positive definite, or a number is not finite.
+    """
+    found, v = guess, S.dot(guess)
+    gradient = M.dot(found - nu) - weight * S.T.dot(losses.force(v))
+    for attempt in range(NEWTON_STEPS + SURE_STEPS):
+        step = solve_positive(M + S.T.dot((weight * losses.slope(v))[:, None] * S), -gradient)
+        ahead = found + step
+        v_ahead = S.dot(ahead)
+        gradient_ahead = M.dot(ahead - nu) - weight * S.T.dot(losses.force(v_ahead))
+        bound = OVERSHOOT * abs(float(gradient.dot(step)))
+        small = np.abs(v_ahead - v).max() <= CONVERGED * (losses.rate.min() + np.abs(v).max())
+        if not small and (attempt >= NEWTON_STEPS or abs(float(gradient_ahead.dot(step))) > bound):
+            step = solve_positive(M + S.T.dot((weight * losses.secant(v))[:, None] * S), -gradient)
+            ahead = found + step
+            v_ahead = S.dot(ahead)
+            gradient_ahead = M.dot(ahead - nu) - weight * S.T.dot(losses.force(v_ahead))
+        if small:
+            return np.asarray(ahead)
+        found, v, gradient = ahead, v_ahead, gradient_ahead
+    raise RpctlError("the friction in the joints determines no speeds; its numbers are not finite")
+
+
+def solve_positive(H: Array, force: Array) -> Array:
+    """Return H⁻¹ force (dof,).
+
+    Raises:
+        RpctlError: H is not positive definite.
+    """
+    _, found, info = dposv(H, force)
+    if info:
+        raise RpctlError("the reduced inertia is not positive definite")
+    return np.asarray(found)

@@ -20,8 +20,14 @@ from scipy.linalg.lapack import dgecon, dgesv, dgetrs
 
 from rpctl.arrays import Array
 from rpctl.drive.rows import TurningMatrix
-from rpctl.dynamics.basis import RANK_MARGIN, UNDETERMINED, basis, selection, square_inverse
-from rpctl.dynamics.rolling import RollingConstraints
+from rpctl.dynamics.rolling import (
+    RANK_MARGIN,
+    UNDETERMINED,
+    RollingConstraints,
+    basis,
+    selection,
+    square_inverse,
+)
 from rpctl.errors import ActuationError, SingularBasisError
 from rpctl.robot.model import Robot
 

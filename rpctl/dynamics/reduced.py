@@ -14,10 +14,9 @@ from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projection, Projector
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.coordinates import ROOT_JOINT, Workspace
 from rpctl.robot.losses import Losses
 from rpctl.robot.model import BASE_NV, Robot
-from rpctl.robot.workspace import Workspace
 
 
 class OutsideForce(NamedTuple):
@@ -197,7 +196,10 @@ class ReducedDynamics:
         return data
 
     def jacobian(self, q: Array, link: str) -> Array:
-        """Return J (6, dof) of a link, as :meth:`Robot.jacobian`.
+        """Return J (6, dof) of a link: its velocity is J ν, where wheels roll without slipping.
+
+        Three rows are the velocity of the link's origin (m/s), three its angular velocity (rad/s),
+        along the world's axes.
 
         Args:
             q: Configuration (nq,).

@@ -1,13 +1,175 @@
-"""The stance: contacts on flat ground, their polygon, and how they share a load."""
+"""How a robot stands: what touches the ground besides its wheels, and how contacts share a load."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # loads scipy.optimize, which takes long, at its first use
+import scipy
 
 from rpctl.arrays import Array
+from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
+from rpctl.description.records import Joint, Link, Shape
+from rpctl.drive.wheels import GROUND_TOLERANCE_M
+from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.model import Robot
+
+MIN_SHAPE_SIZE_M = 2e-3  # m: a shape no larger than this marks a frame and bears nothing
+
+
+@dataclass(frozen=True)
+class Support:
+    """A part that slides, rolls or swivels over the ground without friction.
+
+    Attributes:
+        name: Its link, with the shape's line where the link has several.
+        joint: Pinocchio's index of the joint that carries it; 1 is the root.
+        point: Its lowest point, or its centre where it rolls, in that joint's frame (3,), m.
+        link: Its link.
+        line: Line of its shape in the file.
+    """
+
+    name: str
+    joint: int
+    point: tuple[float, float, float]
+    link: str = ""
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class Supports:
+    """What is known of a robot's supports.
+
+    Attributes:
+        parts: The supports, in the order of the file.
+        unknown: Casters drawn by meshes alone: they touch the ground at a place that is not known.
+    """
+
+    parts: tuple[Support, ...]
+    unknown: tuple[str, ...]
+
+
+def find_supports(robot: Robot) -> Supports:
+    """Find where a robot touches the ground besides its drive wheels.
+
+    A support is a sphere, cylinder, capsule or small box among a link's collision shapes, or else
+    among its visual ones, whose lowest point lies at the height of the ground, and stays there:
+    its link is held by the root link through fixed or frozen joints, joints that turn about
+    upright axes, and joints that turn it about its own centre, as in a caster.
+
+    Args:
+        robot: The robot.
+    """
+    tree = robot.tree
+    wheels = {wheel.joint for wheel in robot.drive.wheels}
+    found: list[Support] = []
+    meshes: list[str] = []
+    for link in tree.description.links:
+        chain = tree.description.chain(link.name)
+        if any(joint.name in wheels for joint in chain):
+            continue
+        free = tree.free_joints(link.name)
+        touching = _touching(robot, link, link.collisions, free)
+        touching = touching or _touching(robot, link, link.visuals, free)
+        several = len(touching) > 1
+        for shape, support in touching:
+            name = f"{link.name} (line {shape.line})" if several else link.name
+            found.append(replace(support, name=name))
+        if not touching and _mesh_caster(robot, link, chain):
+            meshes.append(link.name)
+    return Supports(tuple(found), tuple(meshes))
+
+
+def _touching(
+    robot: Robot, link: Link, shapes: Sequence[Shape], free: list[Joint]
+) -> list[tuple[Shape, Support]]:
+    """Return the shapes of a link that touch the ground, each place once."""
+    found: list[tuple[Shape, Support]] = []
+    for shape in shapes:
+        pose = robot.tree.pose(link.name) @ shape.origin
+        point = _lowest(shape, pose, 2.0 * max(w.radius for w in robot.drive.wheels))
+        if point is None or max(shape.size) <= MIN_SHAPE_SIZE_M:
+            continue
+        steady = all(_keeps_height(robot.tree, joint, shape, pose) for joint in free)
+        if not steady or abs(point[2] - robot.drive.ground) > GROUND_TOLERANCE_M:
+            continue
+        if not all(map(robot.tree.is_upright, free)):
+            point = pose[:3, 3]  # it rolls: its lowest point stays below its centre
+        carrier = robot.model.getJointId(free[-1].name) if free else ROOT_JOINT
+        x, y, z = _in_carrier(robot, free, point)
+        support = Support(link.name, carrier, (x, y, z), link.name, shape.line)
+        if all(
+            math.dist(support.point[:2], known.point[:2]) > GROUND_TOLERANCE_M for _, known in found
+        ):
+            found.append((shape, support))
+    return found
+
+
+def _lowest(shape: Shape, pose: Array, widest: float) -> Array | None:
+    """Return the lowest point (3,) of a shape, the middle of a lowest line or face.
+
+    None for a mesh, and for a flat bottom wider than ``widest`` (m), which is a hull's.
+    """
+    centre, axis = pose[:3, 3], pose[:3, 2]
+    down = np.array([0.0, 0.0, -1.0])
+    if shape.kind == "sphere":
+        return centre + shape.size[0] * down
+    if shape.kind == "box":
+        signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+        corners = centre + (0.5 * signs * shape.size) @ pose[:3, :3].T
+        lowest = corners[corners[:, 2] < corners[:, 2].min() + MIN_SHAPE_SIZE_M]
+        return None if max(shape.size) > widest else np.asarray(lowest.mean(axis=0))
+    if shape.kind not in ("cylinder", "capsule"):
+        return None
+    radius, length = shape.size
+    tip = centre - math.copysign(0.5 * length, axis[2]) * axis
+    end = centre if abs(axis[2]) <= MAX_TILT_SINE else tip
+    if shape.kind == "capsule":
+        return np.asarray(end + radius * down)
+    if math.hypot(axis[0], axis[1]) <= MAX_TILT_SINE:
+        return None if 2.0 * radius > widest else np.asarray(tip)
+    fall = down - (down @ axis) * axis
+    return np.asarray(end + radius * fall / np.linalg.norm(fall))
+
+
+def _keeps_height(tree: FrozenTree, joint: Joint, shape: Shape, pose: Array) -> bool:
+    """Return whether a shape keeps its height above the ground while a joint moves."""
+    if joint.kind == "prismatic":
+        return False
+    if tree.is_upright(joint):
+        return True
+    origin, axis = tree.frame(joint)[:3, 3], tree.axis(joint)
+    centred = float(np.linalg.norm(np.cross(axis, pose[:3, 3] - origin))) <= MIN_SHAPE_SIZE_M
+    along = float(np.linalg.norm(np.cross(axis, pose[:3, 2]))) <= MAX_TILT_SINE
+    return centred and (shape.kind == "sphere" or (shape.kind in ("cylinder", "capsule") and along))
+
+
+def _in_carrier(robot: Robot, free: list[Joint], point: Array) -> list[float]:
+    """Return a point of the root link's frame in the frame of the last free joint."""
+    if not free:
+        return [float(x) for x in point]
+    pose = robot.tree.pose(free[-1].child)
+    return [float(x) for x in pose[:3, :3].T @ (point - pose[:3, 3])]
+
+
+def _mesh_caster(robot: Robot, link: Link, chain: tuple[Joint, ...]) -> bool:
+    """Tell whether a link is a caster's roller that only meshes describe.
+
+    It turns without end about a level axle no higher above the ground than a wheel's radius.
+    """
+    shapes = link.collisions + link.visuals
+    if not shapes or any(shape.kind != "mesh" for shape in shapes) or not chain:
+        return False
+    joint = chain[-1]
+    limited = any(free.kind != "continuous" for free in robot.tree.free_joints(link.name))
+    if joint.kind != "continuous" or limited:
+        return False
+    height = robot.tree.frame(joint)[2, 3] - robot.drive.ground
+    reach = max(wheel.radius for wheel in robot.drive.wheels) + GROUND_TOLERANCE_M
+    return robot.tree.is_level(joint) and bool(0.0 < height <= reach)
+
 
 MIN_STANCE_WIDTH_M = 5e-3  # m: contacts this near to one line do not hold a balance
 BVLS_TOLERANCE = 1e-15  # relative change of the cost at which the active set is taken for final

@@ -11,6 +11,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts
 from rpctl.engines.recording import EngineRecording
+from rpctl.equivalence.contact.record import travelled
 from rpctl.robot.model import Robot
 
 # Mended engines keep within these wherever they were run over the catalogue, but for the rear
@@ -85,11 +86,6 @@ def compare(
     return tuple(sorted(rows, key=lambda row: -row.ratio if row.ratio == row.ratio else -math.inf))
 
 
-def travelled(recording: EngineRecording) -> float:
-    """Return the length of a way, m."""
-    return float(np.hypot(*np.diff(recording.pose[:, :2], axis=0).T).sum())
-
-
 def _stance(robot: Robot, model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
     """Yield how it stands: leaning, sinking, hopping, creeping before it is driven."""
     lean = float((engine.tilt - model.tilt)[np.abs(engine.tilt - model.tilt).argmax()])
@@ -107,7 +103,7 @@ def _stance(robot: Robot, model: EngineRecording, engine: EngineRecording) -> It
 
 def _path(model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
     apart = engine.pose - model.pose
-    way, turned = travelled(model), float(np.abs(np.diff(model.pose[:, 2])).sum())
+    way, turned = travelled(model.pose), float(np.abs(np.diff(model.pose[:, 2])).sum())
     k = int(np.hypot(*apart[:, :2].T).argmax())
     gap = float(np.hypot(*apart[k, :2]))
     yield EngineGap(
@@ -126,7 +122,7 @@ def _path(model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap
 
 
 def _path_words(model: EngineRecording, engine: EngineRecording, k: int, gap: float) -> str:
-    asked, did = travelled(model), travelled(engine)
+    asked, did = travelled(model.pose), travelled(engine.pose)
     if abs(did - asked) > LENGTH_RATIO * gap and asked > 0.0:
         ratio = did / asked - 1.0
         if ratio < STUCK - 1.0:

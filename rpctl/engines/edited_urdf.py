@@ -14,12 +14,10 @@ import pinocchio as pin
 from lxml import etree
 
 from rpctl.arrays import Array
-from rpctl.description.document import parse_document
-from rpctl.description.findings import Findings
-from rpctl.description.mesh_paths import MeshError
+from rpctl.description.meshes.paths import MeshError
 from rpctl.description.records import Shape
-from rpctl.dynamics.supports import find_supports
-from rpctl.engines.switches import Switches
+from rpctl.dynamics.stance import find_supports
+from rpctl.engines.engine import Switches
 from rpctl.equivalence.contact.shapes import Tyre, support_shapes, tyre
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
@@ -69,7 +67,7 @@ def edit_urdf(robot: Robot, switches: Switches, dialect: Dialect) -> EditedUrdf:
         switches: What is mended.
         dialect: The engine's.
     """
-    root = parse_document(robot.description.raw, Findings())
+    root = robot.description.document()
     notes: list[str] = []
     for element in root.xpath("./link/visual"):
         element.getparent().remove(element)
@@ -105,7 +103,7 @@ def edged_wheels(robot: Robot) -> bool:
 
 def other_shapes(robot: Robot) -> bool:
     """Whether a link has a collision shape that is neither a wheel nor a support."""
-    return bool(_others(parse_document(robot.description.raw, Findings()), robot))
+    return bool(_others(robot.description.document(), robot))
 
 
 def _lock(root: Any, robot: Robot) -> None:
@@ -119,7 +117,7 @@ def _lock(root: Any, robot: Robot) -> None:
             for found in element.findall(tag):
                 element.remove(found)
         element.set("type", "fixed")
-        element.append(_origin(placement))
+        element.append(urdf_origin(placement))
 
 
 def _keep_contacts(root: Any, robot: Robot) -> None:
@@ -174,7 +172,8 @@ def _put_inertias(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None
         for found in element.findall("inertial"):
             element.remove(found)
         if name in carriers:
-            element.append(_inertial(robot.model.inertias[carriers[name]]))
+            body = robot.model.inertias[carriers[name]]
+            element.append(urdf_inertial(body.mass, body.lever, body.inertia))
         elif dialect.massless:
             element.append(etree.fromstring(dialect.massless))
 
@@ -212,7 +211,7 @@ def _drop_collisions(links: Iterable[Any]) -> None:
 
 def _collision(geometry: str, pose: Array) -> Any:
     element = etree.Element("collision")
-    element.append(_origin(pose))
+    element.append(urdf_origin(pose))
     element.append(_drake_tags(f"<geometry>{geometry}</geometry>"))
     return element
 
@@ -222,29 +221,32 @@ def _drake_tags(text: str) -> Any:
     return etree.fromstring(f'<x xmlns:drake="http://drake.mit.edu">{text}</x>')[0]
 
 
-def _origin(pose: Array) -> Any:
+def urdf_origin(pose: Array) -> Any:
+    """Return the element of a pose (4, 4)."""
     rpy = pin.rpy.matrixToRpy(np.ascontiguousarray(pose[:3, :3]))
-    return etree.Element("origin", xyz=_text(pose[:3, 3]), rpy=_text(rpy))
+    return etree.Element("origin", xyz=urdf_numbers(pose[:3, 3]), rpy=urdf_numbers(rpy))
 
 
 def _shape_xml(shape: Shape) -> str:
     """Return a shape that is no mesh."""
     names = SIZES.get(shape.kind, ROUND_SIZES)
-    values = (_text(shape.size),) if shape.kind == "box" else tuple(map(repr, shape.size))
+    values = (urdf_numbers(shape.size),) if shape.kind == "box" else tuple(map(repr, shape.size))
     sizes = " ".join(f'{name}="{value}"' for name, value in zip(names, values, strict=True))
     return f"<{shape.kind} {sizes}/>"
 
 
-def _inertial(body: Any) -> Any:
-    """Return what a link weighs, from Pinocchio's inertia in the frame of the link."""
-    element, tensor = etree.Element("inertial"), body.inertia
-    etree.SubElement(element, "origin", xyz=_text(body.lever))
-    etree.SubElement(element, "mass", value=repr(float(body.mass)))
-    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)}
-    moments = {name: repr(float(tensor[place])) for name, place in entries.items()}
-    etree.SubElement(element, "inertia", **moments, izz=repr(float(tensor[2, 2])))
+def urdf_inertial(mass: float, com: Array, inertia: Array) -> Any:
+    """Return the element of a link's mass (kg), centre of mass (3,) and inertia (3, 3) about it."""
+    element = etree.Element("inertial")
+    etree.SubElement(element, "origin", xyz=urdf_numbers(com))
+    etree.SubElement(element, "mass", value=repr(float(mass)))
+    entries = {f"i{'xyz'[i]}{'xyz'[j]}": inertia[i, j] for i in range(3) for j in range(i, 3)}
+    etree.SubElement(
+        element, "inertia", {name: repr(float(moment)) for name, moment in entries.items()}
+    )
     return element
 
 
-def _text(numbers: Iterable[float]) -> str:
+def urdf_numbers(numbers: Iterable[float]) -> str:
+    """Return numbers as a file has them, each to the last digit."""
     return " ".join(repr(float(number)) for number in numbers)

@@ -1,17 +1,106 @@
-"""``Engine``: another simulator of a robot on flat ground, as the referee asks it."""
+"""``Engine``: another simulator on flat ground, as the referee asks it, and its switches."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Protocol
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from importlib import import_module
+from typing import Protocol, cast
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.engines.switches import Switch, Switches
-from rpctl.errors import RpctlError
+from rpctl.drive.drive import Wheel
+from rpctl.drive.wheels import mostly_left
+from rpctl.equivalence.contact.mujoco_body import planar, tilt
+from rpctl.equivalence.contact.plan import DrivenRobot
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
+
+DEFAULT = "default"  # as the engine takes the URDF of a user who sets nothing
+MENDED = "mended"  # as the reduced model means it
+ENGINES = {  # by the name that users give
+    "mujoco": "rpctl.engines.mujoco.engine:MujocoSimulator",
+    "drake": "rpctl.engines.drake:DrakeEngine",
+    "pybullet": "rpctl.engines.bullet:BulletEngine",
+}
+
+
+@dataclass(frozen=True)
+class Switches:
+    """One state, :data:`DEFAULT` or :data:`MENDED`, for each thing that engines do differently.
+
+    Attributes:
+        wheel: Shape of the wheels where they meet the ground: as drawn, or crowned, so that they
+            touch at one point and, of a mecanum or omni wheel, hold along the roller only.
+        caster: Supports and balls: as drawn and with friction, or sliding without any; those that
+            the engine does not see are added.
+        cone: Friction pyramid, or cone.
+        friction: The engine's own coefficients, torsional and rolling ones too; or the referee's.
+        inertia: As the engine's loader leaves it (dropped, balanced, guessed from shapes, rotors
+            left out), or the robot's.
+        softness: Compliance of contacts, and how well the solver converges.
+        timestep: The engine's own, or one short enough.
+        mimic: Mimic joints and tie rods left free, or tied.
+        losses: Damping and friction of joints and of free bodies as the loader takes them, or the
+            robot's.
+        collisions: Whether links of the robot collide with each other and, but for wheels and
+            supports, with the ground.
+    """
+
+    wheel: str = DEFAULT
+    caster: str = DEFAULT
+    cone: str = DEFAULT
+    friction: str = DEFAULT
+    inertia: str = DEFAULT
+    softness: str = DEFAULT
+    timestep: str = DEFAULT
+    mimic: str = DEFAULT
+    losses: str = DEFAULT
+    collisions: str = DEFAULT
+
+    def mended(self, name: str) -> bool:
+        """Return whether a switch is mended."""
+        return str(getattr(self, name)) == MENDED
+
+    def turned(self, names: Iterable[str], state: str) -> Switches:
+        """Return the same with some switches in a state.
+
+        Raises:
+            UnknownNameError: There is no such switch.
+        """
+        names = tuple(names)
+        for name in names:
+            if name not in SWITCH_NAMES:
+                raise UnknownNameError("switch", name, SWITCH_NAMES)
+        return replace(self, **dict.fromkeys(names, state))
+
+
+SWITCH_NAMES = tuple(field.name for field in fields(Switches))
+ALL_DEFAULT = Switches()
+ALL_MENDED = Switches(**dict.fromkeys(SWITCH_NAMES, MENDED))
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A switch that means something in an engine, for a robot, in that engine's own words.
+
+    Attributes:
+        name: One of :data:`SWITCH_NAMES`.
+        fault: What the engine does by default, a clause: ``"its wheels are 8 cm wide and scrub"``.
+        setting: What mends it, an imperative with attribute or option: ``'set <option
+            cone="elliptic"/>'``.
+    """
+
+    name: str
+    fault: str
+    setting: str
+
+    def __post_init__(self) -> None:
+        """Refuse a name that :class:`Switches` does not have."""
+        if self.name not in SWITCH_NAMES:
+            raise UnknownNameError("switch", self.name, SWITCH_NAMES)
 
 
 class EngineMissing(RpctlError):
@@ -47,19 +136,47 @@ class EngineState:
     @property
     def tilt(self) -> float:
         """How far the root link leans out of the level, rad."""
-        x, y = self.pose[3:5]
-        return float(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
+        return tilt(self.pose)
 
     @property
     def planar(self) -> Array:
         """The root link's x, y (m) and heading (rad) seen from above (3,)."""
-        x, y, z, w = self.pose[3:]
-        turn = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        return np.array([self.pose[0], self.pose[1], turn])
+        return planar(self.pose)
 
 
-class EngineRun(Protocol):
-    """A robot in an engine, from its start on.
+@dataclass(frozen=True)
+class LinkMotion:
+    """Motion of a link's frame: rotation (3, 3), origin (3,) m, its velocity (3,) and ω (3,)."""
+
+    rotation: Array
+    origin: Array
+    velocity: Array
+    omega: Array
+
+
+def wheel_slip(robot: Robot, wheel: Wheel, motion: LinkMotion) -> tuple[float, float]:
+    """Return the velocity (m/s) of a wheel's lowest point: along its rolling direction, leftward.
+
+    The rolling direction is level and across the axle; with all joints at 0 the axle
+    that points left fixes its sign.
+
+    Args:
+        robot: The robot.
+        wheel: The wheel.
+        motion: Of the link that its joint turns.
+    """
+    axle = motion.rotation @ np.array(wheel.axis)
+    arm = wheel.offset * axle - np.array([0.0, 0.0, wheel.radius])
+    velocity = motion.velocity + np.cross(motion.omega, arm)
+    sign = math.copysign(1.0, mostly_left(robot.tree.axis(robot.description.joint[wheel.joint])))
+    left = sign * axle[:2] / math.hypot(*axle[:2])
+    return float(velocity[0] * left[1] - velocity[1] * left[0]), float(velocity[:2] @ left)
+
+
+class EngineRun(DrivenRobot, Protocol):
+    """A robot in an engine, from its start on; ``dt`` is a multiple of the engine's tick.
+
+    Where the motion diverges, ``advance`` raises an :class:`EngineFault`.
 
     Attributes:
         contacts: Names of the contacts, those of ``Contacts.names`` in their order: the wheels'
@@ -69,13 +186,6 @@ class EngineRun(Protocol):
 
     contacts: tuple[str, ...]
     notes: tuple[str, ...]
-
-    def advance(self, efforts: Mapping[str, float], dt: float) -> None:
-        """Hold the efforts (N·m or N, by joint) for ``dt`` (s), a multiple of the engine's tick.
-
-        Raises:
-            EngineFault: The motion diverges.
-        """
 
     def state(self) -> EngineState:
         """Return the state now; loads are those of the last step."""
@@ -111,3 +221,27 @@ class Engine(Protocol):
         Raises:
             EngineFault: The engine refuses the robot.
         """
+
+
+def installed_engines(names: Sequence[str] = ()) -> tuple[list[Engine], list[str]]:
+    """Return the engines that are installed, and a sentence on each that is not.
+
+    Args:
+        names: Those that are wanted; empty: all.
+
+    Raises:
+        UnknownNameError: There is no engine of such a name.
+    """
+    found: list[Engine] = []
+    missing: list[str] = []
+    for name in names or tuple(ENGINES):
+        if name not in ENGINES:
+            raise UnknownNameError("engine", name, ENGINES)
+        module, _, kind = ENGINES[name].partition(":")
+        try:
+            engine = cast("Engine", getattr(import_module(module), kind)())
+        except EngineMissing as error:
+            missing.append(str(error))
+        else:
+            found.append(engine)
+    return found, missing

@@ -1,18 +1,92 @@
-"""What a robot does in an engine under the referee's efforts, sampled."""
+"""What a robot does on the referee's course, in an engine or as the reduced model has it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.engines.engine import EngineFault, EngineRun, EngineState
-from rpctl.equivalence.contact.plan import ContactPlan
+from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.engines.engine import EngineFault, EngineRun, EngineState, LinkMotion, wheel_slip
+from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, Course, ReducedRobot
+from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 
+LAST_SPEED_RATIO = 0.3  # of the top speed, after braking
+SKID_NOTE = (
+    "straight ahead only: a skid-steer base turns by scrubbing, which the effective track stands "
+    "for in the reduced model"
+)
 SETTLING_S = 0.4  # s in which a robot sinks into contacts: twenty of MuJoCo's default constants
 SAMPLE_S = 0.05  # s between samples; loads and slip are means over it
+
+
+def referee_course(duration: float, tick: float = TICK_S) -> Course:
+    """Return the course of the referee: a robot sets off, turns in the middle half, and brakes.
+
+    It does not come to stand, where friction of joints would change its sign.
+    """
+    return Course(duration, tick, rise=1.0 / 3.0, pulse=0.5, lost=1.0 - LAST_SPEED_RATIO)
+
+
+class ReducedRun(ReducedRobot):
+    """The reduced model of a robot; :class:`rpctl.engines.engine.EngineRun` has the attributes.
+
+    Args:
+        dynamics: Its dynamics.
+        contacts: How it stands.
+        q: Configuration at the start (nq,).
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> None:
+        super().__init__(dynamics, q)
+        self._known, self._t, self._tau = contacts, 0.0, np.zeros(len(self.robot.actuators))
+        self.contacts = contacts.names
+        skids = self.robot.drive.type == "skid-steer"
+        self.notes: tuple[str, ...] = (SKID_NOTE,) if skids else ()
+        names = self.robot.moving_joint_names
+        self._turned = {name: self.robot.joint_position(q, name) for name in names}
+
+    def advance(self, tau: Array, dt: float) -> None:
+        """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
+        super().advance(tau, dt)
+        self._tau, self._t = tau, self._t + dt
+        for name, before in self._turned.items():
+            moved = self.robot.joint_position(self.q, name) - before
+            if self.robot.entries[name].is_pair:
+                moved = math.remainder(moved, 2.0 * math.pi)
+            self._turned[name] = before + moved
+
+    def state(self) -> EngineState:
+        """Return the state now."""
+        robot, dynamics, q, nu = self.robot, self.dynamics, self.q, self.nu
+        v = dynamics.basis(q) @ nu
+        x, y, turn = read_root(q)
+        pose = [x, y, -robot.drive.ground, 0.0, 0.0, math.sin(0.5 * turn), math.cos(0.5 * turn)]
+        rates = {name: float(v[robot.velocity_index(name)]) for name in self._turned}
+        pin.forwardKinematics(robot.model, dynamics.data, q, v)
+        slip = [wheel_slip(robot, wheel, self._motion(wheel.joint)) for wheel in robot.drive.wheels]
+        return EngineState(
+            t=self._t,
+            pose=np.array(pose),
+            joints={name: (at, rates[name]) for name, at in self._turned.items()},
+            load=ground_reaction(dynamics, self._known, q, nu, self._tau).load,
+            slip=np.array(slip).reshape(-1, 2),
+            energy=dynamics.energy(q, nu),
+        )
+
+    def _motion(self, joint: str) -> LinkMotion:
+        model, data = self.robot.model, self.dynamics.data
+        index = model.getJointId(joint)
+        place, frame = data.oMi[index], pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        motion = pin.getVelocity(model, data, index, frame)
+        return LinkMotion(place.rotation, place.translation, motion.linear, motion.angular)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,38 +124,18 @@ class EngineRecording:
     fault: str = ""
 
 
-@dataclass
-class _Samples:
-    """Samples of a run while it is made."""
+class _Sample(NamedTuple):
+    """A state at a time (s), means of loads and slip since the last one, and the work so far."""
 
-    rows: list[tuple[float, EngineState, Array, Array, float]] = field(default_factory=list)
-
-    def recording(
-        self, start: EngineState, run: EngineRun, robot: Robot, fault: str
-    ) -> EngineRecording:
-        states = [row[1] for row in self.rows]
-        first = start.planar
-        poses = np.array([_seen_from(first, state.planar) for state in states])
-        poses[:, 2] = np.unwrap(poses[:, 2])
-        return EngineRecording(
-            t=np.array([row[0] for row in self.rows]),
-            pose=poses,
-            root=np.array([_root_seen_from(first, state.pose) for state in states]),
-            tilt=np.array([state.tilt for state in states]),
-            joints={n: np.array([s.joints[n][0] for s in states]) for n in start.joints},
-            load=_after_first([row[2] for row in self.rows]),
-            slip=_after_first([row[3] for row in self.rows]),
-            energy=np.array([state.energy for state in states]),
-            work=np.array([row[4] for row in self.rows]),
-            crept=float(np.hypot(*first[:2])),
-            sunk=float(-robot.drive.ground - start.pose[2]),
-            notes=run.notes,
-            fault=fault,
-        )
+    t: float
+    state: EngineState
+    load: Array
+    slip: Array
+    work: float
 
 
 def record(
-    run: EngineRun, robot: Robot, plan: ContactPlan, tick: float, hold: Array | None
+    run: EngineRun, robot: Robot, plan: ContactPlan, tick: float, settled: bool = False
 ) -> EngineRecording:
     """Return what a robot does under the efforts of a plan.
 
@@ -90,59 +144,55 @@ def record(
         robot: The robot.
         plan: The efforts.
         tick: How long each holds, s.
-        hold: Efforts (n_act,) that hold it while it settles; None: it has settled.
+        settled: Whether it stands already, with nothing to sink into.
     """
-    samples, every, fault = _Samples(), max(1, round(SAMPLE_S / tick)), ""
-    start = run.state()
+    start, fault = run.state(), ""
+    samples: list[_Sample] = []
     try:
-        if hold is not None:
+        if not settled:
             for _ in range(round(SETTLING_S / tick)):
-                _advance(run, robot, plan, -1, tick, hold)
+                plan.drive(run, -1, tick)
             start = run.state()
-        _drive(run, robot, plan, tick, every, samples)
+        samples.extend(_samples(run, robot, plan, tick))  # those before a fault stay
     except EngineFault as error:
         fault = str(error)
-    if not samples.rows:
-        count, wheels = len(run.contacts), len(robot.drive.wheels)
-        samples.rows.append((0.0, start, np.zeros(count), np.zeros((wheels, 2)), 0.0))
-    return samples.recording(start, run, robot, fault)
+    samples = samples or [_Sample(0.0, start, 0.0 * start.load, 0.0 * start.slip, 0.0)]
+    states, first = [sample.state for sample in samples], start.planar
+    poses = np.array([_seen_from(first, state.planar) for state in states])
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    return EngineRecording(
+        t=np.array([sample.t for sample in samples]),
+        pose=poses,
+        root=np.array([_root_seen_from(first, state.pose) for state in states]),
+        tilt=np.array([state.tilt for state in states]),
+        joints={n: np.array([state.joints[n][0] for state in states]) for n in start.joints},
+        load=_after_first([sample.load for sample in samples]),
+        slip=_after_first([sample.slip for sample in samples]),
+        energy=np.array([state.energy for state in states]),
+        work=np.array([sample.work for sample in samples]),
+        crept=float(np.hypot(*first[:2])),
+        sunk=float(-robot.drive.ground - start.pose[2]),
+        notes=run.notes,
+        fault=fault,
+    )
 
 
-def _drive(
-    run: EngineRun, robot: Robot, plan: ContactPlan, tick: float, every: int, samples: _Samples
-) -> None:
-    """Let the robot follow the plan, and keep samples of it."""
-    before, work = run.state(), 0.0
+def _samples(run: EngineRun, robot: Robot, plan: ContactPlan, tick: float) -> Iterator[_Sample]:
+    """Let the robot follow the plan, and yield samples of it."""
+    every, before, work = max(1, round(SAMPLE_S / tick)), run.state(), 0.0
     loads, slips = [before.load], [before.slip]
     for k in range(len(plan.tau) + 1):
         if k % every == 0:
-            samples.rows.append(
-                (k * tick, before, np.mean(loads, axis=0), np.mean(slips, axis=0), work)
-            )
+            yield _Sample(k * tick, before, np.mean(loads, axis=0), np.mean(slips, axis=0), work)
             loads, slips = [], []
         if k == len(plan.tau):
-            break
-        efforts = _advance(run, robot, plan, k, tick, None)
-        after = run.state()
-        work += sum(
-            effort * (after.joints[name][0] - before.joints[name][0])
-            for name, effort in efforts.items()
-        )
+            return
+        tau, after = plan.drive(run, k, tick), run.state()
+        for name, effort in zip(robot.actuators, tau.tolist(), strict=True):
+            work += effort * (after.joints[name][0] - before.joints[name][0])
         loads.append(after.load)
         slips.append(after.slip)
         before = after
-
-
-def _advance(
-    run: EngineRun, robot: Robot, plan: ContactPlan, k: int, tick: float, hold: Array | None
-) -> dict[str, float]:
-    """Advance by a tick under the plan's efforts, and return them."""
-    joints = run.state().joints
-    measured = np.array([joints[name] for name in plan.names]).reshape(-1, 2)
-    tau = plan.efforts(k, measured[:, 0], measured[:, 1], hold)
-    efforts = dict(zip(robot.actuators, tau.tolist(), strict=True))
-    run.advance(efforts, tick)
-    return efforts
 
 
 def _after_first(rows: list[Array]) -> Array:

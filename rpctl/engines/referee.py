@@ -1,30 +1,159 @@
-"""The referee: the same efforts and the same start through the reduced model and other engines."""
+"""The referee: the same efforts and the same start through the reduced model and other engines.
+
+Where they disagree, switches are turned one at a time between default and mended to find why.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.engines.causes import Trace, beyond, trace
 from rpctl.engines.comparison import EngineGap, compare
-from rpctl.engines.course import RefereeCourse
-from rpctl.engines.engine import Engine, EngineFault
-from rpctl.engines.recording import EngineRecording, record
-from rpctl.engines.reduced import ReducedRun
-from rpctl.engines.switches import ALL_DEFAULT, Switches
+from rpctl.engines.engine import (
+    ALL_DEFAULT,
+    ALL_MENDED,
+    DEFAULT,
+    MENDED,
+    Engine,
+    EngineFault,
+    Switch,
+    Switches,
+)
+from rpctl.engines.recording import EngineRecording, ReducedRun, record, referee_course
 from rpctl.engines.turning import TurnVerdict, judge_turn
 from rpctl.equivalence.contact.plan import SERVO_BANDWIDTH, ContactPlan, plan_motion
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
+RunWith = Callable[[Switches], EngineRecording]
+Compare = Callable[[EngineRecording, EngineRecording], tuple[EngineGap, ...]]
 DURATION_S = 3.0  # s of the motion
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What makes an engine disagree.
+
+    Attributes:
+        switches: One that suffices alone, or two of which neither does.
+        gaps: What its default alone does to the mended engine, beyond the bands.
+    """
+
+    switches: tuple[Switch, ...]
+    gaps: tuple[EngineGap, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the switches."""
+        return tuple(switch.name for switch in self.switches)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """How an engine's disagreement was traced.
+
+    Attributes:
+        causes: The largest first.
+        mended: What the engine does with all switches mended.
+        remaining: Gaps beyond the bands of the mended engine and the model.
+        cured: Gaps beyond the bands of the engine with the causes mended and nothing else, from
+            the mended engine: none where the causes explain all.
+    """
+
+    causes: tuple[Cause, ...]
+    mended: EngineRecording
+    remaining: tuple[EngineGap, ...]
+    cured: tuple[EngineGap, ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether the causes explain all that the model and the engine disagree in."""
+        return not (self.remaining or self.cured)
+
+
+def trace(
+    switches: Sequence[Switch], run: RunWith, compare: Compare, model: EngineRecording
+) -> Trace:
+    """Return the causes why an engine, by default, disagrees with the model.
+
+    From the engine with all mended, each switch alone is set back to default: it is a cause where
+    the motion then leaves the bands. Where none is, pairs are. With the causes mended, the default
+    engine must do what the mended one does; a switch that it then still takes is added.
+    """
+    mended = run(ALL_MENDED)
+    remaining = beyond(compare(model, mended))
+    if mended.fault:
+        return Trace((), mended, remaining, ())
+
+    def alone(chosen: tuple[Switch, ...]) -> tuple[EngineGap, ...]:
+        names = tuple(switch.name for switch in chosen)
+        return beyond(compare(mended, run(ALL_MENDED.turned(names, DEFAULT))))
+
+    def left(causes: Sequence[Cause]) -> tuple[EngineGap, ...]:
+        known = {switch.name for switch in switches}  # others mean nothing: as the mended engine
+        start = ALL_MENDED.turned(known, DEFAULT)
+        return beyond(compare(mended, run(start.turned(_names(causes), MENDED))))
+
+    causes = list(_causes(combinations(switches, 1), alone))
+    causes = causes or list(_causes(combinations(switches, 2), alone))
+    cured = left(causes)
+    while cured and len(_names(causes)) < len(switches):
+        others = [switch for switch in switches if switch.name not in _names(causes)]
+        tried = {switch: left([*causes, Cause((switch,), ())]) for switch in others}
+        best = min(others, key=lambda switch: _worst(tried[switch]))
+        if _worst(tried[best]) >= _worst(cured):
+            break
+        causes.append(Cause((best,), alone((best,))))
+        cured = tried[best]
+    if not cured:
+        causes = _needed(causes, left)
+    causes.sort(key=lambda cause: -_worst(cause.gaps))
+    return Trace(tuple(causes), mended, remaining, cured)
+
+
+def _needed(
+    causes: Sequence[Cause], left: Callable[[Sequence[Cause]], tuple[EngineGap, ...]]
+) -> list[Cause]:
+    """Return the causes without those that may stay at default once the others are mended.
+
+    A step that is too long for hard contacts, say, is not for the engine's own soft ones.
+    """
+    kept = list(causes)
+    for cause in sorted(causes, key=lambda cause: _worst(cause.gaps)):
+        others = [one for one in kept if one is not cause]
+        if others and not left(others):
+            kept = others
+    return kept
+
+
+def beyond(gaps: Sequence[EngineGap]) -> tuple[EngineGap, ...]:
+    """Return the gaps that leave their bands."""
+    return tuple(gap for gap in gaps if not gap.agrees)
+
+
+def _causes(
+    groups: Iterator[tuple[Switch, ...]],
+    alone: Callable[[tuple[Switch, ...]], tuple[EngineGap, ...]],
+) -> Iterator[Cause]:
+    for group in groups:
+        gaps = alone(group)
+        if gaps:
+            yield Cause(group, gaps)
+
+
+def _names(causes: Sequence[Cause]) -> tuple[str, ...]:
+    return tuple(name for cause in causes for name in cause.names)
+
+
+def _worst(gaps: Sequence[EngineGap]) -> float:
+    return max((gap.ratio for gap in gaps), default=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +189,6 @@ class EngineVerdict:
     def traced(self) -> bool:
         """Whether it agrees, or its causes are known."""
         return self.trace is None or self.trace.complete
-
-    def gap(self, name: str) -> EngineGap | None:
-        """Return a gap by its name, or None where it was not compared."""
-        return next((gap for gap in self.gaps if gap.name == name), None)
 
     @property
     def mended(self) -> EngineRecording | None:
@@ -113,19 +238,15 @@ class Referee:
     def motion(self, tick: float) -> tuple[ContactPlan, EngineRecording]:
         """Return the efforts that hold for a tick (s) each, and what the model does under them."""
         if tick not in self._motions:
-            course = RefereeCourse(duration=self._duration, tick=tick)
+            course = referee_course(self._duration, tick)
             plan = plan_motion(self.dynamics, self.contacts, course)
             run = ReducedRun(self.dynamics, self.contacts, plan.q[0])
-            self._motions[tick] = plan, record(run, self.robot, plan, tick, None)
+            self._motions[tick] = plan, record(run, self.robot, plan, tick, settled=True)
         return self._motions[tick]
 
     def judge(self, engine: Engine) -> EngineVerdict:
-        """Return what an engine does beside the model, and why it disagrees.
-
-        Args:
-            engine: The engine.
-        """
-        _, model = self.motion(engine.tick)
+        """Return what an engine does beside the model, and why it disagrees."""
+        plan, model = self.motion(engine.tick)
         recording = self.run(engine, ALL_DEFAULT)
         gaps = self.compare(model, recording)
         found = None
@@ -136,31 +257,19 @@ class Referee:
                 self.compare,
                 model,
             )
-        plan, _ = self.motion(engine.tick)
-        turn = judge_turn(self.robot, engine, plan, self._hold(plan), self._friction)
+        turn = judge_turn(self.robot, engine, plan, self._friction)
         return EngineVerdict(
             engine.name, engine.version, gaps, found, model, recording, self._friction, turn
         )
 
-    def _hold(self, plan: ContactPlan) -> Array:
-        """Return the efforts (n_act,) that hold the robot where a plan starts."""
-        still = np.zeros(self.robot.dof)
-        return self.dynamics.efforts(plan.q[0], self.dynamics.inverse(plan.q[0], still, still))
-
     def run(self, engine: Engine, switches: Switches) -> EngineRecording:
-        """Return what an engine does with switches.
-
-        Args:
-            engine: The engine.
-            switches: What is mended.
-        """
+        """Return what an engine does with switches."""
         plan, model = self.motion(engine.tick)
-        hold = self._hold(plan)
         try:
             run = engine.start(self.robot, plan.q[0], switches, self._friction)
         except EngineFault as fault:
             return _refused(model, str(fault))
-        return record(run, self.robot, plan, engine.tick, hold)
+        return record(run, self.robot, plan, engine.tick)
 
     def compare(self, model: EngineRecording, engine: EngineRecording) -> tuple[EngineGap, ...]:
         """Return the gaps between what a robot should do and what it did, the largest first."""
@@ -176,27 +285,6 @@ class Referee:
         stiffness = SERVO_BANDWIDTH**2 * np.diagonal(plan.inertia, axis1=1, axis2=2).min(axis=0)
         friction = [losses.friction[self.robot.velocity_index(name)] for name in plan.names]
         return dict(zip(plan.names, (friction / stiffness).tolist(), strict=True))
-
-
-def referee(
-    robot: Robot,
-    engines: Sequence[Engine],
-    friction: float = FRICTION,
-    duration: float = DURATION_S,
-) -> tuple[EngineVerdict, ...]:
-    """Return the verdicts on engines: who moves a robot as the reduced model does, and who why not.
-
-    Args:
-        robot: The robot.
-        engines: The engines.
-        friction: Coefficient between wheels and ground.
-        duration: Of the motion, s.
-
-    Raises:
-        RpctlError: The robot has a fixed base, is not known to stand, or cannot move gently.
-    """
-    judge = Referee(robot, friction, duration)
-    return tuple(judge.judge(engine) for engine in engines)
 
 
 def _refused(model: EngineRecording, fault: str) -> EngineRecording:

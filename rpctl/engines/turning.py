@@ -12,9 +12,8 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.drive.wheels import mostly_left
-from rpctl.engines.engine import Engine, EngineFault, EngineRun
+from rpctl.engines.engine import ALL_DEFAULT, Engine, EngineFault, EngineRun
 from rpctl.engines.recording import SETTLING_S
-from rpctl.engines.switches import ALL_DEFAULT
 from rpctl.equivalence.contact.plan import ContactPlan
 from rpctl.robot.model import Robot
 
@@ -92,7 +91,7 @@ def near(track: float, other: float) -> bool:
 
 
 def judge_turn(
-    robot: Robot, engine: Engine, plan: ContactPlan, hold: Array, friction: float
+    robot: Robot, engine: Engine, plan: ContactPlan, friction: float
 ) -> TurnVerdict | None:
     """Return how a base turns in place, or None if that is not asked of it or of the engine.
 
@@ -100,7 +99,6 @@ def judge_turn(
         robot: The robot.
         engine: The engine.
         plan: What holds its arm where it starts.
-        hold: Efforts (n_act,) that hold it at rest.
         friction: Coefficient between wheels and ground where it is mended.
     """
     drive = robot.drive
@@ -110,12 +108,12 @@ def judge_turn(
     speed = engine.turning_speed(friction)
     try:
         run = engine.start_turning(robot, plan.q[0], friction)
-        mended = turn_in_place(run, robot, plan, hold, engine.tick, speed)
+        mended = turn_in_place(run, robot, plan, engine.tick, speed)
     except EngineFault:
         return None
     try:
         run = engine.start(robot, plan.q[0], ALL_DEFAULT, friction)
-        default = turn_in_place(run, robot, plan, hold, engine.tick, speed)
+        default = turn_in_place(run, robot, plan, engine.tick, speed)
     except EngineFault:
         default = None
     own = scrubbing_track(wheel_places(robot), mended.load)
@@ -123,7 +121,7 @@ def judge_turn(
 
 
 def turn_in_place(
-    run: EngineRun, robot: Robot, plan: ContactPlan, hold: Array, tick: float, speed: float
+    run: EngineRun, robot: Robot, plan: ContactPlan, tick: float, speed: float
 ) -> Turn:
     """Turn a base to the left, the wheels of both sides at the same speed, and return how it goes.
 
@@ -131,7 +129,6 @@ def turn_in_place(
         run: It in an engine, at rest.
         robot: The robot.
         plan: What holds its arm where it starts.
-        hold: Efforts (n_act,) that hold it at rest.
         tick: How long efforts hold, s.
         speed: Of the rims, m/s.
 
@@ -146,15 +143,13 @@ def turn_in_place(
     summed, rows = np.zeros(len(names)), []
     settling, count = round(SETTLING_S / tick), round(TURNING_S / tick)
     for k in range(settling + count):
-        state = run.state()
-        held = np.array([state.joints[name] for name in plan.names]).reshape(-1, 2)
-        tau = plan.efforts(-1, held[:, 0], held[:, 1], hold)
-        rates = np.array([state.joints[name][1] for name in names])
+        tau = plan.efforts(-1, *run.measured(plan.names))
+        _, rates = run.measured(names)
         gap = (speed * -side / rolls if k >= settling else 0.0) - rates
         summed += tick * gap
         push = SPIN_BANDWIDTH * spin * (2.0 * gap + SPIN_BANDWIDTH * summed)
         tau[motors] = np.clip(push, -limits, limits)
-        run.advance(dict(zip(robot.actuators, tau.tolist(), strict=True)), tick)
+        run.advance(tau, tick)
         if k >= settling + count // 2:
             after = run.state()
             rows.append((after.planar[2], *(rates * rolls), *after.load[: len(names)]))
@@ -174,11 +169,7 @@ def _measured(rows: Array, side: Array, tick: float, speed: float) -> Turn:
 
 
 def wheel_places(robot: Robot) -> Array:
-    """Return where the wheels are ahead and to the left of P (n_wheels, 2), m, as the file draws.
-
-    Args:
-        robot: The robot.
-    """
+    """Return where the file draws the wheels, ahead and to the left of P (n_wheels, 2), m."""
     drive, found = robot.drive, []
     cos, sin = math.cos(drive.heading), math.sin(drive.heading)
     for wheel in drive.wheels:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rpctl.engines.causes import Cause, beyond
 from rpctl.engines.comparison import EngineGap
-from rpctl.engines.referee import EngineVerdict
+from rpctl.engines.referee import Cause, EngineVerdict, beyond
 from rpctl.engines.turning import SWINGS, near
 
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from rpctl.equivalence.check import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.contact.record import ContactTrial
 from rpctl.equivalence.onset.record import OnsetTrial
-from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
 
 
 @dataclass(frozen=True)

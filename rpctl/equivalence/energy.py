@@ -12,17 +12,16 @@ from rpctl.arrays import Array
 from rpctl.drive.steering import is_regular
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.forced_state import ForcedState, efforts
-from rpctl.equivalence.residuals import (
+from rpctl.equivalence.check import (
     DIFFERENCE_TOLERANCE,
     EPS,
+    Check,
     allowed,
     difference_step,
     rate,
     worst,
 )
-from rpctl.equivalence.row import Check
-from rpctl.equivalence.state import State
+from rpctl.equivalence.state import ForcedState, State, efforts
 from rpctl.errors import RpctlError
 
 POWER_TOLERANCE = 1e-6  # energy balance of a motion by RK4, extrapolated

@@ -24,10 +24,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_paths import MeshPaths
+from rpctl.description.meshes.paths import MeshPaths
 from rpctl.drive.drive import Drive, Swivel, Wheel
-from rpctl.equivalence.file_rollers import on_the_ground
-from rpctl.equivalence.file_wheels import PlacedWheel, leftward, place, wheel_size
+from rpctl.equivalence.file_wheels import PlacedWheel, leftward, on_the_ground, place, wheel_size
 from rpctl.equivalence.raw_file import RawFile
 from rpctl.robot.model import Robot
 
@@ -52,7 +51,6 @@ def measure(robot: Robot, raw: RawFile) -> tuple[Drive, tuple[str, ...]]:
 
     Args:
         robot: The robot; the names, roles and order of its drive are used, no number but those.
-        raw: Its file.
     """
     drive, poses = robot.drive, raw.poses(robot.locked)
     paths = MeshPaths(robot.description.path, robot.description.read_with.package_dirs)
@@ -116,17 +114,17 @@ def _numbers(key: str, value: Any) -> Array:
     return np.atleast_1d((math.cos(value), math.sin(value)) if key == "heading" else value)
 
 
-def _held(drive: Drive) -> list[str]:
+def _fixed_wheels(drive: Drive) -> list[str]:
     """Return the wheels that the root link holds and that do not slide."""
     return [w.joint for w in drive.wheels if w.swivel is None and not w.slides]
 
 
 def _heading(drive: Drive, placed: Mapping[str, PlacedWheel]) -> float:
     """Return the angle of the forward direction, rad."""
-    held = _held(drive)
-    if not held or drive.type == "omni":
+    fixed = _fixed_wheels(drive)
+    if not fixed or drive.type == "omni":
         return 0.0
-    left, axles = leftward(placed[held[0]].axle), [placed[name].axle for name in held]
+    left, axles = leftward(placed[fixed[0]].axle), [placed[name].axle for name in fixed]
     x, y = np.sum([math.copysign(1.0, axle @ left) * axle for axle in axles], axis=0)[:2].tolist()
     return math.atan2(-x, y) + 0.0
 
@@ -136,10 +134,10 @@ def _point(drive: Drive, placed: Mapping[str, PlacedWheel], heading: float) -> t
     if not drive.has_axle:
         return 0.0, 0.0
     left = np.array([-math.sin(heading), math.cos(heading)])
-    centres = [placed[name].centre[:2] for name in _held(drive)]
+    centres = [placed[name].centre[:2] for name in _fixed_wheels(drive)]
     lines: list[list[Array]] = []
     for centre in centres:
-        line = next((each for each in lines if _beside(each[0], centre, left)), None)
+        line = next((each for each in lines if _on_one_axle(each[0], centre, left)), None)
         if line is None:
             lines.append([centre])
         else:
@@ -153,7 +151,7 @@ def _point(drive: Drive, placed: Mapping[str, PlacedWheel], heading: float) -> t
     return x, y
 
 
-def _beside(one: Array, other: Array, left: Array) -> bool:
+def _on_one_axle(one: Array, other: Array, left: Array) -> bool:
     between = other - one
     ahead = abs(float(between[0] * left[1] - between[1] * left[0]))
     return ahead <= MAX_AXLE_OFFSET * float(np.linalg.norm(between))
@@ -165,7 +163,7 @@ def _forward(
     """Return the forward direction (2,): the heading's, or the first steered wheel's own."""
     trailing = [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]
     steered = [w.joint for w in drive.wheels if w.swivel is not None and w.swivel not in trailing]
-    if _held(drive) or not steered:
+    if _fixed_wheels(drive) or not steered:
         return np.array([math.cos(heading), math.sin(heading)])
     return placed[_in_order(raw, steered)[0]].ahead
 
@@ -215,8 +213,6 @@ def _wheel(
     """Return a wheel as the file has it.
 
     Args:
-        drive: Its swivels are measured.
-        wheel: The record.
         placed: The wheels' places, by joint.
         heading: The forward direction, rad.
         lying: Directions (x, y) of the rollers on the ground that the file has, by wheel.
@@ -249,8 +245,8 @@ def _roller(
     """Return the angle of a mecanum wheel's roller on the ground from forward, rad."""
     forward = np.array([math.cos(heading), math.sin(heading)])
     left = np.array([-forward[1], forward[0]])
-    centres = [placed[name].centre[:2] for name in _held(drive)]
-    axle = [centre for centre in centres if _beside(centre, at.centre[:2], left)]
+    centres = [placed[name].centre[:2] for name in _fixed_wheels(drive)]
+    axle = [centre for centre in centres if _on_one_axle(centre, at.centre[:2], left)]
     ahead = forward @ (at.centre[:2] - np.mean(centres, axis=0))
     return (
         -ROLLER_ANGLE

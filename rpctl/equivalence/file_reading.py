@@ -83,8 +83,8 @@ def shared(robot: Robot, reading: FileReading) -> tuple[str, ...]:
         phrases.append("the expansion of the xacro" + (f" with{words}" if words else ""))
     if robot.losses is not None and robot.losses.friction.any():
         phrases.append("the rates below which friction is smooth")
-    if robot.loaded_with.armature:
-        phrases.append(f"declared armature of {', '.join(robot.loaded_with.armature)}")
+    if robot.loaded_with.rotors:
+        phrases.append(f"declared armature of {', '.join(robot.loaded_with.rotors)}")
     estimated = robot.description.estimated_links
     if estimated:
         phrases.append(f"estimated inertias of {', '.join(estimated)}")
@@ -105,9 +105,8 @@ def rotor_inertias(robot: Robot, raw: RawFile) -> dict[str, float]:
 
     Args:
         robot: The robot; its locked joints and what the user said of rotors are used.
-        raw: Its file.
     """
-    given = robot.loaded_with.armature
+    given = robot.loaded_with.rotors
     if given is None:
         return {}
     found = dict(raw.rotors)

@@ -3,7 +3,8 @@
 A wheel is a sphere, cylinder or capsule about its axle, the widest of the collision shapes, or else
 of the visual ones; without any, a mesh, half as high as the wider of its extents across the axle.
 Of several as wide, its centre is the mean of theirs. Links fixed to the wheel's own belong to it
-where they are centred on the axle. A wheel with rollers on joints of their own stands on them.
+where they are centred on the axle. A wheel with rollers on joints of their own stands on them;
+these are three or more frozen joints that turn on it, those of ``rpctl.drive.wheels`` seen anew.
 """
 
 from __future__ import annotations
@@ -15,15 +16,81 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description import mesh_files
-from rpctl.description.mesh_paths import MeshError, MeshPaths
-from rpctl.equivalence import file_rollers
+from rpctl.description.meshes import reading as mesh_files
+from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.equivalence.raw_file import TURNING, RawFile, RawJoint, RawShape
 
+MIN_ROLLERS = 3
+MECANUM_COSINES = math.cos(math.radians(70.0)), math.cos(math.radians(20.0))
 ROUND_KINDS = ("sphere", "cylinder", "capsule")
-MAX_TILT_SINE = 0.02  # sine of the largest angle between an axis and a wheel's shape, or the ground
+MAX_TILT_SINE = 0.02  # sine of the largest angle between an axis and a wheel's or roller's shape
 RADIUS_ROUNDING_M = 1e-9  # m; shapes whose radii differ by no more are tyres of one wheel
 MAX_ECCENTRICITY = 0.1  # of the radius: how far a part of another link may be off the axle
+
+
+def _reach(
+    raw: RawFile, wheel: RawJoint, locked: Mapping[str, float]
+) -> tuple[float, float] | None:
+    """Return a wheel's radius over its rollers, and their middle along its axle, m; None without.
+
+    Args:
+        wheel: The wheel's joint.
+        locked: Positions of the frozen joints, rad or m.
+    """
+    poses = raw.poses(locked, wheel.child)
+    radii, along = [], []
+    for roller in _rollers(raw, wheel, locked):
+        pose = poses[roller.child]
+        shapes = [
+            (shape.size[0], (pose @ shape.origin)[:3, 3])
+            for role in ("collision", "visual")
+            for shape in raw.link[roller.child].shapes
+            if shape.role == role
+            and shape.kind in ROUND_KINDS
+            and (shape.kind == "sphere" or _sine(shape.origin[:3, 2], roller.axis) <= MAX_TILT_SINE)
+        ]
+        if shapes:
+            middle = shapes[0][1]
+            radii.append(max(size for size, _ in shapes) + _sine(middle, wheel.axis))
+            along.append(float(middle @ wheel.axis))
+    return (max(radii), float(np.mean(along))) if radii else None
+
+
+def on_the_ground(
+    raw: RawFile, wheel: RawJoint, locked: Mapping[str, float]
+) -> tuple[float, float] | None:
+    """Return the direction (x, y) of a mecanum wheel's lowest roller; None without rollers.
+
+    Args:
+        wheel: The wheel's joint.
+        locked: Positions of the frozen joints, rad or m.
+    """
+    poses = raw.poses(locked)
+    axle = poses[wheel.parent][:3, :3] @ wheel.origin[:3, :3] @ wheel.axis
+    found = (poses[roller.child] for roller in _rollers(raw, wheel, locked))
+    axes = (roller.axis for roller in _rollers(raw, wheel, locked))
+    rollers = [(pose, pose[:3, :3] @ axis) for pose, axis in zip(found, axes, strict=True)]
+    low, high = MECANUM_COSINES
+    if not rollers or not all(low < abs(float(axis @ axle)) < high for _, axis in rollers):
+        return None
+    _, along = min(rollers, key=lambda roller: float(roller[0][2, 3]))
+    return float(along[0]), float(along[1])
+
+
+def _rollers(raw: RawFile, wheel: RawJoint, locked: Mapping[str, float]) -> list[RawJoint]:
+    """Return the rollers of a wheel; none, if they are too few."""
+    found, links = [], [wheel.child]
+    while links:
+        for joint in raw.below[links.pop()]:
+            turns = joint.type in TURNING and joint.name in locked
+            found += [joint] * turns
+            links += [joint.child] * (joint.type == "fixed")
+    return found if len(found) >= MIN_ROLLERS else []
+
+
+def _sine(a: Array, b: Array) -> float:
+    """Return the distance of a point (3,) from the line through the origin along a unit (3,)."""
+    return float(np.linalg.norm(np.cross(a, b)))
 
 
 @dataclass(frozen=True)
@@ -48,12 +115,10 @@ def wheel_size(
     """Return a wheel's radius and the distance of its centre along the axle, m; None without.
 
     Args:
-        raw: The file as it was read for the proof.
         joint: The wheel's joint.
         locked: Positions of the frozen joints, rad or m.
-        paths: Where meshes may lie.
     """
-    on_rollers = file_rollers.reach(raw, joint, locked)
+    on_rollers = _reach(raw, joint, locked)
     if on_rollers is not None:
         return on_rollers
     parts = list(_parts(raw, joint.child, locked))

@@ -15,22 +15,39 @@ small robot), CasADi symbols (generated code); and for one state or many, whose 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.equivalence.file_reading import FileReading
 from rpctl.equivalence.planar import base_motion
-from rpctl.equivalence.tree import FLOATS, Body, Scalars, Tree, TreeJoint
-from rpctl.equivalence.vectors import cross, cross_columns, dot, in_rows, lifted, outer
+from rpctl.equivalence.state import State
+from rpctl.equivalence.tree import (
+    FLOATS,
+    Body,
+    Scalars,
+    Tree,
+    TreeJoint,
+    cross,
+    cross_columns,
+    dot,
+    in_rows,
+    lifted,
+    outer,
+)
+from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
 Vector = Array | Sequence[Any]
 UP = np.array([0, 0, 1])
 GRAVITY = 9.81  # m/s², as Pinocchio's default
+BREAKDOWNS = (RpctlError, np.linalg.LinAlgError)
+STATES_AT_ONCE = 128  # more gain nothing, and take memory
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -102,8 +119,6 @@ class GibbsAppell:
     """The derivation for one robot.
 
     Args:
-        robot: The robot; its names, roles and locked joints are used, not its model.
-        scalars: What the numbers are made of.
         reading: Its file; read anew if None.
     """
 
@@ -115,23 +130,13 @@ class GibbsAppell:
         self.tree = Tree(robot, scalars, reading)
 
     def reduced(self, q: Array, nu: Array) -> Terms:
-        """Return the equations in the quasi-velocities, u = ν, wheels rolling.
-
-        Args:
-            q: Configurations (..., nq).
-            nu: Quasi-velocities (..., dof).
-        """
+        """Return the equations in the quasi-velocities, u = ν, wheels rolling."""
         positions = self._positions(q)
         root, rates = self.rolling_root(self._heading(q), positions, nu)
         return self.terms(positions, nu, root, rates)
 
     def full(self, q: Array, v: Array) -> Terms:
-        """Return the equations of the free tree, u = v as Pinocchio orders it.
-
-        Args:
-            q: Configurations (..., nq).
-            v: Velocities (..., nv).
-        """
+        """Return the equations of the free tree, u = v as Pinocchio orders it."""
         R = self._heading(q)
         J_w, J_v = np.zeros((3, self.robot.nv)), np.zeros((*R.shape[:-1], self.robot.nv))
         J_w[2, 2] = 1.0
@@ -149,13 +154,7 @@ class GibbsAppell:
         return {x: identity[self.robot.velocity_index(x)] for x in self.robot.moving_joint_names}
 
     def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> Array:
-        """Return the Gibbs function G (...) of motions, gravity included; [MS21, Eq. 1].
-
-        Args:
-            q: Configurations (..., nq).
-            nu: Quasi-velocities (..., dof).
-            nu_dot: Their derivatives (..., dof), with any more axes before.
-        """
+        """Return the Gibbs function G (...) of motions, gravity included; [MS21, Eq. 1]."""
         positions = self._positions(q)
         root, rates = self.rolling_root(self._heading(q), positions, nu)
         return np.asarray(self.function(positions, nu, nu_dot, root, rates))
@@ -167,8 +166,6 @@ class GibbsAppell:
 
         Args:
             R: Rotation (3, 3) of the root link; G does not depend on it.
-            positions: Positions of the joints, by name.
-            nu: Quasi-velocities (dof,), of any scalar.
         """
         n, drive, scalars = self.robot.dof, self.tree.reading.drive, self.scalars
         speeds, across = np.asarray(nu), R[..., :2]
@@ -191,7 +188,6 @@ class GibbsAppell:
         """Return the equations from G's Hessian and gradient, summed over the links.
 
         Args:
-            positions: Positions of the joints by name, rad or m.
             u: Speeds (n,), of any scalar: ν, or v of the free tree.
             root: The root link's motion in u.
             rates: Rates of the joints in u; gains those that are not part of u.
@@ -229,7 +225,6 @@ class GibbsAppell:
         """Return G itself, all terms of a link in one frame; [MS21, Eq. 1].
 
         Args:
-            positions: Positions of the joints by name, rad or m.
             u: Speeds (n,), of any scalar.
             u_dot: Their derivatives (n,), with any more axes before.
             root: The root link's motion in u.
@@ -253,7 +248,6 @@ class GibbsAppell:
         """Return ℓ (..., n), the generalised force of damping and friction in the joints.
 
         Args:
-            rows: Rate of every joint that moves, by name, as a row of u (n,).
             u: Speeds (n,), of a scalar that has square roots.
         """
         speeds, sqrt = np.asarray(u), self.scalars.sqrt
@@ -281,7 +275,6 @@ class GibbsAppell:
         On the way ``rates`` gains the joints that are not part of u: rolling wheels, mimics.
 
         Args:
-            positions: Positions of the joints by name, rad or m.
             u: Speeds (n,), of any scalar.
             root: The root link's motion in u.
             rates: Rates of the joints in u.
@@ -384,3 +377,59 @@ class GibbsAppell:
 def _sizes(J: Array, force: Array) -> Array:
     """Return |column of J| |force| (..., n)."""
     return np.sqrt((J * J).sum(axis=-2)) * np.sqrt((force * force).sum(axis=-1, keepdims=True))
+
+
+@dataclass(frozen=True)
+class Broken:
+    """What stands in place of a result at a state where a derivation broke down."""
+
+    reason: Exception
+
+
+@dataclass(frozen=True)
+class RollingTerms:
+    """The equations in ν at one state, and what G itself says there.
+
+    Attributes:
+        terms: The equations.
+        rise: G(ν̇ + ν) − G(ν̇ − ν), half of it the power of ∂G/∂ν̇ at ν; W.
+    """
+
+    terms: Terms
+    rise: float
+
+
+def free_terms(oracle: GibbsAppell, states: Sequence[State]) -> list[Terms | Broken]:
+    """Return the free tree's equations at each state."""
+
+    def computed(states: Sequence[State]) -> list[Terms]:
+        terms = oracle.full(np.array([s.q for s in states]), np.array([s.v for s in states]))
+        return [terms.of(k) for k in range(len(states))]
+
+    return _at_each(computed, states)
+
+
+def rolling_terms(oracle: GibbsAppell, states: Sequence[State]) -> list[RollingTerms | Broken]:
+    """Return the equations in ν at each state, wheels rolling."""
+
+    def computed(states: Sequence[State]) -> list[RollingTerms]:
+        q, nu = np.array([s.q for s in states]), np.array([s.nu for s in states])
+        nu_dot, terms = np.array([s.nu_dot for s in states]), oracle.reduced(q, nu)
+        # G is quadratic in ν̇, so this difference over a whole step is its derivative, not near it.
+        after, before = oracle.gibbs(q, nu, np.array([nu_dot + nu, nu_dot - nu]))
+        rise = after - before
+        return [RollingTerms(terms.of(k), float(rise[k])) for k in range(len(states))]
+
+    return _at_each(computed, states)
+
+
+def _at_each(
+    compute: Callable[[Sequence[State]], list[Result]], states: Sequence[State]
+) -> list[Result | Broken]:
+    """Compute something at all states together; where that breaks down, at each alone."""
+    try:
+        return [*compute(states)]
+    except BREAKDOWNS as reason:
+        if len(states) == 1:
+            return [Broken(reason)]
+        return [found for state in states for found in _at_each(compute, [state])]

@@ -42,10 +42,6 @@ def constrained_motion(
     """Solve the tree's equations with multipliers, whatever the rank of A.
 
     Args:
-        robot: The robot.
-        rolling: Its rows, found for this derivation alone.
-        q: Configuration (nq,).
-        v: Velocity (nv,) with A v = 0.
         push: Generalised force (nv,) of actuators and losses, N·m or N.
     """
     data = robot.model.createData()
@@ -75,10 +71,6 @@ def pinocchio_motion(
     It is well posed for independent rows only, so as many rows of A are handed over as A has rank.
 
     Args:
-        robot: The robot.
-        rolling: Its rows, found for this derivation alone.
-        q: Configuration (nq,).
-        v: Velocity (nv,), A v = 0.
         push: Generalised force (nv,) of actuators and losses, N·m or N.
     """
     data = robot.model.createData()

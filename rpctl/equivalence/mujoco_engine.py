@@ -25,8 +25,7 @@ from rpctl.drive.drive import Wheel
 from rpctl.equivalence.file_reading import FileReading, read
 from rpctl.equivalence.mujoco_model import EngineRefused, MujocoModel
 from rpctl.equivalence.planar import JointRate, follower_rate
-from rpctl.equivalence.tree import FLOATS, Tree
-from rpctl.equivalence.vectors import cross, cross_columns
+from rpctl.equivalence.tree import FLOATS, Tree, cross, cross_columns
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
@@ -66,7 +65,6 @@ class MujocoEngine:
     """The equations of one robot by MuJoCo.
 
     Args:
-        robot: The robot; its names, roles and locked joints are used, not its model.
         reading: Its file; read anew if None.
 
     Attributes:
@@ -94,23 +92,6 @@ class MujocoEngine:
         self._columns = np.zeros((robot.nv, len(robot.actuators)))
         for column, name in enumerate(robot.actuators):
             self._columns[self._joints[name], column] = 1.0
-
-    def full(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return inertia (nv, nv) and bias (nv,) of the free tree, as Pinocchio orders v (nv,).
-
-        Pinocchio's base velocity is in the body's axes: v_MuJoCo = T v, and Ṫ v = ω ẑ × T v.
-        """
-        robot, cos, sin = self._robot, q[2], q[3]
-        T = np.zeros((robot.nv, robot.nv))
-        T[:3, :3] = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
-        for name, index in self._joints.items():
-            T[index, robot.velocity_index(name)] = 1.0
-        speed = T @ v
-        turning = np.zeros(robot.nv)
-        turning[:2] = -speed[2] * speed[1], speed[2] * speed[0]
-        self._move(q, speed)
-        M = self._inertia()
-        return T.T @ M @ T, T.T @ (self._data.qfrc_bias + M @ turning)
 
     def reduced(self, q: Array, nu: Array) -> EngineTerms:
         """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling.

@@ -69,7 +69,6 @@ class MujocoModel:
     """MuJoCo's ``MjModel`` of a robot.
 
     Args:
-        robot: The robot; names, locked positions and estimated inertias are used.
         reading: Its file; read anew if None.
         release: Gives the root link its freedom, given the ``MjSpec`` and the link's ``MjsBody``;
             None for a planar base.

@@ -9,15 +9,14 @@ of its derivative that ν̇ does not make. Axes of states, if any, come first in
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Swivel
-from rpctl.equivalence.tree import SwivelPart, Tree
-from rpctl.equivalence.vectors import components, cross, dot, in_rows, lifted, vector
+from rpctl.equivalence.tree import SwivelPart, Tree, components, cross, dot, in_rows, lifted, vector
 
 
 class JointRate(NamedTuple):
@@ -40,8 +39,6 @@ def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Arra
 
     Args:
         tree: The robot's tree, whose scalars are used.
-        drive: Its drive.
-        positions: Positions of the swivels, by joint.
         nu: Quasi-velocities (dof,); the base's own speeds, then the steered joints' rates, first.
     """
     scalars, n = tree.scalars, nu.shape[-1]
@@ -63,15 +60,16 @@ def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Arra
         J[:, 1] = tree.point[1], -tree.point[0], identity[0, 0]
     elif drive.wheels:
         J[:, :3] = identity[:3, :3]
+    base = BaseRates(J, drift, rates)
     for swivel in drive.swivels:
         if swivel.role == "caster":
-            rates[swivel.joint] = _caster_rate(tree, swivel.joint, positions, nu, J, drift)
+            rates[swivel.joint] = _caster_rate(tree, swivel.joint, positions, nu, base)
         elif swivel.role == "follower":
             rates[swivel.joint] = follower_rate(tree, drive, swivel, positions, nu, rates)
     for wheel in drive.wheels:
         if wheel.swivel is not None:
-            rates[wheel.joint] = _wheel_rate(tree, wheel.joint, positions, nu, J, drift, rates)
-    return BaseRates(J, drift, rates)
+            rates[wheel.joint] = _wheel_rate(tree, wheel.joint, positions, nu, base)
+    return base
 
 
 def _steered_twist(
@@ -83,53 +81,44 @@ def _steered_twist(
 ) -> tuple[Array, Array]:
     """Return J (3, n) and the drift of T from K T = U ν.
 
-    K holds two lateral rows and that of the base's speed; the rates of swivels whose contact is
-    off their axis are on the right.
+    K holds two lateral rows and that of the base's speed; rates of swivels are on the right.
     """
-    n = nu.shape[-1]
-    K, U, K_dot = [], [], []
+    zeros, speed = tree.scalars.zeros, tree.scalars.identity(nu.shape[-1])[0]
+    rows: list[tuple[Array, ...]] = []  # of K, U and K̇
     if drive.has_axle:
-        K.append(lateral(tree.forward, tree.point))
-        U.append(tree.scalars.zeros(n))
-        K_dot.append(tree.scalars.zeros(3))
+        rows.append((lateral(tree.forward, tree.point), zeros(nu.shape[-1]), zeros(3)))
     for swivel in drive.swivels:
-        if swivel.role not in ("steered", "mimic"):
-            continue
-        part = tree.swivels[swivel.joint]
-        d = tree.heading(part, positions)
-        row = lateral(d, part.pivot) + part.trail * _turn(tree)
-        angle_row = part.sign * rates[swivel.joint].row
-        row_rate = -lifted(dot(angle_row, nu)) * rolling(d, part.pivot)
-        if swivel.shares is None:
-            K.append(row)
-            U.append(-part.trail * angle_row)
-            K_dot.append(row_rate)
-        else:
-            K[-1], K_dot[-1] = K[-1] + row, K_dot[-1] + row_rate
-            U[-1] = U[-1] - part.trail * angle_row
-    first = tree.swivels[drive.steered[0].joint]
-    speed = tree.scalars.identity(n)[0]
+        if swivel.role in ("steered", "mimic"):
+            part = tree.swivels[swivel.joint]
+            d, angle_row = tree.heading(part, positions), part.sign * rates[swivel.joint].row
+            row: tuple[Array, ...] = (
+                lateral(d, part.pivot) + part.trail * _turn(tree),
+                -part.trail * angle_row,
+                -lifted(dot(angle_row, nu)) * rolling(d, part.pivot),
+            )
+            if swivel.shares is not None:
+                row = tuple(one + other for one, other in zip(rows.pop(), row, strict=True))
+            rows.append(row)
     if drive.has_axle:
-        K.append(rolling(tree.forward, tree.point))
-        U.append(speed)
-        K_dot.append(tree.scalars.zeros(3))
+        rows.append((rolling(tree.forward, tree.point), speed, zeros(3)))
     else:
-        d = tree.heading(first, positions)
-        angle_row = first.sign * rates[drive.steered[0].joint].row
-        K.append(rolling(d, first.pivot) - first.left * _turn(tree))
-        U.append(speed + first.left * angle_row)
-        K_dot.append(lifted(dot(angle_row, nu)) * lateral(d, first.pivot))
+        first = tree.swivels[drive.steered[0].joint]
+        d, angle_row = tree.heading(first, positions), first.sign * rates[first.joint].row
+        forward = rolling(d, first.pivot) - first.left * _turn(tree)
+        change = lifted(dot(angle_row, nu)) * lateral(d, first.pivot)
+        rows.append((forward, speed + first.left * angle_row, change))
+    K, U, K_dot = zip(*rows, strict=True)
     inverse = _inverse(K)
     J = inverse @ in_rows(U)
-    T = np.matvec(J, nu)
-    return J, np.matvec(inverse, vector([-dot(row_rate, T) for row_rate in K_dot]))
+    changes = [-dot(row_rate, np.matvec(J, nu)) for row_rate in K_dot]
+    return J, np.matvec(inverse, vector(changes))
 
 
 def _caster_rate(
-    tree: Tree, joint: str, positions: Mapping[str, Any], nu: Array, J: Array, drift: Array
+    tree: Tree, joint: str, positions: Mapping[str, Any], nu: Array, base: BaseRates
 ) -> JointRate:
     """Return the rate of a caster: l·T + trail (ω + φ̇) = 0 at its contact."""
-    part = tree.swivels[joint]
+    part, (J, drift, _) = tree.swivels[joint], base
     d = tree.heading(part, positions)
     row, trail = lateral(d, part.pivot), part.sign * part.trail
     turned = -(np.matvec(J.mT, row) + part.trail * J[..., 2, :]) / trail
@@ -139,16 +128,10 @@ def _caster_rate(
 
 
 def _wheel_rate(
-    tree: Tree,
-    joint: str,
-    positions: Mapping[str, Any],
-    nu: Array,
-    J: Array,
-    drift: Array,
-    rates: Mapping[str, JointRate],
+    tree: Tree, joint: str, positions: Mapping[str, Any], nu: Array, base: BaseRates
 ) -> JointRate:
     """Return the rate of a wheel on a swivel: its place's speed along its heading, over r."""
-    wheel = tree.wheels[joint]
+    wheel, (J, drift, rates) = tree.wheels[joint], base
     swivel = str(wheel.swivel)
     part, turned = tree.swivels[swivel], rates[swivel]
     d = tree.heading(part, positions)
@@ -174,10 +157,7 @@ def follower_rate(
 
     Args:
         tree: The tree of the independent derivation.
-        drive: The drive.
         swivel: The swivel that follows the others.
-        positions: Positions of the joints by name, rad.
-        nu: Quasi-velocities (dof,), of any scalar.
         rates: Rates of the swivels that are steered, by joint.
     """
     rows, derivatives = [], []  # l, and k with the row of φ̇
@@ -230,7 +210,7 @@ def _cross(a: Array, b: Array) -> Any:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _inverse(rows: list[Array]) -> Array:
+def _inverse(rows: Sequence[Array]) -> Array:
     """Return the inverse (..., 3, 3) of a matrix of three rows, by their cross products."""
     a, b, c = rows
     columns = in_rows([cross(b, c), cross(c, a), cross(a, b)]).mT

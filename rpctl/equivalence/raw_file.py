@@ -151,12 +151,7 @@ class RawFile:
         return tuple(reversed(joints))
 
     def poses(self, positions: Mapping[str, float], start: str | None = None) -> dict[str, Array]:
-        """Return the poses (4, 4) of a link and those below it, in its frame; the root by default.
-
-        Args:
-            positions: Positions of the joints, rad or m; 0 for those left out.
-            start: The link.
-        """
+        """Return the poses (4, 4) of a link (None: the root) and those below it, in its frame."""
         found = {start or self.root: np.eye(4)}
         stack = list(found)
         while stack:

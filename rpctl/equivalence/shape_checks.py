@@ -8,10 +8,9 @@ import numpy as np
 
 from rpctl.drive.drive import Drive
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.equivalence.check import Check, Skipped, worst
 from rpctl.equivalence.file_drive import quantities
 from rpctl.equivalence.file_reading import FileReading
-from rpctl.equivalence.residuals import worst
-from rpctl.equivalence.row import Check, Skipped
 from rpctl.equivalence.state import State
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.model import BASE_NV
@@ -27,12 +26,7 @@ DECLARED = "declared numbers"
 
 
 class Geometry:
-    """The rows of one robot.
-
-    Args:
-        dynamics: The dynamics under test.
-        reading: The robot's file.
-    """
+    """The rows of one robot."""
 
     def __init__(self, dynamics: ReducedDynamics, reading: FileReading) -> None:
         self._dynamics, self._reading = dynamics, reading

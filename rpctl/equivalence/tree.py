@@ -1,9 +1,13 @@
-"""The file's tree, read apart from ``description/``, its numbers turned into any scalar."""
+"""The file's tree, read apart from ``description/``, its numbers turned into any scalar.
+
+A vector is (..., 3), a Jacobian (..., 3, n); the axes before are states, none for one state. What
+NumPy's operators do for stacks of matrices is used as it is; here is the rest.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,9 +17,52 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Swivel, Wheel
 from rpctl.equivalence.file_reading import FileReading, read, rotor_inertias
 from rpctl.equivalence.raw_file import RawInertial
-from rpctl.equivalence.vectors import lifted, vector
 from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE
 from rpctl.robot.model import Robot
+
+
+def components(a: Array) -> Array:
+    """Return the components of vectors (..., k) one after the other: an array (k, ...)."""
+    return a if a.ndim == 1 else np.moveaxis(a, -1, 0)
+
+
+def vector(entries: Sequence[Any]) -> Array:
+    """Return the vectors (..., k) of k components, each a scalar or of shape (...)."""
+    stacked = np.array(entries)
+    return stacked if stacked.ndim == 1 else np.moveaxis(stacked, 0, -1)
+
+
+def lifted(scalar: Any) -> Array:
+    """Return a scalar for each state, (...), as factors (..., 1) of vectors."""
+    return np.asarray(scalar)[..., None]
+
+
+def dot(a: Array, b: Array) -> Any:
+    """Return a · b of vectors (..., k)."""
+    return (a * b).sum(axis=-1)
+
+
+def outer(a: Array, b: Array) -> Array:
+    """Return a bᵀ (..., k, n) of vectors (..., k) and (..., n)."""
+    return a[..., :, None] * b[..., None, :]
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return a × b of vectors (..., 3)."""
+    (ax, ay, az), (bx, by, bz) = components(a), components(b)
+    return vector([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def cross_columns(J: Array, b: Array) -> Array:
+    """Return the columns of J (..., 3, n), each × b (..., 3)."""
+    x, y, z = J[..., 0, :], J[..., 1, :], J[..., 2, :]
+    bx, by, bz = b[..., 0, None], b[..., 1, None], b[..., 2, None]
+    return np.moveaxis(np.array([y * bz - z * by, z * bx - x * bz, x * by - y * bx]), 0, -2)
+
+
+def in_rows(rows: Sequence[Array]) -> Array:
+    """Return matrices (..., rows, n) of rows (..., n), some of which may be of no state."""
+    return np.stack(np.broadcast_arrays(*rows), axis=-2)
 
 
 @dataclass(frozen=True)
@@ -42,7 +89,6 @@ class Scalars:
         """Return an array of numbers as scalars.
 
         Args:
-            values: Numbers of any shape.
             kind: What they are: "mass", "length", "angle", ...; symbolic scalars are named after
                 it.
             label: Which one, for the name.
@@ -143,8 +189,6 @@ class Tree:
     """The links with inertia and the joints below each link, by the links' names.
 
     Args:
-        robot: The robot; names, locked positions and estimated inertias are used.
-        scalars: What the numbers become.
         reading: Its file; read anew if None.
     """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,24 +12,23 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import RollingConstraints, find_rolling
 from rpctl.equivalence import checks
 from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.check import CONTACT_ORACLE, EXACT_TOLERANCE, Check, Skipped
 from rpctl.equivalence.file_reading import FileReading, read, shared
-from rpctl.equivalence.forced_state import find_rounding_scales, force_state
-from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
-from rpctl.equivalence.gibbs_states import (
+from rpctl.equivalence.gibbs_appell import (
     BREAKDOWNS,
     STATES_AT_ONCE,
     Broken,
+    GibbsAppell,
     RollingTerms,
+    Terms,
     free_terms,
     rolling_terms,
 )
-from rpctl.equivalence.residuals import EXACT_TOLERANCE
-from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
-from rpctl.equivalence.state import State, draw_state
+from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.robot.facts import idealisations, load_arguments
+from rpctl.robot.inspection import idealisations
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -107,11 +106,9 @@ def verify(
         declared=declared,
         shared=shared(robot, reading),
         idealised=tuple(each.sentence for each in idealisations(robot)),
-        loaded_with=load_arguments(robot),
+        loaded_with={"source": robot.source, **robot.loaded_with.arguments()},
     )
-    if contact:
-        certificate = _with_contact_trial(robot, certificate)
-    return _with_onset_trial(robot, certificate) if onset else certificate
+    return _with_trials(robot, certificate, contact, onset) if contact or onset else certificate
 
 
 def _worst(
@@ -220,23 +217,21 @@ def _engine(
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
 
 
-def _with_contact_trial(robot: Robot, certificate: Certificate) -> Certificate:
-    """Return a certificate with the trial on the ground, or the row that says why there is none."""
+def _with_trials(robot: Robot, certificate: Certificate, contact: bool, onset: bool) -> Certificate:
+    """Return a certificate with trials in MuJoCo, or the rows that say why there are none."""
     from rpctl.equivalence.contact.trial import CHECK_NAME, contact_trial
-    from rpctl.equivalence.mujoco_engine import installed
-
-    trial = contact_trial(robot) if installed() else Skipped(CHECK_NAME, CONTACT_ORACLE, ABSENT)
-    if isinstance(trial, Skipped):
-        return replace(certificate, skipped=(*certificate.skipped, trial))
-    return replace(certificate, contact=trial)
-
-
-def _with_onset_trial(robot: Robot, certificate: Certificate) -> Certificate:
-    """Return a certificate with the trial of onsets, or the row that says why there is none."""
     from rpctl.equivalence.mujoco_engine import installed
     from rpctl.equivalence.onset.trial import TRIAL_NAME, onset_trial
 
-    trial = onset_trial(robot) if installed() else Skipped(TRIAL_NAME, CONTACT_ORACLE, ABSENT)
-    if isinstance(trial, Skipped):
-        return replace(certificate, skipped=(*certificate.skipped, trial))
-    return replace(certificate, onset=trial)
+    trials: dict[str, Any] = {}
+    if contact:
+        trials["contact"] = contact_trial(robot) if installed() else _absent(CHECK_NAME)
+    if onset:
+        trials["onset"] = onset_trial(robot) if installed() else _absent(TRIAL_NAME)
+    skipped = [trial for trial in trials.values() if isinstance(trial, Skipped)]
+    made = {name: trial for name, trial in trials.items() if trial not in skipped}
+    return replace(certificate, skipped=(*certificate.skipped, *skipped), **made)
+
+
+def _absent(name: str) -> Skipped:
+    return Skipped(name, CONTACT_ORACLE, ABSENT)

@@ -21,7 +21,7 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Wheel
 from rpctl.equivalence.file_drive import LENGTH_ROUNDING_M, MAX_AXLE_OFFSET
 from rpctl.equivalence.raw_file import TURNING, RawFile
-from rpctl.equivalence.vectors import cross
+from rpctl.equivalence.tree import cross
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -150,8 +150,7 @@ class Worker:
         assert self._process.stdout is not None
         self._channel = Channel(self._process.stdout, self._process.stdin)
         self._timer = self._started_timer(seconds)
-        path = [entry for entry in sys.path if entry]
-        settings = path, memory, int(seconds) + GRACE_S
+        settings = [entry for entry in sys.path if entry], memory, int(seconds) + GRACE_S
         try:
             self.send(json.dumps(settings).encode())
         except BaseException:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import glob
 import json
 import math
 import os
@@ -167,7 +165,6 @@ def _open_stream(target: Path) -> BinaryIO:
 def _replacing(target: Path, mode: int) -> Iterator[BinaryIO]:
     """Yield an unfinished file beside a target that replaces it at the end."""
     before = _older(target)
-    _sweep(target)
     with _unfinished(target, mode if before is None else 0o600) as (file, name):
         yield file
         if before is not None:
@@ -177,7 +174,6 @@ def _replacing(target: Path, mode: int) -> Iterator[BinaryIO]:
         file.flush()
         os.fsync(file.fileno())
         name.replace(target)
-    _sync_folder(target.parent)
 
 
 def _older(target: Path) -> os.stat_result | None:
@@ -199,49 +195,18 @@ def _older(target: Path) -> os.stat_result | None:
 
 @contextmanager
 def _unfinished(target: Path, mode: int) -> Iterator[tuple[BinaryIO, Path]]:
-    """Yield a new, empty, locked file beside a target and its name, under which it does not stay.
+    """Yield a new, empty file beside a target and its name, under which it does not stay.
 
-    The lock tells :func:`_sweep` that its writer lives. The name is chosen before the file is made,
-    so that a signal at any moment leaves nothing.
+    The name is chosen before the file is made, so that a signal at any moment leaves nothing.
     """
+    own = f".{target.name[:NAME_LENGTH]}.{secrets.token_hex(8)}{UNFINISHED}"
+    name = target.with_name(own)
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-    while True:
-        name = target.with_name(f"{_prefix(target)}{secrets.token_hex(8)}{UNFINISHED}")
-        try:
-            with os.fdopen(os.open(name, flags, mode), "wb") as file:
-                with suppress(OSError):  # a file system without locks
-                    fcntl.flock(file, fcntl.LOCK_EX)
-                if os.fstat(file.fileno()).st_nlink:
-                    yield file, name
-                    return
-        finally:
-            name.unlink(missing_ok=True)
-
-
-def _sweep(target: Path) -> None:
-    """Remove the unfinished files of a target that killed processes left."""
-    for left in target.parent.glob(f"{glob.escape(_prefix(target))}*{UNFINISHED}"):
-        with suppress(OSError):  # locked: its writer lives
-            number = os.open(left, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-            try:
-                fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                left.unlink()
-            finally:
-                os.close(number)
-
-
-def _prefix(target: Path) -> str:
-    return f".{target.name[:NAME_LENGTH]}."
-
-
-def _sync_folder(folder: Path) -> None:
-    """Let a new name in a folder outlast a loss of power, where the file system can."""
-    with suppress(OSError):
-        number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
+    try:
+        with os.fdopen(os.open(name, flags, mode), "wb") as file:
+            yield file, name
+    finally:
+        name.unlink(missing_ok=True)
 
 
 def to_json(value: Any) -> str:
@@ -267,3 +232,28 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
+
+
+def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files of one set; wherever it ends, those that are there are of one set.
+
+    The first file holds all that the others show. These are removed before it is replaced, and
+    written after: what is left early is the older first file alone, or the new one with some of
+    the others. Other files of the folder stay.
+
+    Args:
+        folder: Where; made if it is not there.
+        files: Their contents by name, the first one first.
+
+    Raises:
+        RpctlError: The folder cannot be made or written to.
+    """
+    make_folder(folder)
+    first, *rest = files
+    try:
+        for name in rest:
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise RpctlError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    for name in (first, *rest):
+        write_atomically(folder / name, files[name], follow_links=False)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.reference.waves import Waves
-from rpctl.robot.collision_model import (
+from rpctl.reference.path_reference import Waves
+from rpctl.robot.collision import (
     TOUCH_M,
     CollisionModel,
     Distances,
@@ -34,10 +34,6 @@ LOOK_M = 2e-3  # m: how far a pair may move on before it is looked at again, at 
 def clear_waves(arm: Waves, robot: Robot) -> tuple[Waves, str]:
     """Return an arm's motion that keeps links clear of each other and of the ground.
 
-    Args:
-        arm: The motion about home.
-        robot: The robot; its meshes are read, so this takes a second for some.
-
     Returns:
         The motion, all its swings reduced by one factor where it needs that, and what for; it is
         the same object where it needs nothing.
@@ -54,7 +50,6 @@ def _clear_factor(model: CollisionModel, *shares: tuple[float, ...]) -> tuple[fl
     """Return the factor of the swing that keeps links clear, and what it is for.
 
     Args:
-        model: The robot's shapes, and the pairs that must not touch.
         *shares: Centre, amplitude and rate of the joints' waves.
     """
     if not len(model.pairs):
@@ -75,12 +70,7 @@ def _clear_factor(model: CollisionModel, *shares: tuple[float, ...]) -> tuple[fl
 
 
 class _WaveScan:
-    """Follows the pairs of a model along a motion.
-
-    Args:
-        arm: The motion at its full swing.
-        model: Shapes and pairs.
-    """
+    """Follows the pairs of a model along a motion."""
 
     def __init__(self, arm: Waves, model: CollisionModel) -> None:
         self._arm, self._model, self._distances = arm, model, model.distances()
@@ -98,7 +88,6 @@ class _WaveScan:
         only where it can have come too near; and first by the spheres about its shapes.
 
         Args:
-            factor: Of the swing.
             margin: Distance that pairs keep, m, or ``KEPT_AT_MOST`` of that at home.
         """
         need = np.minimum(margin, KEPT_AT_MOST * self._home)  # (n,) m: what the pairs keep
@@ -149,7 +138,6 @@ class _Spheres:
     """Distances of the spheres about the shapes of pairs: never more than the shapes' own.
 
     Args:
-        model: The shapes.
         pairs: Indices of two shapes each (n, 2).
     """
 

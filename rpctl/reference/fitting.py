@@ -1,31 +1,26 @@
-"""Arm motions and paces that keep to a share of a robot's limits."""
+"""How much of a robot's limits a reference takes, and paces and swings that keep to a share."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.drive.drive import Swivel
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.motion import Reference
-from rpctl.reference.path_reference import PathReference
-from rpctl.reference.sizing import LIMIT_SHARE
-from rpctl.reference.timed_path import TimedPath, slowed
-from rpctl.reference.usage import (
-    MotionSample,
-    Usage,
-    base_joints,
-    effort_usage,
-    holding_efforts,
-    largest,
-    rate_usage,
-    sample,
-)
-from rpctl.reference.waves import Waves, waves
+from rpctl.errors import listed
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.path_reference import PathReference, TimedPath, Waves, waves
+from rpctl.reference.quasi_velocities import configuration_along, configurations, reference_rates
+from rpctl.robot.model import Robot
 
+LIMIT_SHARE = 0.5  # of each limit: what a default reference takes; the rest corrects errors
+LIMIT_SHARE_TEXT = "half"
+MAX_LISTED = 3  # joints that a sentence lists
 STEP = 0.8  # factor by which an arm's motion is reduced until its efforts fit
 MAX_STEPS = 24  # of reducing swings, to half a percent, and of slowing down
 LAP_SAMPLES, RAMP_SAMPLES = 72, 7  # times at which a lap and its soft start are looked at
@@ -35,12 +30,163 @@ MAX_TIMED_STEPS = 6  # of slowing down a planned reference: its posture may leav
 MOVING_SHARE = 0.5 * LIMIT_SHARE  # of what holding leaves: what an arm's accelerations may take
 
 
-def fit_arm(dynamics: ReducedDynamics, arm: Waves) -> tuple[Waves, str]:
-    """Return an arm's motion within a share of what holding it at home leaves of the efforts.
+Paced = TypeVar("Paced", PathReference, TimedPath)
+
+
+class MotionSample(NamedTuple):
+    """The motion that a reference asks of a robot at one time."""
+
+    q: Array  # (nq,)
+    nu: Array  # (dof,)
+    nu_dot: Array  # (dof,)
+    twist: Array  # (3,) of the root link in its own axes, m/s, m/s, rad/s
+
+
+class Usage(NamedTuple):
+    """The largest share of one limit that a motion takes.
+
+    Of an effort, it is the share of what holding the robot still leaves of the limit.
+    """
+
+    joint: str
+    quantity: str  # "velocity" or "effort"
+    limit: float  # of the joint, in its unit
+    ratio: float
+
+    def text(self, robot: Robot) -> str:
+        """Return the limit in words, as ``wheel_left_joint's 3.5 rad/s``."""
+        straight = robot.description.joint[self.joint].kind == "prismatic"
+        units = {"velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
+        return f"{self.joint}'s {self.limit:.3g} {units[self.quantity][straight]}"
+
+
+def sample(
+    robot: Robot, reference: Reference, times: Sequence[float] | Array
+) -> list[MotionSample]:
+    """Return the motion that a reference asks for.
 
     Args:
-        dynamics: The robot's dynamics.
-        arm: The motion, within the limits of positions and velocities.
+        times: When, s.
+    """
+    if len(times) > 1 and not (robot.drive.steered or robot.drive.powered_casters):
+        at_once: Any = reference
+        state: ReferenceState = at_once(np.array(times))
+        q = configurations(robot, state.pose, state.joints)
+        twists = state.twist @ robot.root_velocity.T
+        rows = zip(q, *reference_rates(robot, state), twists, strict=True)
+        return [MotionSample(*row) for row in rows]
+    found = []
+    for t in times:
+        state = reference(float(t))
+        q = configuration_along(robot, state)
+        twist = robot.root_velocity @ state.twist
+        found.append(MotionSample(q, *reference_rates(robot, state), twist))
+    return found
+
+
+def rate_usage(
+    dynamics: ReducedDynamics, samples: Sequence[MotionSample], joints: Collection[str]
+) -> list[Usage]:
+    """Return how much of their velocity limits joints take; those without a limit are left out.
+
+    Args:
+        joints: Names of the joints to look at.
+    """
+    robot = dynamics.robot
+    limits = {name: robot.description.joint[name].velocity for name in joints}
+    limits = {name: limit for name, limit in limits.items() if math.isfinite(limit)}
+    if not limits:
+        return []
+    rates = np.abs([dynamics.basis(at.q) @ at.nu for at in samples]).max(axis=0)
+    trailing = _caster_rates(robot, np.array([at.twist for at in samples]))
+    return [
+        Usage(name, "velocity", limit, rate / limit)
+        for name, limit in limits.items()
+        for rate in [trailing.get(name, float(rates[robot.velocity_index(name)]))]
+    ]
+
+
+def _caster_rates(robot: Robot, twists: Array) -> dict[str, float]:
+    """Return bounds of the rates (rad/s) of idle casters and their wheels, by joint.
+
+    Such a caster's angle is no function of the reference: it may have to swing round first. With V
+    the speed of its pivot and k its trail, it turns over the ground at V/k at most.
+
+    Args:
+        twists: Twists of the root link (N, 3).
+    """
+    found = {}
+    for swivel in robot.drive.idle_casters:
+        speed, turning = _pivot_speeds(swivel, twists), np.abs(twists[:, 2])
+        swing = speed / abs(swivel.trail)
+        found[swivel.joint] = float((swing + turning).max())
+        for wheel in (robot.drive.wheels[i] for i in robot.drive.carried(swivel)):
+            rolling = (speed + abs(wheel.lateral) * swing) / wheel.radius
+            found[wheel.joint] = float(rolling.max())
+    return found
+
+
+def _pivot_speeds(swivel: Swivel, twists: Array) -> Array:
+    """Return the speeds (N,) of a swivel's pivot, m/s."""
+    x, y = swivel.pivot
+    return np.hypot(twists[:, 0] - twists[:, 2] * y, twists[:, 1] + twists[:, 2] * x)
+
+
+def effort_usage(
+    dynamics: ReducedDynamics, samples: Sequence[MotionSample], holding: Array
+) -> list[Usage]:
+    """Return how much of what holding and dry friction leave of the effort limits a motion takes.
+
+    By the inverse dynamics, so gravity, inertia, damping and Coriolis forces count. Dry friction
+    does not fall with the pace or the size of a motion: its largest effort comes off the limit.
+    Actuators of which nothing is left are not looked at, nor are those without a limit.
+
+    Args:
+        holding: Sizes of the efforts that hold the robot still: in one posture (n_act,), or where
+            each sample has it (N, n_act).
+    """
+    robot = dynamics.robot
+    limited = np.isfinite(robot.effort_limits)
+    if not limited.any():
+        return []
+    tau = [dynamics.efforts(at.q, dynamics.inverse(at.q, at.nu, at.nu_dot)) for at in samples]
+    dry = dry_friction(dynamics, samples)
+    left = robot.effort_limits - holding - np.abs(dry).max(axis=0)
+    usable = limited & (left > 0.0)
+    share = np.where(usable, (np.abs(tau - dry) - holding) / np.where(usable, left, 1.0), 0.0)
+    rows = zip(robot.actuators, robot.effort_limits, share.max(axis=0), strict=True)
+    return [
+        Usage(name, "effort", float(limit), float(ratio))
+        for name, limit, ratio in rows
+        if math.isfinite(limit)
+    ]
+
+
+def dry_friction(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
+    """Return the efforts (N, n_act) that dry friction alone takes at each sample."""
+    robot, losses = dynamics.robot, dynamics.robot.losses
+    if losses is None:
+        return np.zeros((len(samples), len(robot.actuators)))
+    dry, found = replace(losses, damping=np.zeros(len(losses.damping))), []
+    for at in samples:
+        S = dynamics.basis(at.q)
+        found.append(dynamics.efforts(at.q, -S.T @ dry.force(S @ at.nu)))
+    return np.array(found)
+
+
+def holding_efforts(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
+    """Return the sizes of the efforts (N, n_act) that hold the robot still at each sample."""
+    still = np.zeros(dynamics.robot.dof)
+    return np.abs([dynamics.efforts(at.q, dynamics.inverse(at.q, still, still)) for at in samples])
+
+
+def largest(usages: Iterable[Usage]) -> Usage | None:
+    """Return the usage of the largest ratio, or None of none."""
+    return max(usages, key=lambda usage: usage.ratio, default=None)
+
+
+def fit_arm(dynamics: ReducedDynamics, arm: Waves) -> tuple[Waves, str]:
+    """Return an arm's motion within a share of what holding it at home leaves of the efforts.
 
     Returns:
         The motion, all its swings reduced by one factor where it needs that, and what for.
@@ -86,7 +232,6 @@ def too_weak(dynamics: ReducedDynamics, reference: Reference | None = None) -> s
     """Return in words which actuator gravity overcomes, and what to do; empty if none.
 
     Args:
-        dynamics: The robot's dynamics.
         reference: Where it starts, the robot stands; None: at home.
     """
     robot = dynamics.robot
@@ -109,80 +254,50 @@ def too_weak(dynamics: ReducedDynamics, reference: Reference | None = None) -> s
     )
 
 
-def slow_down(
-    dynamics: ReducedDynamics, reference: PathReference, lap: float
-) -> tuple[PathReference, Usage | None]:
+def slow_down(dynamics: ReducedDynamics, reference: Paced) -> tuple[Paced, Usage | None]:
     """Return a reference at a pace that keeps to a share of all limits, and what slowed it down.
 
-    Args:
-        dynamics: The robot's dynamics.
-        reference: The reference at the fastest pace that is wanted.
-        lap: By how much the path's parameter grows in a lap.
+    What motion takes of an effort falls with the pace or with its square: by the root no step goes
+    too far.
     """
-    samples, names = _lap_samples(dynamics, reference, lap), base_joints(dynamics.robot)
-    bound = largest(rate_usage(dynamics, samples, names))
-    if bound is not None and bound.ratio > LIMIT_SHARE:
-        reference = replace(reference, rate=reference.rate * LIMIT_SHARE / bound.ratio)
-        samples = _lap_samples(dynamics, reference, lap)
-    else:
-        bound = None
-    for _ in range(MAX_STEPS):
-        effort = _effort(dynamics, samples)
-        if effort is None or effort.ratio <= LIMIT_SHARE:
-            break
-        reference, bound = replace(reference, rate=_slower(effort) * reference.rate), effort
-        samples = _lap_samples(dynamics, reference, lap)
-    return reference, bound
-
-
-def slow_down_timed(
-    dynamics: ReducedDynamics, reference: TimedPath
-) -> tuple[TimedPath, Usage | None]:
-    """Return a planned reference slowed down to a share of all limits, and what for."""
-    samples, bound = _timed_samples(dynamics, reference), None
-    fast = largest(rate_usage(dynamics, samples, dynamics.robot.moving_joint_names))
+    samples, bound = _samples(dynamics.robot, reference), None
+    fast = largest(rate_usage(dynamics, samples, _watched(dynamics.robot, reference)))
     if fast is not None and fast.ratio > LIMIT_SHARE:
-        reference, bound = slowed(reference, fast.ratio / LIMIT_SHARE), fast
-        samples = _timed_samples(dynamics, reference)
-    for _ in range(MAX_TIMED_STEPS):
+        reference, bound = reference.slowed(fast.ratio / LIMIT_SHARE), fast
+        samples = _samples(dynamics.robot, reference)
+    for _ in range(MAX_TIMED_STEPS if isinstance(reference, TimedPath) else MAX_STEPS):
         effort = _effort(dynamics, samples)
         if effort is None or effort.ratio <= LIMIT_SHARE:
             break
-        reference, bound = slowed(reference, 1.0 / _slower(effort)), effort
-        samples = _timed_samples(dynamics, reference)
+        factor = 1.0 / min(0.97, math.sqrt(LIMIT_SHARE / effort.ratio))
+        reference, bound = reference.slowed(factor), effort
+        samples = _samples(dynamics.robot, reference)
     return reference, bound
 
 
-def _slower(effort: Usage) -> float:
-    """Return a factor of the pace that brings an effort down to its share, or nearer to it.
-
-    What motion takes falls with the pace or with its square: by the root no step goes too far.
-    """
-    return min(0.97, math.sqrt(LIMIT_SHARE / effort.ratio))
-
-
-def usage_of(dynamics: ReducedDynamics, reference: PathReference, lap: float) -> Usage | None:
-    """Return the limit of which a reference takes the most, or None of a robot without limits.
-
-    Args:
-        dynamics: The robot's dynamics.
-        reference: The reference.
-        lap: By how much the path's parameter grows in a lap.
-    """
-    return _most(dynamics, _lap_samples(dynamics, reference, lap), base_joints(dynamics.robot))
-
-
-def usage_of_timed(dynamics: ReducedDynamics, reference: TimedPath) -> Usage | None:
-    """Return the limit of which a planned reference takes the most, or None without limits."""
-    samples = _timed_samples(dynamics, reference)
-    return _most(dynamics, samples, dynamics.robot.moving_joint_names)
-
-
-def _most(
-    dynamics: ReducedDynamics, samples: list[MotionSample], joints: Sequence[str]
-) -> Usage | None:
+def usage_of(dynamics: ReducedDynamics, reference: PathReference | TimedPath) -> Usage | None:
+    """Return the limit of which a reference takes the most, or None of a robot without limits."""
+    samples = _samples(dynamics.robot, reference)
+    rates = rate_usage(dynamics, samples, _watched(dynamics.robot, reference))
     effort = _effort(dynamics, samples)
-    return largest([*rate_usage(dynamics, samples, joints), *([effort] if effort else [])])
+    return largest([*rates, *([effort] if effort else [])])
+
+
+def _watched(robot: Robot, reference: PathReference | TimedPath) -> Sequence[str]:
+    """Return the joints whose rates count: those of the arm are those of its waves anyway."""
+    if isinstance(reference, TimedPath):
+        return robot.moving_joint_names
+    wheels = [wheel.joint for wheel in robot.drive.wheels]
+    return wheels + [swivel.joint for swivel in robot.drive.swivels]
+
+
+def _samples(robot: Robot, reference: PathReference | TimedPath) -> list[MotionSample]:
+    """Return the motion of a planned reference, or along the soft start and a lap."""
+    if isinstance(reference, TimedPath):
+        return sample(robot, reference, np.linspace(0.0, reference.duration, TIMED_SAMPLES))
+    ramp, end = reference.ramp, 0.5 * reference.ramp + reference.lap / reference.rate
+    start = np.linspace(0.0, ramp, RAMP_SAMPLES, endpoint=False)
+    return sample(robot, reference, np.append(start, np.linspace(ramp, end, LAP_SAMPLES)))
 
 
 def _effort(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Usage | None:
@@ -192,16 +307,33 @@ def _effort(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Usage | N
     return largest(effort_usage(dynamics, samples, _holding(dynamics, samples)))
 
 
-def _lap_samples(
-    dynamics: ReducedDynamics, reference: PathReference, lap: float
-) -> list[MotionSample]:
-    """Return the motion along the soft start and a lap."""
-    ramp = reference.ramp
-    times = np.linspace(0.0, ramp, RAMP_SAMPLES, endpoint=False)
-    times = np.append(times, np.linspace(ramp, 0.5 * ramp + lap / reference.rate, LAP_SAMPLES))
-    return sample(dynamics.robot, reference, times.tolist())
+def reason(usage: Usage | None, robot: Robot, given: bool) -> str:
+    """Return in words what set the speed.
+
+    Args:
+        usage: The limit of which the reference takes the most, if any.
+        given: Whether the user gave the speed.
+    """
+    if usage is None:
+        return "as given" if given else "a pace for a robot of its size"
+    of = "what holding leaves of " if usage.quantity == "effort" else ""
+    if given:
+        return f"as given, {100.0 * usage.ratio:.0f} % of {of}{usage.text(robot)}"
+    return f"{LIMIT_SHARE_TEXT} of {of or 'what '}{usage.text(robot)}{'' if of else ' allow'}"
 
 
-def _timed_samples(dynamics: ReducedDynamics, reference: TimedPath) -> list[MotionSample]:
-    times = np.linspace(0.0, reference.duration, TIMED_SAMPLES)
-    return sample(dynamics.robot, reference, times.tolist())
+def assumptions(robot: Robot) -> str:
+    """Return which limits the URDF lacks, and what was assumed for them, or nothing."""
+    joints = [robot.description.joint[name] for name in robot.actuators]
+    missing = {
+        quantity: [joint.name for joint in joints if math.isinf(getattr(joint, quantity))]
+        for quantity in ("velocity", "effort")
+    }
+    lacking = " and ".join(
+        f"no {quantity} limit of {listed(names, MAX_LISTED)}"
+        for quantity, names in missing.items()
+        if names
+    )
+    if not lacking:
+        return ""
+    return f"the URDF has {lacking}; there, size alone sets the pace"

@@ -10,7 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.pointwise import Numbers, entries, functions, split_rows, vector
+from rpctl.reference.paths import Numbers, entries, functions, split_rows, vector
 
 STEP_S = 0.01  # s; error of the first derivative ~ STEP⁶, rounding in the second ~ 1e-16 / STEP²
 REACH = 3  # steps to either side of the middle of a stencil

@@ -64,7 +64,6 @@ class Limits:
         """Return the bounds of a base path.
 
         Args:
-            robot: The robot; its wheels' velocity limits are kept.
             direction: Twist by s and its derivative by s, at N points of the path (N, 2, 3).
         """
         twist, bend = direction[:, 0], direction[:, 1]
@@ -110,7 +109,6 @@ def arm_bounds(robot: Robot, slope: Array, bend: Array) -> list[Bound]:
     """Return the bounds that the joints' velocity limits set.
 
     Args:
-        robot: The robot.
         slope: Derivatives of the joints' positions by s (N, n_joints).
         bend: Second derivatives (N, n_joints).
     """

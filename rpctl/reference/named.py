@@ -14,13 +14,18 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference import paths
 from rpctl.reference.clear_waves import clear_waves
-from rpctl.reference.fitting import fit_arm, slow_down, too_weak, usage_of
+from rpctl.reference.fitting import (
+    Usage,
+    assumptions,
+    fit_arm,
+    reason,
+    slow_down,
+    too_weak,
+    usage_of,
+)
 from rpctl.reference.limits import comfortable_radius
-from rpctl.reference.path_reference import PathReference
-from rpctl.reference.robot_length import robot_length
-from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, assumptions, reason
-from rpctl.reference.usage import Usage
-from rpctl.reference.waves import Waves, waves
+from rpctl.reference.path_reference import PathReference, Waves, waves
+from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, robot_length
 from rpctl.robot.model import Robot
 
 RAMP_TIME = 3.0  # s, of a path for a robot 1 m long
@@ -66,12 +71,7 @@ BASE_PATHS: dict[str, NamedPath] = {
 
 
 def reference_by_name(
-    robot: Robot,
-    name: str,
-    size: float | None = None,
-    speed: float | None = None,
-    laps: float | None = None,
-    collisions: bool = True,
+    robot: Robot, name: str, wish: SizingRequest | None = None, collisions: bool = True
 ) -> PathReference:
     """Return one of the named references (``line``, ``reverse``, ``spin``, ``circle``, ``eight``).
 
@@ -80,44 +80,33 @@ def reference_by_name(
     actuators allow; see :class:`~rpctl.reference.sizing.Sizing`. What is given is kept as it is.
 
     Args:
-        robot: The robot.
-        name: Of the reference.
-        size: Radius of a circle, half the length of an eight, length of a line, m.
-        speed: The largest along the path, m/s; of a spin the turning rate, rad/s.
-        laps: How many times the path is run through; of a closed one.
         collisions: Whether the arm swings less where links would come too near to each other or
             to the ground.
-
-    Raises:
-        UnknownNameError: There is no such reference.
-        RpctlError: The base cannot follow it: it does not turn on the spot, or not so sharply.
     """
     if name not in BASE_PATHS:
         raise UnknownNameError("reference", name, BASE_PATHS)
-    shape, wish = BASE_PATHS[name], SizingRequest(size, speed, laps)
+    shape, wish = BASE_PATHS[name], wish or SizingRequest()
     _require_sense(robot, name, wish)
     dynamics, length = ReducedDynamics(robot), robot_length(robot)
     arm, reduced = fit_arm(dynamics, waves(robot, length))
     arm, crowded = clear_waves(arm, robot) if collisions else (arm, "")
     arm_note = "; ".join(filter(None, (reduced, crowded, too_weak(dynamics))))
-    if not robot.drive.base_speeds:
+    size = speed = turns = None
+    why = ""
+    if robot.drive.base_speeds:
+        size, paced, usage = _fit(dynamics, shape, wish, arm, length)
+        turns = wish.laps or 1.0
+        lasts = paced.lap * turns / paced.rate + 0.5 * paced.ramp
+        lasts = lasts if wish.laps else min(lasts, LONGEST_DEFAULT)
+        speed, why = (
+            paced.rate * _top_speed(shape.make(size)),
+            reason(usage, robot, bool(wish.speed)),
+        )
+        size, turns = None if shape.size is None else size, turns if shape.closed else None
+    else:
         ramp, lasts = (math.sqrt(length) * time for time in (RAMP_TIME, LAP_TIME))
-        sizing = Sizing(name, None, None, None, lasts, "", arm_note, assumptions(robot))
-        return PathReference(None, 0.0, arm, ramp, lasts, sizing)
-    chosen, paced, usage = _fit(dynamics, shape, wish, arm, length)
-    turns = 1.0 if laps is None else laps
-    lasts = _lap(shape, chosen) * turns / paced.rate + 0.5 * paced.ramp
-    lasts = lasts if laps is not None else min(lasts, LONGEST_DEFAULT)
-    sizing = Sizing(
-        name,
-        None if shape.size is None else chosen,
-        paced.rate * _top_speed(shape.make(chosen)),
-        turns if shape.closed else None,
-        lasts,
-        reason(usage, robot, given=speed is not None),
-        arm_note,
-        assumptions(robot),
-    )
+        paced = PathReference(None, 0.0, arm, ramp)
+    sizing = Sizing(name, size, speed, turns, lasts, why, arm_note, assumptions(robot))
     return replace(paced, default_duration=lasts, sizing=sizing)
 
 
@@ -178,10 +167,10 @@ def _paced(
     rate, lap = speed / _top_speed(path), _lap(shape, size)
     ramp = RAMP_TIME * math.sqrt(stretch) * max(1.0, speed / comfort)
     ramp = min(ramp, lap * min(wish.laps or 1.0, 1.0) / rate)  # half of the way at most
-    reference = PathReference(path, rate, arm, ramp)
+    reference = PathReference(path, rate, arm, ramp, lap=lap)
     if wish.speed is not None:
-        return reference, usage_of(dynamics, reference, lap)
-    return slow_down(dynamics, reference, lap)
+        return reference, usage_of(dynamics, reference)
+    return slow_down(dynamics, reference)
 
 
 def _lap(shape: NamedPath, size: float) -> float:

@@ -1,15 +1,119 @@
-"""Base paths with exact derivatives, and the time law that starts them softly."""
+"""Base paths with exact derivatives, and the ramp that starts them softly.
+
+Each formula is written once, of one number and of many alike. A number is a float, and many are an
+array (K,). A vector of a number is an array (n,), and of many it is an array (K, n), a row each.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.reference.pointwise import Numbers, choose, functions, matrix, vector
-from rpctl.reference.smooth_step import smooth_step
+
+Numbers = Any  # a float or an array (K,)
+Answer = TypeVar("Answer", bound=NamedTuple)
+
+
+def functions(s: Numbers) -> Any:
+    """Return the module whose sin, cos, atan2 and sqrt are the quickest for numbers."""
+    return np if isinstance(s, np.ndarray) else math
+
+
+def factors(s: Numbers) -> Any:
+    """Return numbers such that they scale vectors of as many."""
+    return s[:, None] if isinstance(s, np.ndarray) else s
+
+
+def entries(vectors: Array) -> list[Any]:
+    """Return the entries of a vector (n,) or of vectors (K, n): n numbers, or n arrays (K,)."""
+    found: list[Any] = vectors.tolist() if vectors.ndim == 1 else list(vectors.T)
+    return found
+
+
+def vector(s: Numbers, parts: Sequence[Numbers]) -> Array:
+    """Return a vector (n,) of its entries, or as many (K, n) as there are numbers.
+
+    Args:
+        parts: The entries (n,): of all, or those of each.
+    """
+    if not isinstance(s, np.ndarray):
+        return np.array(parts)
+    found = np.empty((len(s), len(parts)))
+    for column, part in enumerate(parts):
+        found[:, column] = part
+    return found
+
+
+def matrix(s: Numbers, rows: Sequence[Sequence[Numbers]]) -> Array:
+    """Return a matrix (m, n) of its rows' entries, or as many (K, m, n) as there are numbers."""
+    if not isinstance(s, np.ndarray):
+        return np.array(rows)
+    return vector(s, [part for row in rows for part in row]).reshape(len(s), len(rows), -1)
+
+
+def split_rows(matrices: Array) -> Array:
+    """Return the rows of a matrix (m, n) or of matrices (K, m, n), to be unpacked."""
+    return matrices if matrices.ndim == 2 else matrices.swapaxes(0, 1)
+
+
+def stack_rows(*rows: Array) -> Array:
+    """Return the matrix of rows (n,), or the matrices of rows (K, n)."""
+    found = np.array(rows)
+    return found if found.ndim == 2 else np.ascontiguousarray(found.swapaxes(0, 1))
+
+
+def choose(
+    condition: Any,
+    s: Numbers,
+    then: Callable[[Any], Answer],
+    otherwise: Callable[[Any], Answer],
+) -> Answer:
+    """Return one of two formulas' answers, for each number that of its own.
+
+    Args:
+        condition: Whether it is the first one's; of many numbers an array (K,).
+    """
+    if not isinstance(s, np.ndarray):
+        return then(s) if condition else otherwise(s)
+    if condition.all():
+        return then(s)
+    if not condition.any():
+        return otherwise(s)
+    first, second = then(s[condition]), otherwise(s[~condition])
+    found = []
+    for a, b in zip(first, second, strict=True):
+        whole = np.empty((len(s), *np.shape(a)[1:]))
+        whole[condition], whole[~condition] = a, b
+        found.append(whole)
+    make: Callable[..., Answer] = type(first)
+    return make(*found)
+
+
+class SmoothStep(NamedTuple):
+    """The step at u, or at an array of them, with its integral from 0 and its derivatives by u."""
+
+    area: Any
+    value: Any
+    slope: Any
+    bend: Any
+
+
+def smooth_step(u: Any) -> SmoothStep:
+    """Return the step at u in [0, 1], a number or an array: its slope and bend are 0 at both ends.
+
+    Beyond 1 the value stays 1, and the area goes on by u − 1; the caller sees to it.
+    """
+    square, rest = u * u, 1.0 - u
+    return SmoothStep(
+        area=square * square * (2.5 + u * (u - 3.0)),
+        value=square * u * (10.0 + u * (6.0 * u - 15.0)),
+        slope=30.0 * square * rest * rest,
+        bend=60.0 * u * rest * (rest - u),
+    )
 
 
 class PathPoint(NamedTuple):
@@ -25,7 +129,7 @@ class PathPoint(NamedTuple):
 
 
 Path = Callable[[Numbers], PathPoint]
-"""A path: its point at s, or its points at many s; see :mod:`rpctl.reference.pointwise`."""
+"""A path: its point at s, or its points at many s; see :mod:`rpctl.reference.paths`."""
 
 
 def line(step: float = 1.0) -> Path:
@@ -95,9 +199,6 @@ def planar(position: Planar, d1: Planar, d2: Planar, d3: Planar, d4: Planar) -> 
     Args:
         position: x, y, m.
         d1: Their first derivatives by the curve's parameter, not both zero.
-        d2: Second derivatives.
-        d3: Third derivatives.
-        d4: Fourth derivatives.
     """
     (x, y), (x1, y1), (x2, y2), (x3, y3), (x4, y4) = position, d1, d2, d3, d4
     of = functions(x)
@@ -140,7 +241,6 @@ def ramped_time(t: Numbers, rate: float, ramp: float) -> PathTime:
     The rise is a quintic: rate, acceleration and jerk start and end at zero, so no effort jumps.
 
     Args:
-        t: Time, or times (K,), s.
         rate: Final rate, 1/s.
         ramp: Duration of the rise, s; 0 for none.
     """

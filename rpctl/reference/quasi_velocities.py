@@ -25,7 +25,6 @@ def reference_rates(robot: Robot, state: ReferenceState) -> ReferenceRates:
     """Return ν and ν̇ of a reference.
 
     Args:
-        robot: The robot.
         state: The reference. Where no wheel is steered its arrays may have a row an instant; so
             have those returned, then.
     """
@@ -62,8 +61,6 @@ def configuration_along(robot: Robot, state: ReferenceState, pose: Array | None 
     """Return q (nq,) of a reference: arm and steering as it has them, powered casters trailing.
 
     Args:
-        robot: The robot.
-        state: The reference.
         pose: Pose of P (3,); None takes the reference's.
     """
     place = state.pose if pose is None else pose
@@ -104,7 +101,6 @@ def configurations(robot: Robot, pose: Array, joints: Array) -> Array:
     Joints that mimic one of the arm, and swivels that follow, are where those put them.
 
     Args:
-        robot: The robot.
         pose: Poses (K, 3), m and rad.
         joints: Positions (K, n_joints), rad or m.
     """

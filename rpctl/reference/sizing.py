@@ -1,20 +1,21 @@
-"""How large and how fast a reference is on a robot, and why."""
+"""What a user asks of a reference, and how large and fast it is on a robot, and why."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
-from rpctl.errors import RpctlError, listed, require_positive
-from rpctl.reference.usage import Usage
+import numpy as np
+
+from rpctl.errors import RpctlError, require_positive
+from rpctl.files.records import POSITIVE, Record
 from rpctl.robot.model import Robot
 
-LIMIT_SHARE = 0.5  # of each limit: what a default reference takes; the rest corrects errors
-LIMIT_SHARE_TEXT = "half"
 WISHES = ("size", "speed", "laps")
-MAX_LISTED = 3  # joints that a sentence lists
+AUTO = "auto"  # the tolerance that cross-validation chooses
+BASE_FACTOR = 4.0 / 3.0  # the robot of [MS21], half a track of 0.75 m, counts as 1 m long
+SMALLEST_LENGTH = 1e-3  # m: no robot is shorter
 
 
 @dataclass(frozen=True)
@@ -62,14 +63,9 @@ class Sizing:
         """Return all of it as JSON says it."""
         return {**asdict(self), "sentence": self.sentence}
 
-    @staticmethod
-    def from_dict(values: Mapping[str, Any]) -> Sizing:
-        """Return what :meth:`to_dict` took apart."""
-        return Sizing(**{key: value for key, value in values.items() if key != "sentence"})
-
 
 @dataclass(frozen=True)
-class SizingRequest:
+class SizingRequest(Record):
     """What a user asks of a reference; None leaves it to the robot.
 
     Attributes:
@@ -78,22 +74,15 @@ class SizingRequest:
         laps: How many times the path is gone through.
     """
 
-    size: float | None = None
-    speed: float | None = None
-    laps: float | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse what is no positive number."""
-        for name, value in asdict(self).items():
-            if value is not None:
-                require_positive(name, value)
+    size: Annotated[float | None, POSITIVE] = None
+    speed: Annotated[float | None, POSITIVE] = None
+    laps: Annotated[float | None, POSITIVE] = None
 
     def refuse(self, why: str, *names: str) -> None:
         """Refuse wishes that make no sense.
 
         Args:
             why: Of what, and what to do instead.
-            *names: The wishes.
 
         Raises:
             RpctlError: One of them is given.
@@ -103,34 +92,56 @@ class SizingRequest:
                 raise RpctlError(f"{name} = {getattr(self, name):g}: {why}")
 
 
-def reason(usage: Usage | None, robot: Robot, given: bool) -> str:
-    """Return in words what set the speed.
+def require_smoothing(wish: float | str | None) -> None:
+    """Refuse what is no tolerance of smoothing.
 
-    Args:
-        usage: The limit of which the reference takes the most, if any.
-        robot: The robot.
-        given: Whether the user gave the speed.
+    Raises:
+        RpctlError: It is neither a positive number nor ``auto``.
     """
-    if usage is None:
-        return "as given" if given else "a pace for a robot of its size"
-    of = "what holding leaves of " if usage.quantity == "effort" else ""
-    if given:
-        return f"as given, {100.0 * usage.ratio:.0f} % of {of}{usage.text(robot)}"
-    return f"{LIMIT_SHARE_TEXT} of {of or 'what '}{usage.text(robot)}{'' if of else ' allow'}"
+    if isinstance(wish, str):
+        if wish != AUTO:
+            raise RpctlError(f'smooth is "{wish}"; give metres, as 0.01, or {AUTO}')
+    elif wish is not None:
+        require_positive("smooth", wish)
 
 
-def assumptions(robot: Robot) -> str:
-    """Return which limits the URDF lacks, and what was assumed for them, or nothing."""
-    joints = [robot.description.joint[name] for name in robot.actuators]
-    missing = {
-        quantity: [joint.name for joint in joints if math.isinf(getattr(joint, quantity))]
-        for quantity in ("velocity", "effort")
-    }
-    lacking = " and ".join(
-        f"no {quantity} limit of {listed(names, MAX_LISTED)}"
-        for quantity, names in missing.items()
-        if names
-    )
-    if not lacking:
-        return ""
-    return f"the URDF has {lacking}; there, size alone sets the pace"
+def read_smoothing(text: str | None) -> float | str | None:
+    """Return the tolerance that ``METRES|auto`` names.
+
+    Raises:
+        RpctlError: It is neither.
+    """
+    try:
+        return text if text in (None, AUTO) else float(text)
+    except ValueError:
+        raise RpctlError(f"--smooth {text}: give metres, as 0.01, or {AUTO}") from None
+
+
+def robot_length(robot: Robot) -> float:
+    """Return the length (m) of a robot: 4/3 of its base's radius, or its arm if that is longer.
+
+    The base's radius is the distance from P to its farthest wheel contact, or the largest wheel's
+    radius; the arm's length that of its links in a line. Rounded to one digit, so that the sizes
+    of references are easy to read.
+    """
+    length = max(BASE_FACTOR * _base_radius(robot), _arm_length(robot))
+    return float(f"{max(length, SMALLEST_LENGTH):.1g}") if length else 1.0
+
+
+def _base_radius(robot: Robot) -> float:
+    drive, radii = robot.drive, [0.0]
+    for wheel in drive.wheels:
+        pose = robot.tree.pose(robot.description.joint[wheel.joint].child)
+        centre = pose[:3, 3] + wheel.offset * pose[:3, :3] @ wheel.axis
+        radii += [math.dist(centre[:2], drive.point), wheel.radius]
+    return max(radii)
+
+
+def _arm_length(robot: Robot) -> float:
+    """Return the sum of the distances between the joints up to the end effector, m."""
+    if robot.end_effector is None:
+        return 0.0
+    chain = robot.description.chain(robot.end_effector)
+    names = set(robot.joint_names)
+    first = next((i for i, joint in enumerate(chain) if joint.name in names), len(chain))
+    return float(sum(np.linalg.norm(joint.origin[:3, 3]) for joint in chain[first + 1 :]))

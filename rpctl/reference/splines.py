@@ -59,7 +59,6 @@ def through(t: Array, values: Array, ends: Any = None) -> BSpline:
     """Return the spline through points.
 
     Args:
-        t: Parameters (K,), increasing.
         values: Values there (K, n).
         ends: Derivatives at both ends, as ``bc_type`` of SciPy's ``make_interp_spline``; None
             takes the knots from the parameters alone.

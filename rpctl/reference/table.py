@@ -11,12 +11,10 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.function import FunctionReference
-from rpctl.reference.motion import Reference, ReferenceState
-from rpctl.reference.path_reference import PathReference
+from rpctl.reference.motion import Reference, ReferenceState, require_state
+from rpctl.reference.path_reference import PathReference, TimedPath
 from rpctl.reference.pose_goal import GoalMotion
 from rpctl.reference.quasi_velocities import configurations
-from rpctl.reference.required import require_state
-from rpctl.reference.timed_path import TimedPath
 from rpctl.robot.model import Robot
 from rpctl.robot.placements import aligned_tree, end_effector_frame
 
@@ -84,8 +82,6 @@ def tabulate(robot: Robot, reference: Reference, times: Array) -> ReferenceTable
     """Return a reference at many times.
 
     Args:
-        robot: The robot that follows.
-        reference: The reference.
         times: Times (K,), s.
 
     Raises:
@@ -122,21 +118,11 @@ def _at_once(robot: Robot, reference: Any, times: Array) -> ReferenceTable | Non
 
 def _table_of(robot: Robot, times: Array, states: list[ReferenceState]) -> ReferenceTable:
     """Return the table of states, one for each time (K,)."""
-
-    def column(k: int, width: int) -> Array:
-        found = np.array([state[k] for state in states], dtype=float)
-        return found.reshape(len(states), width)
-
-    n, none = len(robot.joints), np.full((3, 3), np.nan)
+    count, n, none = len(states), len(robot.joints), np.full((3, 3), np.nan)
+    columns: list[Array] = [
+        np.array([state[k] for state in states], dtype=float).reshape(count, width)
+        for k, width in enumerate((3, 3, 3, n, n, n))
+    ]
     given = [none if state.direction is None else state.direction for state in states]
-    return ReferenceTable(
-        robot=robot,
-        t=np.array(times, dtype=float),
-        pose=column(0, 3),
-        twist=column(1, 3),
-        twist_dot=column(2, 3),
-        joints=column(3, n),
-        joint_rates=column(4, n),
-        joint_accelerations=column(5, n),
-        direction=np.array(given, dtype=float).reshape(-1, 3, 3),
-    )
+    columns.append(np.array(given, dtype=float).reshape(-1, 3, 3))
+    return ReferenceTable(robot, times, *columns)

@@ -1,4 +1,4 @@
-"""The time law of a path: as fast as the limits allow, softly from rest to rest."""
+"""Time laws: as fast as limits allow, softly from rest to rest; or a table's own time."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from scipy.sparse import coo_array
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.reference.paths import PathTime
-from rpctl.reference.pointwise import Numbers
+from rpctl.reference.paths import Numbers, PathTime, choose, ramped_time
 from rpctl.reference.splines import DEGREE, quintic, uniform_knots
 
 KNOT_SPACING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
 SAMPLES_PER_KNOT = 4  # points a knot interval where the limits are checked again
 SLOWDOWN_GUARD = 1.002  # limits are checked at points, and may be exceeded between them
 UNLIMITED_RATE = 100.0  # 1/s: rate where nothing limits it, relative to the path's range
+EDGE_TIME = 1.0  # s; duration of the start and the stop of data that begin or end in motion
+# Of u⁴..u⁷: zero with three derivatives at 0, and 1, 1, 0, 0 at 1.
+CATCH_UP_COEFFICIENTS = 20.0, -45.0, 36.0, -10.0
 
 
 class Bound(NamedTuple):
@@ -60,7 +62,6 @@ def max_squared_rate(s: Array, bounds: Sequence[Bound]) -> Array:
 
     Args:
         s: Points of the path (N,), uniform.
-        bounds: Limits, given at these points.
 
     Raises:
         RpctlError: No motion keeps the limits.
@@ -114,7 +115,6 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> SplineTimeLaw:
 
     Args:
         s: Points of the path (N,), uniform.
-        bounds: Limits, given at these points.
 
     Raises:
         RpctlError: No motion keeps the limits.
@@ -160,3 +160,62 @@ def _slowdown(timing: SplineTimeLaw, s: Array, bounds: Sequence[Bound]) -> float
         change = (np.abs(bend * rate**2 + slope * acceleration) / most).max()
         worst = max(worst, float(speed), math.sqrt(float(change)))
     return worst
+
+
+class EdgeTimeLaw(NamedTuple):
+    """s(t) = t, but at rest where data begin or end in motion.
+
+    Data that start in motion are reached from rest within ``edge`` seconds: s = edge f(t/edge),
+    with f of degree 7 from rest (three zero derivatives) to rate one, on time. The last ``edge``
+    seconds of data that end in motion take twice as long while the rate falls to zero. Every
+    recorded pose is passed.
+    """
+
+    end: float
+    soft_start: bool
+    soft_end: bool
+    edge: float
+
+    @property
+    def duration(self) -> float:
+        """Time after which it stays, s."""
+        return self.end + self.edge if self.soft_end else self.end
+
+    def __call__(self, t: Numbers) -> PathTime:
+        """Return s and its derivatives by time at ``t`` (s), or at times (K,)."""
+        return choose(t <= 0.0, t, lambda t: PathTime(0.0 * t, 0.0, 0.0), self._begun)
+
+    def _begun(self, t: Numbers) -> PathTime:
+        starts = (t < self.edge) & (t < self.duration) & self.soft_start
+        return choose(starts, t, self._starting, self._started)
+
+    def _starting(self, t: Numbers) -> PathTime:
+        f, rate, bend = _catch_up_profile(t / self.edge)
+        return PathTime(self.edge * f, rate, bend / self.edge)
+
+    def _started(self, t: Numbers) -> PathTime:
+        stops = (self.duration - t < 2.0 * self.edge) & (t < self.duration) & self.soft_end
+        return choose(stops, t, self._stopping, self._moving)
+
+    def _stopping(self, t: Numbers) -> PathTime:
+        s, rate, change = ramped_time(self.duration - t, 1.0, 2.0 * self.edge)
+        return PathTime(self.end - s, rate, -change)
+
+    def _moving(self, t: Numbers) -> PathTime:
+        """Return the time itself; the end once that has passed."""
+        return choose(
+            self.duration - t <= 0.0,
+            t,
+            lambda t: PathTime(self.end + 0.0 * t, 0.0, 0.0),
+            lambda t: PathTime(t, 1.0, 0.0),
+        )
+
+
+def _catch_up_profile(u: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+    a, b, c, d = CATCH_UP_COEFFICIENTS
+    square = u * u
+    return (
+        square * square * (a + u * (b + u * (c + u * d))),
+        square * u * (4 * a + u * (5 * b + u * (6 * c + u * 7 * d))),
+        square * (12 * a + u * (20 * b + u * (30 * c + u * 42 * d))),
+    )

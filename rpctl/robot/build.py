@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 import numpy as np
@@ -15,9 +15,10 @@ from lxml import etree
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
-from rpctl.errors import DescriptionError, Finding
+from rpctl.errors import DescriptionError, Finding, RpctlError, require_within
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.coordinates import joint_entries
+from rpctl.robot.patterns import matching
 
 MIN_SCALED_EIGENVALUE = 1e-12  # of M with its diagonal scaled to one; below is rounding
 POSTURES = 3  # configurations at which M is tried: the neutral one and random ones
@@ -184,10 +185,6 @@ def require_dynamics(description: Description, model: pin.Model) -> None:
 
     Forces determine no accelerations otherwise.
 
-    Args:
-        description: The robot's file.
-        model: Its model.
-
     Raises:
         DescriptionError: Naming the joint that can move without a force.
     """
@@ -231,3 +228,39 @@ def _no_dynamics(description: Description, model: pin.Model, index: int) -> Desc
         "negative inertia; correct their <inertial>"
     )
     return DescriptionError(description.path, [Finding("error", line, text)])
+
+
+def set_armature(
+    description: Description, model: pin.Model, given: Mapping[str, float] | None
+) -> None:
+    """Set the rotors' inertias in a model, in place.
+
+    A rotor counts with its spin about the joint alone; that it also turns with the links before it
+    is in their inertias, as the file has them.
+
+    Args:
+        description: The robot's file, whose transmissions tell of rotors.
+        model: Of the robot, with a planar root.
+        given: I n² by pattern of joint names, kg·m² or kg; the last that matches counts, before
+            what the file tells. None leaves out all rotors.
+
+    Raises:
+        UnknownNameError: No moving joint has such a name.
+        RpctlError: An inertia is negative or not finite, or there is none at all.
+    """
+    if given is None:
+        return
+    names = tuple(joint_entries(model))
+    found = {name: description.rotors[name] for name in names if name in description.rotors}
+    if not (given or found):
+        raise RpctlError(
+            f"{description.path}: no <transmission> gives the inertia of a rotor of a joint that "
+            "moves; give it as --armature PATTERN=KG_M2"
+        )
+    for pattern, inertia in given.items():
+        require_within(f"the armature of {pattern}", [inertia])
+        if not inertia >= 0.0:
+            raise RpctlError(f"the armature of {pattern} is {inertia:g}; give 0 or more, in kg m2")
+        found |= dict.fromkeys(matching(pattern, names, "joint"), float(inertia))
+    for name, inertia in found.items():
+        model.armature[model.joints[model.getJointId(name)].idx_v] = inertia

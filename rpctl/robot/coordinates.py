@@ -1,8 +1,9 @@
-"""Where the root link's pose and the joints' positions stand in q."""
+"""Where the root link's pose and the joints' positions stand in q; Pinocchio's scratch memory."""
 
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,3 +70,14 @@ def write_root(q: Array, x: float, y: float, theta: float) -> None:
 def read_root(q: Array) -> tuple[float, float, float]:
     """Return the root link's pose (x, y, θ) in q (nq,): m, m, rad; θ in (−π, π]."""
     return float(q[0]), float(q[1]), math.atan2(q[3], q[2])
+
+
+class Workspace(threading.local):
+    """A ``pinocchio.Data`` for each thread that asks: threads that share one overwrite it.
+
+    Attributes:
+        data: That of the calling thread.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.data = model.createData()  # in every thread anew

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -35,7 +35,7 @@ class Wish:
     findings: list[Finding] = field(default_factory=list)
 
 
-def with_home(robot: Robot, home: str | Mapping[str, float] | Iterable[str] | None) -> Robot:
+def with_home(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Robot:
     """Return a robot with its home posture set, and the findings about it.
 
     Joints that nothing is said of are at 0, or the nearest position well inside their limits,
@@ -47,7 +47,7 @@ def with_home(robot: Robot, home: str | Mapping[str, float] | Iterable[str] | No
         robot: The robot, at its default home.
         home: Positions by joint (rad or m); or words: ``NAME=POSITION``, several by commas, a
             state of an SRDF (``robot.srdf:home``), ``auto`` or ``zero``, the later ones over the
-            earlier ones; None for nothing.
+            earlier ones.
 
     Raises:
         RpctlError: A word is none of these, a joint is none of the arm's, or a position is
@@ -70,21 +70,19 @@ def with_home(robot: Robot, home: str | Mapping[str, float] | Iterable[str] | No
         findings += [
             Finding("info", None, f"at home, {reason}") for reason in judge(robot, posture)
         ]
-    if np.array_equal(posture, rest):
-        return replace(robot, findings=(*robot.findings, *findings))
     at_home = dict(zip(robot.joint_names, posture.tolist(), strict=True))
     settings = replace(robot.loaded_with, home=at_home)
     return replace(robot, loaded_with=settings, findings=(*robot.findings, *findings))
 
 
-def _wish(robot: Robot, home: str | Mapping[str, float] | Iterable[str] | None) -> Wish:
+def _wish(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Wish:
     """Return what was asked for, every joint and position checked."""
     wish = Wish()
     if isinstance(home, Mapping):
         for name, position in home.items():
             wish.positions[name] = _checked(robot, name, position)
         return wish
-    for item in (home,) if isinstance(home, str) else home or ():
+    for item in home:
         state = STATE.fullmatch(item)
         if item in (AUTO, ZERO):
             wish.word = item

@@ -1,24 +1,29 @@
-"""Idealisations: how the model is simpler than the file, each with a number.
-
-These are the record and those of steering and of losses in the joints;
-:mod:`rpctl.robot.idealised_wheels` has those of wheels.
-"""
+"""Idealisations: how the model is simpler than the file, each with a number."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.description.records import Joint
+from rpctl.drive.drive import Swivel
+from rpctl.drive.evidence import lines_of
 from rpctl.drive.steering import is_regular
+from rpctl.drive.wheel_size import SHAPE_ROLES, WheelSize, is_round, shape_sizes, wheel_parts
+from rpctl.drive.wheels import WheelCandidate
 from rpctl.robot.model import Robot
 
 STEERING_SAMPLES = 360  # positions of a steered joint's range that are tried; edges are bisected
 BISECTIONS = 40  # halvings between two of them: to rounding
+ANGLE_ROUNDING = 1e-4  # rad; smaller ones are the rounding of a file's angles
+LENGTH_ROUNDING_M = 1e-5  # m; shorter ones are the rounding of a file's places
+MESH_RADIUS_TOLERANCE = 5e-3  # of the radius; a circle of 32 corners is drawn as near to it
 
 
 @dataclass(frozen=True)
@@ -129,3 +134,267 @@ def _loss(what: str, values: list[tuple[float, Joint]], unit: str) -> Iterator[I
         many = f"of {len(lossy)} joints is left out, at most" if len(lossy) > 1 else "is left out:"
         text = f"<dynamics> {what} {many} {largest:.3g} {unit} of {listed(joint)}"
         yield Idealisation(what, largest, unit, text)
+
+
+def wheel_idealisations(robot: Robot) -> Iterator[Idealisation]:
+    """Yield the idealisations of a robot's wheels and swivels."""
+    wheels = [_placed(robot, index) for index in range(len(robot.drive.wheels))]
+    rolling = [
+        wheel
+        for wheel, record in zip(wheels, robot.drive.wheels, strict=True)
+        if wheel.swivel is None and not record.slides
+    ]
+    if robot.drive.type != "omni":
+        yield from _heading(robot, rolling)
+    if robot.drive.has_axle:
+        yield from _axle_scatter(robot, rolling)
+    yield from _standing(robot, wheels)
+    for swivel in robot.drive.swivels:
+        carried = [wheels[index] for index in robot.drive.carried(swivel)]
+        yield from _swivel(robot, swivel, carried)
+    yield from _sizes(robot, wheels)
+    yield from _sliding(robot, wheels)
+
+
+def _placed(robot: Robot, index: int) -> WheelCandidate:
+    """Return a wheel of the drive where the file has it, in the root link's frame."""
+    record, description = robot.drive.wheels[index], robot.description
+    joint = description.joint[record.joint]
+    frame = robot.tree.frame(joint)
+    swivel = None if record.swivel is None else description.joint[record.swivel]
+    place = (frame[:3, 3], robot.tree.axis(joint), frame[:3, :3], swivel)
+    return WheelCandidate(joint, *place, record.radius, record.source, record.offset, False, "")
+
+
+def _axle_angle(axle: Array, heading: float) -> float:
+    """Return the angle, seen from above, between an axle and the one across a heading, rad."""
+    along = axle[0] * math.cos(heading) + axle[1] * math.sin(heading)
+    across = axle[1] * math.cos(heading) - axle[0] * math.sin(heading)
+    return math.atan2(abs(along), abs(across))
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.3g}°"
+
+
+def _heading(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
+    """Yield the largest angle between an axle that the root link holds and their mean."""
+    if not wheels:
+        return
+    angle, worst = max(
+        ((_axle_angle(wheel.axle, robot.drive.heading), wheel) for wheel in wheels),
+        key=lambda item: item[0],
+    )
+    if angle > ANGLE_ROUNDING:
+        yield Idealisation(
+            "heading",
+            math.degrees(angle),
+            "°",
+            f"the heading is across the mean of {len(wheels)} axles that are not parallel: "
+            f"{listed(worst.joint)} is {_degrees(angle)} ({1e3 * angle:.3g} mrad) off it",
+        )
+
+
+def _axle_scatter(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
+    """Yield how far wheels taken for one axle are apart across it, and axles from P."""
+    drive, lines = robot.drive, lines_of(wheels)
+    ahead = np.array([math.cos(drive.heading), math.sin(drive.heading)])
+    for line in lines:
+        apart = float(np.ptp([float(wheel.centre[:2] @ ahead) for wheel in line]))
+        if apart > LENGTH_ROUNDING_M:
+            yield Idealisation(
+                "axle scatter",
+                1e3 * apart,
+                "mm",
+                f"{listed(*(wheel.joint for wheel in line))} are taken for wheels on one axle; "
+                f"their centres are {1e3 * apart:.3g} mm apart along the heading",
+            )
+    places = [abs(float((wheel.centre[:2] - drive.point) @ ahead)) for wheel in wheels]
+    if len(lines) > 1 and max(places) > LENGTH_ROUNDING_M:
+        furthest = wheels[int(np.argmax(places))]
+        yield Idealisation(
+            "axles apart",
+            max(places),
+            "m",
+            f"{len(lines)} fixed axles share one lateral constraint, at P: "
+            f"{listed(furthest.joint)} is {max(places):.3g} m from it along the heading, and in a "
+            f"bend slides sideways, without friction, at {max(places):.3g} m/s for each rad/s",
+        )
+
+
+def _standing(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
+    """Yield how far contacts are off the plane of the ground, and axles off the level."""
+    if not wheels:
+        return
+    gap, worst = max(
+        ((abs(wheel.bottom - robot.drive.ground), wheel) for wheel in wheels),
+        key=lambda item: item[0],
+    )
+    if gap > LENGTH_ROUNDING_M:
+        side = "above" if worst.bottom > robot.drive.ground else "below"
+        yield Idealisation(
+            "contact height",
+            1e3 * gap,
+            "mm",
+            "all wheels are taken to touch the ground, at the mean of their heights: "
+            f"{listed(worst.joint)} ends {1e3 * gap:.3g} mm {side} it",
+        )
+    lean, worst = max(
+        ((math.asin(min(1.0, abs(float(wheel.axle[2])))), wheel) for wheel in wheels),
+        key=lambda item: item[0],
+    )
+    if lean > ANGLE_ROUNDING:
+        yield Idealisation(
+            "axle lean",
+            math.degrees(lean),
+            "°",
+            f"wheels touch the ground straight below their centres, as if their axles were level: "
+            f"that of {listed(worst.joint)} leans {_degrees(lean)}",
+        )
+
+
+def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
+    """Yield the idealisations of a swivel: its axis, its trail, and its wheels' directions."""
+    joint = robot.description.joint[swivel.joint]
+    origin, axis = robot.tree.frame(joint)[:3, 3], robot.tree.axis(joint)
+    lean = math.atan2(math.hypot(axis[0], axis[1]), abs(float(axis[2])))
+    if lean > ANGLE_ROUNDING:
+        shift = abs(float(origin[2]) - robot.drive.ground) * math.tan(lean)
+        yield Idealisation(
+            "swivel lean",
+            math.degrees(lean),
+            "°",
+            f"the axis of {listed(joint)} leans {_degrees(lean)} and is taken to be upright: it "
+            f"would meet the ground {1e3 * shift:.3g} mm from below its origin",
+        )
+    ahead = np.array([math.cos(swivel.heading), math.sin(swivel.heading)])
+    contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
+    trail = float(ahead @ (contact - origin[:2]))
+    if abs(trail - swivel.trail) > LENGTH_ROUNDING_M:
+        yield Idealisation(
+            "trail",
+            1e3 * trail,
+            "mm",
+            f"{listed(joint)} steers together with others, so its trail is taken to be 0: its "
+            f"contact is {1e3 * abs(trail):.3g} mm {'ahead of' if trail > 0.0 else 'behind'} its "
+            "axis",
+        )
+    angle, worst = max(
+        ((_axle_angle(wheel.axle, swivel.heading), wheel) for wheel in wheels),
+        key=lambda item: item[0],
+    )
+    if angle > ANGLE_ROUNDING:
+        yield Idealisation(
+            "swivel heading",
+            math.degrees(angle),
+            "°",
+            f"all wheels of {listed(joint)} are taken to roll as its first one does: the axle of "
+            f"{listed(worst.joint)} is {_degrees(angle)} off",
+        )
+
+
+class _OtherRadius(NamedTuple):
+    """A radius from a wheel's shapes that differs from the one used.
+
+    Wheels with the same values are reported together.
+    """
+
+    role: str
+    radius: float  # m
+    source: str
+    used: float  # m
+    used_source: str  # without its line
+    rolls: bool  # whether either is a collision's
+
+
+def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
+    """Yield other radii than the one used, shapes off the axle, and the width that is left out."""
+    widest, others = 0.0, dict[tuple[object, ...], list[tuple[WheelCandidate, _OtherRadius]]]()
+    for wheel in wheels:
+        sizes = shape_sizes(robot.tree, wheel.joint)
+        drawn = _unambiguous_roles(robot, wheel)
+        for other in _others(wheel, [each for each in sizes if each[0] in drawn]):
+            others.setdefault(other[:2] + other[3:], []).append((wheel, other))
+        for _, size in sizes:
+            if size.source == wheel.source:
+                yield from _off_axle(wheel, size)
+                widest = max(widest, size.width)
+    for group in others.values():
+        yield _radius(group[0][1], listed(*(wheel.joint for wheel, _ in group)))
+    if widest > 0.0:
+        yield Idealisation(
+            "thin wheels",
+            1e3 * widest,
+            "mm",
+            "wheels are thin discs that touch the ground in one point, though up to "
+            f"{1e3 * widest:.3g} mm wide: nothing resists their turning on the spot",
+        )
+
+
+def _unambiguous_roles(robot: Robot, wheel: WheelCandidate) -> set[str]:
+    """Return the roles (collision, visual) whose shapes are all round or meshes.
+
+    Rollers and lugs make the outer radius ambiguous.
+    """
+    parts = wheel_parts(robot.tree, wheel.joint)
+    hidden = {p.role for p in parts if p.shape.kind != "mesh" and not is_round(p, wheel.joint.axis)}
+    return set(SHAPE_ROLES) - hidden
+
+
+def _others(wheel: WheelCandidate, sizes: list[tuple[str, WheelSize]]) -> Iterator[_OtherRadius]:
+    """Yield the widest radius of each role, where it is not the one used."""
+    used = wheel.radius or 0.0
+    by_collision = any(role == "collision" for role, _ in sizes)
+    for role in SHAPE_ROLES:
+        role_sizes = [size for its_role, size in sizes if its_role == role]
+        if not role_sizes:
+            continue
+        size = max(role_sizes, key=lambda size: size.radius or 0.0)
+        radius = size.radius or 0.0
+        slack = (
+            MESH_RADIUS_TOLERANCE * used
+            if "mesh" in size.source + wheel.source
+            else LENGTH_ROUNDING_M
+        )
+        if abs(radius - used) > slack:
+            source = wheel.source.split(", line")[0]
+            yield _OtherRadius(role, radius, size.source, used, source, by_collision)
+
+
+def _radius(other: _OtherRadius, names: str) -> Idealisation:
+    rolls = "simulators roll on the collision" if other.rolls else "there is no round collision"
+    return Idealisation(
+        "radius",
+        other.radius,
+        "m",
+        f"the radius of {names} is {other.used:.4g} m ({other.used_source}), that of the "
+        f"{other.role} shape {other.radius:.4g} m ({other.source}); {rolls}",
+    )
+
+
+def _off_axle(wheel: WheelCandidate, size: WheelSize) -> Iterator[Idealisation]:
+    if size.aside > LENGTH_ROUNDING_M:
+        yield Idealisation(
+            "eccentric wheel",
+            1e3 * size.aside,
+            "mm",
+            f"the shape that {listed(wheel.joint)} rolls on ({size.source}) is centred "
+            f"{1e3 * size.aside:.3g} mm off its axle, and taken to be on it",
+        )
+
+
+def _sliding(robot: Robot, wheels: Iterable[WheelCandidate]) -> Iterator[Idealisation]:
+    """Yield which wheels slide sideways without friction."""
+    sliding = [
+        wheel.joint
+        for wheel, record in zip(wheels, robot.drive.wheels, strict=True)
+        if record.slides
+    ]
+    if sliding:
+        verb = "slides" if len(sliding) == 1 else "slide"
+        yield Idealisation(
+            "sliding wheels",
+            float(len(sliding)),
+            "wheels",
+            f"{listed(*sliding)} {verb} sideways without friction",
+        )

@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import os
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import NamedTuple
 
 from rpctl.description.density import fill
-from rpctl.description.expansion import lines_explained
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.mesh_checks import check_meshes
-from rpctl.description.records import Description, Joint
-from rpctl.description.urdf import read
-from rpctl.drive.controller_files import read_controls
+from rpctl.description.meshes.checks import check_meshes
+from rpctl.description.records import Description, Joint, as_xacro
+from rpctl.description.urdf.reader import read
+from rpctl.description.xacro.expansion import lines_explained
+from rpctl.drive.controls import read_controls, vendor_findings
 from rpctl.drive.detect import detect
 from rpctl.drive.drive import Drive
 from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
-from rpctl.drive.plugins import SimulatorTags
 from rpctl.drive.suspensions import hold_passive
-from rpctl.drive.vendor import vendor_findings
 from rpctl.errors import DescriptionError, Finding, UnknownNameError, require_within
-from rpctl.robot.armature import set_armature
-from rpctl.robot.build import build, check
-from rpctl.robot.end_effector import find_end_effector
-from rpctl.robot.grippers import find_grippers, freeze_grippers
+from rpctl.robot.build import build, check, set_armature
+from rpctl.robot.grippers import Gripper, find_end_effector, find_grippers, freeze_grippers
 from rpctl.robot.home import with_home
 from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.losses import find_losses
 from rpctl.robot.model import Robot
-from rpctl.robot.names import find_source
-from rpctl.robot.source import Source
+from rpctl.robot.patterns import matching
+from rpctl.robot.sources import Source, find_source
 
 MAX_POSITION = 1e6  # rad or m: no joint is locked farther from 0
 
@@ -54,7 +52,7 @@ def load(
 
     Args:
         source: A URDF path, a .xacro that becomes one (its expressions are run; what
-            confines them: :func:`rpctl.description.expansion.expand`), or a name (``rpctl
+            confines them: :func:`rpctl.description.xacro.expansion.expand`), or a name (``rpctl
             robots``): of the catalogue, or of robot_descriptions (``"fetch_description"``) if
             that package is installed and its cache filled.
         drive: The drive, its type (``"differential"``, ``"car-like"``, ...; see ``Drive``), or a
@@ -93,113 +91,119 @@ def load(
         DriveError: No drive was found, or more than one.
         UnknownNameError: A name is not known; the nearest are suggested.
     """
-    found = find_source(source)
-    settings = found.read_settings(package_dirs, xacro_args, ignore_missing_packages)
-    with lines_explained(found.path):
-        description = read(found.path, settings)
-        return assemble(
-            found, description, drive, lock, density, end_effector, strict, home, free, losses,
-            armature,
-        )  # fmt: skip
+    settings = LoadSettings(
+        drive=_drive_words(drive),
+        lock=lock if isinstance(lock, Mapping) else dict.fromkeys(_texts(lock), 0.0),
+        density=density,
+        end_effector=end_effector,
+        strict=strict,
+        package_dirs=_texts(package_dirs),
+        xacro_args={name: as_xacro(value) for name, value in (xacro_args or {}).items()},
+        ignore_missing_packages=ignore_missing_packages,
+        home=home if isinstance(home, Mapping) else _texts(home or ()),
+        free=_texts(free),
+        losses=losses,
+        armature=armature,
+    )
+    return load_robot(source, settings)
 
 
-def assemble(
-    found: Source,
-    description: Description,
-    drive: Drive | str | Path | None = None,
-    lock: Iterable[str] | Mapping[str, float] = (),
-    density: float | None = None,
-    end_effector: str | None = None,
-    strict: bool = False,
-    home: str | Mapping[str, float] | Iterable[str] | None = None,
-    free: Iterable[str] = (),
-    losses: bool = True,
-    armature: bool | Mapping[str, float] = False,
-) -> Robot:
-    """Return the robot of a description that was read already; :func:`load` has the arguments.
+def _texts(given: str | Path | Iterable[str | Path]) -> tuple[str, ...]:
+    """Return one text, or several, as texts."""
+    return tuple(map(str, (given,) if isinstance(given, str | Path) else given))
+
+
+def _drive_words(drive: Drive | str | Path | None) -> Drive | str | None:
+    """Return what is said of a drive; a path is no name of a type, though it look like one."""
+    if isinstance(drive, Path):
+        return str(drive) if drive.suffix else os.path.join(".", drive)  # noqa: PTH118 - "./"
+    return drive
+
+
+def load_robot(source: str | Path, settings: LoadSettings) -> Robot:
+    """Load a robot, as :func:`load` does.
 
     Args:
-        found: What the description was read from.
-        description: The description.
-        drive: The drive; None finds it.
-        lock: Joints to freeze.
-        density: For links without inertia, kg/m³.
-        end_effector: Link to track.
-        strict: Whether warnings are errors.
-        home: The posture of the arm that references start from.
-        free: Patterns of joints that are not frozen by default.
-        losses: Whether damping and friction are part of the model.
-        armature: Of the rotors.
+        source: Its file, or a name.
+    """
+    place = find_source(source)
+    with lines_explained(place.path):
+        return assemble(place, read(place.path, place.read_settings(settings)), settings)
+
+
+def assemble(source: Source, description: Description, settings: LoadSettings) -> Robot:
+    """Return the robot of a description that was read already.
 
     Raises:
         RpctlError: As of :func:`load`.
     """
-    path = found.path
-    free = (free,) if isinstance(free, str) else tuple(free)
-    asked = drive if drive is None or isinstance(drive, Drive) else str(drive)
-    if density is not None:
-        description = fill(description, density)
-    tree = FrozenTree(description, _locked(description, found.lock, lock, free))
-    given = _given(found.drive if drive is None else drive)
-    tags, released = read_controls(description), _released(description, free)
-    tree, held = hold_passive(tree, given.type, tags, released)
-    grippers = find_grippers(tree)
-    tree, frozen = freeze_grippers(tree, grippers, free)
-    findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
-    if strict:
-        _refuse_doubts(path, findings)
-    check(tree)
-    drive = _drive(tree, given, strict, tags, released)
-    differences = vendor_findings(drive, tags)
-    if strict:
-        _refuse_doubts(path, differences)
-    model, joints = build(tree), _arm_joints(tree, drive)
-    rotors = None if armature is False else {} if armature is True else dict(armature)
-    set_armature(description, model, rotors)
-    choice: tuple[Finding, ...] = ()
-    if end_effector is None:
-        end_effector, choice = find_end_effector(tree, drive, joints, grippers)
-    elif end_effector not in description.link:
-        raise UnknownNameError("link", end_effector, description.link)
+    if settings.density is not None:
+        description = fill(description, settings.density)
+    body = _body(source, description, settings)
+    model = build(body.tree)
+    set_armature(description, model, settings.rotors)
+    end_effector, choice = _end_effector(body, settings.end_effector)
     robot = Robot(
-        name=found.name or description.name,
-        source=found.name or str(path.resolve()),
+        name=source.name or description.name,
+        source=source.name or str(source.path.resolve()),
         description=description,
         model=model,
-        drive=drive,
-        locked=tree.locked,
-        joints=joints,
+        drive=body.drive,
+        locked=body.tree.locked,
+        joints=_arm_joints(body),
         end_effector=end_effector,
-        findings=(*findings, *held, *frozen, *differences, *choice),
-        loaded_with=LoadSettings(density, free=free, drive=asked, losses=losses, armature=rotors),
-        losses=find_losses(description, model) if losses else None,
+        findings=(*body.findings, *choice),
+        loaded_with=_resolved(settings, body.tree, end_effector),
+        losses=find_losses(description, model) if settings.losses else None,
     )
-    at_home = with_home(robot, home)
-    if strict:
-        _refuse_doubts(path, at_home.findings[len(robot.findings) :])
+    at_home = with_home(robot, settings.home)
+    _refuse_doubts(source.path, at_home.findings[len(robot.findings) :], settings)
     return at_home
 
 
-def _drive(
-    tree: FrozenTree,
-    given: Drive | DriveSpec,
-    strict: bool,
-    tags: SimulatorTags,
-    free: Collection[str],
-) -> Drive:
-    """Return the drive that a user gives, or the one that is found; ``strict`` refuses doubts."""
+def _resolved(settings: LoadSettings, tree: FrozenTree, end_effector: str | None) -> LoadSettings:
+    """Return the settings with which the robot loads again, its home left to :func:`with_home`."""
+    reading = tree.description.read_with
+    return replace(
+        settings,
+        lock=dict(tree.locked),
+        end_effector=end_effector,
+        package_dirs=tuple(map(str, reading.package_dirs)),
+        xacro_args=dict(reading.xacro_args),
+        home={},
+    )
+
+
+class _Body(NamedTuple):
+    """A robot before its model: what is locked, its wheels, its grippers, and remarks."""
+
+    tree: FrozenTree
+    drive: Drive
+    grippers: tuple[Gripper, ...]
+    findings: tuple[Finding, ...]
+
+
+def _body(source: Source, description: Description, settings: LoadSettings) -> _Body:
+    """Return which joints are locked, and which are wheels."""
+    drive = source.drive if settings.drive is None else settings.drive
+    given = drive if isinstance(drive, Drive) else _specification(drive)
+    tree = FrozenTree(description, _locked(description, source.lock, settings))
+    controls, released = read_controls(description), _released(description, settings.free)
+    tree, held = hold_passive(tree, given.type, released)
+    grippers = find_grippers(tree)
+    tree, frozen = freeze_grippers(tree, grippers, settings.free)
+    findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
+    _refuse_doubts(source.path, findings, settings)
+    check(tree)
     if isinstance(given, Drive):
-        return replace(given, declared=("drive",))
-    drive = detect(tree, given, tags, free)
-    if strict:
-        doubts = [Finding("warning", None, doubt) for doubt in drive.doubts]
-        _refuse_doubts(tree.description.path, doubts)
-    return drive
-
-
-def _given(source: Drive | str | Path | None) -> Drive | DriveSpec:
-    """Return the drive that a user gives, or what they say of it."""
-    return source if isinstance(source, Drive) else _specification(source)
+        found = replace(given, declared=("drive",))
+    else:
+        found = detect(tree, given, controls, released)
+        doubts = [Finding("warning", None, doubt) for doubt in found.doubts]
+        _refuse_doubts(source.path, doubts, settings)
+    differences = vendor_findings(found, controls)
+    _refuse_doubts(source.path, differences, settings)
+    return _Body(tree, found, grippers, (*findings, *held, *frozen, *differences))
 
 
 def _released(description: Description, free: Iterable[str]) -> frozenset[str]:
@@ -208,73 +212,63 @@ def _released(description: Description, free: Iterable[str]) -> frozenset[str]:
     return frozenset(n for pattern in free for n in moving if fnmatchcase(n, pattern))
 
 
-def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:
+def _end_effector(body: _Body, given: str | None) -> tuple[str | None, tuple[Finding, ...]]:
+    """Return the link to track, None without an arm, and what to tell of the choice."""
+    if given is None:
+        return find_end_effector(body.tree, body.drive, _arm_joints(body), body.grippers)
+    links = body.tree.description.link
+    if given not in links:
+        raise UnknownNameError("link", given, links)
+    return given, ()
+
+
+def _arm_joints(body: _Body) -> tuple[Joint, ...]:
     """Return the free joints that are no wheels, swivels or mimics, in file order."""
-    rolling = _rolling(drive)
+    drive = body.drive
+    rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
     return tuple(
         joint
-        for joint in tree.description.joints
-        if tree.is_free(joint) and joint.mimic is None and joint.name not in rolling
+        for joint in body.tree.description.joints
+        if body.tree.is_free(joint) and joint.mimic is None and joint.name not in rolling
     )
 
 
-def _rolling(drive: Drive) -> set[str]:
-    """Return the joints of wheels and swivels."""
-    return {wheel.joint for wheel in drive.wheels} | {swivel.joint for swivel in drive.swivels}
-
-
-def _specification(source: str | Path | None) -> DriveSpec:
+def _specification(source: str | None) -> DriveSpec:
     """Return the drive that the name of a type or a drive file declares; None declares nothing."""
     if source is None:
         return DriveSpec()
-    if isinstance(source, str) and not Path(source).suffix and "/" not in source:
+    if not Path(source).suffix and "/" not in source:
         if source not in DRIVE_TYPES:
             raise UnknownNameError("drive", source, DRIVE_TYPES)
         return DriveSpec(source)
     return read_drive(source)
 
 
-def _refuse_doubts(path: Path, findings: Iterable[Finding]) -> None:
-    """Raise every warning as an error."""
+def _refuse_doubts(path: Path, findings: Iterable[Finding], settings: LoadSettings) -> None:
+    """Raise every warning as an error, if that is wanted."""
+    if not settings.strict:
+        return
     doubts = [replace(f, severity="error") for f in findings if f.severity == "warning"]
     if doubts:
         raise DescriptionError(path, doubts)
 
 
 def _locked(
-    description: Description,
-    defaults: Iterable[str],
-    lock: Iterable[str] | Mapping[str, float],
-    free: Iterable[str],
+    description: Description, defaults: Iterable[str], settings: LoadSettings
 ) -> dict[str, float]:
     """Return the positions (rad or m) of the joints that the patterns match, by name.
 
     Patterns of ``free`` take joints out of the defaults, not out of what the user locks.
     """
     moving = [joint.name for joint in description.joints if joint.moving]
-    released = {name for pattern in free for name in _matching(moving, pattern, "joint to free")}
+    released = {name for each in settings.free for name in matching(each, moving, "joint to free")}
     frozen = {name for pattern in defaults for name in moving if fnmatchcase(name, pattern)}
     locked = dict.fromkeys((name for name in moving if name in frozen - released), 0.0)
-    if isinstance(lock, str):
-        lock = (lock,)
-    wanted = lock if isinstance(lock, Mapping) else dict.fromkeys(lock, 0.0)
-    for pattern, position in wanted.items():
+    for pattern, position in settings.lock.items():
         require_within(f"the position of {pattern}", [position], MAX_POSITION)
-        names = _matching(moving, pattern, "joint to lock")
+        names = matching(pattern, moving, "joint to lock")
         locked.update(dict.fromkeys(names, float(position)))
     return locked
-
-
-def _matching(names: Sequence[str], pattern: str, kind: str) -> list[str]:
-    """Return the names that a pattern matches.
-
-    Raises:
-        UnknownNameError: There are none.
-    """
-    found = [name for name in names if fnmatchcase(name, pattern)]
-    if not found:
-        raise UnknownNameError(kind, pattern, names)
-    return found
 
 
 def _massless_movers(tree: FrozenTree) -> list[Finding]:

@@ -70,7 +70,6 @@ def find_losses(description: Description, model: pin.Model) -> Losses | None:
     """Return the losses that a file gives the joints of a model, or None where it gives none.
 
     Args:
-        description: The file.
         model: Of the robot, with a planar root; its locked joints lose nothing.
     """
     joints = {name: description.joint[name] for name in joint_entries(model)}

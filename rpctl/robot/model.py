@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +20,6 @@ from rpctl.errors import Finding, RpctlError, UnknownNameError
 from rpctl.robot.coordinates import JointEntry, joint_entries, read_root, write_root
 from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.losses import Losses
-from rpctl.robot.state import NamedState
 
 BASE_NV = 3  # entries of v that are the planar root's
 HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
@@ -230,24 +230,6 @@ class Robot:
         rates = dict(zip(self.joint_names, nu[count:].tolist(), strict=True))
         return NamedState(read_root(q), tuple(nu[:count].tolist()), positions, rates)
 
-    def jacobian(self, q: Array, link: str) -> Array:
-        """Return J (6, dof) of a link: its velocity is J ν, where wheels roll without slipping.
-
-        Three rows are the velocity of the link's origin (m/s), three its angular velocity (rad/s),
-        along the world's axes. A loop rather keeps a ``ReducedDynamics`` and asks that.
-
-        Args:
-            q: Configuration (nq,).
-            link: Name of the link.
-
-        Raises:
-            UnknownNameError: The link is not known.
-            SingularBasisError: At q the steered wheels fix no one motion.
-        """
-        from rpctl.dynamics.reduced import ReducedDynamics
-
-        return ReducedDynamics(self).jacobian(q, link)
-
     def set_joint(self, q: Array, joint: str, position: float) -> None:
         """Set a joint's position in q, in place.
 
@@ -340,7 +322,8 @@ class Robot:
     def home(self) -> Array:
         """A posture (n_joints,) of the arm: as given, or 0, kept well inside the limits."""
         given = self.loaded_with.home
-        home = np.array([given.get(joint.name, _home(joint)) for joint in self.joints])
+        positions = given if isinstance(given, Mapping) else {}
+        home = np.array([positions.get(joint.name, _home(joint)) for joint in self.joints])
         home.setflags(write=False)
         return home
 
@@ -350,3 +333,19 @@ def _home(joint: Joint) -> float:
         return joint.nearest_to_zero
     margin = HOME_MARGIN * (joint.upper - joint.lower)
     return float(np.clip(0.0, joint.lower + margin, joint.upper - margin))
+
+
+class NamedState(NamedTuple):
+    """A robot's pose and speeds: what :meth:`Robot.state` takes and :meth:`Robot.state_of` gives.
+
+    Attributes:
+        pose: Of the root link: x and y in m, heading in rad.
+        twist: The base's quasi-velocities in the order of ``robot.drive.base_speeds``; m/s, rad/s.
+        joints: Position of each moving joint by name, wheels included; rad or m.
+        rates: Rate of each of the arm's joints by name; rad/s or m/s.
+    """
+
+    pose: tuple[float, float, float]
+    twist: tuple[float, ...]
+    joints: dict[str, float]
+    rates: dict[str, float]

@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.robot.collision_model import CollisionModel
-from rpctl.robot.collision_shapes import WORLD, CollisionShape
+from rpctl.robot.collision import WORLD, CollisionModel, CollisionShape
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
@@ -26,7 +25,6 @@ def joint_motion(robot: Robot, q: Array) -> Array:
     order; rad or m, not negative.
 
     Args:
-        robot: The robot.
         q: Configurations (K, nq).
     """
     way = np.hypot(*np.diff(q[:, :2], axis=0).T)
@@ -43,7 +41,6 @@ def approach_rates(model: CollisionModel, travel: Array) -> Array:
     """Return by how much at most each pair approaches per motion of each joint (n, columns).
 
     Args:
-        model: The shapes and pairs.
         travel: How far from 0 each joint goes, as columns of :func:`joint_motion` (columns,); of
             prismatic joints it counts, m.
     """

@@ -16,7 +16,6 @@ def by_pattern(given: Mapping[str, Value], names: Sequence[str], kind: str) -> d
 
     Args:
         given: Values by pattern of names.
-        names: The names that there are.
         kind: What they are the names of, for messages.
 
     Raises:
@@ -33,7 +32,6 @@ def matching(pattern: str, names: Sequence[str], kind: str) -> list[str]:
 
     Args:
         pattern: The pattern.
-        names: The names that there are.
         kind: What they are the names of, for messages.
 
     Raises:

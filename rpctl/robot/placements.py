@@ -99,7 +99,6 @@ def placements(tree: AlignedTree, q: Array, only: frozenset[int] | None = None) 
     """Return where joints are at configurations.
 
     Args:
-        tree: The joints.
         q: Configurations (K, nq).
         only: Numbers of the joints that are looked at, with all above them; None: all.
     """

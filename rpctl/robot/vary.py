@@ -1,19 +1,28 @@
-"""Robots like another one: tighter limits, other masses, more friction or none."""
+"""Robots like another one: tighter limits, other masses, more friction or none, a load."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
+from lxml import etree
 
-from rpctl.description.records import Joint
+from rpctl.arrays import Array
+from rpctl.description.density import inertial_element, write_inertials
+from rpctl.description.records import Description, Joint, Link
 from rpctl.errors import RpctlError, UnknownNameError, require_positive
-from rpctl.robot.described import with_joint_losses
+from rpctl.robot.load_settings import Payload
 from rpctl.robot.losses import find_losses
 from rpctl.robot.model import Robot
+from rpctl.robot.patterns import by_pattern
+
+Element = Any
+JOINT = "_joint"  # what the joint of a load is called behind the load's own name
 
 
 def scale_limits(robot: Robot, effort: float = 1.0, velocity: float = 1.0) -> Robot:
@@ -54,16 +63,12 @@ def set_limits(
     """
     if not effort and not velocity:
         return robot
-    names = robot.moving_joint_names
-    given: dict[str, dict[str, Any]] = {name: {} for name in names}
+    given: dict[str, dict[str, Any]] = {name: {} for name in robot.moving_joint_names}
     for kind, limits in (("effort", effort or {}), ("velocity", velocity or {})):
         for pattern, limit in limits.items():
             require_positive(f"the {kind} limit of {pattern}", limit)
-            matching = [name for name in names if fnmatchcase(name, pattern)]
-            if not matching:
-                raise UnknownNameError("joint", pattern, names)
-            for name in matching:
-                given[name][kind] = limit
+        for name, limit in by_pattern(limits, robot.moving_joint_names, "joint").items():
+            given[name][kind] = limit
     return _with_joints(robot, lambda joint: replace(joint, **given.get(joint.name, {})))
 
 
@@ -93,26 +98,12 @@ def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:
     return replace(robot, model=model)
 
 
-def add_friction(robot: Robot, friction: Mapping[str, float]) -> Robot:
-    """Return a robot with more dry friction in some of its joints.
-
-    Args:
-        robot: The robot to start from.
-        friction: What is added, N·m or N, by the names of joints.
-
-    Raises:
-        UnknownNameError: No joint has such a name.
-    """
-    return add_losses(robot, {}, friction)
-
-
 def add_losses(robot: Robot, damping: Mapping[str, float], friction: Mapping[str, float]) -> Robot:
     """Return a robot with more damping and dry friction in some of its joints.
 
     Its description has them, too.
 
     Args:
-        robot: The robot to start from.
         damping: What is added, N·m·s/rad or N·s/m, by the names of joints.
         friction: What is added, N·m or N, likewise.
 
@@ -179,3 +170,138 @@ def _with_joints(robot: Robot, change: Callable[[Joint], Joint]) -> Robot:
     joints = tuple(map(change, robot.description.joints))
     description = replace(robot.description, joints=joints)
     return replace(robot, description=description, joints=tuple(map(change, robot.joints)))
+
+
+def with_links(description: Description, links: Mapping[str, Link]) -> Description:
+    """Return a description with other masses, centres and inertias of some links.
+
+    What was estimated stays an estimate, which the user's text does not have.
+
+    Args:
+        links: Their records, by name.
+    """
+    if not links:
+        return description
+    written = {name: link for name, link in links.items() if not link.estimated}
+    root = etree.fromstring(description.xml)
+    write_inertials(root, links)
+    return replace(
+        description,
+        links=tuple(links.get(link.name, link) for link in description.links),
+        xml=str(etree.tostring(root, encoding="unicode")),
+        raw=_edited(description, lambda root: write_inertials(root, written)),
+    )
+
+
+def with_joint_losses(description: Description, joints: Mapping[str, Joint]) -> Description:
+    """Return a description with other damping and friction of some joints.
+
+    Args:
+        joints: Their records, by name.
+    """
+    return replace(
+        description,
+        joints=tuple(joints.get(joint.name, joint) for joint in description.joints),
+        raw=_edited(description, lambda root: _write_losses(root, joints)),
+    )
+
+
+def _edited(description: Description, change: Callable[[Element], None]) -> bytes:
+    """Return the user's text changed."""
+    root = description.document()
+    change(root)
+    return bytes(etree.tostring(root))
+
+
+def _write_losses(root: Element, joints: Mapping[str, Joint]) -> None:
+    for element in root.findall("joint"):
+        joint = joints.get(element.get("name", ""))
+        if joint is not None:
+            for old in element.findall("dynamics"):
+                element.remove(old)
+            losses = {"damping": repr(joint.damping), "friction": repr(joint.friction)}
+            etree.SubElement(element, "dynamics", losses)
+
+
+def with_payload(
+    robot: Robot,
+    link: str,
+    mass: float,
+    com: Sequence[float] = (0.0, 0.0, 0.0),
+    inertia: Sequence[Sequence[float]] | Array | None = None,
+) -> Robot:
+    """Return a robot that carries a load; ``verify`` proves its dynamics like any other's.
+
+    The load is a link of its own, fixed to ``link``, in the description that all derivations read.
+
+    Args:
+        robot: The robot, which stays as it is.
+        link: Name of the link that carries the load.
+        mass: Of the load, kg.
+        com: Its centre of mass (3,) in the link's frame, m.
+        inertia: Its inertia (3, 3) about its centre of mass, along the link's axes, kg·m²; None: a
+            point mass.
+
+    Raises:
+        RpctlError: The mass is not positive, or a number is missing or not finite.
+        UnknownNameError: The link is not known.
+    """
+    if link not in robot.description.link:
+        raise UnknownNameError("link", link, robot.description.link)
+    require_positive("the payload's mass", mass)
+    centre = np.array(com, dtype=float)
+    about = np.zeros((3, 3)) if inertia is None else np.array(inertia, dtype=float)
+    if centre.shape != (3,) or not np.isfinite(centre).all():
+        raise RpctlError(f"the payload's centre of mass is {com}; give x, y, z in m")
+    if about.shape != (3, 3) or not np.allclose(about, about.T) or _is_no_body(about):
+        raise RpctlError("the payload's inertia is that of no body; give a symmetric (3, 3) matrix")
+    description = _attached(robot.description, link, mass, centre, about)
+    payload = Payload(link, mass, tuple(centre.tolist()), tuple(map(tuple, about.tolist())))
+    settings = replace(robot.loaded_with, payloads=(*robot.loaded_with.payloads, payload))
+    model = _loaded(robot.model, link, pin.Inertia(mass, centre, about))
+    return replace(robot, description=description, model=model, loaded_with=settings)
+
+
+def _is_no_body(inertia: Array) -> bool:
+    """Return whether a matrix is none of a body's: each moment is at most the sum of the others."""
+    moments = np.linalg.eigvalsh(inertia)
+    return bool(moments[0] < 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9))
+
+
+def _loaded(model: pin.Model, link: str, inertia: pin.Inertia) -> pin.Model:
+    """Return a model whose link carries an inertia, which is given in the link's frame."""
+    loaded = model.copy()
+    frame = loaded.frames[loaded.getFrameId(link, pin.FrameType.BODY)]
+    loaded.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
+    return loaded
+
+
+def _attached(
+    description: Description, carrier: str, mass: float, com: Array, inertia: Array
+) -> Description:
+    """Return a description with a further link, fixed to one of its links."""
+    name, line = f"{carrier}_payload", description.link[carrier].line
+    while name in description.link or name + JOINT in description.joint:
+        name += "_"
+    axis, inf = np.array([1.0, 0.0, 0.0]), math.inf
+    for array in (com, inertia, axis, origin := np.eye(4)):
+        array.setflags(write=False)
+    link = Link(name, line, mass, com, inertia, (), ())
+    ends, limits, losses = (carrier, name), (-inf, inf, inf, inf), (0.0, 0.0)
+    joint = Joint(name + JOINT, line, "fixed", *ends, origin, axis, *limits, None, *losses)
+    root = etree.fromstring(description.xml)
+    _write_payload(root, link, joint)
+    return replace(
+        description,
+        links=(*description.links, link),
+        joints=(*description.joints, joint),
+        xml=str(etree.tostring(root, encoding="unicode")),
+        raw=_edited(description, lambda root: _write_payload(root, link, joint)),
+    )
+
+
+def _write_payload(root: Element, link: Link, joint: Joint) -> None:
+    etree.SubElement(root, "link", name=link.name).append(inertial_element(link))
+    fixed = etree.SubElement(root, "joint", name=joint.name, type=joint.kind)
+    etree.SubElement(fixed, "parent", link=joint.parent)
+    etree.SubElement(fixed, "child", link=joint.child)

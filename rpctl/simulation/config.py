@@ -3,46 +3,53 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Annotated, Any
 
 import tomli_w
 
 from rpctl.control.bandwidth import at_bandwidth
-from rpctl.control.defaults import default_laws
+from rpctl.control.controller import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.registry import (
+    DYNAMIC_CHOICE,
     DYNAMIC_LAWS,
+    KINEMATIC_CHOICE,
     KINEMATIC_LAWS,
     dynamic_by_name,
     kinematic_by_name,
 )
-from rpctl.control.settings import (
-    DYNAMIC_REGISTRY,
-    KINEMATIC_REGISTRY,
-    from_table,
-    named_from_table,
-    named_to_table,
-    to_table,
-)
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import RpctlError, require_positive, require_within
+from rpctl.errors import RpctlError
 from rpctl.files import toml
+from rpctl.files.records import (
+    POSITIVE,
+    Range,
+    Record,
+    Setting,
+    fields_of,
+    json_schema,
+    read_record,
+    to_plain,
+)
 from rpctl.files.toml import Table
 from rpctl.files.writing import write_atomically
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import MAX_DISTANCE
-from rpctl.reference.sizing import SizingRequest
-from rpctl.reference.smooth_wish import require_smoothing
+from rpctl.reference.sizing import require_smoothing
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import set_limits
-from rpctl.simulation.periods import CONTROL_PERIOD
-from rpctl.simulation.plant import Plant
+from rpctl.simulation.loop.periods import CONTROL_PERIOD
+from rpctl.simulation.plants.plant import Plant
 
+MAX_LOGGED = 100_000  # samples: 200 s at 2 ms
+MAX_LOG_EVERY = 2**63 - 1  # a file's largest whole number
 HEADER = (
     "# A run of rpctl: rpctl track ROBOT --config FILE. What is left out keeps its default.\n\n"
 )
@@ -70,48 +77,133 @@ class LimitOverrides:
 
 
 @dataclass(frozen=True)
-class RunSettings:
-    """The circumstances of a run: reference, duration, start, sample times and friction.
+class RunSettings(Record):
+    """The circumstances of a run: reference, duration, start, sample times and friction."""
 
-    Attributes:
-        reference: Its name or file.
-        duration: s; None: as long as the reference moves.
-        initial_error: Tracking error (x1, x2, x3) at the start, m, m, rad.
-        control_period: s.
-        plant_step: s.
-        friction: Coefficient between wheels and ground.
-        size: Of a named reference, m; None: as fits the robot.
-        speed: Of a named reference, m/s, of a spin rad/s; None: as fits the robot.
-        laps: How many times a named reference is gone through; None: once.
-        log_every: Each so-many-th sample is logged, and the last; 1 logs all.
-        smooth: Of a CSV: metres (root mean square) by which it may miss its rows, or ``auto``.
-        retime: Of a CSV: whether it is slowed down where it asks more than the robot's limits.
-    """
-
-    reference: str = "eight"
-    duration: float | None = None
-    initial_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    control_period: float = CONTROL_PERIOD
-    plant_step: float = 0.002
-    friction: float = FRICTION
-    size: float | None = None
-    speed: float | None = None
-    laps: float | None = None
-    log_every: int = 1
-    smooth: float | str | None = None
-    retime: bool = False
+    reference: Annotated[
+        str,
+        Setting(
+            "",
+            "Reference",
+            "Path of the base or of the end effector: a name, a path file (TOML), or "
+            "time-stamped poses (CSV); eight if not given.",
+            "line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
+        ),
+    ] = "eight"
+    duration: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "s",
+            "Duration",
+            "How long, s; as long as the laps take or the reference moves, or 20.",
+            "S",
+        ),
+    ] = None
+    initial_error: Annotated[
+        tuple[float, float, float],
+        Range(-MAX_DISTANCE, MAX_DISTANCE),
+        Setting(
+            "m, m, rad",
+            "Initial error",
+            "Tracking error at the start: how far the reference is ahead and to the left "
+            "of the robot (m) and turned from it (rad); none if not given.",
+            "X,Y,THETA",
+        ),
+    ] = (0.0, 0.0, 0.0)
+    control_period: Annotated[
+        float,
+        POSITIVE,
+        Setting(
+            "s",
+            "Control period",
+            "The laws run at this period; their efforts are held in between.",
+            "S",
+        ),
+    ] = CONTROL_PERIOD
+    plant_step: Annotated[
+        float,
+        POSITIVE,
+        Setting("s", "Integration step", "The plant is integrated in steps no longer.", "S"),
+    ] = 0.002
+    friction: Annotated[
+        float,
+        POSITIVE,
+        Setting(
+            "",
+            "",
+            "Friction coefficient of the wheels: where they can slip, and to tell if they "
+            f"would; {FRICTION:g} if not given.",
+        ),
+    ] = FRICTION
+    size: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "m",
+            "",
+            "Of a named reference, m: radius of the circle, half the length of eight and "
+            "waypoints, half the side of the square, length of the line; as fits the "
+            "robot if not given.",
+            "M",
+        ),
+    ] = None
+    speed: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "m/s",
+            "",
+            "Largest speed along a named reference, m/s (of a spin, rad/s); half of what "
+            "the robot's limits allow, or less, if not given.",
+            "M_PER_S",
+        ),
+    ] = None
+    laps: Annotated[
+        float | None,
+        POSITIVE,
+        Setting("", "", "How many times circle, eight or spin; 1 if not given.", "N"),
+    ] = None
+    log_every: Annotated[
+        int | None,
+        Range(1, MAX_LOG_EVERY, "a whole number, 1 or more"),
+        Setting(
+            "",
+            "",
+            "Log one sample of N, and the last; if not given, all of up to 100 000 or as many.",
+            "N",
+        ),
+    ] = None
+    smooth: Annotated[
+        float | str | None,
+        POSITIVE,
+        Setting(
+            "m",
+            "Reference smoothed by",
+            "Smooth the rows of a CSV: by at most so much, root mean square, or by as "
+            "much as their noise asks for.",
+            "METRES|auto",
+        ),
+    ] = None
+    retime: Annotated[
+        bool,
+        Setting(
+            "",
+            "Reference retimed",
+            "Slow a CSV down where it asks more than the robot's limits allow.",
+        ),
+    ] = False
 
     def __post_init__(self) -> None:
         """Refuse what is out of range."""
-        if not (type(self.log_every) is int and self.log_every >= 1):
+        super().__post_init__()
+        if type(self.log_every) not in (int, NoneType):
             raise RpctlError(f"log_every is {self.log_every}; give a whole number, 1 or more")
-        for name in ("duration", "control_period", "plant_step", "friction"):
-            value = getattr(self, name)
-            if value is not None:
-                require_positive(name, value)
-        SizingRequest(self.size, self.speed, self.laps)
         require_smoothing(self.smooth)
-        require_within("initial_error", self.initial_error, MAX_DISTANCE)
+
+    def log_step(self, periods: int) -> int:
+        """Return of how many samples of a run of so many control periods one is logged."""
+        return self.log_every or max(1, -(-periods // MAX_LOGGED))
 
     def load_reference(self, robot: Robot, collisions: bool = True) -> Reference:
         """Return the reference; ``collisions`` as of :func:`rpctl.reference.load.load_reference`.
@@ -197,7 +289,7 @@ class Config:
         """
         if bandwidth is None:
             return self
-        laws = {key: at_bandwidth(getattr(self, key), bandwidth) for key in LAW_REGISTRIES}
+        laws = {key: at_bandwidth(getattr(self, key), bandwidth) for key in LAW_CHOICES}
         return dataclasses.replace(self, **laws)
 
     def with_run(self, **settings: Any) -> Config:
@@ -206,13 +298,8 @@ class Config:
         return dataclasses.replace(self, run=dataclasses.replace(self.run, **given))
 
 
-LAW_REGISTRIES = {"kinematic": KINEMATIC_REGISTRY, "dynamic": DYNAMIC_REGISTRY}
-TABLES: dict[str, type[RunSettings | LimitOverrides | Plant | VelocityOutput]] = {
-    "run": RunSettings,
-    "limits": LimitOverrides,
-    "plant": Plant,
-    "output": VelocityOutput,
-}
+LAW_CHOICES = {"kinematic": KINEMATIC_CHOICE, "dynamic": DYNAMIC_CHOICE}
+CONFIG_TABLES = tuple(fields_of(Config))
 
 
 def read_config(path: str | Path) -> Config:
@@ -226,43 +313,39 @@ def read_config(path: str | Path) -> Config:
 
 def config_from_tables(data: Table, faults: list[str]) -> Config:
     """Return the configuration of a file's tables; what is wrong is added to the faults."""
-    given: Table = {}
-    for key, table in data.items():
-        if key in LAW_REGISTRIES:
-            given[key] = named_from_table(table, LAW_REGISTRIES[key], key, faults)
-        elif key not in TABLES:
-            faults.append(f"{key}: is no table of a configuration; it has kinematic, dynamic, run, "
-                          "limits, plant and output")  # fmt: skip
-        elif not isinstance(table, dict):
-            faults.append(f"{key}: is {table!r}; write [{key}]")
-        else:
-            given[key] = from_table(TABLES[key], table, key, faults)
-    return Config(**{key: made for key, made in given.items() if made is not None})
+    *first, last = CONFIG_TABLES
+    known = f"{', '.join(first)} and {last}"
+    faults += [
+        f"{key}: is no table of a configuration; it has {known}"
+        for key in data
+        if key not in CONFIG_TABLES
+    ]
+    tables = {key: table for key, table in data.items() if key in CONFIG_TABLES}
+    return read_record(Config, tables, "", faults) or Config()
 
 
-def config_tables(config: Config) -> Table:
-    """Return a configuration as the tables of a file.
-
-    Raises:
-        RpctlError: It has a setting that no file can say.
-    """
-    laws = {key: named_to_table(getattr(config, key), kind) for key, kind in LAW_REGISTRIES.items()}
-    rest = {key: getattr(config, key) for key in TABLES}
-    return {**laws, **{key: to_table(each) for key, each in rest.items() if each is not None}}
-
-
-def write_config(config: Config, path: str | Path) -> Path:
+def write_config(config: Config, path: str | Path, schema: bool = False) -> Path:
     """Write a configuration, complete: reading it gives it back.
+
+    Args:
+        config: The configuration.
+        path: The file.
+        schema: Whether to write its JSON Schema beside it, too, ``FILE.schema.json``; the file's
+            first line names it, so that editors complete and check what is written there.
 
     Raises:
         RpctlError: A law has no name or a setting that no file can say; the file cannot be written.
     """
-    tables, faults = config_tables(config), list[str]()
+    tables, faults = to_plain(config), list[str]()
     config_from_tables(tables, faults)
     if faults:
         raise RpctlError(f"no file can say the configuration: {'; '.join(faults)}")
+    beside = Path(f"{path}.schema.json")
+    head = f"#:schema ./{beside.name}\n{HEADER}" if schema else HEADER
     try:
-        return write_atomically(path, (HEADER + tomli_w.dumps(tables)).encode())
+        if schema:
+            write_atomically(beside, f"{json.dumps(json_schema(Config), indent=1)}\n".encode())
+        return write_atomically(path, (head + tomli_w.dumps(tables)).encode())
     except UnicodeEncodeError:
         raise RpctlError(
             f"{path}: TOML is UTF-8, and a name in the configuration is not; rename its file"

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.engines.mujoco.certificate import MjcfCertificate
 from rpctl.engines.mujoco.check import MjcfCheck, check_file, read_certified, same_model
 from rpctl.engines.mujoco.export import MjcfExport, write_mjcf
-from rpctl.engines.mujoco.mjcf_certificate import MjcfCertificate
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.errors import RpctlError
+from rpctl.files.records import read_record, to_plain
 from rpctl.robot.model import Robot
-from rpctl.simulation.facts import RobotFacts, robot_facts
-from rpctl.simulation.reload import load_robot
-from rpctl.simulation.run_schema import META
-
-RENAMED = {"name": "robot"}  # of the facts, as the files of runs call them
+from rpctl.simulation.run.facts import RobotFacts, robot_facts
+from rpctl.simulation.run.header import require_plain
+from rpctl.simulation.run.reload import load_robot
 
 
 def export_mjcf(
     robot: Robot,
     path: str | Path,
-    friction: float = 0.7,
+    friction: float = FRICTION,
     wheel_width: float | None = None,
     meshes: bool = True,
     settings: ContactSettings | None = None,
@@ -51,7 +51,7 @@ def export_mjcf(
     if settings is None:
         shape = "crowned" if wheel_width is None else "cylinder"
         settings = ContactSettings(wheel_shape=shape, wheel_width=wheel_width)
-    return write_mjcf(robot, path, friction, settings, meshes, _plain_facts(robot))
+    return write_mjcf(robot, path, friction, settings, meshes, to_plain(robot_facts(robot)))
 
 
 def check_mjcf(
@@ -78,14 +78,6 @@ def check_mjcf(
     return found if kept is not None else replace(found, notes=(*found.notes, why))
 
 
-def _plain_facts(robot: Robot) -> dict[str, Any]:
-    """Return how to load a robot again, as plain values."""
-    known = robot_facts(robot)
-    plain = {item.name: getattr(known, item.name) for item in fields(known)}
-    plain["drive"] = asdict(known.drive)
-    return {RENAMED.get(name, name): value for name, value in plain.items()}
-
-
 def _kept_robot(
     certificate: MjcfCertificate, package_dirs: Sequence[str | Path]
 ) -> tuple[Robot | None, str]:
@@ -93,7 +85,7 @@ def _kept_robot(
     if not certificate.facts:
         return None, "the file does not hold its robot; give it with --robot"
     try:
-        robot = load_robot(_facts(certificate.facts), package_dirs)
+        robot = load_robot(_facts(dict(certificate.facts)), package_dirs)
     except RpctlError as fault:
         return None, f"the robot in the file is not loaded: {fault}"
     if not same_model(robot, certificate):
@@ -104,16 +96,15 @@ def _kept_robot(
     return robot, ""
 
 
-def _facts(plain: Mapping[str, Any]) -> RobotFacts:
+def _facts(plain: dict[str, Any]) -> RobotFacts:
     """Return the facts that plain values are.
 
     Raises:
         RpctlError: They are none.
     """
-    values = {}
-    for item in fields(RobotFacts):
-        entry = RENAMED.get(item.name, item.name)
-        if entry not in plain:
-            raise RpctlError(f'its entry "{entry}" is missing')
-        values[item.name] = META[entry](plain[entry], entry)
-    return RobotFacts(**values)
+    faults = require_plain({"robot": plain})
+    facts = None if faults else read_record(RobotFacts, plain, "robot", faults)
+    faults += [] if facts is None else facts.faults()
+    if facts is None or faults:
+        raise RpctlError("; ".join(faults))
+    return facts

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.defaults import default_laws
+from rpctl.control.controller import default_laws
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.errors import DivergedError, RpctlError
-from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop import simulate
-from rpctl.simulation.outcome import DIVERGING, ON_PATH_M, SUCCESSES
-from rpctl.simulation.run import Run
-from rpctl.simulation.summary import summarize
+from rpctl.simulation.loop.track import simulate
+from rpctl.simulation.merits.outcome import DIVERGING, ON_PATH_M, SUCCESSES
+from rpctl.simulation.merits.summary import summarize
+from rpctl.simulation.run.run import Run
+from rpctl.study.cells import References
 
 REACH_M = 1.5  # m: starts lie within this square about the reference's own
 PERIOD = 0.01  # s: of control and integration; coarse, for many runs
@@ -45,7 +46,7 @@ class Ending:
 
     Attributes:
         start: The start.
-        outcome: In a word of :mod:`rpctl.simulation.outcome`; None where the run was refused.
+        outcome: A word of ``simulation/merits/outcome.py``; None where the run was refused.
         error: P's distance from its reference at the end, m; None where there is no end.
         settled_at: Since when that distance is below 5 cm, s; None where it is not.
         violations: The limits of the URDF that were broken, each as ``JOINT KIND``.
@@ -117,18 +118,6 @@ def start_errors(count: int) -> list[Error]:
     return [Placement(x, y, turn).error() for y in places for x in places for turn in turns]
 
 
-def drawn_errors(count: int, seed: int) -> list[Error]:
-    """Return errors drawn evenly from ±1.5 m and ±π, for tests of a property.
-
-    Args:
-        count: How many.
-        seed: Of the generator.
-    """
-    edge = np.array([REACH_M, REACH_M, math.pi])
-    drawn = np.random.default_rng(seed).uniform(-edge, edge, (count, 3))
-    return [(x, y, turn) for x, y, turn in drawn.tolist()]
-
-
 @dataclass(frozen=True)
 class Attraction:
     """Runs starts of one robot, with coarse samples.
@@ -144,7 +133,10 @@ class Attraction:
     dynamic: str | None = None
     duration: float = DURATION
     period: float = PERIOD
-    _references: dict[str, Reference] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def _references(self) -> References:
+        return References(self.robot)
 
     def __call__(self, start: Start) -> Ending:
         """Return what became of a start; what keeps it from running is said."""
@@ -169,13 +161,7 @@ class Attraction:
                 log_every=LOG_EVERY,
             ),
         )
-        return simulate(self.robot, config, self._reference(start.reference))
-
-    def _reference(self, name: str) -> Reference:
-        """Return a reference, made once: each takes as long as a run."""
-        if name not in self._references:
-            self._references[name] = RunSettings(reference=name).load_reference(self.robot)
-        return self._references[name]
+        return simulate(self.robot, config, self._references(config.run))
 
     def _ending(self, start: Start, run: Run) -> Ending:
         summary = summarize(run)

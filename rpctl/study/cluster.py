@@ -1,4 +1,4 @@
-"""Chunks of work on Dask distributed: other machines, or processes of this one.
+"""Chunks of work on Dask distributed: more machines.
 
 Start ``dask scheduler`` on one machine and ``dask worker ADDRESS --nthreads 1 --nworkers -1`` on
 each, before a study or while it runs, and give the study the scheduler's address. A worker that
@@ -6,20 +6,19 @@ dies loses nothing: its chunk is given to another one. One that joins gets chunk
 All have to have the Python, the libraries and the rpctl of the process that asks, to the last line;
 others are refused before the first chunk, and those that join later are sent away.
 
-**What is sent.** Once to each worker: the study's configuration, the robot's URDF after xacro with
-its drive and how it was loaded, and the file of its reference. Meshes are not: dynamics need none.
-No disk has to be shared. For each chunk: numbers of runs and their settings; back come merits,
-outcomes and the kept samples of the errors.
+**What is sent.** With each chunk, numbers of runs and their settings, and what all have in common:
+the study's configuration, the robot and the file of its reference, which a worker loads once.
+Meshes are not: dynamics need none. No disk has to be shared. Back come merits, outcomes and the
+kept samples of the errors.
 
 **Who may ask.** What is sent is Python's pickle: who reaches a scheduler or a worker runs any code
-on all of them. An own cluster listens on loopback only, which other users of this machine reach,
-too; processes that talk by pipes (:class:`rpctl.study.executor.ProcessExecutor`) are reached by
-nobody. A scheduler on a network needs Dask's TLS: start all parts with ``--tls-ca-file``,
-``--tls-cert`` and ``--tls-key``, give the address as ``tls://HOST:PORT``, and the same files as
-``security`` or in the environment (``DASK_DISTRIBUTED__COMM__TLS__CA_FILE``,
+on all of them; own processes (:class:`rpctl.study.executor.ProcessExecutor`) talk by pipes, and are
+reached by nobody. A scheduler on a network needs Dask's TLS: start all parts with
+``--tls-ca-file``, ``--tls-cert`` and ``--tls-key``, give the address as ``tls://HOST:PORT``, and
+the same files in the environment (``DASK_DISTRIBUTED__COMM__TLS__CA_FILE``,
 ``...__CLIENT__CERT``, ``...__CLIENT__KEY``).
 
-**What a chunk costs.** As ``python -m tests.bench.test_cluster`` found on a virtual machine of two
+**What a chunk costs.** Measured on a virtual machine of two
 shared cores, Python 3.11, distributed 2026.8 (processor time):
 
 ====================================================  =========  ======  ======
@@ -56,39 +55,41 @@ to be compiled.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
-from types import TracebackType
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, Future
+from contextlib import contextmanager, suppress
+from typing import Any, NamedTuple
 
 from rpctl.errors import RpctlError
-from rpctl.study.chunk_worker import FinishedChunk, RefusedWorker
-from rpctl.study.dask_client import (
-    check_workers,
-    connect,
-    kill_workers,
-    local_cluster,
-    worker_fault,
+from rpctl.libraries import library
+from rpctl.study.executor import (
+    PoolExecutor,
+    WorkerDiedError,
+    WorkerRefusedError,
+    run_pickled,
 )
-from rpctl.study.executor import LostChunksError
-from rpctl.study.given_chunks import GOING, GivenChunks, LostChunk, digest, scheduler_there
-from rpctl.study.versions import installed
+from rpctl.study.provenance import ABSENT, CODE, PACKAGES, PYTHON, code_digest, installed, minor
 
-CLOSE_S = 10.0  # s that a local cluster may take to end
+INSTALL = "pip install 'rpctl[cluster]'"
+CONNECT_S = 10.0  # s in which a scheduler has to answer
+JOIN_S = 60.0  # s in which a first worker has to join
+MAX_SHOWN = 10  # workers that a message names
+GOING = (OSError, RuntimeError, ValueError, CancelledError)  # of Dask, without a scheduler
+GONE = "the scheduler has gone, or has forgotten the study; what has ended is not lost"
 
-Chunk = TypeVar("Chunk")
-Result = TypeVar("Result")
+
+class RefusedWorker(NamedTuple):
+    """What a worker answers that has other versions than who asks."""
+
+    address: str
+    differences: list[str]
 
 
-class DaskExecutor:
+class DaskExecutor(PoolExecutor):
     """Runs chunks on the workers of a Dask scheduler, which may come and go.
 
     Args:
-        address: Of the scheduler, as ``tcp://10.0.0.1:8786``; None starts a cluster of own
-            processes, which listens on loopback only.
-        workers: How many processes of one thread an own cluster has.
-        security: ``distributed.Security`` with the certificates of a ``tls://`` scheduler; None
-            takes what Dask is configured with (``DASK_DISTRIBUTED__COMM__TLS__CA_FILE``, ...).
+        address: Of the scheduler, as ``tcp://10.0.0.1:8786``.
         tell: Called with what a user should know: a worker that was refused.
 
     Raises:
@@ -96,119 +97,147 @@ class DaskExecutor:
             other versions than this process.
     """
 
-    def __init__(
-        self,
-        address: str | None = None,
-        workers: int = 1,
-        security: Any = None,
-        tell: Callable[[str], object] | None = None,
-    ) -> None:
-        if workers < 1:
-            raise RpctlError(f"{workers} workers; give 1 or more")
+    def __init__(self, address: str, tell: Callable[[str], object] | None = None) -> None:
         self._tell = tell or (lambda text: print(text, file=sys.stderr))
-        self._cluster: Any = None
-        self._client: Any = None
-        self._at_work = False
         self._refused: set[str] = set()  # addresses of workers that were sent away
-        self._sent = ""  # name of the work that the workers hold
+        self._client = _connect(address)
         try:
-            if address is None:
-                self._cluster = local_cluster(workers)
-                address = self._cluster.scheduler_address
-            self._client = connect(address, security)
             check_workers(self._client)
         except BaseException:
-            self.close()
+            self._client.close()
             raise
+        self._pool = self._client.get_executor(pure=False)
 
     @property
     def workers(self) -> int:
         """How many chunks run at a time, now."""
-        return sum(self._client.nthreads().values())
+        with _scheduler_there():
+            return max(sum(self._client.nthreads().values()), 1)
 
     def __enter__(self) -> DaskExecutor:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
+    def __exit__(self, *error: object) -> None:
+        self._client.close()
 
-    def close(self) -> None:
-        """Leave the scheduler; an own cluster ends, whatever it does."""
-        if self._client is not None:
-            self._forget()
-            self._client.close()
-        if self._cluster is not None:
-            with suppress(TimeoutError):  # of a busy machine; they end with this process, too
-                if self._at_work:
-                    self._cluster.sync(kill_workers, self._cluster)
-            with suppress(TimeoutError):
-                self._cluster.close(CLOSE_S)
+    def submit(self, work: bytes, chunk: bytes) -> Future[Any]:
+        """Have a worker run a chunk, both pickled."""
+        with _scheduler_there():
+            future: Future[Any] = self._pool.submit(run_asked, installed(), work, chunk)
+        return future
 
-    def map_chunks(
-        self, work: Callable[[Chunk], Result], chunks: Iterable[Chunk]
-    ) -> Iterator[tuple[Chunk, Result]]:
-        """Yield each chunk and its result, as they end; see :class:`rpctl.study.executor.Executor`.
-
-        If all workers leave, it waits for others.
-        """
-        given = GivenChunks(self._client, self._send(work), chunks)
-        self._at_work = True
-        lost: list[Chunk] = []
-        reason = ""
+    def answer(self, future: Future[Any]) -> bytes:
+        """Return what a worker has answered; one of other versions is sent away."""
         try:
-            given.fill()
-            while given.chunks:
-                ended = given.ended()
-                given.fill()  # before the caller works on what ended
-                for chunk, answer in ended:
-                    if isinstance(answer, FinishedChunk):
-                        yield chunk, answer.result
-                    elif isinstance(answer, RefusedWorker):
-                        self._refuse(answer)
-                        given.give(chunk)
-                    elif isinstance(answer, LostChunk):
-                        lost, reason = [*lost, chunk], answer.reason
-                    else:
-                        raise answer
-        finally:
-            self._at_work = bool(given.chunks)
-            given.cancel()
-        if lost:
-            raise LostChunksError(lost, reason)
+            with _scheduler_there():
+                answer = future.result()
+        except library("distributed").KilledWorker as error:
+            raise WorkerDiedError(f"{error.allowed_failures + 1} in turn") from None
+        if isinstance(answer, RefusedWorker):
+            self._send_away(answer)
+            raise WorkerRefusedError
+        return bytes(answer)
 
-    def _send(self, work: Callable[..., Any]) -> str:
-        """Send work to all workers, also those that join later; return its name there.
-
-        No task depends on it: the scheduler would rather wait for a worker that holds it than give
-        a chunk to one that does not.
-        """
-        from rpctl.study.dask_worker import SentWork  # imports Dask
-
-        sent = SentWork(work, installed())
-        name = f"rpctl-{digest(sent.packed)}"
-        if name != self._sent:
-            self._forget()
-            with scheduler_there():
-                self._client.register_plugin(sent, name=name)
-            self._sent = name
-        return name
-
-    def _forget(self) -> None:
-        """Have workers forget the work that they hold."""
-        if self._sent:
-            with suppress(*GOING):
-                self._client.unregister_worker_plugin(self._sent)
-        self._sent = ""
-
-    def _refuse(self, refused: RefusedWorker) -> None:
+    def _send_away(self, worker: RefusedWorker) -> None:
         """Have a worker leave that joined with other versions, and say so once."""
-        if refused.address in self._refused:  # it had another chunk before it left
-            return
-        self._refused.add(refused.address)
-        self._client.retire_workers([refused.address])
-        self._tell(f"{worker_fault(refused.address, refused.differences)}; it was sent away")
+        if worker.address not in self._refused:  # it had another chunk before it left
+            self._refused.add(worker.address)
+            self._client.retire_workers([worker.address])
+            self._tell(f"{_worker_fault(*worker)}; it was sent away")
+
+    def cancel(self, futures: Sequence[Future[Any]]) -> None:
+        """Have the scheduler forget what was given out."""
+        with suppress(*GOING):
+            for future in futures:
+                future.cancel()
+
+
+def run_asked(asked: Mapping[str, str], work: bytes, chunk: bytes) -> bytes | RefusedWorker:
+    """Run a chunk on a worker; nothing is unpickled unless all versions are the same.
+
+    Args:
+        asked: The versions of who asks.
+        work: What runs the chunk, pickled.
+        chunk: It, pickled.
+    """
+    wrong = differences(installed(), asked)
+    if wrong:
+        return RefusedWorker(library("distributed").get_worker().address, wrong)
+    return run_pickled(work, chunk)
+
+
+def differences(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
+    """Return what another process has otherwise, each as ``numpy 2.3.1, here 2.4.6``.
+
+    Only what is named on both sides is compared.
+    """
+    return [
+        f"{name} {there[name]}, here {mine}"
+        for name, mine in here.items()
+        if name in there and there[name] != mine
+    ]
+
+
+def check_workers(client: Any) -> None:
+    """Refuse workers that compute with other versions than this process.
+
+    Raises:
+        RpctlError: Naming the workers, the packages and both versions.
+    """
+    here = installed()
+    faults = []
+    for address, worker in client.get_versions(packages=list(PACKAGES))["workers"].items():
+        packages = {name: worker["packages"][name] or ABSENT for name in PACKAGES}
+        wrong = differences({PYTHON: minor(worker["host"]["python"]), **packages}, here)
+        faults += [_worker_fault(address, wrong)] if wrong else []
+    if not faults:
+        for address, code in client.run(code_digest, on_error="return").items():
+            wrong = differences({CODE: str(code)}, here)
+            faults += [_worker_fault(address, wrong)] if wrong else []
+    if faults:
+        more = [f"and {len(faults) - MAX_SHOWN} more workers"] if len(faults) > MAX_SHOWN else []
+        raise RpctlError("\n".join([*faults[:MAX_SHOWN], *more]))
+
+
+def _worker_fault(address: str, wrong: Sequence[str]) -> str:
+    return f"worker {address} has {'; '.join(wrong)}; install the same versions on all machines"
+
+
+@contextmanager
+def _scheduler_there() -> Iterator[None]:
+    """Say of a connection that breaks what that means."""
+    try:
+        yield
+    except GOING:
+        raise RpctlError(GONE) from None
+
+
+def _connect(address: str) -> Any:
+    """Return a client of a scheduler that has at least one worker.
+
+    Raises:
+        RpctlError: Dask is missing, no scheduler answers, or no worker joins.
+    """
+    try:
+        distributed = library("distributed")
+    except ModuleNotFoundError as error:
+        if error.name not in ("dask", "distributed"):
+            raise
+        raise RpctlError(f"more machines need distributed; {INSTALL}") from None
+    try:
+        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        reason = str(error).partition("\n")[0]
+        raise RpctlError(
+            f"{address}: no scheduler answers ({reason}); start one with `dask scheduler`, and "
+            "give its address as tcp://HOST:PORT"
+        ) from None
+    try:
+        client.wait_for_workers(1, timeout=JOIN_S)
+    except TimeoutError:
+        client.close()
+        raise RpctlError(
+            f"{address}: no worker has joined in {JOIN_S:g} s; start some with "
+            f"`dask worker {address} --nthreads 1`"
+        ) from None
+    return client

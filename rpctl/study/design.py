@@ -4,17 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.libraries import library
-from rpctl.study.extras import salib
 
 MORRIS_LEVELS = 4  # of each parameter in a trajectory: SALib's default
 STREAM = (0, 1)  # spawn key of Monte Carlo's points: the runs' own random numbers have keys (i,)
+INSTALL = "pip install 'rpctl[study]'"
 FEWEST = 2  # levels of a grid, and base points of Sobol's design
+
+
+def extra(module: str) -> Any:
+    """Return a module of the libraries of ``rpctl[study]``, imported now.
+
+    Raises:
+        RpctlError: It is not installed.
+    """
+    package = module.partition(".")[0]
+    try:
+        return library(module)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != package:
+            raise
+        raise RpctlError(f"this study needs {package}; {INSTALL}") from None
 
 
 @dataclass(frozen=True)
@@ -88,7 +104,7 @@ def _latin_hypercube(design: Design, parameters: int) -> Array:
 
 def _sobol(design: Design, parameters: int) -> Array:
     """Return Saltelli's rows: of each base point A, A with one entry of B for each, and B."""
-    sample = salib("sample.sobol").sample
+    sample = extra("SALib.sample.sobol").sample
     base = _base_points(design, parameters)
     return np.asarray(
         sample(unit_problem(parameters), base, calc_second_order=False, seed=design.seed)
@@ -96,7 +112,7 @@ def _sobol(design: Design, parameters: int) -> Array:
 
 
 def _morris(design: Design, parameters: int) -> Array:
-    sample = salib("sample.morris").sample
+    sample = extra("SALib.sample.morris").sample
     trajectories = _trajectories(design, parameters)
     problem = unit_problem(parameters)
     return np.asarray(sample(problem, trajectories, MORRIS_LEVELS, seed=design.seed + 1))

@@ -1,9 +1,10 @@
-"""What all runs of a rollout have in common, and the table of what became of them."""
+"""Many runs of one robot that differ in some settings: what they have in common, and their rows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,23 +12,24 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.motion import Reference
-from rpctl.simulation.backend import require_backend
 from rpctl.simulation.config import Config
-from rpctl.simulation.outcome import ON_PATH_M
-from rpctl.study.scatter import with_values
+from rpctl.simulation.loop.backend import require_backend
+from rpctl.simulation.merits.outcome import ON_PATH_M
+from rpctl.study.scatter import key_path, with_entries
 
 # What is kept over time, m, by its name in ``simulation.merits.SampleMeasures``.
 SERIES = {"base_error": "base", "lateral_error": "lateral", "end_effector_error": "tip"}
 
+Progress = Callable[[int, int], object]
+
 
 @dataclass(frozen=True)
 class Experiment:
-    """What all runs of a rollout have in common; a pure value.
+    """What all runs have in common; a pure value.
 
     Attributes:
         config: What no run changes.
-        names: Paths of the settings that each run has its own of, see
-            :mod:`rpctl.study.scatter`.
+        names: Paths of the settings that each run has its own of, see :mod:`rpctl.study.scatter`.
         seed: Of all that is random.
         merits: Names of the merits that are wanted; None: all that the robot has.
         samples: How many samples over time are kept of a run, at most.
@@ -55,48 +57,69 @@ class Experiment:
         require_positive("tolerance", self.tolerance)
 
     def config_of(self, values: Array, index: int) -> Config:
-        """Return the configuration of a run, which ``rpctl track --config`` replays.
+        """Return the configuration of the run of a number with its settings (n,).
 
-        Args:
-            values: Its settings (n,), in the order of the names.
-            index: Its number.
+        ``rpctl track --config`` replays it.
 
         Raises:
             RpctlError: A setting is out of range.
         """
-        config = with_values(self.config, self.names, values)
-        plant = replace(config.plant, seed=run_seed(self.seed, index))
-        return replace(config, plant=plant)
+        seed = run_seed(self.seed, index)
+        return with_entries(self.config, self._paths, [*values.tolist(), seed])
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class RolloutTable:
-    """Some runs of a rollout, a row each; K runs, T samples over time.
-
-    Attributes:
-        indices: Numbers of the runs (K,).
-        merits: By name (K,), in the units of :data:`rpctl.study.merits.MERITS`; of a run that came
-            to no end each is inf. ``success`` is among them, 1 or 0.
-        t: Times of the samples (T,), s.
-        series: By name (K, T), m; NaN after a run has ended.
-        outcomes: What became of each run, in a word of :data:`rpctl.study.merits.RUN_OUTCOMES`.
-        reasons: Why, in words.
-    """
-
-    indices: NDArray[np.int64]
-    merits: Mapping[str, Array]
-    t: Array
-    series: Mapping[str, Array]
-    outcomes: tuple[str, ...]
-    reasons: tuple[str, ...]
+    @cached_property
+    def _paths(self) -> list[list[str]]:
+        """Where a configuration holds what each run has its own of."""
+        return [*(key_path(self.config, name) for name in self.names), ["plant", "seed"]]
 
 
 def run_seed(seed: int, index: int) -> int:
-    """Return the seed of a run's plant, which follows from that of the study and its number.
-
-    Args:
-        seed: Of the study.
-        index: Number of the run.
-    """
+    """Return the seed of a run's plant, which follows from that of the study and its number."""
     state = np.random.SeedSequence(seed, spawn_key=(index,)).generate_state(1, np.uint64)
     return int(state[0] >> np.uint64(1))  # TOML's whole numbers have 63 bits
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RunTable:
+    """Some runs of an experiment, a row each; K runs, T samples over time.
+
+    Attributes:
+        index: Numbers of the runs (K,).
+        parameters: Scattered values by name, (K,) each.
+        merits: By name (K,), in the units of :data:`rpctl.study.merits.MERITS`; inf of a run that
+            came to no end.
+        series: Over time, by name (K, T), m; NaN after a run has ended.
+        t: Times of the series (T,), s.
+        outcomes: What became of each run, in a word of :data:`rpctl.study.merits.RUN_OUTCOMES`.
+        reasons: Why, in a sentence.
+    """
+
+    index: NDArray[np.int64]
+    parameters: Mapping[str, Array]
+    merits: Mapping[str, Array]
+    series: Mapping[str, Array | NDArray[np.float32]]
+    t: Array
+    outcomes: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+def join_tables(tables: Sequence[RunTable], count: int) -> RunTable:
+    """Return one table of the runs 0 to count − 1 that are in several, each run once."""
+    index, rows = np.unique(np.concatenate([each.index for each in tables]), return_index=True)
+    index, rows = index[:count], rows[:count]
+
+    def joined(role: str) -> dict[str, Array]:
+        columns = [getattr(each, role) for each in tables]
+        return {name: np.concatenate([c[name] for c in columns])[rows] for name in columns[0]}
+
+    def listed(role: str) -> tuple[str, ...]:
+        words = [word for each in tables for word in getattr(each, role)]
+        return tuple(words[row] for row in rows.tolist())
+
+    return RunTable(
+        index, joined("parameters"), joined("merits"), joined("series"), tables[0].t,
+        listed("outcomes"), listed("reasons"),
+    )  # fmt: skip

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,10 +9,10 @@ import numpy as np
 
 from rpctl.errors import UnknownNameError
 from rpctl.robot.model import Robot
-from rpctl.simulation.merits import Totals, fold, measures, merits_of, position_limits
-from rpctl.simulation.outcome import DIVERGING, ON_PATH_M, TRACKED
-from rpctl.simulation.run import Run
-from rpctl.simulation.summary import LIMIT_TOLERANCE
+from rpctl.simulation.merits.measures import Totals, fold, measures, merits_of, position_limits
+from rpctl.simulation.merits.outcome import DIVERGING, ON_PATH_M, TRACKED
+from rpctl.simulation.merits.summary import LIMIT_TOLERANCE
+from rpctl.simulation.run.run import Run
 
 AWAY, OVER_LIMIT, REFUSED = "away", "over limit", "refused"
 RUN_OUTCOMES = (TRACKED, AWAY, OVER_LIMIT, DIVERGING, REFUSED)  # from good to bad
@@ -92,7 +90,6 @@ MERITS: dict[str, Merit] = {
         "samples at a limit of effort", "", "number of samples at which a limit bound the efforts"
     ),
 }
-SUCCESS = "success"  # 1 or 0, beside the merits
 
 
 def merits_for(robot: Robot, chosen: tuple[str, ...] | None = None) -> tuple[str, ...]:
@@ -165,8 +162,3 @@ def run_merits(run: Run, tolerance: float = ON_PATH_M) -> tuple[dict[str, float]
     totals = fold(measures(run), count)
     found = merits_of(totals, log.work[-1], log.lost[-1], count, run.config.run.control_period)
     return {name: float(value) for name, value in found.items()}, verdict(totals, count, tolerance)
-
-
-def of_failed(names: Mapping[str, object] | tuple[str, ...]) -> dict[str, float]:
-    """Return the merits of a run that has none: each is inf, worse than any."""
-    return dict.fromkeys(names, math.inf)

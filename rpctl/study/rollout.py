@@ -2,23 +2,136 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.control.defaults import default_laws
+from rpctl.control.controller import default_laws
 from rpctl.control.law import DynamicLaw, KinematicLaw
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.merits.outcome import TRACKED
 from rpctl.study.design import Design
-from rpctl.study.experiment import Experiment
-from rpctl.study.rollouts import Rollouts
-from rpctl.study.run_rows import run_rows
+from rpctl.study.experiment import Experiment, Progress, RunTable
+from rpctl.study.runner import Runner
 from rpctl.study.scatter import Scatter, scatter_of, settings_at
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rollouts:
+    """The runs of a rollout.
+
+    Attributes:
+        experiment: What they have in common.
+        names: Paths of the settings that differ.
+        parameters: Their values (count, n).
+        results: Merits, series and outcomes, a row each.
+    """
+
+    experiment: Experiment
+    names: tuple[str, ...]
+    parameters: Array
+    results: RunTable = field(repr=False)
+
+    def __len__(self) -> int:
+        """Return the number of runs."""
+        return len(self.parameters)
+
+    def __repr__(self) -> str:
+        share = float(self.success.mean())
+        return f"Rollouts({len(self)} runs, {share:.1%} succeeded, {len(self.names)} settings)"
+
+    @property
+    def merits(self) -> Mapping[str, Array]:
+        """The merits by name (count,); inf of runs that came to no end."""
+        return {**self.results.merits, "success": self.success.astype(float)}
+
+    @property
+    def t(self) -> Array:
+        """Times of the series (T,), s."""
+        return self.results.t
+
+    @property
+    def base_error(self) -> Array:
+        """Distance of P from its reference (count, T), m; NaN after a run has ended."""
+        return np.asarray(self.results.series["base_error"], float)
+
+    @property
+    def lateral_error(self) -> Array:
+        """Size of its lateral part (count, T), m."""
+        return np.asarray(self.results.series["lateral_error"], float)
+
+    @property
+    def end_effector_error(self) -> Array:
+        """Distance of the end effector from its reference (count, T), m.
+
+        Raises:
+            RpctlError: The robot has none.
+        """
+        if "end_effector_error" not in self.results.series:
+            raise RpctlError("the robot has no arm, so no end effector")
+        return np.asarray(self.results.series["end_effector_error"], float)
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """What became of each run, in a word of :data:`rpctl.study.merits.RUN_OUTCOMES`."""
+        return self.results.outcomes
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Which runs (count,) tracked within the tolerance and all limits."""
+        return np.array([outcome == TRACKED for outcome in self.outcomes], bool)
+
+    def quantile(self, merit: str, p: float) -> float:
+        """Return the merit that a share p (0 to 1) of the runs do not exceed; runs that failed do.
+
+        Args:
+            merit: Its name.
+            p: The share.
+
+        Raises:
+            UnknownNameError: There is no such merit.
+        """
+        if not 0.0 <= p <= 1.0:
+            raise RpctlError(f"p is {p:g}; give a share from 0 to 1")
+        return float(np.quantile(self._merit(merit), p, method="inverted_cdf"))
+
+    def worst(self, merit: str, n: int = 1) -> NDArray[np.int64]:
+        """Return the numbers (n,) of the runs with the largest merit, the worst first.
+
+        Args:
+            merit: Its name.
+            n: How many.
+
+        Raises:
+            UnknownNameError: There is no such merit.
+        """
+        return np.argsort(-self._merit(merit), kind="stable")[:n]
+
+    def config(self, i: int) -> Config:
+        """Return the configuration of run i, which ``rpctl track --config`` replays.
+
+        Args:
+            i: Its number.
+        """
+        return self.experiment.config_of(self.parameters[i], int(self.results.index[i]))
+
+    def table(self) -> dict[str, Array]:
+        """Return settings, merits and outcomes as columns (count,), by name."""
+        columns: dict[str, Array] = {"run": np.asarray(self.results.index)}
+        columns |= dict(zip(self.names, self.parameters.T, strict=True))
+        return {**columns, **self.merits, "outcome": np.array(self.outcomes)}
+
+    def _merit(self, name: str) -> Array:
+        if name not in self.merits:
+            raise UnknownNameError("merit", name, self.merits)
+        return self.merits[name]
 
 
 def rollout(
@@ -36,7 +149,7 @@ def rollout(
     merits: Sequence[str] | None = None,
     samples: int = 200,
     backend: str = "auto",
-    progress: Callable[[int, int], object] | None = None,
+    progress: Progress | None = None,
 ) -> Rollouts:
     """Simulate a robot many times, each time with settings of its own, drawn at random.
 
@@ -85,17 +198,11 @@ def rollout(
         reference=None if isinstance(reference, str) else reference,
     )
     values = draw(settings, count, seed)
-    results = run_rows(robot, experiment, values, np.arange(count), progress)
-    return Rollouts(experiment, settings.names, values, results)
+    table = Runner(robot, experiment).rows(values, np.arange(count), progress)
+    return Rollouts(experiment, settings.names, values, table)
 
 
 def draw(scatter: Scatter, count: int, seed: int) -> Array:
-    """Return the settings (count, n) of runs; a row depends on the seed and its number only.
-
-    Args:
-        scatter: Their distributions.
-        count: Number of runs.
-        seed: Of the draws.
-    """
+    """Return the settings (count, n) of runs; a row depends on the seed and its number only."""
     points = Design(count=count, seed=seed).points(len(scatter.names))
     return settings_at(scatter, points)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -146,10 +146,18 @@ def with_values(config: Config, names: tuple[str, ...], values: Array) -> Config
     Raises:
         RpctlError: A setting is out of range.
     """
+    return with_entries(config, [key_path(config, name) for name in names], values.tolist())
+
+
+def with_entries(config: Config, paths: Sequence[Sequence[str]], values: Sequence[Any]) -> Config:
+    """Return a configuration with other values at the keys along some paths.
+
+    Raises:
+        RpctlError: A value is out of range.
+    """
     changes: dict[str, Any] = {}
-    for name, value in zip(names, values.tolist(), strict=True):
-        place: dict[str, Any] = changes
-        *above, last = _split(config, name)
+    for (*above, last), value in zip(paths, values, strict=True):
+        place = changes
         for key in above:
             place = place.setdefault(key, {})
         place[last] = value
@@ -169,7 +177,7 @@ def settings_at(scatter: Scatter, points: Array) -> Array:
     return np.where(np.isfinite(values), values, inner)
 
 
-def _split(config: Config, name: str) -> list[str]:
+def key_path(config: Config, name: str) -> list[str]:
     """Return the keys along a path; a pattern of names may hold dots."""
     keys: list[str] = []
     record: Any = config

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.libraries import library
-from rpctl.study.design import MORRIS_LEVELS, Design, unit_problem
-from rpctl.study.extras import salib
+from rpctl.study.design import MORRIS_LEVELS, Design, extra, unit_problem
 from rpctl.study.statistics import CONFIDENCE, Interval
 
 RESAMPLES = 200  # of SALib's bootstrap
@@ -156,7 +155,7 @@ Measures = dict[str, tuple[Interval, ...]]
 def _sobol(design: Design, points: Array, values: Array, spread: bool) -> Measures:
     if not spread:  # SALib would divide by a variance of zero
         return _nothing(("first", "total"), points.shape[1])
-    found = salib("analyze.sobol").analyze(
+    found = extra("SALib.analyze.sobol").analyze(
         unit_problem(points.shape[1]),
         values,
         calc_second_order=False,
@@ -175,7 +174,7 @@ def _morris(design: Design, points: Array, values: Array, spread: bool) -> Measu
         return _nothing(("mu_star", "sigma"), points.shape[1])
     problem = unit_problem(points.shape[1])
     problem["groups"] = problem["names"]
-    found = salib("analyze.morris").analyze(
+    found = extra("SALib.analyze.morris").analyze(
         problem,
         points,
         values,

@@ -3,97 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from rpctl.control.settings import from_table
-from rpctl.errors import DescriptionError, Finding, RpctlError, require_positive
+from rpctl.errors import DescriptionError, Finding, RpctlError
 from rpctl.files import toml
 from rpctl.files.opening import read_text
+from rpctl.files.records import read_record
 from rpctl.files.toml import Table
 from rpctl.robot.model import Robot
-from rpctl.simulation.config import LAW_REGISTRIES, TABLES, Config, config_from_tables
-from rpctl.simulation.outcome import ON_PATH_M
-from rpctl.study.design import Design
+from rpctl.simulation.config import CONFIG_TABLES, Config, config_from_tables
 from rpctl.study.distributions import DISTRIBUTIONS, Fixed
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import merits_for
-from rpctl.study.optimisation import Optimisation
 from rpctl.study.scatter import Scatter, scatter_of, with_values
-from rpctl.study.study import MERIT, Study
+from rpctl.study.study import Optimisation, Study, StudySettings
 
-CONFIG_TABLES = (*LAW_REGISTRIES, *TABLES)
 OWN_TABLES = ("study", "scatter", "success", "optimize")
 KIND = "a study file"
 TRIED = 0.25  # the quantile that is tried on the robot: the middle of a scale varies nothing
 Made = TypeVar("Made")
-
-
-@dataclass(frozen=True)
-class StudySettings:
-    """The table ``[study]`` of a file.
-
-    Attributes:
-        design: ``monte-carlo``, ``grid``, ``latin-hypercube``, ``sobol`` or ``morris``.
-        count: The most runs.
-        seed: Of all that is drawn.
-        duration: Of each run, s; None: as ``[run]`` says, or as long as the reference moves.
-        samples: The most points of a series over time.
-        chunk: Runs that are done at a time; None: as many as suits the workers.
-        merit: That runs are compared by, the worst first.
-        worst: How many of the worst runs are written as configurations.
-        tolerance: How far from its reference a run that succeeds may end, m.
-    """
-
-    design: str = "monte-carlo"
-    count: int = 100
-    seed: int = 0
-    duration: float | None = None
-    samples: int = 200
-    chunk: int | None = None
-    merit: str = MERIT
-    worst: int = 3
-    tolerance: float = ON_PATH_M
-
-    def __post_init__(self) -> None:
-        """Refuse what is out of range."""
-        Design(self.design, self.count, self.seed)
-        if self.duration is not None:
-            require_positive("duration", self.duration)
-        require_positive("tolerance", self.tolerance)
-        fewest = {"samples": 2, "chunk": 1, "worst": 0}
-        for name, least in fewest.items():
-            value = getattr(self, name)
-            if value is not None and value < least:
-                raise RpctlError(f"{name} is {value}; give a whole number, {least} or more")
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """The table ``[optimize]`` of a file, but for the settings and their ranges.
-
-    Attributes:
-        merit: That is to be small.
-        statistic: Of it over the scatter: ``mean``, ``quantile`` or ``worst``.
-        level: Of the quantile.
-        failure_weight: What the share of runs that fail costs, in the merit's unit.
-        evaluations: The most sets of settings that are tried.
-        runs: Of each set of settings.
-        validation: Fresh runs with what was found.
-        method: ``differential-evolution``.
-    """
-
-    merit: str = MERIT
-    statistic: str = "mean"
-    level: float = 0.95
-    failure_weight: float = 1.0
-    evaluations: int = 200
-    runs: int = 32
-    validation: int = 200
-    method: str = "differential-evolution"
 
 
 def read_study(path: str | Path, robot: Robot, backend: str = "auto") -> Study:
@@ -130,7 +62,7 @@ def _study(data: Table, robot: Robot, backend: str, faults: list[str]) -> Study 
     ]
     own = {name: _table(data, name, faults) for name in OWN_TABLES}
     config = config_from_tables({k: v for k, v in data.items() if k in CONFIG_TABLES}, faults)
-    settings = from_table(StudySettings, own["study"], "study", faults)
+    settings = read_record(StudySettings, own["study"], "study", faults)
     if settings is None or faults:
         return None
     if settings.duration is not None:
@@ -140,28 +72,16 @@ def _study(data: Table, robot: Robot, backend: str, faults: list[str]) -> Study 
     scatter = _scatter(own["scatter"], "scatter", config, faults)
     success = _success(own["success"], robot, faults)
     _try(faults, "study.merit", lambda: merits_for(robot, (settings.merit,)))
-    found = _optimisation(own["optimize"], robot, config, faults)
-    if found is not None:
-        faults += [
-            f'optimize.parameters."{name}": is scattered, too; leave one of them out'
-            for name in found.ranges.names
-            if name in scatter.names
-        ]
+    ranges, optimisation = _optimisation(own["optimize"], robot, config, faults)
+    faults += [
+        f'optimize.parameters."{name}": is scattered, too; leave one of them out'
+        for name in ranges.names
+        if name in scatter.names
+    ]
     if faults:
         return None
     config, scatter = _with_fixed(config, scatter)
     _try(faults, "scatter", lambda: _require_fit(robot, config, scatter))
-    return _made(settings, config, scatter, backend, success, found)
-
-
-def _made(
-    settings: StudySettings,
-    config: Config,
-    scatter: Scatter,
-    backend: str,
-    success: Mapping[str, float],
-    optimisation: Optimisation | None,
-) -> Study:
     experiment = Experiment(
         config,
         scatter.names,
@@ -170,11 +90,7 @@ def _made(
         tolerance=settings.tolerance,
         backend=backend,
     )
-    design = Design(settings.design, settings.count, settings.seed)
-    return Study(
-        experiment, scatter, design, settings.merit, settings.worst, success, settings.chunk,
-        optimisation,
-    )  # fmt: skip
+    return Study(experiment, scatter, settings, success, ranges, optimisation)
 
 
 def _table(data: Table, name: str, faults: list[str]) -> Table:
@@ -237,30 +153,28 @@ def _success(table: Table, robot: Robot, faults: list[str]) -> dict[str, float]:
 
 def _optimisation(
     table: Table, robot: Robot, config: Config, faults: list[str]
-) -> Optimisation | None:
-    """Return what is to be optimised; None where the file does not say."""
+) -> tuple[Scatter, Optimisation | None]:
+    """Return the settings to be found and what they are judged by; None: nothing is."""
     if not table:
-        return None
+        return Scatter(), None
     ranges = table.pop("parameters", {})
     if not isinstance(ranges, Mapping):
         faults.append(f"optimize.parameters: is {ranges!r}; write [optimize.parameters]")
-        return None
+        return Scatter(), None
     given = {
         name: {"uniform": value} if isinstance(value, list) else value
         for name, value in _flat(ranges)
     }
     scatter = _scatter(given, "optimize.parameters", config, faults)
-    settings = from_table(SearchSettings, table, "optimize", faults)
-    if settings is None:
-        return None
-    _try(faults, "optimize.merit", lambda: merits_for(robot, (settings.merit,)))
-    made = _try(faults, "optimize", lambda: Optimisation(scatter, **vars(settings)))
-    if made is not None:
-        ends = [scatter.values(np.full((1, len(scatter.names)), p)) for p in (0.0, 1.0)]
-        for name, low, high in zip(scatter.names, *(end[0] for end in ends), strict=True):
-            if not (np.isfinite([low, high]).all() and low < high):
-                faults.append(f'optimize.parameters."{name}": has no range; give [low, high]')
-    return made
+    asked = read_record(Optimisation, table, "optimize", faults)
+    if asked is not None:
+        _try(faults, "optimize.merit", lambda: merits_for(robot, (asked.merit,)))
+        _try(faults, "optimize", lambda: asked.population(len(scatter.names)))
+    ends = [scatter.values(np.full((1, len(scatter.names)), p)) for p in (0.0, 1.0)]
+    for name, low, high in zip(scatter.names, *(end[0] for end in ends), strict=True):
+        if not (np.isfinite([low, high]).all() and low < high):
+            faults.append(f'optimize.parameters."{name}": has no range; give [low, high]')
+    return scatter, asked
 
 
 def _with_fixed(config: Config, scatter: Scatter) -> tuple[Config, Scatter]:

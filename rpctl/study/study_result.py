@@ -17,10 +17,12 @@ from rpctl.errors import RpctlError
 from rpctl.files.opening import read_text
 from rpctl.files.strict_json import read_json
 from rpctl.study.design import Design
+from rpctl.study.experiment import RunTable
+from rpctl.study.optimise import OPTIMUM_FILE
 from rpctl.study.sensitivity import ParameterMap, Sensitivity, parameter_map, sensitivity
 from rpctl.study.statistics import Interval, MeritStatistics, describe, share, worst_rows
-from rpctl.study.store import RUNS_FILE, RunTable, read_runs
-from rpctl.study.study import OPTIMUM_FILE, succeeded, worst_file
+from rpctl.study.store import RUNS_FILE, read_runs
+from rpctl.study.study import succeeded, worst_file
 
 FAILURE = "failure"  # a merit beside the others: 1 of a run that did not succeed, else 0
 

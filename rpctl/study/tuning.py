@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 
 from rpctl.control.bandwidth import at_bandwidth, gains_of, joint_gains
-from rpctl.control.defaults import default_laws
+from rpctl.control.controller import default_laws
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
-from rpctl.simulation.loop import track
-from rpctl.simulation.periods import CONTROL_PERIOD
-from rpctl.simulation.plant import Plant
-from rpctl.simulation.plants.named import DELAY_S, MASS_RATIO
-from rpctl.simulation.summary import summarize
+from rpctl.simulation.loop.periods import CONTROL_PERIOD
+from rpctl.simulation.loop.track import track
+from rpctl.simulation.merits.summary import summarize
+from rpctl.simulation.plants.plant import Plant
+from rpctl.simulation.plants.starting import DELAY_S, MASS_RATIO
 
 RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the bandwidth that the joints have by default
 SECONDS = 4.0  # of each run
@@ -108,7 +108,9 @@ def _result(robot: Robot, bandwidth: float, reference: str, duration: float) -> 
     kinematic, dynamic = (at_bandwidth(law, bandwidth) for law in default_laws(robot))
     outcome, ratio, error, succeeded = "diverging", None, None, False
     try:
-        run = track(robot, reference, duration, kinematic=kinematic, dynamic=dynamic, plant=plant)
+        run = track(
+            robot, reference, duration=duration, kinematic=kinematic, dynamic=dynamic, plant=plant
+        )
     except RpctlError as failure:
         outcome = str(failure)
     else:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.simulation.collision_facts import GROUND, SELF
-from rpctl.simulation.run import Run
+from rpctl.simulation.merits.collision_facts import GROUND, SELF
+from rpctl.simulation.run.run import Run
 from rpctl.view.chart import Chart, Line, Panel
 from rpctl.view.labels import literal, shorten
 
@@ -45,7 +45,6 @@ def each_chart(run: Run) -> Iterator[Chart]:
         for chart in [made] if isinstance(made, Chart) else made:
             if chart.lines:
                 yield chart
-                run.log.release()  # what has been looked at meanwhile
 
 
 def has_base(run: Run) -> bool:
@@ -110,6 +109,28 @@ def _speeds(run: Run) -> list[Chart]:
 
     On paper the rest, steering, joins the base and continues its colours.
     """
+    base, arm, rest = _speed_lines(run)
+    short = shorten([line.label for line in rest])
+    joining = tuple(
+        replace(line, colour=k, printed=f"{literal(name)}, {line.unit}")
+        for k, (line, name) in enumerate(zip(rest, short.names, strict=True), len(base))
+    )
+    unit, few = _units([*base, *joining], " or "), len(arm) <= MAX_JOINTS_WITH_REFERENCE
+    titles = "Base speeds", "Joint speeds", "Other speeds"
+    panels = (
+        Panel("speeds", titles[0], unit, legend="own", more=joining, shared=short.shared),
+        Panel("joint-speeds", titles[1], _units(arm, " or "), legend="joints", references=few),
+        None,
+    )
+    note = "dashed: reference"
+    return [
+        Chart(title, _units(lines), tuple(lines), note=note, panel=panel, named=lines is not base)
+        for title, lines, panel in zip(titles, (base, arm, rest), panels, strict=True)
+    ]
+
+
+def _speed_lines(run: Run) -> tuple[list[Line], list[Line], list[Line]]:
+    """Return the lines of the base's speeds, of the arm's, and of the rest."""
     base: list[Line] = []
     arm: list[Line] = []
     rest: list[Line] = []
@@ -123,37 +144,7 @@ def _speeds(run: Run) -> list[Chart]:
             colour, label, unit = _colour(run, name), name, f"{_unit(run, name)}/s"
         printed = f"{PRINTED_SYMBOLS.get(label) or literal(label)}, {unit}"
         group.append(Line(label, unit, actual, colour, reference=wanted, printed=printed))
-    short = shorten([line.label for line in rest])
-    joining = tuple(
-        replace(line, colour=k, printed=f"{literal(name)}, {line.unit}")
-        for k, (line, name) in enumerate(zip(rest, short.names, strict=True), len(base))
-    )
-    unit = _units([*base, *joining], " or ")
-    base_panel = Panel(
-        "speeds", "Base speeds", unit, legend="own", more=joining, shared=short.shared
-    )
-    arm_panel = Panel(
-        "joint-speeds",
-        "Joint speeds",
-        _units(arm, " or "),
-        legend="joints",
-        references=len(arm) <= MAX_JOINTS_WITH_REFERENCE,
-    )
-    return [
-        Chart(
-            title,
-            _units(lines),
-            tuple(lines),
-            note="dashed: reference",
-            panel=panel,
-            named=lines is not base,
-        )
-        for title, lines, panel in (
-            ("Base speeds", base, base_panel),
-            ("Joint speeds", arm, arm_panel),
-            ("Other speeds", rest, None),
-        )
-    ]
+    return base, arm, rest
 
 
 def _efforts(run: Run) -> list[Chart]:

@@ -14,11 +14,12 @@ import time
 import numpy as np
 
 import rpctl
-from rpctl.control.defaults import default_laws
+from rpctl.control.controller import default_laws
 from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.merits.outcome import TRACKED
 from rpctl.study.experiment import Experiment
 from rpctl.study.rollout import draw
-from rpctl.study.run_rows import run_rows
+from rpctl.study.runner import Runner
 from rpctl.study.scatter import scatter_of
 from tests.bench.sections.rollouts import SCATTER, SECONDS
 
@@ -34,12 +35,13 @@ def main() -> None:
     experiment = Experiment(config, scatter.names, backend="compiled")
     values = draw(scatter, count, 0)
     numbers = np.arange(count)
-    run_rows(robot, experiment, values[:1], numbers[:1])
+    runner = Runner(robot, experiment)
+    runner.rows(values[:1], numbers[:1])
     began, succeeded = time.process_time(), 0.0
     for first in range(0, count, CHUNK):
         rows = slice(first, first + CHUNK)
-        table = run_rows(robot, experiment, values[rows], numbers[rows])
-        succeeded += float(table.merits["success"].sum())
+        table = runner.rows(values[rows], numbers[rows])
+        succeeded += table.outcomes.count(TRACKED)
     seconds = time.process_time() - began
     if succeeded < 0.9 * count:
         raise ValueError(f"only {succeeded:g} of {count} runs succeeded")

@@ -30,11 +30,11 @@ class MujocoPeer:
         dynamics = ReducedDynamics(robot)
         model, q = ContactModel(robot), robot.configuration_at(np.zeros(3), robot.home)
         model.start(q)
-        self.model, self.data, self.robot = model._model, model._data, robot
+        self.model, self.data, self.robot = model.mjm, model.data, robot
         self.model.opt.timestep = dt
         tau = dynamics.efforts(q, dynamics.bias(q, np.zeros(robot.dof)))
         self._began = float(self.data.time)
-        self._dofs = [model._dofs[name] for name in robot.actuators]
+        self._dofs = [model.dofs[name] for name in robot.actuators]
         self.force = np.zeros(self.model.nv)
         self.force[self._dofs] = tau
         M = np.zeros((self.model.nv, self.model.nv))

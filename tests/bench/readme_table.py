@@ -23,7 +23,6 @@ class Shown(NamedTuple):
 
 SHOWN = (
     Shown("forward step in Python", "tiago: `ReducedDynamics.forward`", "NumPy projection"),
-    Shown("the same, beside Drake", "tiago: `ReducedDynamics.forward`, beside Drake", "Drake"),
     Shown("forward step, machine code", "tiago: machine code, 1 lane", "in Python"),
     Shown("forward step, 8 side by side, each", "tiago: machine code, 8 lanes", "in Python"),
     Shown(

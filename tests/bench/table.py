@@ -1,8 +1,8 @@
-"""The speed table: every figure beside that of a peer in one run, as text, data and a picture.
+"""The speed table: every figure beside that of a peer in one run, as text and data.
 
-``python -m tests.bench.table`` measures for some minutes and writes ``speed.md``, ``speed.json``
-and ``speed.png``; ``--quick`` measures less and puts the rest in proportion, ``--only NAME``
-measures one section. ``--readme`` rewrites the README's table from ``speed.json`` and measures
+``python -m tests.bench.table`` measures for some minutes and writes ``speed.md`` and
+``speed.json``; ``--quick`` measures less and puts the rest in proportion, ``--only NAME`` measures
+one section. ``--readme`` rewrites the README's table from ``speed.json`` and measures
 nothing. Run it on a machine that does nothing else, with ``OMP_NUM_THREADS=1``, as ``make bench``
 does.
 """
@@ -23,17 +23,8 @@ from pathlib import Path
 
 from tests.bench.rows import Section, markdown
 
-SECTIONS = (
-    "forward",
-    "closed_loop",
-    "rollouts",
-    "horizon",
-    "startup",
-    "memory",
-    "growth",
-    "workers",
-)
-PEERS = ("pin", "casadi", "numpy", "mujoco", "drake")  # packages
+SECTIONS = ("forward", "closed_loop", "rollouts", "horizon", "startup")
+PEERS = ("pin", "casadi", "numpy", "mujoco")  # packages
 OUT = Path("runs/bench")
 
 
@@ -74,20 +65,17 @@ def _processor() -> str:
 
 
 def write(out: Path, sections: Sequence[Section], said: str) -> None:
-    """Write the table as text, data and a picture.
+    """Write the table as text and data.
 
     Args:
         out: The folder.
         sections: The table.
         said: Where and how it was measured.
     """
-    from tests.bench.picture import speed_picture
-
     out.mkdir(parents=True, exist_ok=True)
     (out / "speed.md").write_text(markdown(sections, said), encoding="utf-8")
     data = {"circumstances": said, "sections": [section.to_dict() for section in sections]}
     (out / "speed.json").write_text(json.dumps(data, indent=1, allow_nan=False), encoding="utf-8")
-    (out / "speed.png").write_bytes(speed_picture(sections))
 
 
 def read(out: Path) -> list[Section]:

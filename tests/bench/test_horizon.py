@@ -1,12 +1,7 @@
-"""Speed of the horizon law on TIAGo, N = 20: its QP, a whole solve, and what is left to feed back.
-
-``python -m tests.bench.test_horizon`` prints medians and 99th percentiles of processor time over a
-closed loop; name other robots to see theirs.
-"""
+"""Speed of the horizon law on TIAGo, N = 20: its quadratic program and a whole solve."""
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -19,10 +14,10 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon
+from rpctl.control.horizon.pace import Preview
 from rpctl.control.horizon.planner import Planned, Planner
-from rpctl.control.horizon.preview import Preview
 from rpctl.control.horizon.qp import Linearisation
-from rpctl.control.horizon.solver import SparseSolver
+from rpctl.control.horizon.solver import CondensedQp
 from rpctl.control.horizon.target import TimeScaling, look_ahead
 from rpctl.reference.named import reference_by_name
 from rpctl.reference.quasi_velocities import reference_rates
@@ -55,14 +50,8 @@ def linearised(robot: Robot, off: tuple[float, ...]) -> tuple[Planner, Linearisa
 @pytest.mark.benchmark(group=GROUP)
 def test_qp(benchmark: BenchmarkFixture, tiago: Robot, off: tuple[float, ...]) -> None:
     planner, values = linearised(tiago, off)
-    benchmark(lambda: planner.solver.solve(values, planner.solver.factored(values)))
-
-
-@pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), AWAY], ids=["nothing binds", "limits bind"])
-@pytest.mark.benchmark(group=GROUP)
-def test_sparse_qp(benchmark: BenchmarkFixture, tiago: Robot, off: tuple[float, ...]) -> None:
-    planner, values = linearised(tiago, off)
-    benchmark(SparseSolver().solve, planner.program.build(values))
+    none = np.empty(0, dtype=np.intp)
+    benchmark(lambda: CondensedQp(planner.structure, values).solve(values, none))
 
 
 @pytest.mark.benchmark(group=GROUP)
@@ -106,31 +95,8 @@ def part_seconds(
     for label, name in parts.items():
         setattr(Planner, name, timed(usual[name], figures[label]))
     try:
-        rpctl.track(robot, "eight", duration, OFF, kinematic=law)
+        rpctl.track(robot, "eight", duration=duration, initial_error=OFF, kinematic=law)
     finally:
         for name, call in usual.items():
             setattr(Planner, name, call)
     return figures
-
-
-def print_times(robot: Robot, law: Horizon, parts: dict[str, str]) -> None:
-    """Print what parts of the planner take over a closed loop of 12 s."""
-    for label, seconds in part_seconds(robot, law, parts, 12.0).items():
-        # Without the first: it makes three passes.
-        median, late, worst = 1e3 * np.percentile(seconds[1:] or [0.0], [50, 99, 100])
-        print(
-            f"{robot.name} {label:9} {len(seconds):4} times  median {median:5.2f} ms  "
-            f"99th percentile {late:5.2f} ms  worst {worst:5.2f} ms"
-        )
-
-
-def main() -> None:
-    """Print the times of both ways to plan."""
-    for name in sys.argv[1:] or ["tiago"]:
-        robot = rpctl.load(name)
-        print_times(robot, Horizon(), {"solve": "plan"})
-        print_times(robot, Horizon(prepare=True), {"prepare": "prepare", "feed back": "feed_back"})
-
-
-if __name__ == "__main__":
-    main()

@@ -1,13 +1,11 @@
-"""Machine code beside NumPy and CasADi's own machine; ``python -m`` prints how building grows.
+"""Machine code beside NumPy and CasADi's own machine.
 
 Each case takes as many numbers or states as its peers of a group do: compare their times.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from typing import Any
 
 import casadi
 import numpy as np
@@ -15,8 +13,8 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from rpctl.arrays import Array
-from rpctl.simulation.compiled.machine.code import MachineCode, module_text
-from rpctl.simulation.compiled.machine.program import (
+from rpctl.kernels.machine_code import MachineCode, module_text, object_code, this_processor
+from rpctl.kernels.program import (
     Buffer,
     Call,
     Program,
@@ -25,12 +23,10 @@ from rpctl.simulation.compiled.machine.program import (
     RowStream,
     Write,
 )
-from rpctl.simulation.compiled.machine.target import object_code, this_processor
 
 ENTRIES, INSTRUCTIONS = 40, 4000
 STATES, ANGLES = 800, 16000  # a multiple of all lanes
 LANES = (1, 4, 8)
-SIZES = (1000, 4000, 16000, 64000)  # instructions
 
 
 def long_function(instructions: int) -> casadi.Function:
@@ -68,42 +64,6 @@ def mapped(function: casadi.Function, points: Array) -> Callable[[Array], object
     return lambda points: every(points.T)
 
 
-def vectorised(function: casadi.Function, _: Array) -> Callable[[Array], object]:
-    """Return what maps points by NumPy, an operation of all points at a time."""
-    names = {getattr(casadi, x): x[3:] for x in dir(casadi) if x.startswith("OP_")}
-    steps = [
-        (
-            names[function.instruction_id(k)],
-            function.instruction_input(k),
-            function.instruction_output(k),
-            function.instruction_constant(k) if names[function.instruction_id(k)] == "CONST" else 0,
-        )
-        for k in range(function.n_instructions())
-    ]
-    operations: dict[str, Callable[..., Any]] = {
-        "ADD": np.add,
-        "SUB": np.subtract,
-        "MUL": np.multiply,
-    }
-    operations |= {"SQ": np.square, "TWICE": lambda x: x + x, "NEG": np.negative}
-
-    @np.errstate(all="ignore")
-    def run(points: Array) -> object:
-        columns, held, found = np.ascontiguousarray(points.T), {}, {}
-        for name, read, written, constant in steps:
-            if name == "INPUT":
-                held[written[0]] = columns[read[1]]
-            elif name == "CONST":
-                held[written[0]] = constant
-            elif name == "OUTPUT":
-                found[written[1]] = held[read[0]]
-            else:
-                held[written[0]] = operations[name](*(held[x] for x in read))
-        return found
-
-    return run
-
-
 @pytest.mark.benchmark(group=f"{ANGLES} sines")
 @pytest.mark.parametrize("lanes", [*LANES, "numpy", "casadi"])
 def test_sines(benchmark: BenchmarkFixture, lanes: int | str) -> None:
@@ -115,39 +75,9 @@ def test_sines(benchmark: BenchmarkFixture, lanes: int | str) -> None:
 
 
 @pytest.mark.benchmark(group=f"{INSTRUCTIONS} instructions of {STATES} states")
-@pytest.mark.parametrize("lanes", [*LANES, "numpy", "casadi"])
+@pytest.mark.parametrize("lanes", [*LANES, "casadi"])
 def test_long_function(benchmark: BenchmarkFixture, lanes: int | str) -> None:
     function = long_function(INSTRUCTIONS)
     states = np.random.default_rng(0).normal(size=(STATES, ENTRIES))
-    peers = {"numpy": vectorised, "casadi": mapped}
-    peer = peers.get(str(lanes))
-    benchmark(peer(function, states) if peer else compiled(function, int(lanes)), states)
-
-
-def main() -> None:
-    """Print how building and running grow with the size of a function."""
-    print("lanes  instructions  text s  code s  ns/(instruction lane)")
-    for lanes in LANES:
-        seconds = []
-        for size in SIZES:
-            function, x = long_function(size), Buffer("x", ENTRIES)
-            program = Program((Call(function, (x,), (x,)),))
-            begun = time.process_time()
-            text = module_text(program, lanes)
-            lowered = time.process_time()
-            code = object_code(text, this_processor())
-            built = time.process_time()
-            kernel = MachineCode(program, lanes, code)
-            workspace, steps = kernel.workspace(), 4_000_000 // size
-            running = time.process_time()
-            kernel.run(0, steps, workspace, {})
-            each = (time.process_time() - running) / steps / size / lanes
-            seconds.append(built - begun)
-            times = f"{lowered - begun:6.3f}  {built - lowered:6.3f}  {each * 1e9:.4f}"
-            print(f"{lanes:5}  {size:12}  {times}")
-        exponent = np.polyfit(np.log(SIZES), np.log(seconds), 1)[0]
-        print(f"{lanes:5}  building grows with instructions^{exponent:.2f}")
-
-
-if __name__ == "__main__":
-    main()
+    run = mapped(function, states) if lanes == "casadi" else compiled(function, int(lanes))
+    benchmark(run, states)

@@ -1,13 +1,8 @@
-"""Speeds, each beside a peer in the same run: compare ratios, not absolute times.
-
-``python -m tests.bench.test_speed`` prints the forward dynamics of every drive beside its floor.
-"""
+"""Speeds, each beside a peer in the same run: compare ratios, not absolute times."""
 
 from __future__ import annotations
 
 import itertools
-import time
-import timeit
 from collections.abc import Callable
 
 import numpy as np
@@ -22,13 +17,12 @@ from rpctl.control.law import Command
 from rpctl.control.registry import dynamic_by_name
 from rpctl.dynamics.motion import rk4_step
 from rpctl.robot import catalog
-from rpctl.study.scenarios import LawPair, controllers
+from rpctl.study.compare import LawPair, controllers
 
 State = tuple[ReducedDynamics, Array, Array, Array]
 
 
 DRIVES = (*(entry.name for entry in catalog.ENTRIES if entry.own), "tiago", "tiago_pro")
-FLOORS, OVERHEAD = 4.0, 15.0  # times the floor, and µs: what forward dynamics may take
 
 
 def state_of(robot: Robot) -> State:
@@ -138,21 +132,4 @@ def test_verify_ten_states(benchmark: BenchmarkFixture, tiago: Robot) -> None:
 
 @pytest.mark.benchmark(group="whole tasks on TIAGo")
 def test_track_one_second(benchmark: BenchmarkFixture, tiago: Robot) -> None:
-    benchmark(rpctl.track, tiago, "eight", 1.0)
-
-
-def main() -> None:
-    """Print the least CPU times (µs) of the floor and of the forward dynamics of each drive."""
-    for name in DRIVES:
-        state = state_of(rpctl.load(name))
-        lowest, forward = (
-            1e3 * min(timeit.repeat(make(state), timer=time.thread_time, number=1000, repeat=20))
-            for make in (floor, projected)
-        )
-        kept = forward <= FLOORS * lowest + OVERHEAD
-        goal = f"{FLOORS:g} floors + {OVERHEAD:g}: {FLOORS * lowest + OVERHEAD:5.1f}"
-        print(f"{name:14} floor {lowest:5.1f}  forward {forward:5.1f}  {goal}  {kept}")
-
-
-if __name__ == "__main__":
-    main()
+    benchmark(rpctl.track, tiago, "eight", duration=1.0)

@@ -23,7 +23,7 @@ from rpctl.cli.options import LoadOptions
 from rpctl.cli.track_options import ResultOptions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.config import Config
-from rpctl.view.film.browser import BROWSER_NAMES
+from rpctl.view.film import BROWSER_NAMES
 from rpctl.view.run_folder import RunFolder
 from tests.grids import cells
 from tests.robots import SET_A, platform, write

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl.cli.app import app
 from rpctl.view.scene.robot_meshes import build_bodies
-from tests.description.bad_meshes import BAD, TRIANGLE, dae, obj, polygon, stl
 from tests.description.corpus import BASE
+from tests.description.meshes.bad_meshes import BAD, TRIANGLE, dae, obj, polygon, stl
 
 VISUAL = """    <visual>
       <geometry><box size="0.5 0.4 0.2"/></geometry>

@@ -19,11 +19,10 @@ from rpctl import Robot, Run, summarize
 from rpctl.cli import compare, inspect, terminal, verify
 from rpctl.cli import summary as shown
 from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.row import Check
+from rpctl.equivalence.check import Check
 from rpctl.errors import Finding
-from rpctl.robot.facts import facts
-from rpctl.study.benchmark import Cell, Figures, Row, figures
-from rpctl.study.scenarios import PAPER, PROPOSED, LawPair
+from rpctl.robot.inspection import facts
+from rpctl.study.compare import PAPER, PROPOSED, Cell, Figures, LawPair, Row, figures
 from rpctl.view.run_folder import RunFolder
 from tests.golden import COUNT, TRICYCLE, beside_its_path
 from tests.robots import write

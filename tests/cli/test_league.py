@@ -14,8 +14,8 @@ from rpctl.arrays import Array
 from rpctl.cli.league import LeagueMatch, judge_match, play_league
 from rpctl.cli.options import LoadOptions
 from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.engines.engine import Switches
 from rpctl.engines.mujoco.engine import MujocoRun, MujocoSimulator
-from rpctl.engines.switches import Switches
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.study.executor import LostChunksError

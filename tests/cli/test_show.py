@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import rpctl
 from rpctl.cli import inspect, verify
 from rpctl.cli.app import app
 from rpctl.view.pages.certificate import write_certificate
+from rpctl.view.pages.page import escape
 from tests.robots import SET_A, platform, write
 from tests.vehicles import KINDS, vehicle
 

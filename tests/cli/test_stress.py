@@ -19,10 +19,8 @@ import rpctl
 from rpctl.cli.app import app
 from rpctl.cli.stress import BatteryOptions, _default_plants
 from rpctl.errors import UnknownNameError
-from rpctl.study.stress.cell_run import StressChunk, StressTask
-from rpctl.study.stress.journal import JOURNAL_FILE
-from rpctl.study.stress.verdict import StressFigures
-from tests.study.stress.samples import GOOD, contents, patch_runs
+from rpctl.study.stress_battery import JOURNAL_FILE, StressChunk, StressFigures, StressTask
+from tests.study.stress_samples import GOOD, contents, patch_runs
 
 PATIENCE_S = 120.0
 FILES = ("stress.json", "stress.csv", "envelope.png", "worst-1.toml", JOURNAL_FILE)

@@ -23,18 +23,17 @@ from rpctl import (
     summarize,
     track,
 )
-from rpctl.control.approach import RADIUS_RATIO, ApproachingLaw, WayToReference
-from rpctl.control.approach_plan import (
+from rpctl.control.approach import (
     ACCELERATION,
+    RADIUS_RATIO,
+    ApproachingLaw,
     ApproachPlan,
     Pace,
     WayLimits,
+    WayToReference,
     plan_approach,
 )
-from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.control.horizon.law import HorizonLaw
-from rpctl.control.horizon.planner import Planned
-from rpctl.control.law import Command
 from rpctl.drive.steering import turning_radius
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
@@ -132,33 +131,12 @@ def test_a_swerve_drives_to_the_place_of_a_spin_and_stops_there() -> None:
     assert isinstance(started, ApproachingLaw)
 
 
-def test_a_faster_reference_is_not_met(bicycle: Robot) -> None:
-    """Where the wheels allow less than its speed, there is no plan, and the law is on its own."""
-    reference, dynamics = reference_by_name(bicycle, "line"), ReducedDynamics(bicycle)
-    q = bicycle.configuration(x=-1.0)
-    slow = WayLimits(1.0, 1.5, 0.5 * float(reference(30.0).twist[0]))
-    assert plan_approach(dynamics, reference, 0.0, q, np.zeros(bicycle.dof), slow) is None
-
-
 def test_only_bases_with_a_tightest_bend_have_the_stage(bicycle: Robot, paper: Robot) -> None:
     for law in (UnifiedKinematic(), Kanayama()):
         assert not isinstance(law.start(ReducedDynamics(paper), 0.01), ApproachingLaw)
         assert isinstance(law.start(ReducedDynamics(bicycle), 0.01), ApproachingLaw)
     for bare in (PaperKinematic(), UnifiedKinematic(approach=None)):
         assert not isinstance(bare.start(ReducedDynamics(bicycle), 0.01), ApproachingLaw)
-
-
-def test_near_its_reference_a_law_is_itself(bicycle: Robot) -> None:
-    """And it stays so: no plan is made, and commands are the law's own, bit by bit."""
-    reference, dynamics = reference_by_name(bicycle, "eight"), ReducedDynamics(bicycle)
-    law = UnifiedKinematic()
-    started: Any = law.start(dynamics, USUAL_PERIOD)
-    for error in ((0.1, 0.3, -0.7), (0.0, -0.49, 0.0)):
-        q = bicycle.configuration_at(reference(4.0).pose + np.array(error), bicycle.home)
-        arguments = dynamics, reference, 4.0, q, np.full(bicycle.dof, 0.1)
-        for mine, its in zip(started(*arguments), law(*arguments), strict=True):
-            np.testing.assert_array_equal(mine, its)
-    assert started.report()["approaches"] == 0
 
 
 def test_a_late_law_meets_its_reference_in_its_own_time(bicycle: Robot) -> None:
@@ -181,21 +159,6 @@ def test_a_late_law_meets_its_reference_in_its_own_time(bicycle: Robot) -> None:
     assert stage.approaches == 1
 
 
-def test_a_way_is_one_object_as_long_as_it_lasts(bicycle: Robot) -> None:
-    """What a law remembers of it, it remembers by that; another reference is another one."""
-    reference, other = (reference_by_name(bicycle, name) for name in ("circle", "line"))
-    stage, still = Approach().stage(dynamics := ReducedDynamics(bicycle)), np.zeros(bicycle.dof)
-    assert stage is not None and stage.reading(reference) is reference
-    q = bicycle.configuration_at(reference(0.0).pose + FAR[0], bicycle.home)
-    way = stage(dynamics, reference, 0.0, q, still)
-    assert stage(dynamics, reference, 0.1, q, still) is stage.reading(reference) is way
-    way = stage(dynamics, reference, 6.0, q, still)  # it stands: the way has left it
-    assert stage.approaches == 2 and stage(dynamics, reference, 6.5, q, still) is way
-    changed = stage.reading(other)
-    assert isinstance(changed, WayToReference) and changed.reference is other
-    assert stage.reading(other) is changed
-
-
 def horizon_law(robot: Robot, **settings: Any) -> HorizonLaw:
     return Horizon(steps=5, **settings).start(ReducedDynamics(robot), 0.02)
 
@@ -204,67 +167,32 @@ def test_the_horizon_law_has_the_stage_where_a_base_needs_it(bicycle: Robot, pap
     """Where it plans around obstacles, the way up would not know of them."""
     discs = (Disc(50.0, 0.0, 1.0),)
     cases: list[tuple[Robot, dict[str, Any], int | None]] = [
-        (bicycle, {}, 1), (bicycle, {"asynchronous": True}, 1), (paper, {}, None),
-        (bicycle, {"approach": None}, None), (bicycle, {"base_obstacles": discs}, None),
-    ]  # fmt: skip
+        (bicycle, {}, 1),
+        (paper, {}, None),
+        (bicycle, {"approach": None}, None),
+        (bicycle, {"base_obstacles": discs}, None),
+    ]
     for robot, settings, approaches in cases:
         reference = reference_by_name(robot, "circle")
         q = robot.configuration_at(reference(0.0).pose + FAR[0], robot.home)
         law = horizon_law(robot, **settings)
         law(ReducedDynamics(robot), reference, 0.0, q, np.zeros(robot.dof))
-        law.close()
         assert law.report().get("approaches") == approaches
-
-
-def test_a_robot_near_its_late_reference_is_not_far(bicycle: Robot) -> None:
-    """It is held fast: the reference waits for it within the leash, and time goes on."""
-    reference, dynamics = reference_by_name(bicycle, "circle"), ReducedDynamics(bicycle)
-    law, still = horizon_law(bicycle), np.zeros(bicycle.dof)
-    q = bicycle.configuration_at(reference(0.0).pose, bicycle.home)
-    for t in np.arange(0.0, 5.1, 0.25).tolist():
-        law(dynamics, reference, t, q, still)
-    away = reference(5.0).pose - reference(0.0).pose
-    assert math.hypot(*away[:2]) > 2.0 * Approach().distance
-    assert law.report()["approaches"] == 0
-
-
-def test_what_was_prepared_is_dropped_where_the_way_is_another(bicycle: Robot) -> None:
-    reference, dynamics = reference_by_name(bicycle, "circle"), ReducedDynamics(bicycle)
-    near, far = (
-        bicycle.configuration_at(reference(0.0).pose + error, bicycle.home)
-        for error in (np.zeros(3), np.array(FAR[0]))
-    )
-    law, still = horizon_law(bicycle, prepare=True), np.zeros(bicycle.dof)
-    law(dynamics, reference, 0.0, near, still)
-    for t, q, prepared in ((0.02, near, 1), (0.04, far, 1), (0.06, far, 2)):
-        law.prepare(t - 0.02, q, still, 0.02)
-        law(dynamics, reference, t, q, still)
-        assert (law.report()["prepared"], law.report()["approaches"]) == (prepared, t > 0.03)
-
-
-def test_a_law_that_fails_is_replaced_on_the_way(
-    bicycle: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The substitute is given the same way: it starts none of its own."""
-    asked = list[Any]()
-    monkeypatch.setattr("rpctl.control.horizon.planner.Planner.plan", lambda *_: Planned(None))
-    reference, dynamics = reference_by_name(bicycle, "circle"), ReducedDynamics(bicycle)
-
-    def substitute(_: Any, given: Any, *__: Any) -> Command:
-        asked.append(given)
-        return Command(np.zeros(bicycle.dof), np.zeros(bicycle.dof))
-
-    q = bicycle.configuration_at(reference(0.0).pose + FAR[0], bicycle.home)
-    horizon_law(bicycle, fallback=substitute)(dynamics, reference, 0.0, q, np.zeros(bicycle.dof))
-    assert isinstance(asked[0], WayToReference)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "reference"), [("car", "circle"), ("swerve", "line")])
 def test_the_horizon_law_comes_home(name: str, reference: str) -> None:
     """Without the stage the car stood 2 m off in the end; the swerve diverged after 1.5 s."""
-    run = track(rpctl.load(name), reference, 25.0, FAR[0], Horizon(),
-                control_period=0.02, plant_step=0.02)  # fmt: skip
+    run = track(
+        rpctl.load(name),
+        reference,
+        duration=25.0,
+        initial_error=FAR[0],
+        kinematic=Horizon(),
+        control_period=0.02,
+        plant_step=0.02,
+    )
     figures = summarize(run)
     assert figures.succeeded and figures.final_base_error < 1e-3
     assert figures.kinematic_report["approaches"] >= 1
@@ -276,7 +204,15 @@ def test_a_car_comes_home_from_behind_and_facing_away(
     bicycle: Robot, law: UnifiedKinematic | PaperKinematic
 ) -> None:
     for error in FAR[:2]:
-        run = track(bicycle, "circle", 35.0, error, law, control_period=0.01, plant_step=0.01)
+        run = track(
+            bicycle,
+            "circle",
+            duration=35.0,
+            initial_error=error,
+            kinematic=law,
+            control_period=0.01,
+            plant_step=0.01,
+        )
         figures = summarize(run)
         assert figures.final_base_error < 1e-3
         assert figures.kinematic_report["approaches"] == 1

@@ -23,19 +23,16 @@ from rpctl import (
 )
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import (
-    LEAST_BANDWIDTH,
     LINEAR_ERROR,
     at_bandwidth,
     gains_of,
     joint_gains,
 )
 from rpctl.control.law_sentences import law_sentences
-from rpctl.control.leash import Leash
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
 from rpctl.robot.vary import without_losses
 
-STABLE_INERTIA = {0.5: True, 1.0: True, 10.0: True, 20.0: False}  # over the model's
 PERIODS = [0.001, 0.002, 0.01, 0.05, 0.2]
 
 
@@ -118,12 +115,6 @@ def test_an_error_of_a_tenth_takes_no_more_than_a_weak_joint_has(tiago: Robot) -
     assert abs(tau[robot.actuators.index("arm_2_joint")]) == pytest.approx(abs(weight) + 3.0)
 
 
-def test_a_joint_that_cannot_hold_its_weight_is_no_slower_than_the_base(tiago: Robot) -> None:
-    index = tiago.joint_names.index("arm_2_joint")
-    gains = joint_gains(ReducedDynamics(with_effort(tiago, index, 0.1)))
-    assert gains.bandwidth[index] == LEAST_BANDWIDTH
-
-
 def test_a_delay_that_is_known_costs_bandwidth(paper: Robot) -> None:
     dynamics = ReducedDynamics(paper)
     late, prompt = joint_gains(dynamics, 0.002, 0.011), joint_gains(dynamics, 0.002)
@@ -151,18 +142,6 @@ def joint_rates(law: UnifiedKinematic | PaperKinematic, robot: Robot, period: fl
     standing: Reference = lambda _: state  # noqa: E731
     command = law.start(dynamics, period)(dynamics, standing, 0.0, q, np.zeros(robot.dof))
     return command.nu_d[-len(robot.joints) :] - state.joint_rates
-
-
-def test_the_joints_have_horizons_of_their_own(paper: Robot) -> None:
-    own = joint_gains(ReducedDynamics(paper), 0.004).horizon
-    np.testing.assert_allclose(joint_rates(UnifiedKinematic(), paper, 0.004), 0.1 / own)
-    set_by_hand = UnifiedKinematic(joint_horizon=0.5)
-    np.testing.assert_allclose(joint_rates(set_by_hand, paper, 0.004), 0.1 / 0.5)
-    published = PaperKinematic(horizon=0.4)
-    np.testing.assert_allclose(joint_rates(published, paper, 0.004), 0.1 / 0.4)
-    np.testing.assert_allclose(
-        joint_rates(PaperKinematic(joint_horizon=0.2), paper, 0.004), 0.1 / 0.2
-    )
 
 
 @pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan])
@@ -200,22 +179,3 @@ def test_the_gains_are_told_and_what_a_law_ignores(tiago: Robot) -> None:
     assert "limits of efforts, rates and positions" in ignored
     assert "held for a period" in ignored
     assert "held" not in law_sentences(dynamics, law, PaperDynamic(midpoint=True), 0.002)[0]
-
-
-def test_what_the_papers_kinematic_law_leaves_is_told(tiago: Robot) -> None:
-    import rpctl
-
-    dynamics = ReducedDynamics(tiago)
-    (told,) = law_sentences(dynamics, PaperKinematic(), None, 0.002)
-    assert told == (
-        "the paper's kinematic law ignores limits of speeds, rates and positions, is on no "
-        "leash (far errors ask for high speeds) and leaves the lateral error of a straight line "
-        "as it is"
-    )
-    assert law_sentences(dynamics, EndEffector(base=PaperKinematic()), None, 0.002) == (told,)
-    assert "leash" not in law_sentences(dynamics, PaperKinematic(leash=Leash()), None, 0.002)[0]
-    free = law_sentences(ReducedDynamics(rpctl.load("omni")), PaperKinematic(), None, 0.002)
-    assert "leash" in free[0]
-    assert "lateral" not in free[0]
-    joints = law_sentences(dynamics, PaperKinematic(), BoundedDynamic(), 0.002)[1]
-    assert joints.endswith("; but h 0.8 s, as set")

@@ -14,14 +14,11 @@ from rpctl import (
     BoundedDynamic,
     Limit,
     PaperDynamic,
-    Plant,
     ReducedDynamics,
     Robot,
     RpctlError,
     Run,
-    UnifiedKinematic,
     scale_limits,
-    scale_masses,
     summarize,
     track,
 )
@@ -29,17 +26,13 @@ from rpctl.arrays import Array
 from rpctl.control.law import Command
 from rpctl.control.registry import dynamic_by_name
 from rpctl.errors import UnknownNameError
-from rpctl.reference.motion import Reference
-from rpctl.reference.named import reference_by_name
 from rpctl.simulation.plants.rolling import advance
 
 PERIOD = 0.002
 OFF = (0.1, -0.1, 0.1)
 
 
-@pytest.mark.parametrize(
-    "name", ["paper", "mixed_chain", "skid_steer", "mecanum", "caster_drive", "tiago", "panda"]
-)
+@pytest.mark.parametrize("name", ["paper", "mecanum", "tiago", "panda"])
 def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Generator) -> None:
     robot = scale_limits(rpctl.load(name), effort=1e3)
     dynamics, q = ReducedDynamics(robot), robot.configuration_at(np.zeros(3), robot.home)
@@ -53,9 +46,7 @@ def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Gen
         np.testing.assert_array_equal(efforts.tau, paper(dynamics, q, nu, command))
 
 
-@pytest.mark.parametrize(
-    "name", ["paper", "mixed_chain", "skid_steer", "mecanum", "caster_drive", "tiago"]
-)
+@pytest.mark.parametrize("name", ["paper", "skid_steer", "mecanum", "tiago"])
 def test_efforts_stay_in_their_box_whatever_is_asked(name: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     dynamics = ReducedDynamics(robot)
@@ -141,8 +132,7 @@ def run_into(
     return np.array(positions), np.array(rates), limits
 
 
-@pytest.mark.parametrize("effort", [1.0, 0.05])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("sign", "effort"), [(1.0, 0.05), (-1.0, 1.0)])
 def test_joints_stop_at_their_limits(paper: Robot, sign: float, effort: float) -> None:
     robot = scale_limits(paper, effort=effort)
     nu_d = sign * np.array([0.0, 0.0, 9.0, 9.0])
@@ -171,33 +161,6 @@ def test_outside_its_limits_a_joint_comes_back(paper: Robot) -> None:
     assert 0.35 <= positions[-1, 1] < 0.37
 
 
-def test_a_delay_it_does_not_know_of_breaks_no_rate_limit(paper: Robot) -> None:
-    """Efforts that are 20 ms late: the rate still comes to its limit, and not beyond."""
-
-    def fast(
-        dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
-    ) -> Command:
-        return Command(np.array([0.0, 0.0, 9.0, 0.0]), np.zeros(4))
-
-    plant, joint = Plant(delay=0.02), paper.joints[0]
-    run = track(
-        paper, "circle", 0.6, kinematic=fast, dynamic=BoundedDynamic(horizon_dyn=0.1), plant=plant
-    )
-    assert 0.95 * joint.velocity < run.nu[:, 2].max() <= joint.velocity
-
-
-def test_what_the_model_does_not_know_pushes_little_beyond_a_limit() -> None:
-    """An arm a third heavier than believed: a soft torso sinks to its lower limit, and stays."""
-    # The torso is low; the damping of the file would hold it up for longer.
-    tiago = rpctl.load("tiago", home="zero", losses=False)
-    plant = Plant(controller_model=scale_masses(tiago, "arm_*", 0.7))
-    soft = UnifiedKinematic(joint_horizon=0.65), BoundedDynamic(joint_horizon_dyn=0.15)
-    run = track(tiago, "eight", 3.0, (0.0, 0.0, 0.0), *soft, plant=plant)
-    beyond = run.robot.lower_limits[0] - run.log.joints[:, 0]
-    assert run.robot.joint_names[0] == "torso_lift_joint"
-    assert 1e-4 < beyond.max() < 5e-3
-
-
 def clipped(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
     """The paper's law, each effort cut off at its limit."""
     box = dynamics.robot.effort_limits
@@ -220,23 +183,19 @@ def curvature_error(run: Run) -> float:
 @pytest.mark.slow
 def test_saturated_wheels_keep_the_curvature(tiago: Robot, paper: Robot) -> None:
     half = scale_limits(rpctl.load("tiago", lock=["arm_*", "head_*"]), effort=0.5)
-    plain = curvature_error(track(half, "circle", 1.0, OFF, dynamic=clipped))
-    kept = curvature_error(track(half, "circle", 1.0, OFF, dynamic=BoundedDynamic()))
+    plain = curvature_error(track(half, "circle", duration=1.0, initial_error=OFF, dynamic=clipped))
+    kept = curvature_error(
+        track(half, "circle", duration=1.0, initial_error=OFF, dynamic=BoundedDynamic())
+    )
     assert kept < 0.1 < plain
     weak = scale_limits(paper, effort=0.1)
-    plain = curvature_error(track(weak, "circle", 1.0, (0.5, 0.3, 0.5), dynamic=clipped))
-    kept = curvature_error(track(weak, "circle", 1.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
+    plain = curvature_error(
+        track(weak, "circle", duration=1.0, initial_error=(0.5, 0.3, 0.5), dynamic=clipped)
+    )
+    kept = curvature_error(
+        track(weak, "circle", duration=1.0, initial_error=(0.5, 0.3, 0.5), dynamic=BoundedDynamic())
+    )
     assert kept < 0.05 * plain
-
-
-@pytest.mark.slow
-def test_slow_wheels_keep_the_curvature(paper: Robot) -> None:
-    slow = scale_limits(paper, velocity=0.3)
-    circle = reference_by_name(paper, "circle")  # which is too fast for them
-    apart = track(slow, circle, 4.0, dynamic=BoundedDynamic(along=1.0))
-    kept = track(slow, circle, 4.0, dynamic=BoundedDynamic())
-    assert curvature_error(kept) < 0.05 * curvature_error(apart)
-    assert {limit.limit for limit in summarize(kept).limits_bound} == {"velocity"}
 
 
 @pytest.mark.slow
@@ -244,36 +203,28 @@ def test_a_joint_that_cannot_be_held_leaves_the_base_alone() -> None:
     """TIAGo's shoulder takes 30 N·m to hold; with 19.5 it sinks, and the base tracks on."""
     tiago = rpctl.load("tiago", home="zero")
     half = scale_limits(tiago, effort=0.5)
-    free = summarize(track(tiago, "eight", 3.0, OFF, dynamic=PaperDynamic()))
-    told = summarize(track(half, "eight", 3.0, OFF, dynamic=BoundedDynamic()))
+    free = summarize(track(tiago, "eight", duration=3.0, initial_error=OFF, dynamic=PaperDynamic()))
+    told = summarize(
+        track(half, "eight", duration=3.0, initial_error=OFF, dynamic=BoundedDynamic())
+    )
     assert told.limits_violated == ()
     assert (told.limits_bound[1].joint, told.limits_bound[1].limit) == ("arm_2_joint", "effort")
     assert told.rms_base_error == pytest.approx(free.rms_base_error, rel=5e-2)
-    plain = track(half, "eight", 0.5, OFF, dynamic=PaperDynamic())
+    plain = track(half, "eight", duration=0.5, initial_error=OFF, dynamic=PaperDynamic())
     assert summarize(plain).limits_violated
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dynamic", ["bounded", "integral"])
+@pytest.mark.parametrize("dynamic", ["bounded"])
 def test_limits_hold_on_a_whole_eight(tiago: Robot, dynamic: str) -> None:
     half = scale_limits(tiago, effort=0.5)
     law = dynamic_by_name(dynamic)
-    assert summarize(track(half, "eight", 20.0, OFF, dynamic=law)).limits_violated == ()
-
-
-@pytest.mark.slow
-def test_hard_wheel_limits_hold_where_the_papers_law_breaks_them(paper: Robot) -> None:
-    hard = scale_limits(paper, effort=0.1, velocity=0.3)
-    eight = reference_by_name(paper, "eight")
-    plain = track(hard, eight, 4.0, (0.5, 0.3, 0.5), dynamic=PaperDynamic())
-    broken = summarize(plain).limits_violated
-    assert {(b.joint, b.limit) for b in broken} >= {
-        ("wheel_right_joint", "effort"),
-        ("wheel_right_joint", "velocity"),
-    }
-    told = summarize(track(hard, eight, 4.0, (0.5, 0.3, 0.5), dynamic=BoundedDynamic()))
-    assert told.limits_violated == ()
-    assert {b.limit for b in told.limits_bound} >= {"effort", "velocity"}
+    assert (
+        summarize(
+            track(half, "eight", duration=20.0, initial_error=OFF, dynamic=law)
+        ).limits_violated
+        == ()
+    )
 
 
 def test_four_wheels_share_what_one_alone_could_not_give(rng: np.random.Generator) -> None:
@@ -302,7 +253,7 @@ def test_four_wheels_share_what_one_alone_could_not_give(rng: np.random.Generato
     [
         ({"horizon_dyn": 0.0}, "horizon_dyn is 0"),
         ({"along": -1.0}, "along is -1"),
-        ({"weights": {"v": 0.0}}, "the weight of v is 0"),
+        ({"weights": {"v": 0.0}}, "weights of v is 0"),
     ],
 )
 def test_settings_without_a_minimum_are_refused(settings: dict[str, Any], told: str) -> None:

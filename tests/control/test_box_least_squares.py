@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from rpctl.arrays import Array
-from rpctl.control.box_least_squares import MIN_KAPPA, Box, WithRate, nearest
+from rpctl.control.end_effector import MIN_KAPPA, Box, WithRate, nearest
 
 STEP = 1e-6
 

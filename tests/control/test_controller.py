@@ -12,8 +12,6 @@ import pytest
 import rpctl
 from rpctl import Controller, ControllerOutput, Robot
 from rpctl.arrays import Array
-from rpctl.control import twist_law
-from rpctl.control.bandwidth import joint_gains
 from rpctl.control.error import tracking_error
 from rpctl.control.law import Command, Efforts, Rest
 from rpctl.dynamics.motion import rk4_step
@@ -22,7 +20,6 @@ from rpctl.errors import SolverError
 from rpctl.reference.quasi_velocities import configuration_along
 
 PERIOD = 0.002
-State = tuple[Array, Array]
 
 
 class Simulated:
@@ -74,7 +71,13 @@ def controller(paper: Robot) -> Controller:
 
 
 def test_track_steps_this_object(paper: Robot) -> None:
-    run = rpctl.track(paper, "circle", 0.2, (0.1, -0.1, 0.2), dynamic=rpctl.IntegralDynamic())
+    run = rpctl.track(
+        paper,
+        "circle",
+        duration=0.2,
+        initial_error=(0.1, -0.1, 0.2),
+        dynamic=rpctl.IntegralDynamic(),
+    )
     rest = Rest(run.q[0], run.tau[0] * 0.0)
     controller = Controller(paper, "circle", "unified", "integral", rest=rest)
     for k, t in enumerate(run.t):
@@ -207,31 +210,8 @@ def test_substitutes_keep_the_limits(paper: Robot) -> None:
     assert {limit.kind for limit in output.limits} == {"effort"}
 
 
-def test_substitutes_derive_their_gains_once(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At each sample it would take longer than the law that failed."""
-    asked: list[None] = []
-
-    def counted(*arguments: Any) -> Any:
-        asked.append(None)
-        return joint_gains(*arguments)
-
-    monkeypatch.setattr(twist_law, "joint_gains", counted)
-    fails = iter([False, True, True])
-
-    def kinematic(*sample: Any) -> Any:
-        if next(fails):
-            raise SolverError("no solution")
-        return rpctl.PaperKinematic()(*sample)
-
-    robot = Simulated(Controller(paper, "circle", kinematic, "paper"))
-    begun = len(asked)
-    robot.run(0.006)
-    assert robot.controller.report()["fallbacks"] == 2
-    assert begun == len(asked) == 1
-
-
 def test_a_run_tells_that_a_law_failed(paper: Robot) -> None:
-    run = rpctl.track(paper, "circle", 0.02, dynamic=gives_up(3))
+    run = rpctl.track(paper, "circle", duration=0.02, dynamic=gives_up(3))
     assert "the dynamic law failed at 1 of 11 samples" in run.notes[0]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.control.dubins import Bends, shortest_paths
+from rpctl.control.smooth_path import Bends, shortest_paths
 
 
 def driven(start: Array, path: Bends) -> Array:

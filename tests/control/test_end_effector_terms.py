@@ -71,8 +71,7 @@ def test_the_lever_weighs_turning_against_travelling(boomed: Robot, lever: float
     assert rate == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize("kind", ["car-like", "tricycle", "steered"])
-@pytest.mark.parametrize("orientation", [False, True])
+@pytest.mark.parametrize(("kind", "orientation"), [("car-like", False), ("steered", True)])
 def test_the_derivative_knows_that_steering_turns_the_basis(
     tmp_path: Path, kind: str, orientation: bool, rng: np.random.Generator
 ) -> None:
@@ -95,15 +94,3 @@ def test_the_derivative_knows_that_steering_turns_the_basis(
         slope = (asked(STEP) - asked(-STEP)) / (2 * STEP)
         rate = law(dynamics, reference, NOW, q, nu).nu_d_dot
         np.testing.assert_allclose(rate, slope, atol=1e-6 * (1 + np.abs(slope).max()))
-
-
-def test_where_nothing_pulls_the_posture_is_the_bases_laws(tmp_path: Path) -> None:
-    """A joint of 0.5 rad/s: shares of its full speed come back as the rates that they were."""
-    text = platform(SET_B, extra=BOOM.replace('velocity="5"', 'velocity="0.5"'))
-    robot = rpctl.load(write(tmp_path, text), end_effector="tip")
-    dynamics, change = ReducedDynamics(robot), np.array([0.1, 0.2, 0.3])
-    law = EndEffector(asks(change, np.array([0.4, 0.5, 0.2])), damping=1e9).start(dynamics, 0.01)
-    state = ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 1)))
-    found = law(dynamics, lambda t: state, NOW, robot.configuration(), np.zeros(3))
-    np.testing.assert_allclose(found.nu_d, [0.4, 0.5, 0.2], atol=1e-8)
-    np.testing.assert_allclose(found.nu_d_dot, change, atol=1e-8)

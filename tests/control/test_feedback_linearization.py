@@ -13,10 +13,8 @@ from scipy.linalg import expm
 import rpctl
 from rpctl import FeedbackLinearization, Robot, RpctlError
 from rpctl.arrays import Array
-from rpctl.control.error import Tracking, error_rate
-from rpctl.control.twist import Twist
+from rpctl.control.error import Tracking, Twist, error_rate
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.named import reference_by_name
 from rpctl.reference.paths import eight
 from tests.control.unicycle import NO_JOINTS, StateOverTime, along, steady
 
@@ -88,17 +86,7 @@ def test_below_the_slowest_speed_it_does_not_blow_up() -> None:
 
 def test_a_spin_is_refused(paper: Robot) -> None:
     with pytest.raises(RpctlError, match=r"turns on the spot.*--kinematic unified"):
-        rpctl.track(paper, "spin", 1.0, kinematic=FeedbackLinearization())
-
-
-def test_without_a_direction_the_law_stands(paper: Robot) -> None:
-    """Only ω̇_d then does not know v̈_r."""
-    state = reference_by_name(paper, "eight")(6.0)._replace(joint_rates=NO_JOINTS)
-    e = np.array([0.1, 0.2, 0.3])
-    known, blind = (ask(LAW, s, e, 0.5) for s in (state, state._replace(direction=None)))
-    np.testing.assert_array_equal(known.value, blind.value)
-    assert known.rate[0] == blind.rate[0]
-    assert known.rate[2] != pytest.approx(blind.rate[2], abs=1e-3)
+        rpctl.track(paper, "spin", duration=1.0, kinematic=FeedbackLinearization())
 
 
 @pytest.mark.parametrize("name", ["kp", "kd", "slowest"])

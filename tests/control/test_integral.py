@@ -15,7 +15,6 @@ from rpctl import (
     RpctlError,
     scale_limits,
     scale_masses,
-    summarize,
     track,
 )
 from rpctl.arrays import Array
@@ -88,15 +87,6 @@ def test_a_bias_is_removed_even_from_the_limit_on(paper: Robot) -> None:
     assert abs(error[0]) > 5e-3
 
 
-@pytest.mark.slow
-def test_a_wheel_bias_no_longer_shows(paper: Robot) -> None:
-    plant = Plant(tau_bias={"wheel_left_joint": 2.0})
-    plain = summarize(track(paper, "eight", 8.0, dynamic=PaperDynamic(), plant=plant))
-    integral = summarize(track(paper, "eight", 8.0, dynamic=IntegralDynamic(), plant=plant))
-    assert plain.rms_base_error > 0.02
-    assert integral.rms_base_error < 3e-5
-
-
 def test_at_rest_it_knows_what_its_model_does_not(tiago: Robot) -> None:
     """TIAGo stands still; the model has its arm a third too light. Unless told, it sags first."""
     light, still = scale_masses(tiago, "arm_*", 0.7), np.zeros(tiago.dof)
@@ -131,5 +121,7 @@ def test_a_gain_faster_than_the_sampling_is_told(paper: Robot) -> None:
 
 def test_no_run_remembers_another(paper: Robot) -> None:
     law, plant = IntegralDynamic(), Plant(tau_bias={"wheel_left_joint": 2.0})
-    first, second = (track(paper, "circle", 0.3, dynamic=law, plant=plant) for _ in range(2))
+    first, second = (
+        track(paper, "circle", duration=0.3, dynamic=law, plant=plant) for _ in range(2)
+    )
     np.testing.assert_array_equal(first.tau, second.tau)

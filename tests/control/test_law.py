@@ -26,7 +26,14 @@ def plain(
 
 
 def run(robot: Robot, law: KinematicLaw | KinematicFunction) -> Run:
-    return rpctl.track(robot, "eight", 0.1, (0.1, 0.0, 0.0), law, control_period=PERIOD)
+    return rpctl.track(
+        robot,
+        "eight",
+        duration=0.1,
+        initial_error=(0.1, 0.0, 0.0),
+        kinematic=law,
+        control_period=PERIOD,
+    )
 
 
 def test_a_function_gives_the_run_of_the_law_that_it_calls(paper: Robot) -> None:

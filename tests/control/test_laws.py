@@ -50,8 +50,9 @@ def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
         np.testing.assert_allclose(rate, expected, atol=1e-6 * (1 + np.abs(rate).max()))
 
 
-@pytest.mark.parametrize("name", ["unified", "paper", "kanayama"])
-@pytest.mark.parametrize("reference", ["circle", "eight", "reverse"])
+@pytest.mark.parametrize(
+    ("name", "reference"), [("unified", "eight"), ("paper", "circle"), ("kanayama", "reverse")]
+)
 def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference: str) -> None:
     dynamics = ReducedDynamics(paper)
     law = kinematic_by_name(name).start(dynamics, 0.002)
@@ -67,7 +68,7 @@ def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference
 
 
 @pytest.mark.parametrize("name", EXACT)
-@pytest.mark.parametrize("robot_name", ["paper", "skid_steer", "mecanum", "panda"])
+@pytest.mark.parametrize("robot_name", ["paper", "mecanum"])
 def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name: str) -> None:
     robot = rpctl.load(robot_name)
     dynamics = ReducedDynamics(robot)
@@ -85,7 +86,7 @@ def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name
 
 
 @pytest.mark.parametrize("name", EXACT)
-@pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("horizon", [0.0, math.nan])
 def test_a_horizon_must_predict(name: str, horizon: float) -> None:
     law: Any = KINEMATIC_LAWS[name]
     with pytest.raises(RpctlError, match=r"horizon is .*; give a positive number"):

@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rpctl import (
-    Kanayama,
     Leash,
-    PaperKinematic,
     ReducedDynamics,
     Robot,
     RpctlError,
-    UnifiedKinematic,
 )
-from rpctl.control.error import Tracking
-from rpctl.control.leash import SERIES_RADIUS
+from rpctl.control.error import SERIES_RADIUS, Tracking
 from rpctl.control.registry import kinematic_by_name
-from rpctl.control.twist import omnidirectional_twist
-from rpctl.errors import DescriptionError
 from rpctl.reference.named import reference_by_name
-from rpctl.simulation.config import Config, read_config, write_config
 from tests.control.unicycle import steady
 
 LEASH = Leash(0.3, 0.7)
@@ -78,35 +70,6 @@ def test_a_far_start_asks_for_bounded_speeds(paper: Robot, name: str) -> None:
             nu_d, nu_d_dot = law(dynamics, reference, 4.0, q, nu)
             assert np.abs(nu_d).max() < 6.0
             assert np.isfinite(nu_d_dot).all()
-
-
-def test_an_omnidirectional_base_comes_nearer_from_anywhere(rng: np.random.Generator) -> None:
-    """The distance falls at L tanh(|p|/L)/h, the heading error at T tanh(x3/T)/h."""
-    for _ in range(20):
-        e = rng.normal(size=3) * [3.0, 3.0, 1.0]
-        still = Tracking(STATE, e, np.zeros(3))
-        vx, vy, omega = omnidirectional_twist(still, 0.5, LEASH).value
-        cos, sin = math.cos(e[2]), math.sin(e[2])
-        rate = np.array([0.4 * cos - vx + e[1] * omega, 0.4 * sin - vy - e[0] * omega])
-        size = math.hypot(*e[:2])
-        assert rate @ e[:2] / size == pytest.approx(-0.3 * math.tanh(size / 0.3) / 0.5)
-        assert 0.2 - omega == pytest.approx(-0.7 * math.tanh(e[2] / 0.7) / 0.5)
-
-
-@pytest.mark.parametrize("leash", [None, Leash(0.2, 0.7)])
-def test_a_file_can_say_it(leash: Leash | None, tmp_path: Path) -> None:
-    for law in (Kanayama(leash=leash), PaperKinematic(leash=leash)):
-        path = write_config(Config(kinematic=law), tmp_path / "config.toml")
-        assert read_config(path).kinematic == law
-
-
-def test_what_a_file_leaves_out_keeps_its_default(tmp_path: Path) -> None:
-    path = tmp_path / "config.toml"
-    path.write_text('[kinematic]\nlaw = "unified"\nhorizon = 0.5\n[kinematic.leash]\nheading = 0.6')
-    assert read_config(path).kinematic == UnifiedKinematic(horizon=0.5, leash=Leash(heading=0.6))
-    path.write_text('[kinematic]\nlaw = "unified"\nleash = true\n')
-    with pytest.raises(DescriptionError, match=r"kinematic.leash: is True; write"):
-        read_config(path)
 
 
 def test_a_leash_has_a_length() -> None:

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rpctl.control.dubins import shortest_paths
-from rpctl.control.smooth_path import SmoothPath, smooth_path
+from rpctl.control.smooth_path import SmoothPath, shortest_paths, smooth_path
 
 RADIUS, TRANSITION, STEP = 1.5, 0.6, 1e-5
 

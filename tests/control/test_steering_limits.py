@@ -11,6 +11,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
+from rpctl.control.error import Twist
 from rpctl.control.steering import (
     ANGLE_MARGIN,
     BRAKE_TIME,
@@ -19,7 +20,6 @@ from rpctl.control.steering import (
     base_command,
     max_deviation,
 )
-from rpctl.control.twist import Twist
 from rpctl.drive.steering import steering_limits, turning_radius
 from rpctl.reference.motion import ReferenceState
 from tests.robots import write

@@ -47,11 +47,7 @@ def test_the_closed_form_minimises_the_cost(rng: np.random.Generator) -> None:
         assert d == pytest.approx(best.x, abs=1e-6 * (1 + abs(d)))
 
 
-GRID = list(
-    itertools.product(
-        (-1.5, -0.3, 0.0, 0.05, 0.6), (-1.2, 0.0, 0.01, 0.8), (0.1, 0.65, 2.0), (1e-4, 0.02, 1.0)
-    )
-)
+GRID = list(itertools.product((-1.5, 0.0, 0.05, 0.6), (-1.2, 0.0, 0.8), (0.1, 2.0), (1e-4, 1.0)))
 
 
 @pytest.mark.parametrize(("v", "omega", "horizon", "weight"), GRID)
@@ -95,10 +91,13 @@ def test_figures_on_an_eight() -> None:
 
 
 @pytest.mark.parametrize(
-    ("v", "omega"), [(0.3, 0.0), (-0.3, 0.0), (0.0, 0.5), (0.0, -0.5), (0.4, 0.4)]
-)
-@pytest.mark.parametrize(
-    "e0", [(0.3, 0.5, 0.8), (-0.3, -0.5, -2.0), (0.0, 1.0, 0.0), (1.0, 0.0, 3.0)]
+    ("v", "omega", "e0"),
+    [
+        (0.3, 0.0, (0.3, 0.5, 0.8)),
+        (-0.3, 0.0, (-0.3, -0.5, -2.0)),
+        (0.0, 0.5, (0.0, 1.0, 0.0)),
+        (0.4, 0.4, (1.0, 0.0, 3.0)),
+    ],
 )
 def test_it_converges_everywhere(v: float, omega: float, e0: tuple[float, float, float]) -> None:
     """Lines, reverse and spins, also from the wrong heading, with the settings as they come."""

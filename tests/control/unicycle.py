@@ -9,8 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from rpctl.arrays import Array
-from rpctl.control.error import Tracking, error_rate
-from rpctl.control.twist import Twist
+from rpctl.control.error import Tracking, Twist, error_rate
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import Path
 

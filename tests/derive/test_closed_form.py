@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 import time
 from itertools import product
 from pathlib import Path
@@ -18,8 +17,7 @@ from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.derive import closed_form as module
 from rpctl.derive import equations
 from rpctl.derive.closed_form import ClosedForm, closed_form
-from rpctl.derive.equations import by_differentiation, by_recursion
-from rpctl.derive.parameters import direction
+from rpctl.derive.equations import direction
 from rpctl.derive.write import derive
 from tests import symbolic_form
 from tests.grids import cells
@@ -27,7 +25,7 @@ from tests.robots import SET_A, platform, write
 
 SMALL = ["paper", "asr_twodof", "double_pendulum", "finger_edu"]
 FORMS = list(product(SMALL, (False, True)))
-QUICK_FORMS = {("paper", False), ("asr_twodof", True), ("double_pendulum", True)}
+QUICK_FORMS = {("paper", False), ("double_pendulum", True)}
 
 SLIDER = """
   <link name="slide"><inertial><mass value="1.5"/><origin xyz="0.1 0.2 0"/>
@@ -104,13 +102,6 @@ def test_the_parameters_form_is_the_design_s(paper: Robot) -> None:
     assert (units["m1"], units["l1"], units["I1"], units["r"]) == ("kg", "m", "kg m^2", "m")
 
 
-@pytest.mark.parametrize("named", [False, True])
-def test_both_ways_agree(paper: Robot, tmp_path: Path, named: bool) -> None:
-    for robot in (paper, rpctl.load(write(tmp_path, platform(SET_A)))):
-        one, other = by_recursion(robot, named), by_differentiation(robot, named)
-        assert (one.M, one.h, one.B) == (other.M, other.h, other.B)
-
-
 def test_the_platform_has_the_published_inertia(tmp_path: Path) -> None:
     form = closed_form(rpctl.load(write(tmp_path, platform(SET_A))))
     b, r = (sp.Rational(repr(SET_A[key])) for key in "br")
@@ -124,15 +115,13 @@ def test_the_platform_has_the_published_inertia(tmp_path: Path) -> None:
     assert sp.Matrix(form.h) == sp.Matrix([-k * omega**2, k * omega * v])
 
 
-@pytest.mark.parametrize(
-    ("name", "parameters"), cells(FORMS, QUICK_FORMS, set(FORMS) - QUICK_FORMS)
-)
+@pytest.mark.parametrize(("name", "parameters"), cells(FORMS, QUICK_FORMS))
 def test_it_is_what_pinocchio_says(name: str, parameters: bool, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     check_numbers(robot, closed_form(robot, parameters), rng)
 
 
-@pytest.mark.parametrize("parameters", cells((False, True), {False}, {True}))
+@pytest.mark.parametrize("parameters", cells((False, True), {False}))
 def test_slanted_rails_and_mimics(
     tmp_path: Path, parameters: bool, rng: np.random.Generator
 ) -> None:
@@ -168,7 +157,7 @@ def test_directions_are_exact_where_they_are_simple() -> None:
     assert direction(0.6) == sp.Rational(3, 5)
 
 
-@pytest.mark.parametrize("name", ["tiago", "mixed_chain", "panda"])
+@pytest.mark.parametrize("name", ["tiago"])
 @pytest.mark.parametrize("format", ["text", "latex"])
 def test_large_robots_are_refused_at_once(name: str, format: str) -> None:
     robot, start = rpctl.load(name), time.monotonic()
@@ -192,7 +181,7 @@ def test_budgets_stop_what_the_joint_count_lets_through(
         derive(rpctl.load("paper"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_locked_chain_fits(rng: np.random.Generator) -> None:
     robot = rpctl.load("mixed_chain", lock={"shoulder_joint": 0.2, "elbow_joint": 0.1, "wrist_joint": 0})  # fmt: skip  # noqa: E501
     check_numbers(robot, closed_form(robot), rng)
@@ -203,11 +192,6 @@ def test_text(paper: Robot) -> None:
     assert text.startswith("paper: M nu_dot + h = B tau\n")
     assert "theta1  position of arm_revolute_joint [rad]" in text
     assert "  M12 = M13 = -S1*p1\n" in text
-
-
-@pytest.mark.slow
-def test_text_is_the_same_every_time_and_may_name_the_numbers(paper: Robot) -> None:
-    assert derive(paper) == derive(paper)
     assert "m4 = 2 kg" in derive(paper, parameters=True)
 
 
@@ -218,9 +202,7 @@ def test_usage_is_explained(paper: Robot) -> None:
         derive(paper, "c", parameters=True)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("parameters", [False, True])
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize(("name", "parameters"), cells(FORMS, (), {("paper", True)}))
 def test_latex_compiles(name: str, parameters: bool, tmp_path: Path) -> None:
     compile_latex(derive(rpctl.load(name), "latex", parameters), tmp_path)
 
@@ -245,10 +227,3 @@ def compile_latex(source: str, folder: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-2000:]
     assert "Overfull" not in done.stdout
-
-
-@pytest.mark.slow
-def test_the_same_text_comes_from_every_process() -> None:
-    command = [sys.executable, "-m", "rpctl", "derive", "paper", "--format", "latex"]
-    texts = {subprocess.run(command, capture_output=True, check=True).stdout for _ in range(5)}
-    assert len(texts) == 1

@@ -7,7 +7,6 @@ import ctypes
 import re
 import shutil
 import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,14 +21,13 @@ from rpctl.derive.codegen import c_source, comment, identifier, python_source
 from rpctl.derive.program import program
 from rpctl.derive.write import derive
 from rpctl.errors import RpctlError
-from tests.grids import cells, every
+from tests.grids import cells
 from tests.random_robots import random_robot
 from tests.robots import SET_A, platform, write
 from tests.vehicles import KINDS, vehicle
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
 ROBOTS = ("paper", "mixed_chain", "tiago", "panda", "asr_twodof", "allegro")
-GRID = cells(ROBOTS, {"paper", "mixed_chain", "asr_twodof"}, ROBOTS)
 EXACT = 1e-12
 FORWARD = 1e-9  # of a solve with M; these robots' M have condition numbers up to 1e5
 
@@ -93,13 +91,13 @@ def check(robot: Robot, evaluate: Evaluate, forward: Forward, rng: np.random.Gen
         np.testing.assert_allclose(nu_dot, truth, rtol=0, atol=FORWARD * abs(truth).max())
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, {"paper", "asr_twodof"}, ROBOTS))
+@pytest.mark.parametrize("name", cells(ROBOTS, {"paper"}, {"tiago"}))
 def test_c(name: str, tmp_path: Path, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     check(robot, *compiled(robot, tmp_path), rng)
 
 
-@pytest.mark.parametrize("name", GRID)
+@pytest.mark.parametrize("name", cells(ROBOTS, {"paper", "mixed_chain"}, {"panda"}))
 def test_python(name: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     check(robot, *executed(robot), rng)
@@ -111,7 +109,7 @@ def test_locked_joints_are_folded_where_they_are_locked(rng: np.random.Generator
     check(robot, *executed(robot), rng)
 
 
-@pytest.mark.parametrize("seed", every(4, range(8)))
+@pytest.mark.parametrize("seed", cells(range(8), {0}, {1, 2}))
 def test_random_robots(seed: int, tmp_path: Path, rng: np.random.Generator) -> None:
     """Any drive and tree, mimics with factors and offsets among them."""
     text = random_robot(np.random.default_rng([3, seed]))
@@ -119,8 +117,7 @@ def test_random_robots(seed: int, tmp_path: Path, rng: np.random.Generator) -> N
     check(robot, *executed(robot), rng)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", cells(KINDS, (), {"car-like", "casters"}))
 def test_every_kind_of_wheel(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
     robot = rpctl.load(write(tmp_path, vehicle(kind)))
     check(robot, *executed(robot), rng)
@@ -139,39 +136,22 @@ def test_the_platform_needs_no_positions(tmp_path: Path, rng: np.random.Generato
     check(robot, *executed(robot), rng)
 
 
-def test_round_wheels_are_left_out_and_others_are_not(paper: Robot, tiago: Robot) -> None:
+def test_round_wheels_are_left_out_and_code_stands_alone(paper: Robot) -> None:
     assert program(paper).positions == ("arm_revolute_joint", "arm_prismatic_joint")
-    assert program(tiago).positions == tiago.actuators  # its wheels' inertias have products
-
-
-def test_mimics_are_no_inputs() -> None:
-    panda = rpctl.load("panda")
-    assert program(panda).positions == panda.quasi_velocities
+    source = derive(paper, "c")
+    assert re.findall(r"#include.*", source) == ["#include <math.h>"]
+    tree = ast.parse(derive(paper, "python"))
+    imported = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+    assert [getattr(node, "module", None) for node in imported] == ["math"]
 
 
 @pytest.mark.slow
 def test_a_large_robot_stays_small(tiago: Robot) -> None:
-    start = time.monotonic()
+    assert program(tiago).positions == tiago.actuators  # its wheels' inertias have products
     source = derive(tiago, "c")
-    assert time.monotonic() - start < 15.0
     assert source.count("\n") < 2000
     calls = re.findall(r"(?:sin|cos)\(q\[\d+\]\)", source)
     assert len(calls) == len(set(calls)) <= 2 * tiago.dof  # each once
-
-
-def test_c_stands_alone(paper: Robot) -> None:
-    source = derive(paper, "c")
-    assert re.findall(r"#include.*", source) == ["#include <math.h>"]
-    assert source.index("q[0]  arm_revolute_joint  [rad]") < source.index("#include")
-    assert "tau[3]  arm_prismatic_joint  [N]" in source
-
-
-def test_python_stands_alone(paper: Robot) -> None:
-    imported = [
-        node for node in ast.walk(ast.parse(derive(paper, "python")))
-        if isinstance(node, ast.Import | ast.ImportFrom)
-    ]  # fmt: skip
-    assert [getattr(node, "module", None) for node in imported] == ["math"]
 
 
 @pytest.mark.parametrize(
@@ -197,6 +177,5 @@ def test_names_cannot_leave_a_comment(tmp_path: Path, rng: np.random.Generator) 
     robot = rpctl.load(write(tmp_path, urdf))
     source = c_source(robot)
     assert source.count("*/") == 2 and "system(" not in source and "\\" not in source
-    check(robot, *compiled(robot, tmp_path), rng)
     check(robot, *executed(robot), rng)
     assert not set(comment('a*/"\\\n?')) & set('*/"\\\n?')

@@ -17,7 +17,6 @@ from rpctl.derive.codegen import c_source, python_source
 from rpctl.derive.law_program import law_program, law_sheet
 from rpctl.derive.program import program
 from rpctl.derive.write import derive
-from tests.derive.test_codegen import check, compiled
 from tests.derive.test_law import LAWS, executed, samples
 from tests.derive.test_law import check as check_law
 from tests.dynamics.test_losses import lossy
@@ -66,12 +65,6 @@ def test_code_has_them(tmp_path: Path, rng: np.random.Generator) -> None:
         np.testing.assert_allclose(losses(read, nu), dynamics.losses(q, nu), rtol=1e-11)
         truth: Array = dynamics.forward(q, nu, tau)
         np.testing.assert_allclose(forward(read, nu, tau), truth, atol=1e-11 * np.abs(truth).max())
-
-
-@pytest.mark.slow
-def test_compiled_code_has_them(tmp_path: Path, rng: np.random.Generator) -> None:
-    robot = lossy(tmp_path, vehicle("car-like"))
-    check(robot, *compiled(robot, tmp_path), rng)
 
 
 def test_a_written_law_compensates_them(cart: Robot, rng: np.random.Generator) -> None:

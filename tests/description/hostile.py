@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterable
 from pathlib import Path
 
-from rpctl.description.expansion import expand
+from rpctl.description.xacro.expansion import expand
 from tests.workspaces import xacro
 
 # xacro looks for dunders in an expression, but not in functions within it. Each leads to builtins.
@@ -19,7 +19,7 @@ ROUTES = {
     "f.f_code.co_name == 'safe_eval' else c(c, f.f_back)), python.list())",
 }
 HOOK_OFF = """
-sys.modules["rpctl.description.expansion_worker"].FORBIDDEN_EVENTS = ("nothing",)
+sys.modules["rpctl.description.xacro.worker"].FORBIDDEN_EVENTS = ("nothing",)
 """
 PROGRAM = """
 import gc, io, os, sys

@@ -15,15 +15,13 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl.cli.app import app
 from rpctl.description.records import Link
-from rpctl.description.urdf import read
+from rpctl.description.urdf.reader import read
 from rpctl.errors import DescriptionError, RpctlError
 from rpctl.view.pages.certificate import write_certificate
 from tests.description.corpus import BASE
 
 ARM = """<inertial><mass value="2"/>
       <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.04"/></inertial>"""
-FINGER = """<inertial><mass value="0.1"/>
-      <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>"""
 RHO = 800.0
 PLACE = '<origin xyz="0.1 -0.2 0.3" rpy="0.4 0.5 -0.6"/>'
 
@@ -80,8 +78,8 @@ def test_a_capsule_is_integrated(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diag(link.inertia), [across, across, along], rtol=1e-12)
 
 
-@pytest.mark.parametrize("scale", ["1 1 1", "1000 1 0.01", "-1 1 1"])
-def test_a_box_mesh_is_a_box(scale: str, tmp_path: Path) -> None:
+def test_a_box_mesh_is_a_box(tmp_path: Path) -> None:
+    scale = "-1000 1 0.01"  # mirrored, and in other units
     factors = np.array([float(word) for word in scale.split()])
     mesh = trimesh.creation.box(np.array([0.3, 0.2, 0.1]) / factors)
     mesh.export(tmp_path / "box.stl")
@@ -95,14 +93,6 @@ def test_a_box_mesh_is_a_box(scale: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(ours.inertia, theirs.inertia, rtol=1e-9, atol=1e-9)
     single = estimate(tmp_path, f'<mesh filename="box.stl" scale="{scale}"/>', place=PLACE)
     np.testing.assert_allclose(single.inertia, theirs.inertia, rtol=1e-6, atol=1e-6)
-
-
-def test_a_round_mesh_comes_near_its_sphere(tmp_path: Path) -> None:
-    trimesh.creation.icosphere(4, radius=0.1).export(tmp_path / "ball.ply")
-    ours = estimate(tmp_path, '<mesh filename="ball.ply"/>')
-    theirs = estimate(tmp_path, BOXES["sphere"][0])
-    assert ours.mass == pytest.approx(theirs.mass, rel=5e-3)
-    assert trimesh.creation.icosphere(4).is_watertight
 
 
 def test_shapes_add_up_and_move(tmp_path: Path) -> None:
@@ -164,11 +154,6 @@ def test_an_unknown_mesh_is_not_taken_as_nothing(mesh: str, expected: str, tmp_p
     assert message.endswith("its link has no <inertial>: give one, or the mesh")
 
 
-def test_visual_shapes_serve_where_there_is_no_collision(tmp_path: Path) -> None:
-    link = estimate(tmp_path, BOXES["box"][0], tag="visual")
-    assert link.mass == pytest.approx(RHO * 0.006)
-
-
 def test_what_the_file_gives_is_never_touched(tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     path.write_text(BASE, encoding="utf-8")
@@ -176,42 +161,6 @@ def test_what_the_file_gives_is_never_touched(tmp_path: Path) -> None:
     assert filled.xml == plain.xml
     assert [link.mass for link in filled.links] == [link.mass for link in plain.links]
     assert not any(link.estimated for link in filled.links)
-
-
-def test_a_mass_of_zero_is_given_too(tmp_path: Path) -> None:
-    zero = """<inertial><mass value="0"/>
-      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>"""
-    box = f"<collision><geometry>{BOXES['box'][0]}</geometry></collision>"
-    path = tmp_path / "robot.urdf"
-    path.write_text(BASE.replace(ARM, zero + box), encoding="utf-8")
-    assert rpctl.load(path, density=RHO).description.link["arm"].mass == 0
-
-
-def test_every_engine_sees_the_estimate(tmp_path: Path) -> None:
-    text = BASE.replace(
-        ARM, f"<collision>{PLACE}<geometry>{BOXES['box'][0]}</geometry></collision>"
-    )
-    text = text.replace(FINGER, f"<visual><geometry>{BOXES['cylinder'][0]}</geometry></visual>")
-    path = tmp_path / "robot.urdf"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(DescriptionError) as caught:
-        rpctl.load(path)
-    line = text[: text.index('<link name="blade">')].count("\n") + 1
-    expected = str(caught.value)
-    assert f'{path}:{line}: error: link "blade" has no <inertial>' in expected
-    assert (
-        "give its <inertial> (mass, centre of mass, inertia), estimate it with --density"
-        in expected
-    )
-    robot = rpctl.load(path, density=RHO)
-    assert robot.mass == pytest.approx(32 + RHO * (0.006 + 0.005 * math.pi))
-    shoulder = robot.model.inertias[robot.model.getJointId("shoulder")]
-    arm = robot.description.link["arm"]
-    assert shoulder.mass == arm.mass
-    np.testing.assert_allclose(shoulder.lever, arm.com, rtol=1e-14)
-    np.testing.assert_allclose(shoulder.inertia, arm.inertia, rtol=1e-13)
-    assert rpctl.verify(robot, 5).passed
-    assert len([f for f in robot.findings if "has no <inertial>; estimated: " in f.message]) == 2
 
 
 def test_estimates_are_marked_in_certificate_and_report(tmp_path: Path) -> None:
@@ -224,7 +173,7 @@ def test_estimates_are_marked_in_certificate_and_report(tmp_path: Path) -> None:
     assert "Estimated, at a density, not given by the URDF: mass and inertia of arm." in page
     words = ["verify", str(path), "--density", str(RHO), "--samples", "2"]
     assert "estimated mass and inertia of arm" in CliRunner().invoke(app, words).stdout
-    run = rpctl.track(robot, "line", 0.1, certificate=certificate)
+    run = rpctl.track(robot, "line", duration=0.1, certificate=certificate)
     assert run.certificate is not None
     assert run.certificate["estimated_links"] == ["arm"]
     report = rpctl.write_report(run, tmp_path / "report.html").read_text()
@@ -233,15 +182,6 @@ def test_estimates_are_marked_in_certificate_and_report(tmp_path: Path) -> None:
     assert plain.estimated_links == ()
     page = write_certificate(plain, tmp_path / "plain.html").read_text()
     assert "Estimated" not in page
-
-
-def test_a_massless_mover_is_doubted_where_others_have_a_mass(tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf"
-    path.write_text(BASE.replace(ARM, ""), encoding="utf-8")
-    (expected,) = rpctl.load(path).findings
-    assert 'link "arm" moves but has no <inertial>; it is taken as massless' in expected.message
-    messages = [f.message for f in rpctl.load(path, density=RHO).findings]
-    assert any("no shape to estimate it from" in message for message in messages)
 
 
 @pytest.mark.parametrize("density", [0.0, -1.0, math.nan, math.inf, 1e300])

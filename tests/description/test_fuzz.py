@@ -31,7 +31,7 @@ from tests.grids import cells
 PATIENCE = 60  # s; a hang, however slow the machine
 QUICK = {"paper": 200, "mixed_chain": 60, "tiago": 20}
 LONG = [("paper", 5000), ("mixed_chain", 3500), ("tiago", 1500)]
-IN_CI = [("paper", 500), ("mixed_chain", 350), ("tiago", 150)]
+IN_CI = [("paper", 150), ("mixed_chain", 350), ("tiago", 150)]
 SEED = 4
 
 

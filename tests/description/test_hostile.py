@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl.description.urdf import read
+from rpctl.description.urdf.reader import read
 from rpctl.errors import DescriptionError, RpctlError
 from rpctl.files import caps
 from tests.description.corpus import BASE
@@ -206,7 +206,7 @@ def test_what_pinocchio_refuses_is_told_without_its_noise(
     path = tmp_path / "r.urdf"
     path.write_text(BASE, encoding="utf-8")
     monkeypatch.setattr(
-        "rpctl.description.urdf._engine_xml", lambda *_: '<robot name="r"><joint/></robot>'
+        "rpctl.description.urdf.reader._engine_xml", lambda *_: '<robot name="r"><joint/></robot>'
     )
     with pytest.raises(DescriptionError, match=r"error: Pinocchio refuses this robot: .*; correct"):
         rpctl.load(path)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from rpctl.description.mesh_paths import MeshError, MeshPaths
-from rpctl.description.package_index import forget, search, workspace
-from rpctl.description.packages import find_packages
+from rpctl.description.meshes.paths import MeshError, MeshPaths
+from rpctl.description.packages import find_packages, forget, search, workspace
 from tests.workspaces import package, write
 
 
@@ -66,46 +65,11 @@ def test_a_search_is_bounded_and_says_so(tmp_path: Path, monkeypatch: pytest.Mon
     assert packages.remark == ""
 
 
-def test_the_search_is_kept_until_a_package_is_missing(tmp_path: Path) -> None:
-    paths = MeshPaths(tmp_path / "r.urdf", [tmp_path])
-    with pytest.raises(MeshError, match='package "late" was not found; declare a folder above it'):
-        paths.resolve("package://late/a.stl")
-    mesh = write(package(tmp_path / "deep" / "late") / "a.stl", "")
-    assert MeshPaths(tmp_path / "r.urdf", [tmp_path]).resolve("package://late/a.stl") == mesh
-    kept = found(tmp_path)
-    package(tmp_path / "later")
-    assert found(tmp_path) is kept
-
-
-def test_of_packages_alike_the_nearest_to_the_file_counts(tmp_path: Path) -> None:
-    old, new = (package(tmp_path / "src" / repo / "bot") for repo in ("a_old", "b_new"))
-    urdf = new / "urdf" / "r.urdf"
-    for declared in ([], [tmp_path]):
-        assert find_packages(urdf, declared).find("bot") == (str(new), str(old))
-    apart = tmp_path / "z" / "r.urdf"
-    assert find_packages(apart, [tmp_path]).find("bot") == (str(old), str(new))
-
-
-def test_what_is_declared_comes_before_what_lies_around(tmp_path: Path) -> None:
-    around, far = package(tmp_path / "src" / "parts"), package(tmp_path / "far" / "x" / "parts")
-    urdf = tmp_path / "src" / "bot" / "r.urdf"
-    assert find_packages(urdf).find("parts") == (str(around),)
-    assert find_packages(urdf, [tmp_path / "far"]).find("parts") == (str(far), str(around))
-
-
 def test_a_path_is_no_name(tmp_path: Path) -> None:
     package(tmp_path / "src" / "a" / "b")
     packages = find_packages(tmp_path / "src" / "bot" / "r.urdf", [tmp_path / "src"])
     for name in ("", ".", "..", "a/b", "../src", "b\0"):
         assert packages.find(name) == ()
-
-
-def test_a_folder_of_the_name_yields_to_a_package(tmp_path: Path) -> None:
-    bare = tmp_path / "src" / "parts"
-    bare.mkdir(parents=True)
-    proper = package(tmp_path / "src" / "repo" / "nested" / "parts")
-    urdf = tmp_path / "src" / "bot" / "r.urdf"
-    assert find_packages(urdf).find("parts") == (str(proper), str(bare))
 
 
 def test_meshes_by_path_may_lie_in_fellow_packages_only(tmp_path: Path) -> None:
@@ -140,12 +104,6 @@ def test_the_workspace_of_a_file(made: list[str], expected: str, tmp_path: Path)
             write(path, "")
     file = tmp_path / "ws" / "src" / "repo" / "bot" / "urdf" / "r.urdf"
     assert workspace(file) == str(tmp_path / expected)
-
-
-def test_without_marks_the_neighbours_of_the_package_are_searched(tmp_path: Path) -> None:
-    assert workspace(tmp_path / "a" / "b" / "r.urdf") is None
-    package(tmp_path / "a" / "bot")
-    assert workspace(tmp_path / "a" / "bot" / "urdf" / "r.urdf") == str(tmp_path / "a")
 
 
 def test_no_home_is_searched_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ import trimesh
 from typer.testing import CliRunner
 
 from rpctl.cli.app import app
-from rpctl.simulation.run import Run
+from rpctl.simulation.run.run import Run
 from rpctl.view.scene.scene import build_scene
 from tests.description.corpus import BASE
 from tests.description.test_fuzz import patience
@@ -85,15 +85,6 @@ def test_it_is_told_without_a_traceback(tmp_path: Path) -> None:
         f"{path}: error: a pipe, not a regular file; save what it brings to a file, and give a "
         "URDF file or a name listed by `rpctl robots`"
     ]
-
-
-@pytest.mark.parametrize("command", ["verify", "track", "derive"])
-def test_every_command_tells_it_alike(command: str, tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf"
-    path.write_text(BASE.replace('"30"', '"1,5"'), encoding="utf-8")
-    code, out, err = rpctl(command, path)
-    assert (code, out) == (2, "")
-    assert err.startswith(f'{path}:7: error: <mass value="1,5"> is not a number')
 
 
 def test_too_little_memory_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

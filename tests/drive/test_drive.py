@@ -30,13 +30,6 @@ def test_tiago(tiago: Robot) -> None:
     assert drive.ground == pytest.approx(0.0, abs=1e-15)
 
 
-def test_mixed_chain(mixed_chain: Robot) -> None:
-    drive = mixed_chain.drive
-    assert drive.point == pytest.approx((-0.12, 0.03))
-    assert drive.ground == pytest.approx(-0.14)
-    assert drive.heading == pytest.approx(0.0)
-
-
 def test_left_is_left_whatever_the_signs_and_the_order(tmp_path: Path) -> None:
     flipped = load(tmp_path, platform(SET_A, right_sign=-1))
     assert [w.joint for w in flipped.drive.wheels] == ["left_joint", "right_joint"]
@@ -81,27 +74,11 @@ def test_wheels_that_slide_along_have_no_say_in_the_heading(tmp_path: Path) -> N
     assert drive.heading == 0.0
 
 
-def test_radius_from_the_axle_height_without_shapes(tmp_path: Path) -> None:
-    head, _, rest = GOOD.partition("<collision>")
-    bare = head + rest.partition("</collision>")[2]
-    left = load(tmp_path, bare).drive.wheels[0]
-    assert left.radius == SET_A["r"]
-    assert left.source == "axle height over the other wheels' ground"
-
-
 def test_a_radius_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
     bare = re.sub(r"<collision>.*?</collision>", "", GOOD, flags=re.DOTALL)
     bare = bare.replace('0.75 0.15"/>', '0.75 -0.1"/>')
     with pytest.raises(DriveError, match=r':\d+: the radius of wheel "left_wheel" is not known'):
         load(tmp_path, bare)
-
-
-def test_an_off_centre_wheel_moves_the_contact(tmp_path: Path) -> None:
-    text = GOOD.replace('<origin rpy="1.57', '<origin xyz="0 0.05 0" rpy="1.57')
-    drive = load(tmp_path, text).drive
-    assert [wheel.offset for wheel in drive.wheels] == pytest.approx([0.05, 0.05])
-    assert drive.point == pytest.approx((0.0, 0.05))
-    assert drive.track == pytest.approx(1.5)
 
 
 def test_a_spinning_lidar_is_no_wheel(tmp_path: Path) -> None:
@@ -137,16 +114,6 @@ def test_a_file_without_wheels_is_told(tmp_path: Path) -> None:
     lone = GOOD[: GOOD.index('<link name="left_wheel">')] + "</robot>"
     with pytest.raises(DriveError, match="or say --drive fixed for an arm"):
         load(tmp_path, lone)
-
-
-def test_two_axles_are_those_of_a_skid_steer_drive(tmp_path: Path) -> None:
-    rear = GOOD[GOOD.index('<link name="left_wheel">') : GOOD.index("</robot>")]
-    rear = rear.replace("left_", "rear_left_").replace("right_", "rear_right_")
-    rear = rear.replace('xyz="0 ', 'xyz="-0.5 ').replace("-0.5 1 0", "0 1 0")
-    drive = load(tmp_path, platform(SET_A, extra=rear)).drive
-    assert drive.type == "skid-steer"
-    assert drive.point == pytest.approx((-0.25, 0.0))
-    assert drive.doubts[0].startswith("4 parallel wheels are taken for ordinary ones")
 
 
 def test_p_is_midway_between_the_outermost_of_three_wheels(tmp_path: Path) -> None:

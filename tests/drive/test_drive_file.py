@@ -50,16 +50,22 @@ def test_it_picks_two_wheels_out_of_four(tmp_path: Path) -> None:
     ("text", "expected"),
     [
         ("type = ", "not TOML"),
-        ('type = "tank"', "type is 'tank'; use one of differential"),
-        ("", "type is missing; use one of"),
-        (GOOD + "colour = 1", 'wheel 2: "colour" is not known'),
-        ('colour = 1\ntype = "fixed"', '"colour" is not known; a drive file has'),
-        (GOOD.replace("0.2", "-0.2"), "wheel 1: radius is -0.2; give a positive number"),
+        ('type = "tank"', 'type is "tank"; give differential or skid-steer'),
+        ("", "type is missing; give one of"),
+        (
+            GOOD + "colour = 1",
+            ":8: error: wheel[2].colour: setting 'colour' is not known; one of: joint",
+        ),
+        (
+            'colour = 1\ntype = "fixed"',
+            ":1: error: colour: setting 'colour' is not known; one of: type",
+        ),
+        (GOOD.replace("0.2", "-0.2"), "wheel[1]: radius is -0.2; give a positive number"),
         (GOOD.replace("0.2", "nan"), "wheel[1].radius: is nan; give a finite number"),
-        (GOOD.replace("0.2", "true"), "wheel 1: radius is True"),
+        (GOOD.replace("0.2", "true"), "wheel[1].radius: is True; give a number"),
         (GOOD.replace("right_joint", "left_joint"), 'joint "left_joint" is named twice'),
-        (GOOD.replace('joint = "right_joint"', ""), 'wheel 2 has no joint; write joint = "NAME"'),
-        ('type = "fixed"\n[wheel]\njoint = "a"', "write [[wheel]] before each"),
+        (GOOD.replace('joint = "right_joint"', ""), "wheel[2]: lacks joint"),
+        ('type = "fixed"\n[wheel]\njoint = "a"', "write [[wheel]]"),
     ],
 )
 def test_faults_are_named(tmp_path: Path, text: str, expected: str) -> None:
@@ -81,11 +87,13 @@ def test_joints_have_to_fit(tmp_path: Path) -> None:
 
 def test_a_run_finds_its_drive_again(tmp_path: Path) -> None:
     robot = four_wheels(tmp_path, "mecanum")
-    again = rpctl.Run.load(rpctl.track(robot, "line", 0.05).save(tmp_path / "r.npz")).load_robot()
+    again = rpctl.Run.load(
+        rpctl.track(robot, "line", duration=0.05).save(tmp_path / "r.npz")
+    ).load_robot()
     assert again.drive == robot.drive
 
 
 def test_the_start_is_a_drive_file(tmp_path: Path) -> None:
     spec = read_drive(file(tmp_path, suggest("differential", {"a": 0.2, "b": None})))
     assert spec.type == "differential"
-    assert spec.wheels == {"a": WheelSpec(), "b": WheelSpec()}
+    assert spec.wheels == {"a": WheelSpec("a"), "b": WheelSpec("b")}

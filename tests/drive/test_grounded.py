@@ -9,8 +9,7 @@ import pytest
 
 import rpctl
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.urdf import read
-from rpctl.drive.near_misses import wheels_on_fixed_joints
+from rpctl.description.urdf.reader import read
 from rpctl.drive.wheels import find_candidates
 from tests.drive.drive_cases import Files, axles, body, tricycle, xml
 from tests.robots import write
@@ -79,22 +78,6 @@ def test_a_wheel_may_end_a_tenth_of_its_radius_above_the_ground(
     assert names == ["rear_left", "rear_right", *["third"] * stands]
 
 
-@pytest.mark.parametrize(("gap", "named"), [(0.008, True), (0.012, False)])
-def test_fixed_wheels_are_seen_as_near_to_the_floor(
-    files: Files, tmp_path: Path, gap: float, named: bool
-) -> None:
-    parts = body()
-    rear_axle(parts)
-    parts.wheel("third", "base", f"0.5 0 {0.1 + gap}")
-    path = write(tmp_path, xml(parts).replace('"continuous"', '"fixed"'))
-    advice = wheels_on_fixed_joints(FrozenTree(read(path)))
-    assert [text.split('"')[1] for text in advice] == [
-        "rear_left",
-        "rear_right",
-        *["third"] * named,
-    ]
-
-
 @pytest.mark.parametrize(("trail", "role"), [(0.004, "steered"), (0.008, "steered"),
                                              (0.012, "caster"), (-0.012, "caster")])  # fmt: skip
 def test_a_contact_a_tenth_of_the_radius_off_trails(files: Files, trail: float, role: str) -> None:
@@ -144,34 +127,6 @@ REFUSED: dict[str, list[Parts | str]] = {
     "steered": [two_wheels(), tricycle(), vehicle("car-like")],
     "powered-casters": [two_wheels(), vehicle("casters"), vehicle("steered"), vehicle("twin")],
 }
-
-
-@pytest.mark.parametrize("kind", REFUSED)
-def test_a_drive_needs_its_wheels(files: Files, kind: str) -> None:
-    for parts in REFUSED[kind]:
-        assert f"no {kind} drive: it takes " in files.refusal(parts, kind)
-
-
-@pytest.mark.parametrize(
-    ("limited", "driven"),
-    [
-        (("axle0_left", "axle0_right"), {"axle0_left", "axle0_right"}),
-        (("axle0_left", "axle1_left", "axle1_right"), None),  # half an axle tells nothing
-        (("axle0_left",), None),
-        ((), None),
-    ],
-)
-def test_effort_limits_of_whole_axles_tell_what_is_driven(
-    files: Files, limited: tuple[str, ...], driven: set[str] | None
-) -> None:
-    text = xml(axles(0.3, -0.3))
-    for name in limited:
-        head, _, tail = text.partition(f'<joint name="{name}" type="continuous">')
-        limit = '<limit effort="9" velocity="9"/></joint>'
-        text = f'{head}<joint name="{name}" type="continuous">{tail.replace("</joint>", limit, 1)}'
-    robot = files.load(text, "skid-steer")
-    every = {wheel.joint for wheel in robot.drive.wheels}
-    assert {wheel.joint for wheel in robot.drive.wheels if wheel.driven} == (driven or every)
 
 
 @pytest.mark.parametrize("axis", ["0 0 -1", "0 0 1"])

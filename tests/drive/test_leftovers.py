@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.urdf import read
+from rpctl.description.urdf.reader import read
 from rpctl.drive.leftovers import lock_option
 from tests import urdf
-from tests.drive.drive_cases import Files, axles, body, xml
+from tests.drive.drive_cases import Files, body, xml
 from tests.robots import write
 from tests.vehicles import Parts, rear_axle
 
@@ -110,33 +110,6 @@ def test_each_way_out_settles_it(files: Files, parts: Parts) -> None:
             assert len(robot.drive.wheels) >= 2
             wheel = refusal.split('"')[1]
             assert (wheel in robot.joint_names) == (key == "free")
-
-
-def test_wheels_that_mimic_others(files: Files) -> None:
-    """A rear wheel tied to the front one by a <mimic>: the ground would turn it, too."""
-    text = xml(axles(0.25, -0.25))
-    for side in ("left", "right"):
-        start = text.index(f'<joint name="axle1_{side}"')
-        end = text.index("</joint>", start)
-        text = f'{text[:end]}<mimic joint="axle0_{side}"/>{text[end:]}'
-    refusal = files.refusal(text)
-    assert '"axle1_left" mimics "axle0_left"; "axle1_right" mimics "axle0_right"' in refusal
-    assert "take its <mimic> out (line 1)" in refusal
-    drive = files.load(text, lock=["axle1_*"]).drive
-    assert (drive.type, len(drive.wheels)) == ("differential", 2)
-
-
-@pytest.mark.parametrize(("name", "height", "taken"), [("drum", 0.16, True), ("drum", 0.25, False)])
-def test_round_things_without_a_name_count_near_the_ground(
-    files: Files, name: str, height: float, taken: bool
-) -> None:
-    """A drum of R = 0.1 m that ends 60 mm above the ground may be a wheel; at 150 mm it is none."""
-    parts = base()
-    parts.wheel(name, "base", f"0.5 0 {height}")
-    if taken:
-        assert f'"{name}" ends 60 mm above the ground' in files.refusal(parts)
-    else:
-        assert files.load(parts).joint_names == (name,)
 
 
 @pytest.mark.parametrize("axis", ["0.96 0 0.28", "1 0 0"])

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import rpctl
 from rpctl import ReducedDynamics
-from tests import urdf
 from tests.drive.drive_cases import TRANSMISSION, Files, axles, body, xml
 from tests.vehicles import Parts
 
@@ -67,20 +65,6 @@ def test_names_that_tell_mecanum_wheels(files: Files, old: str, new: str) -> Non
     drive = files.load(xml(axles(0.25, -0.25)).replace(old, new), strict=True).drive
     assert drive.type == "mecanum"
     assert "mentions them" in drive.evidence[0]
-
-
-def test_a_mesh_that_tells_mecanum_wheels(files: Files) -> None:
-    """The file's name counts for omni wheels, not its package's, which is the robot's."""
-    mesh = urdf.shape('mesh filename="package://{}.dae"', "visual") + "</link>"
-    text = xml(axles(0.25, -0.25))
-
-    def drawn(file: str) -> str:
-        head, _, tail = text.partition('<link name="axle0_left_link">')
-        return f'{head}<link name="axle0_left_link">{tail.replace("</link>", mesh.format(file), 1)}'
-
-    assert files.load(drawn("omni_robot/meshes/wheel")).drive.type == "skid-steer"
-    assert files.load(drawn("robot/meshes/omni_wheel_1")).drive.type == "mecanum"
-    assert files.load(drawn("mecanum_robot/meshes/wheel")).drive.type == "mecanum"
 
 
 def test_rollers_that_are_fixed_tell_mecanum_wheels(files: Files) -> None:
@@ -160,21 +144,5 @@ def test_swivels_under_mecanum_wheels_lead_to_the_command(files: Files, robot: s
     assert files.load(text, "steered").drive.type == "steered"
 
 
-def test_powered_casters_under_mecanum_wheels_lead_to_the_command(files: Files) -> None:
-    text = on_swivels("mecanum_base", trail=0.03)
-    assert (
-        "\n  --lock 'caster_joint_*' --drive mecanum\n  --drive powered-casters"
-        in files.refusal(text)
-    )
-    assert files.load(text, "powered-casters").drive.type == "powered-casters"
-    assert files.load(on_swivels("x", trail=0.03)).drive.type == "powered-casters"
-
-
 def test_a_mecanum_drive_that_still_swivels_is_told_what_to_lock(files: Files) -> None:
     assert "--lock 'caster_joint_*'" in files.refusal(on_swivels("x"), "mecanum")
-
-
-def test_swivels_without_a_word_of_rollers_steer(files: Files) -> None:
-    text = on_swivels("x").replace("</robot>", plugin("libgazebo_ros_planar_move.so"))
-    assert files.load(text).drive.type == "steered"  # the plugin would move it just so
-    assert np.isclose(files.load(text).drive.track, 0.316)

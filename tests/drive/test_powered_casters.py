@@ -13,7 +13,6 @@ from rpctl import ReducedDynamics
 from rpctl.errors import ActuationError
 from tests import urdf
 from tests.drive.drive_cases import Files, body
-from tests.robots import write
 from tests.vehicles import Parts, caster, rear_axle, vehicle
 
 PLACES = [(0.3, 0.2), (0.3, -0.2), (-0.3, 0.0)]  # m
@@ -89,16 +88,6 @@ def test_a_drive_that_is_named_takes_all_joints_and_says_so(files: Files) -> Non
     assert [s.joint for s in told.idle_casters] == ["caster_2"]
 
 
-def test_effort_limits_of_some_joints_tell_which_drive(files: Files) -> None:
-    parts, limit = casters([0.05, 0.06, 0.07]), '<limit effort="9" velocity="30"/>'
-    for k, part in enumerate(parts.xml):
-        if any(f'<joint name="{name}"' in part for name in both(0, 1)):
-            parts.xml[k] = part.replace("</joint>", f"{limit}</joint>")
-    drive = files.load(parts, "powered-casters").drive
-    assert drive.doubts == ()
-    assert [s.joint for s in drive.powered_casters] == ["caster_0", "caster_1"]
-
-
 def test_casters_without_motors_are_refused(files: Files) -> None:
     refusal = files.refusal(casters([0.05, 0.06, 0.07]))
     assert "all of them trail, and nothing tells that motors drive them" in refusal
@@ -111,15 +100,6 @@ def test_wheels_under_their_axes_are_swerves(files: Files) -> None:
     parts = casters([0.001, 0.001, 0.001], *both(0, 1, 2))
     assert files.load(parts).drive.type == "steered"
     assert "wheels that all trail upright joints" in files.refusal(parts, "powered-casters")
-
-
-def test_what_does_not_trail_is_no_caster(files: Files) -> None:
-    roles = "".join(f'[[swivel]]\njoint = "caster_{k}"\nrole = "caster"\n' for k in (0, 1))
-    text = 'type = "powered-casters"\n' + roles
-    refusal = files.refusal(casters([0.0, 0.06], *both(0, 1)), text)
-    assert 'the wheels of "caster_0" stand under its axis' in refusal
-    steered = text.replace('"caster"\n', '"steered"\n')
-    assert "wheels that all trail" in files.refusal(casters([0.05, 0.06], *both(0, 1)), steered)
 
 
 def test_wheels_on_the_root_link_make_another_drive(files: Files) -> None:
@@ -153,22 +133,6 @@ def test_one_powered_caster_leaves_a_motion_undriven(files: Files) -> None:
     np.testing.assert_allclose(np.array([y, -x, 1.0]) @ dynamics.actuation(q), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("trail", "kind"), [(0.06, "powered-casters"), (0.0, "steered")])
-def test_motors_under_mecanum_wheels_leave_a_choice(files: Files, trail: float, kind: str) -> None:
-    """The swivels are held or drive; either command settles it."""
-    parts = body()
-    for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)]):
-        caster(parts, f"caster_{k}", x, y, trail, twin=False)
-    parts.xml.append(urdf.actuated(*both(0, 1, 2, 3)))
-    named = parts.text("wild").replace('_link"', '_mecanum"')
-    refusal = files.refusal(named)
-    held = " ".join(f"--lock caster_{k}" for k in range(4))
-    assert f"{held} --drive mecanum\n" in refusal
-    assert refusal.endswith(f"\n  --drive {kind}")
-    assert files.load(named, kind).drive.type == kind
-    assert files.load(named, "mecanum", lock=["caster_?"]).drive.type == "mecanum"
-
-
 def test_twin_wheels_under_a_swivel_steer_it(tmp_path: Path) -> None:
     """Their difference does (PR2's casters): without motors at the swivels all of ν is driven."""
     names = [f"{x}{y}" for x in "fr" for y in "lr"]
@@ -184,8 +148,3 @@ def test_twin_wheels_under_a_swivel_steer_it(tmp_path: Path) -> None:
     tau = dynamics.efforts(q, force)
     np.testing.assert_allclose(dynamics.actuation(q) @ tau, force, atol=1e-12)
     assert rpctl.verify(robot, samples=5).passed
-
-
-def test_a_zoo_of_powered_casters_loads(tmp_path: Path) -> None:
-    robot = rpctl.load(write(tmp_path, vehicle("powered")))
-    assert {s.role for s in robot.drive.swivels} == {"caster"}

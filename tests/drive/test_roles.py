@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.urdf import read
-from rpctl.drive.near_misses import wheels_on_fixed_joints
-from tests.drive.drive_cases import TRANSMISSION, Files, axles, body, xml
-from tests.robots import write
+from tests.drive.drive_cases import TRANSMISSION, Files, axles, body
 from tests.vehicles import Parts, rear_axle, vehicle
 
 
@@ -22,19 +18,6 @@ def test_wheels_that_share_a_centre_stand_below_their_axes(files: Files, ahead: 
         assert [swivel.trail for swivel in files.load(text).drive.swivels] == [0.0, 0.0]
 
 
-def test_names_alone_make_no_wheel_of_what_is_drawn_otherwise(files: Files) -> None:
-    """A fixed part that is called a wheel is one where meshes draw it, and nothing else does."""
-    box = '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'
-    mesh = '<visual><geometry><mesh filename="gone.stl"/></geometry></visual>'
-    drawn = {"bare": "", "boxed": box, "mixed": box + mesh, "meshed": mesh}
-    parts = body()
-    for name, shapes in drawn.items():
-        parts.link(f"{name}_wheel", 1.0, shapes)
-        parts.joint(f"{name}_joint", "fixed", ("base", f"{name}_wheel"), "0 0.3 0.1", "0 0 1")
-    sentences = wheels_on_fixed_joints(FrozenTree(read(write(files.folder, xml(parts)))))
-    assert [text.split('"')[1] for text in sentences] == ["meshed_joint"]
-
-
 def test_a_size_that_nothing_tells_is_the_height_over_the_ground(files: Files) -> None:
     """Of a root 1.3 m above it: the other wheel ends at −1.3 m, this one turns at −1.2 m."""
     parts = body(-0.9)
@@ -45,17 +28,6 @@ def test_a_size_that_nothing_tells_is_the_height_over_the_ground(files: Files) -
     assert [wheel.radius for wheel in drive.wheels] == pytest.approx([0.1, 0.1])
     assert drive.wheels[1].source == "axle height over the other wheels' ground"
     assert drive.ground == pytest.approx(-1.3)
-
-
-@pytest.mark.parametrize(("height", "wheels"), [(0.19, 3), (0.21, 2)])
-def test_a_wheel_of_unknown_size_is_at_most_twice_as_large(
-    files: Files, height: float, wheels: int
-) -> None:
-    parts = body()
-    rear_axle(parts)
-    parts.link("bare", 1.0)
-    parts.joint("third", "continuous", ("base", "bare"), f"0.5 0 {height}", "0 1 0")
-    assert len(files.load(parts).drive.wheels) == wheels
 
 
 @pytest.mark.parametrize(("off", "pair"), [(0.011, True), (0.013, False)])
@@ -78,27 +50,6 @@ def test_the_track_is_that_of_the_axle_with_the_most_wheels(files: Files) -> Non
     parts.wheel("outer_right", "base", "0.3 -0.45 0.1")
     assert files.load(parts, "skid-steer").drive.track == pytest.approx(0.9)
     assert files.load(axles(0.3, -0.3), "skid-steer").drive.track == pytest.approx(0.6)
-
-
-def test_it_is_said_who_told_the_type(files: Files) -> None:
-    sentences = "differential, for the drive file or option says so"
-    parts = body()
-    rear_axle(parts)
-    assert sentences not in files.load(parts).drive.evidence
-    assert files.load(parts, "differential").drive.evidence[0] == sentences
-
-
-@pytest.mark.parametrize(
-    ("trail", "where"),
-    [(0.0, "contact below its axis"), (0.0015, "contact below its axis"),
-     (-0.03, "contact 30 mm off its axis"), (0.0035, "contact 3.5 mm off its axis")],
-)  # fmt: skip
-def test_it_is_said_where_a_swivels_wheel_stands(files: Files, trail: float, where: str) -> None:
-    parts = body()
-    rear_axle(parts)
-    parts.swivel("pivot", "0.6 0 0.3", "revolute")
-    parts.wheel("front", "pivot_fork", f"{trail} 0 -0.2")
-    assert files.load(parts).drive.swivels[0].why == f"{where}, limits"
 
 
 def askew() -> Parts:

@@ -119,17 +119,6 @@ def test_the_rate_is_that_of_the_rows_at_many_postures(
         np.testing.assert_allclose(matrix.rate(u, rate), many[k], atol=ROUNDING)
 
 
-def test_joints_that_follow_others_by_a_ratio(tmp_path: Path, rng: np.random.Generator) -> None:
-    """A(p) with p = spread p′ + offset is A of p′."""
-    matrix = drive_rows(drive_of(tmp_path, "parallel")).matrix
-    spread, offset, told = np.array([[1.0], [-0.9]]), np.array([0.0, 0.2]), rng.normal(size=1)
-    tied = matrix.following(spread, offset)
-    u, rates = matrix.turn(spread @ told + offset), rng.normal(size=1)
-    np.testing.assert_allclose(tied.at(tied.turn(told)), matrix.at(u), atol=ROUNDING)
-    change = matrix.rate(u, spread @ rates)
-    np.testing.assert_allclose(tied.rate(tied.turn(told), rates), change, atol=ROUNDING)
-
-
 def test_swivels_that_glide_keep_their_angle(tmp_path: Path, rng: np.random.Generator) -> None:
     """The row of one is its rate, its wheels' are empty; the others are as they were."""
     drive = drive_of(tmp_path, "casters")
@@ -147,7 +136,3 @@ def test_swivels_that_glide_keep_their_angle(tmp_path: Path, rng: np.random.Gene
     np.testing.assert_array_equal(found[rows], np.eye(6)[4:])
     others = [row for row in range(len(A)) if row not in held]
     np.testing.assert_array_equal(found[others], A[others])
-
-
-def test_wheels_that_mimic_share_a_lateral_force_once(tmp_path: Path) -> None:
-    assert drive_rows(drive_of(tmp_path, "parallel")).across == ((4, (2, 3)), (5, (0, 1)))

@@ -12,7 +12,7 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
-from rpctl.drive.rows import angle_of, lateral_row, rolling_row
+from rpctl.drive.rows import angle_of, lateral_row
 from rpctl.drive.steering import (
     follower_positions,
     free_twist,
@@ -93,16 +93,6 @@ def test_a_bend_tighter_than_the_trail_asks_for_a_right_angle(tmp_path: Path) ->
         found = steer(robot.drive, still)
         np.testing.assert_allclose(found[0] - offset, sign * 0.5 * math.pi)
         assert not found[1:].any()
-
-
-def test_rows_are_velocities_along_and_across(rng: np.random.Generator) -> None:
-    """k·T = d·V and l·T = n·V with V = (vx − ω y, vy + ω x)."""
-    (x, y), angle, (vx, vy, omega) = rng.normal(size=2), 0.7, rng.normal(size=3)
-    V = np.array([vx - omega * y, vy + omega * x])
-    twist = [vx, vy, omega]
-    along, across = rolling_row((x, y), angle) @ twist, lateral_row((x, y), angle) @ twist
-    assert along == pytest.approx(V @ [math.cos(angle), math.sin(angle)])
-    assert across == pytest.approx(V @ [-math.sin(angle), math.cos(angle)])
 
 
 def test_steering_is_regular_short_of_a_right_angle(tmp_path: Path) -> None:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
-import trimesh
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
@@ -62,29 +59,11 @@ def test_struts_are_held_at_rest_and_told(files: Files) -> None:
     assert right.message.startswith('"right_spring"')
 
 
-def test_wheels_that_only_a_mesh_draws_hang_on_struts_too(files: Files) -> None:
-    """Of a disc; a plate of the same height is no wheel, and what carries it no suspension."""
-    flat = np.eye(4)[[0, 2, 1, 3]] * [[1.0], [-1.0], [1.0], [1.0]]  # turns z to −y
-    trimesh.creation.cylinder(0.1, 0.04, transform=flat).export(files.folder / "disc.stl")
-    trimesh.creation.box((0.02, 0.04, 0.2)).export(files.folder / "plate.stl")
-    text = re.sub(r"<collision><origin rpy.*?</collision>", "<visual><geometry>"
-                  '<mesh filename="disc.stl"/></geometry></visual>', xml(struts()))  # fmt: skip
-    assert set(files.load(text).locked) == {"left_spring", "right_spring"}
-    plates = files.load(text.replace("disc.stl", "plate.stl"))
-    assert (plates.drive.type, plates.locked) == ("fixed", {})
-
-
 def test_rest_is_the_position_inside_the_limits_that_is_nearest_to_zero(files: Files) -> None:
     """The wheels' axles are 0.03 m below the joints there, so the ground is, too."""
     robot = files.load(struts(urdf.limit(-0.06, -0.03, 100, 1), height=0.13))
     assert set(robot.locked.values()) == {-0.03}
     assert robot.drive.ground == pytest.approx(0.0)
-
-
-def test_what_the_user_locks_stays_where_they_say(files: Files) -> None:
-    robot = files.load(struts(), lock={"left_spring": -0.01, "right_spring": -0.01})
-    assert robot.drive.ground == pytest.approx(-0.01)
-    assert infos(robot) == []
 
 
 @pytest.mark.parametrize(
@@ -155,27 +134,6 @@ def test_what_shows_that_a_rocker_is_passive(files: Files, evidence: str) -> Non
     text = xml(on_rocker(WIDE))
     held = text.replace(WIDE, evidence).replace('<joint name="_"></joint>', "")
     assert files.load(held).locked == {"front_rocker": 0.0}
-
-
-def test_a_spring_of_no_stiffness_is_none(files: Files) -> None:
-    slack = '<gazebo reference="front_rocker"><springStiffness>0</springStiffness></gazebo></robot>'
-    assert "--lock front_rocker" in files.refusal(xml(on_rocker(WIDE)).replace("</robot>", slack))
-
-
-def test_a_rocker_with_a_motor_is_asked_about(files: Files) -> None:
-    narrow = urdf.limit(-0.1, 0.1, 9, 9)
-    text = xml(on_rocker(narrow))
-    assert files.load(text).locked == {"front_rocker": 0.0}
-    driven = text.replace("</robot>", TRANSMISSION.format("front_rocker") + "</robot>")
-    assert "--lock front_rocker" in files.refusal(driven)
-    control = '<ros2_control name="c" type="system"><joint name="front_rocker">'
-    control += '<command_interface name="effort"/></joint></ros2_control></robot>'
-    assert "--lock front_rocker" in files.refusal(text.replace("</robot>", control))
-
-
-def test_a_rocker_that_carries_an_arm_is_asked_about(files: Files) -> None:
-    parts = on_rocker(urdf.limit(-0.1, 0.1, 9, 9), carried=WIDE)
-    assert "--lock front_rocker" in files.refusal(parts)
 
 
 def test_rockers_that_mimic_each_other_stand_as_their_mimic_has_it(files: Files) -> None:
@@ -256,16 +214,6 @@ def test_three_joints_on_a_wheel_are_rollers(files: Files, count: int, rollers: 
         parts.joint(f"joint_{k}", "continuous", ends, f"{0.09 - 0.05 * k} 0 0", "0 1 0")
     robot = files.load(parts, free=[] if rollers else ["rear_left"])
     assert len(robot.locked) == (count if rollers else 0)
-
-
-def test_rollers_the_other_way_round_are_taken_as_they_are(files: Files) -> None:
-    """An O of rollers seen from above in place of an X: the angle's sign is the file's."""
-    usual = files.load(with_rollers(np.pi / 4)).drive.wheels
-    other = files.load(with_rollers(-np.pi / 4)).drive.wheels
-    steep = files.load(with_rollers(np.pi / 3)).drive.wheels
-    for a, b, c in zip(usual, other, steep, strict=True):
-        assert b.direction == pytest.approx((a.direction[0], -a.direction[1]))
-        assert abs(np.arctan2(c.direction[1], c.direction[0])) == pytest.approx(np.pi / 6)
 
 
 def body_of_four(name: str) -> Parts:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.drive import controller_files
-from rpctl.drive.plugins import read_simulator_tags
+from rpctl.drive import controls as controller_files
 from rpctl.errors import Finding
-from tests import urdf
 from tests.drive.drive_cases import Files, axles, body, xml
 from tests.drive.test_parallel_wheels import plugin, with_plugin
 from tests.robots import write
@@ -66,17 +63,6 @@ def test_lengths_that_agree_or_are_none_are_not_told(files: Files, inside: str) 
     assert told(files.load(driven(inside), strict=True)) == []
 
 
-def test_only_the_wheels_that_a_plugin_names_are_compared(files: Files) -> None:
-    """Four wheels of two sizes; the plugin is right about those that it drives."""
-    parts = axles(0.25)
-    for side, y in (("left", 0.3), ("right", -0.3)):
-        parts.wheel(f"small_{side}", "base", f"-0.25 {y} 0.08", r=0.08)
-    inside = "<left_joint>small_left</left_joint><wheel_radius>{}</wheel_radius>"
-    for radius, count in ((0.08, 0), (0.1, 1)):
-        text = with_plugin(parts, plugin("gz-sim-diff-drive", inside.format(radius)))
-        assert len(told(files.load(text, "skid-steer"))) == count
-
-
 def test_a_joint_that_a_plugin_drives_as_a_wheel_is_none_of_an_arm(files: Files) -> None:
     """Two drums high above the ground: the file is wrong about where they are."""
     parts = body()
@@ -111,7 +97,7 @@ def test_the_actuators_of_ros2_control(files: Files) -> None:
     text = differential().replace("</robot>", control.format(inside))
     robot = files.load(text)
     assert robot.actuators == ("rear_left",)
-    assert read_simulator_tags(robot.description).actuated == {"rear_left"}
+    assert robot.description.actuated == {"rear_left"}
 
 
 def workspace(folder: Path, control: str, package: str = "bot_control") -> Path:
@@ -159,13 +145,6 @@ def test_a_controller_in_the_workspace_tells_its_separation(
 MECANUM = "base:\n  type: mecanum_drive_controller/MecanumDriveController\n"
 
 
-def test_a_controller_tells_mecanum_wheels(tmp_path: Path) -> None:
-    joints = "  front_left_wheel_joint: axle0_left\n  wheel_separation_x: 0.5\n"
-    joints += "  publish_wheel_data: true\n"
-    robot = rpctl.load(workspace(tmp_path, MECANUM + joints), strict=True)
-    assert robot.drive.type == "mecanum"
-
-
 @pytest.mark.parametrize(
     ("control", "package"),
     [
@@ -208,18 +187,6 @@ def test_a_file_of_parameters_that_unfolds_without_end_tells_nothing(
     assert rpctl.load(workspace(tmp_path / "b", known + bomb)).drive.type == "skid-steer"
 
 
-def test_what_is_no_file_of_parameters_is_passed_over(tmp_path: Path) -> None:
-    known = MECANUM + "  front_left_wheel_joint: axle0_left\n"
-    path = workspace(tmp_path, known)
-    config = tmp_path / "bot_control" / "config"
-    os.mkfifo(config / "a.yaml")
-    (config / "b.yaml").symlink_to("/dev/zero")
-    (config / "c.yaml").mkdir()
-    (config / "d.yaml").write_bytes(b"\xff")
-    (config / "e.yaml").write_text("# " + "x" * 2**17)
-    assert rpctl.load(path).drive.type == "mecanum"
-
-
 def test_so_much_is_read_of_all_files_of_parameters(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,9 +208,3 @@ def test_a_file_of_parameters_that_the_robot_names_comes_first(tmp_path: Path) -
     outside = write(tmp_path, own.read_text(), "own.yaml")  # in no folder that the robot may use
     far = text.replace(str(own), str(outside))
     assert rpctl.load(write(path.parent, far)).drive.type == "skid-steer"
-
-
-def test_an_arms_plugin_is_none_of_a_base(files: Files) -> None:
-    arm = urdf.robot("arm", urdf.link("base", urdf.inertial(1, (1, 1, 1))))
-    text = arm.replace("</robot>", plugin("libgazebo_ros_diff_drive.so"))
-    assert told(files.load(text, "fixed")) == []

@@ -82,27 +82,12 @@ def test_it_rolls_on_its_collision(files: Files) -> None:
     assert robot.drive.ground == pytest.approx(0.0)
 
 
-def test_a_round_visual_counts_before_what_is_not_round(files: Files) -> None:
-    disc(files.folder, "disc.stl", 0.1)
-    box = '<collision><geometry><box size="0.2 0.04 0.2"/></geometry></collision>'
-    shape = box + mesh("disc.stl", role="collision") + cylinder(0.09, 0.02, role="visual")
-    assert sizes(files, cart(shape, shape)) == pytest.approx((0.09, 0.02, 0.4))
-
-
 def test_a_tyre_on_a_link_fixed_to_the_hub(files: Files) -> None:
     hub, tyre = cylinder(0.05), cylinder(0.1)
     assert sizes(files, cart(hub, hub, tyre)) == pytest.approx((0.1, 0.06, 0.52))
     assert sizes(files, cart("", "", tyre)) == pytest.approx((0.1, 0.06, 0.52))
     seen = sizes(files, cart(cylinder(0.1), cylinder(0.1), cylinder(0.12, role="visual")))
     assert seen == pytest.approx((0.1, 0.0, 0.4))
-
-
-def test_a_locked_joint_holds_a_tyre_as_a_fixed_one_does(files: Files) -> None:
-    parts = cart(cylinder(0.05), cylinder(0.05), cylinder(0.1, 0.0), "prismatic")
-    text = f'<robot name="wild">{"".join(parts.xml)}</robot>'
-    drive = files.load(text, lock={"left_rim": 0.02, "right_rim": -0.01}).drive
-    found = {wheel.joint: wheel.offset for wheel in drive.wheels}
-    assert found == pytest.approx({"left": 0.08, "right": -0.07})
 
 
 def test_what_is_fixed_beside_the_axle_is_no_tyre(files: Files) -> None:
@@ -112,17 +97,6 @@ def test_what_is_fixed_beside_the_axle_is_no_tyre(files: Files) -> None:
     assert sizes(files, cart(hub, hub, cylinder(0.12, x=0.011)))[0] == 0.12
     lies = '<collision><geometry><cylinder radius="0.2" length="0.1"/></geometry></collision>'
     assert sizes(files, cart(hub, hub, lies))[0] == 0.1
-
-
-def test_twin_tyres_roll_in_the_middle_between_them(files: Files) -> None:
-    left = cylinder(0.1, 0.02) + cylinder(0.05, -0.3) + cylinder(0.1, 0.08)
-    right = cylinder(0.1, -0.02) + cylinder(0.1, -0.08)
-    assert sizes(files, cart(left, right)) == pytest.approx((0.1, 0.05, 0.5))
-
-
-def test_a_cylinder_of_no_radius_is_none(files: Files) -> None:
-    shape = cylinder(0.0) + cylinder(0.1, role="visual")
-    assert sizes(files, cart(shape, shape))[0] == 0.1
 
 
 def test_of_meshes_the_widest_that_turns_with_the_wheel(files: Files) -> None:

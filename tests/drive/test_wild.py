@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import re
-from math import pi
 
 import numpy as np
 import pytest
 import trimesh
 
-from rpctl import ReducedDynamics
 from tests.drive.drive_cases import (
     Files,
     body,
     meshed,
     xml,
 )
-from tests.vehicles import Parts, caster, rear_axle
+from tests.vehicles import rear_axle
 
 
 def test_drive_wheels_on_fixed_joints(files: Files) -> None:
@@ -29,18 +27,6 @@ def test_drive_wheels_on_fixed_joints(files: Files) -> None:
         assert re.search(line, refusal_text)
 
 
-def test_drive_wheels_on_fixed_joints_among_casters_that_turn(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    fixed = xml(parts).replace('"continuous"', '"fixed"').replace("</robot>", "")
-    casters = Parts([])
-    for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)]):
-        caster(casters, f"caster_{k}", x, y, 0.05, twin=False)
-    refusal_text = files.refusal(fixed + "".join(casters.xml) + "</robot>")
-    assert "wheels on swivels: caster_0 (caster), caster_1 (caster)" in refusal_text
-    assert 'make "rear_left" (line 1) type="continuous" with <axis xyz="0 1 0"/>' in refusal_text
-
-
 def test_fixed_wheels_of_meshes_are_known_by_their_names(files: Files) -> None:
     parts = body()
     meshed(parts, "left_wheel_joint", "0 0.3 0.1")
@@ -51,19 +37,6 @@ def test_fixed_wheels_of_meshes_are_known_by_their_names(files: Files) -> None:
     assert (
         'make "left_wheel_joint" (line 1) type="continuous" with its axle as <axis>' in refusal_text
     )
-
-
-def test_round_parts_that_are_fixed_are_no_wheels(files: Files) -> None:
-    """Motors in the legs of a walking robot: others of its shapes reach lower."""
-    parts = body()
-    shape = f'<collision><origin rpy="{pi / 2} 0 0"/><geometry>'
-    parts.link(
-        "motor", 1.0, shape + '<cylinder radius="0.05" length="0.04"/></geometry></collision>'
-    )
-    parts.joint("motor_joint", "fixed", ("base", "motor"), "0.3 0.2 0.3", "0 1 0")
-    parts.link("leg", 1.0)
-    parts.joint("hip", "revolute", ("base", "leg"), "0.3 0.25 0.3", "0 1 0")
-    assert files.load(parts).drive.type == "fixed"
 
 
 @pytest.mark.parametrize("cylinders", [True, False])
@@ -83,17 +56,6 @@ def test_the_default_axis(files: Files, cylinders: bool) -> None:
     axes = dict(re.findall(r'"(rear_\w+)"[^<]*<axis xyz="([^"]*)"/>', refusal_text))
     assert axes == {"rear_left": "0 1 0", "rear_right": "0 1 0"}
     assert files.load(good).drive.heading == pytest.approx(0.0)
-
-
-def test_the_default_axis_on_four_wheels_is_no_drive_sideways(files: Files) -> None:
-    """With it the wheels of a side share a line, but their cylinders do not lie along it."""
-    parts = body()
-    rear_axle(parts, x=-0.25)
-    front = Parts([])
-    rear_axle(front, x=0.25)
-    parts.xml += [part.replace("rear", "front") for part in front.xml]
-    refusal_text = files.refusal(re.sub(r'<axis xyz="0 -?1 0"/>', "", xml(parts)), "skid-steer")
-    assert refusal_text.count('<axis xyz="0 1 0"/>') == 4
 
 
 def test_a_roller_on_a_lift_hangs_on_no_suspension(files: Files) -> None:
@@ -118,17 +80,6 @@ def test_one_wheel_is_none(files: Files) -> None:
     assert 'make "rear_left" (line 1) type="continuous"' in refusal_text
 
 
-def test_an_axle_a_millimetre_lower_than_the_radius(files: Files) -> None:
-    parts = body()
-    parts.wheel("left", "base", "0 0.3 0.099")
-    parts.wheel("right", "base", "0 -0.3 0.0995")
-    drive = files.load(parts).drive
-    assert drive.type == "differential"
-    assert [wheel.radius for wheel in drive.wheels] == [0.1, 0.1]
-    assert drive.ground == pytest.approx(-0.00075)
-    assert drive.wheels[0].why.endswith("ends 0.25 mm below the ground")
-
-
 def test_meshes_that_are_not_there(files: Files) -> None:
     parts = body()
     meshed(parts, "left", "0 0.3 0.1")
@@ -146,16 +97,6 @@ def test_meshes_that_are_not_there(files: Files) -> None:
     assert files.load(bare, sized, strict=True).drive.wheels[0].source == "drive file"
 
 
-def test_meshes_that_are_not_there_on_a_root_in_the_middle_of_the_body(files: Files) -> None:
-    parts = body(0.0)
-    meshed(parts, "left", "0 0.3 -0.1")
-    meshed(parts, "right", "0 -0.3 -0.1")
-    refusal_text = files.refusal(parts)
-    assert 'the radius of wheel "left_link" is not known' in refusal_text
-    start = refusal_text.partition("(--drive FILE):\n")[2]
-    assert files.load(parts, start.replace("# radius", "radius")).drive.wheels[0].radius == 0.1
-
-
 def test_a_mesh_that_is_not_round_about_its_axis(files: Files) -> None:
     """Of four wheels with the default axis those of a side share a line: only the mesh tells."""
     lying = np.eye(4)[[0, 2, 1, 3]] * [[1.0], [-1.0], [1.0], [1.0]]  # turns z to −y
@@ -171,29 +112,6 @@ def test_a_mesh_that_is_not_round_about_its_axis(files: Files) -> None:
     assert "is 0.04 m by 0.2 m across its axis, which no wheel is: correct the <axis>" in doubts[0]
 
 
-def test_a_root_called_world(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    parts.xml.insert(0, '<link name="world"/>')
-    parts.joint("anchor", "fixed", ("world", "base"), "0.5 0.2 0.3", "0 0 1")
-    robot = files.load(parts)
-    assert robot.drive.type == "differential"
-    assert robot.drive.point == pytest.approx((0.5, 0.2))
-    assert robot.drive.ground == pytest.approx(0.3)
-
-
-def test_a_root_with_the_ground_in_it(files: Files) -> None:
-    """A simulator's file: the world has a slab on which the wheels stand."""
-    parts = body()
-    rear_axle(parts)
-    slab = (
-        '<collision><origin xyz="0 0 -0.5"/><geometry><box size="90 90 1"/></geometry></collision>'
-    )
-    parts.xml.insert(0, f'<link name="world">{slab}</link>')
-    parts.joint("anchor", "fixed", ("world", "base"), "0 0 0", "0 0 1")
-    assert files.load(parts).drive.type == "differential"
-
-
 def test_a_root_high_above_the_ground(files: Files) -> None:
     parts = body(-0.7)
     rear_axle(parts)
@@ -201,26 +119,6 @@ def test_a_root_high_above_the_ground(files: Files) -> None:
     drive = files.load(high).drive
     assert drive.ground == pytest.approx(-1.0)
     assert [wheel.radius for wheel in drive.wheels] == [0.1, 0.1]
-
-
-def test_opposite_axes(files: Files) -> None:
-    """The right wheel's axis points right: it turns backward when the robot drives forward."""
-    parts = body()
-    rear_axle(parts)
-    robot = files.load(parts)
-    rates = ReducedDynamics(robot).actuation(robot.configuration()).T @ [1.0, 0.0]
-    assert rates == pytest.approx([10.0, -10.0])
-
-
-def test_negative_efforts(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    text = xml(parts).replace(
-        '<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><limit effort="-7" velocity="5"/>'
-    )
-    robot = files.load(text)
-    assert robot.effort_limits.tolist() == [7.0, np.inf]
-    assert any("effort limit -7" in finding.message for finding in robot.findings)
 
 
 def test_a_revolute_joint_without_limits_is_a_wheels(files: Files) -> None:

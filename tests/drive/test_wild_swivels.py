@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from math import atan2
 
 import pytest
 
 import rpctl
 from rpctl import ReducedDynamics
-from rpctl.dynamics.ground_reaction import find_contacts
 from tests.drive.drive_cases import (
     TRANSMISSION,
     Files,
     body,
-    hubs,
     tricycle,
     xml,
 )
-from tests.vehicles import Parts, caster, rear_axle, vehicle
+from tests.vehicles import caster, rear_axle, vehicle
 
 
 def test_ackermann_hubs_among_passive_joints(files: Files) -> None:
@@ -36,21 +33,6 @@ def test_ackermann_hubs_among_passive_joints(files: Files) -> None:
     assert robot.drive.type == "car-like"
     assert robot.quasi_velocities == ("v", "left_hub", "lidar_joint", "cabin_joint")
     assert [s.role for s in robot.drive.swivels] == ["steered", "follower"]
-
-
-def test_a_camera_that_pans_and_tilts_and_a_lidar(files: Files) -> None:
-    parts = body()
-    parts.link("lidar", 0.5)
-    parts.joint("lidar_joint", "continuous", ("base", "lidar"), "0.2 0 0.6", "0 0 1")
-    parts.link("neck", 0.5)
-    parts.joint("pan", "continuous", ("base", "neck"), "0 0 0.5", "0 0 1")
-    parts.wheel("tilt", "neck", "0 0 0.1", r=0.03)
-    robot = files.load(parts)
-    (doubt,) = robot.drive.doubts
-    assert robot.drive.type == "fixed"
-    assert '"tilt": the body reaches 0.47 m lower: no wheel' in doubt
-    assert "say --drive fixed if it is" in doubt
-    assert files.load(parts, "fixed", strict=True).drive.doubts == ()
 
 
 def test_an_arm_of_continuous_joints_is_no_wheel(files: Files) -> None:
@@ -90,18 +72,6 @@ def test_two_drive_wheels_among_four_casters(files: Files) -> None:
         assert doubt.startswith(f'"{swivel.joint}" is taken for a caster')
     named = xml(parts).replace("pivot_", "caster_")
     assert files.load(named).drive.doubts == ()
-
-
-def test_a_caster_with_limits_is_one_by_its_name(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    parts.swivel("caster_front", "0.4 0 0.12", "revolute")
-    parts.wheel("roller", "caster_front_fork", "-0.05 0 -0.07", r=0.05)
-    drive = files.load(parts).drive
-    assert drive.type == "differential"
-    assert drive.doubts[0].endswith("a caster would run into its limits")
-    steering = files.load(xml(parts).replace("caster_", "turn_")).drive
-    assert (steering.type, steering.swivels[0].role) == ("tricycle", "steered")
 
 
 def test_a_drive_file_tells_the_role(files: Files) -> None:
@@ -151,37 +121,6 @@ def test_balls_on_continuous_joints(files: Files) -> None:
     assert rpctl.verify(robot, samples=2).passed
 
 
-def test_wheels_drawn_as_spheres_are_wheels(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    text = re.sub(r'<cylinder radius="0.1"[^>]*>', '<sphere radius="0.1"/>', xml(parts))
-    drive = files.load(text).drive
-    assert (drive.type, len(drive.wheels)) == ("differential", 2)
-    # Two balls make a second axle of spheres, unless a name calls them so.
-    balls = Parts([])
-    for side, y in (("left", 0.1), ("right", -0.1)):
-        balls.wheel(f"{side}_roll", "base", f"0.3 {y} 0.04", r=0.04)
-    more = re.sub(r'<cylinder radius="0.04"[^>]*>', '<sphere radius="0.04"/>', "".join(balls.xml))
-    text = text.replace("</robot>", f"{more}</robot>")
-    assert "2 pairs of wheels on one axle" in files.refusal(text)
-    called = files.load(text.replace("_roll", "_caster")).drive
-    assert [wheel.slides for wheel in called.wheels] == [False, False, True, True]
-
-
-def test_a_lone_wheel_beside_a_pair_rolls_along(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    parts.wheel("third", "base", "0.5 0 0.05", r=0.05)
-    robot = files.load(parts)
-    assert robot.drive.type == "differential"
-    assert robot.actuators == ("rear_left", "rear_right")
-    assert "on axles of their own, held by the root link: third" in robot.drive.evidence
-    third = robot.drive.wheels[-1]
-    assert ReducedDynamics(robot).rolling.across == ((3, (0, 1)),)  # it takes no lateral force
-    assert third.why.endswith("off the axle, so it rolls along, and slides sideways in bends")
-    assert rpctl.verify(robot, samples=2).passed
-
-
 def test_a_lone_wheel_rolls_its_own_way_and_leaves_the_heading_to_the_pair(files: Files) -> None:
     """Rolling directions are across the axles, (a_y, -a_x), the axle turned to the left."""
     for axle, direction in (
@@ -200,18 +139,6 @@ def test_a_lone_wheel_rolls_its_own_way_and_leaves_the_heading_to_the_pair(files
         assert lone.slides
         assert lone.direction == pytest.approx(direction, abs=2e-3)
         assert "-0.0" not in map(str, lone.direction)
-
-
-def test_a_robot_that_balances(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    contacts = find_contacts(ReducedDynamics(files.load(parts)))
-    assert contacts is not None
-    assert not contacts.balanced
-    assert "the planar model assumes balance and leaves pitch out" in contacts.notes[0]
-    contacts = find_contacts(ReducedDynamics(files.load(vehicle("bicycle"))))
-    assert contacts is not None
-    assert "leaves roll out" in contacts.notes[0]
 
 
 def test_transmissions_tell_what_is_driven(files: Files) -> None:
@@ -234,22 +161,6 @@ def test_effort_limits_tell_what_is_driven(files: Files) -> None:
     assert robot.actuators == ("front", "steer")
 
 
-def test_driven_flags(files: Files) -> None:
-    drive_file = 'type = "tricycle"\n'
-    for name, yes in (("front", "true"), ("rear_left", "false"), ("rear_right", "false")):
-        drive_file += f'[[wheel]]\njoint = "{name}"\ndriven = {yes}\n'
-    assert files.load(tricycle(), drive_file).actuators == ("front", "steer")
-    drive_file += '[[swivel]]\njoint = "steer"\ndriven = false\n'
-    assert files.load(tricycle(), drive_file).actuators == ("front",)
-
-
-def test_hubs_that_mimic_what_is_no_swivel(files: Files) -> None:
-    refusal_text = files.refusal(hubs('<mimic joint="cabin_joint" multiplier="0.1"/>'))
-    assert 'the swivel "left_hub" mimics "cabin_joint", which steers no wheel' in refusal_text
-    assert "take its <mimic> out" in refusal_text
-    assert files.load(hubs("")).drive.type == "car-like"
-
-
 def test_wheels_that_all_steer_do_not_mimic(files: Files) -> None:
     """Front and rear of a double Ackermann: in the model they follow without the mimic."""
     text, mimic = vehicle("steered"), '<mimic joint="fl_steer" multiplier="-1"/>'
@@ -260,21 +171,6 @@ def test_wheels_that_all_steer_do_not_mimic(files: Files) -> None:
         'the swivel "rl_steer" mimics "fl_steer", but no multiple keeps all wheels on'
         in refusal_text
     )
-
-
-def test_a_mimic_of_a_mimic(files: Files) -> None:
-    parts = hubs('<mimic joint="left_hub"/>')
-    text = xml(parts).replace('<mimic joint="left_hub"/>', "", 1)
-    extra = Parts([])
-    extra.swivel("middle_hub", "0.9 0 0.1", "revolute", more='<mimic joint="right_hub"/>')
-    extra.wheel("front_middle", "middle_hub_fork", "0 0 0")
-    robot = files.load(text.replace("</robot>", "".join(extra.xml) + "</robot>"))
-    assert [(s.role, s.shares) for s in robot.drive.swivels] == [
-        ("steered", None),
-        ("mimic", "left_hub"),
-        ("mimic", "left_hub"),
-    ]
-    assert rpctl.verify(robot, samples=2).passed
 
 
 def test_steering_that_is_locked_holds_its_wheel(files: Files) -> None:

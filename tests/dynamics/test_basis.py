@@ -6,15 +6,13 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.dynamics.basis import basis, selection
+from rpctl.dynamics.rolling import basis, selection
 from rpctl.errors import SingularBasisError
-from tests.joint_losses import joint_losses
 from tests.robots import SET_A, free_caster, platform, write
 
 
@@ -53,53 +51,6 @@ def test_a_caster_turns_as_a_textbook_says(caster: Robot) -> None:
         vx, vy = v - omega * 0.02, omega * 0.5  # of the swivel axis
         expected = -omega + (-vx * math.sin(gamma) + vy * math.cos(gamma)) / trail
         assert rate == pytest.approx(expected)
-
-
-def test_the_drift_is_the_basis_rate(caster: Robot, rng: np.random.Generator) -> None:
-    dynamics, step = ReducedDynamics(caster), 1e-6
-    for _ in range(10):
-        q, nu = state(caster, rng)
-        v = dynamics.basis(q) @ nu
-        ahead, behind = (
-            dynamics.basis(pin.integrate(caster.model, q, s * v)) @ nu for s in (step, -step)
-        )
-        rate = (ahead - behind) / (2 * step)
-        drift = dynamics.basis_drift(q, nu)
-        np.testing.assert_allclose(drift, rate, atol=1e-6 * np.abs(rate).max())
-        assert np.abs(drift).max() > 0.1  # it does depend on q
-
-
-def multiplier_acceleration(robot: Robot, q: Array, nu: Array, tau: Array) -> Array:
-    """Return v̇ from the full tree with Lagrange multipliers, drift by differences."""
-    dynamics, data, step = ReducedDynamics(robot), robot.model.createData(), 1e-6
-    v = dynamics.basis(q) @ nu
-    A = dynamics.constraint(q)
-    ahead, behind = (
-        dynamics.constraint(pin.integrate(robot.model, q, s * v)) @ v for s in (step, -step)
-    )
-    drift = (ahead - behind) / (2 * step)
-    M = pin.crba(robot.model, data, q)
-    force = joint_losses(robot, v)
-    for name, effort in zip(robot.actuators, tau, strict=True):
-        force[robot.velocity_index(name)] += effort
-    force -= pin.nonLinearEffects(robot.model, data, q, v)
-    left = np.block([[M, A.T], [A, np.zeros((len(A), len(A)))]])
-    solution = np.linalg.lstsq(left, np.concatenate([force, -drift]), rcond=1e-12)[0]
-    return np.asarray(solution[: robot.nv])
-
-
-def test_reduced_accelerations_are_those_of_lagrange_multipliers(
-    caster: Robot, robot: Robot, rng: np.random.Generator
-) -> None:
-    for one in (caster, robot):
-        dynamics = ReducedDynamics(one)
-        for _ in range(5):
-            q, nu = state(one, rng)
-            tau = rng.normal(size=len(one.actuators))
-            nu_dot = dynamics.forward(q, nu, tau)
-            v_dot = dynamics.basis(q) @ nu_dot + dynamics.basis_drift(q, nu)
-            expected = multiplier_acceleration(one, q, nu, tau)
-            np.testing.assert_allclose(v_dot, expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_a_base_that_is_free_is_refused() -> None:

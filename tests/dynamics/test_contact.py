@@ -187,11 +187,6 @@ def test_a_steady_circle_pulls_the_axle_inward(trolley: Robot) -> None:
     np.testing.assert_allclose(ground.slip_ratio, grip, rtol=ROUNDING)
 
 
-def test_friction_scales_the_grip(trolley: Robot) -> None:
-    half, full = (reaction(trolley, (1.0, 0.5), (0.5, 0.1), friction=f) for f in (0.4, 0.8))
-    np.testing.assert_allclose(half.slip_ratio, 2.0 * full.slip_ratio, rtol=ROUNDING)
-
-
 def test_it_tips_where_the_ball_lifts(trolley: Robot) -> None:
     """The margin changes its sign with the ball's load, at the acceleration found by hand."""
     critical = M_C * G * D / (M_C * HEIGHT + 2 * M_W * R + 2 * I_S / R)
@@ -236,18 +231,6 @@ def test_a_falling_robot_stands_on_nothing(tmp_path: Path) -> None:
         assert (ground.tip_margin < 0.0) is lifted
         assert np.isfinite(ground.slip_ratio).all()
         assert np.abs(ground.zmp).max() < 1e4
-
-
-def test_signs_of_the_wheels_axes_do_not_matter(tmp_path: Path) -> None:
-    plain, flipped = (
-        rpctl.load(write(tmp_path, platform(SET_A, right_sign=sign, extra=ball(L))))
-        for sign in (1, -1)
-    )
-    here, there = (reaction(x, (1.0, 0.7), (0.3, -0.2), (1.0, 2.0, 0.5)) for x in (plain, flipped))
-    for field in dataclasses.fields(GroundReaction):
-        np.testing.assert_allclose(
-            getattr(here, field.name), getattr(there, field.name), rtol=1e-11, atol=1e-11
-        )
 
 
 def test_the_forces_move_the_whole_tree(robot: Robot, rng: np.random.Generator) -> None:
@@ -317,36 +300,6 @@ def test_one_support_that_swivels_among_others_moves_the_polygon(tmp_path: Path)
         stance = stance_at(dynamics, contacts, robot.configuration(joints={"fork_joint": turn}))
         expected = [[0.0, B], [0.0, -B], [L, 0.0], place]
         np.testing.assert_allclose(stance.statics[1:].T, expected, atol=1e-12)
-
-
-def test_joints_that_follow_do_not_disturb_the_wheels(
-    tmp_path: Path, rng: np.random.Generator
-) -> None:
-    finger = """
-  <link name="{0}"><inertial><mass value="2"/>
-    <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
-  <joint name="{0}_joint" type="prismatic">
-    <parent link="base"/><child link="{0}"/><origin xyz="0.1 0.2 0.5"/><axis xyz="0.6 0.8 0"/>
-    <limit lower="-1" upper="1" effort="9" velocity="9"/>{1}
-  </joint>"""
-    mimic = '<mimic joint="a_joint" multiplier="-0.5"/>'
-    extra = ball(L) + finger.format("a", "") + finger.format("b", mimic)
-    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=extra)))
-    dynamics = ReducedDynamics(robot)
-    for q, nu, tau in states(robot, rng, 3):
-        ground = ground_reaction(dynamics, contacts_of(dynamics), q, nu, tau)
-        pushed = np.array([ground.longitudinal.sum(), ground.lateral.sum()])
-        np.testing.assert_allclose(directions(robot, q) @ ground.force, pushed, rtol=1e-10)
-
-
-def test_what_it_returns_is_the_callers_own(paper: Robot, rng: np.random.Generator) -> None:
-    dynamics = ReducedDynamics(paper)
-    (first, other) = states(paper, rng, 2)
-    returned = dynamics.reaction(*first)
-    kept = [array.copy() for array in returned]
-    dynamics.reaction(*other)
-    for array, copy in zip(returned, kept, strict=True):
-        np.testing.assert_array_equal(array, copy)
 
 
 def test_wheels_alone_hold_no_balance(tmp_path: Path) -> None:

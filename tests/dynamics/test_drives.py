@@ -1,21 +1,16 @@
-"""Drives of four fixed wheels: textbook kinematics, constraints, and the whole certificate."""
+"""Drives of four fixed wheels: textbook kinematics."""
 
 from __future__ import annotations
 
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rpctl import ReducedDynamics, Robot, summarize, track, verify
+from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from tests.grids import cells
 from tests.robots import SET_A, four_wheels
 
-KINDS = ["skid-steer", "mecanum"]
-GRID = list(product(KINDS, ("circle", "eight", "spin")))
-QUICK = {("skid-steer", "circle"), ("mecanum", "spin")}
 LX, LY = 0.45, SET_A["b"]  # half wheelbase and half track, m
 
 
@@ -51,24 +46,3 @@ def test_skid_steer_wheels_turn_with_their_side(tmp_path: Path) -> None:
     # Its centre does not slide sideways, the root link ahead of it swings.
     S = ReducedDynamics(robot).basis(robot.configuration())
     np.testing.assert_allclose((S @ [v, omega, 0.0])[:3], [v, omega * LX, omega], atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_certificate_holds(tmp_path: Path, kind: str) -> None:
-    proof = verify(four_wheels(tmp_path, kind), samples=10)
-    assert proof.passed, [check for check in proof.checks if not check.passed]
-
-
-@pytest.mark.parametrize(("kind", "reference"), cells(GRID, QUICK))
-def test_they_track(tmp_path: Path, kind: str, reference: str) -> None:
-    robot = four_wheels(tmp_path, kind)
-    figures = summarize(track(robot, reference, 12.0, (0.2, 0.1, 0.3), control_period=0.005))
-    assert figures.final_base_error < 0.01
-    assert (figures.final_end_effector_error or np.inf) < 0.02
-
-
-@pytest.mark.parametrize("reference", cells(("line", "reverse"), {"line"}))
-def test_a_holonomic_base_loses_its_lateral_error_on_a_line(tmp_path: Path, reference: str) -> None:
-    robot = four_wheels(tmp_path, "mecanum")
-    figures = summarize(track(robot, reference, 12.0, (0.0, 0.2, 0.0), control_period=0.005))
-    assert figures.final_lateral_error < 1e-4

@@ -12,8 +12,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics.derivatives import linear_model
-from rpctl.dynamics.losses import braked
-from rpctl.dynamics.motion import Step, imex_step, rk4_step
+from rpctl.dynamics.motion import Step, braked, imex_step, rk4_step
 from rpctl.robot.losses import Losses
 from rpctl.robot.vary import without_losses
 from tests.joint_losses import joint_losses

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +12,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.prediction import Steering
-from rpctl.dynamics.basis import selection
-from rpctl.dynamics.rolling import constraint, constraint_drift
+from rpctl.dynamics.rolling import constraint, constraint_drift, selection
 from rpctl.errors import SingularBasisError
 from tests import random_vehicles
 from tests.robots import write
@@ -68,26 +65,6 @@ def test_it_solves_the_equations_of_the_whole_tree(
         size = max(1.0, np.abs(drift).max(), np.abs(turned).max())
         np.testing.assert_allclose(A @ drift, -turned, atol=ROUNDING * size, err_msg=name)
         np.testing.assert_allclose(W @ drift, 0.0, atol=ROUNDING * size, err_msg=name)
-
-
-def test_it_is_what_a_dense_solve_gives(tmp_path: Path, rng: np.random.Generator) -> None:
-    """The same equations by one plain solve, and the dynamics of it by another."""
-    for name, robot, q, nu in states(tmp_path, rng):
-        dynamics, tau = ReducedDynamics(robot), rng.normal(size=len(robot.actuators))
-        left = np.vstack([constraint(dynamics.rolling, q), selection(robot, dynamics.rolling)])
-        S = np.linalg.solve(left, np.eye(robot.nv)[:, -robot.dof :])
-        turned = constraint_drift(dynamics.rolling, q, S @ nu)
-        drift = np.linalg.solve(left, np.append(-turned, np.zeros(robot.dof)))
-        rounding = 1e-15 * float(np.linalg.cond(left))
-        for found, dense in ((dynamics.basis(q), S), (dynamics.basis_drift(q, nu), drift)):
-            size = max(1.0, float(np.abs(dense).max()))
-            np.testing.assert_allclose(found, dense, atol=rounding * size, err_msg=name)
-        columns = np.array([S[robot.velocity_index(a)] for a in robot.actuators]).T
-        M = S.T @ pin.crba(robot.model, robot.model.createData(), q) @ S
-        h = S.T @ pin.rnea(robot.model, robot.model.createData(), q, S @ nu, drift)
-        left_over = M @ dynamics.forward(q, nu, tau) + h - columns @ tau
-        size = float((np.abs(M) @ np.abs(dynamics.forward(q, nu, tau))).max() + np.abs(h).max())
-        np.testing.assert_allclose(left_over / size, 0.0, atol=max(1e-10, rounding), err_msg=name)
 
 
 def test_the_drift_is_the_rate_of_the_basis(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -176,45 +153,3 @@ def test_casters_that_glide(tmp_path: Path, rng: np.random.Generator) -> None:
     rest = np.delete(np.arange(len(lambdas)), held)
     A = gliding.at(q).A[rest]
     np.testing.assert_allclose(lambdas[rest], np.linalg.pinv(A.T) @ force, atol=1e-9)
-
-
-def rooted(robot: Robot) -> Robot:
-    """Return a robot whose first steered pivot is the root link's origin.
-
-    A bicycle's turning rate then has constant columns, as no row has it with the steering angle.
-    """
-    drive = robot.drive
-    x, y = drive.steered[0].pivot
-    moved = tuple(replace(s, pivot=(s.pivot[0] - x, s.pivot[1] - y)) for s in drive.swivels)
-    point = drive.point[0] - x, drive.point[1] - y
-    return replace(robot, drive=replace(drive, swivels=moved, point=point))
-
-
-@pytest.mark.parametrize("place", [lambda robot: robot, rooted], ids=["as built", "rooted"])
-@pytest.mark.parametrize("kind", ["car-like", "tied", "tricycle", "bicycle", "steered"])
-def test_the_horizons_maps_are_rows_of_the_basis(
-    tmp_path: Path, kind: str, place: Callable[[Robot], Robot], rng: np.random.Generator
-) -> None:
-    """At many angles at a time, with their derivatives."""
-    for seed in range(4):
-        text = random_vehicles.vehicle(kind, seed)[0]
-        robot = place(rpctl.load(write(tmp_path, text)))
-        dynamics, steering, count = (
-            ReducedDynamics(robot),
-            Steering(robot),
-            len(robot.drive.steered),
-        )
-        names = [swivel.joint for swivel in robot.drive.steered]
-        drawn = [robot.random_configuration(rng) for _ in range(4)]
-        angles = np.array([[robot.joint_position(q, name) for name in names] for q in drawn])
-        speeds = rng.normal(size=(4, 1 + count))
-        maps, jacobian = steering.maps(angles), steering.jacobian(angles, speeds)
-        for q, found in zip(drawn, maps, strict=True):
-            expected = dynamics.twist(q, np.eye(robot.dof)[:, : 1 + count])
-            size = np.abs(expected).max()
-            np.testing.assert_allclose(found, expected, atol=1e-12 * size, err_msg=f"{seed}")
-        for i, step in enumerate(STEP * np.eye(count)):
-            ahead, behind = (steering.maps(angles + s * step) @ speeds[:, :, None] for s in (1, -1))
-            rate = (ahead - behind)[:, :, 0] / (2 * STEP)
-            size = np.abs(rate).max()
-            np.testing.assert_allclose(jacobian[:, :, i], rate, atol=1e-6 * size, err_msg=f"{seed}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.errors import ActuationError
 from tests import closed_form
-from tests.robots import SET_A, SET_B, four_wheels, platform, write
+from tests.robots import SET_A, SET_B, platform, write
 
 ROUNDING = 1e-12  # relative to the largest entry; 1e-15 is what is seen
 PRINTED = 5e-10  # the design prints nine decimals
@@ -73,16 +72,6 @@ def test_published_platform_b(tmp_path: Path) -> None:
     assert M[0, 1] == pytest.approx(0.0, abs=1e-14)
 
 
-def test_wheel_signs_do_not_change_the_inertia(tmp_path: Path) -> None:
-    plain, flipped = (
-        rpctl.load(write(tmp_path, platform(SET_A, right_sign=sign))) for sign in (1, -1)
-    )
-    M, flipped_M = (ReducedDynamics(x).inertia(x.configuration()) for x in (plain, flipped))
-    np.testing.assert_allclose(M, flipped_M, rtol=1e-14)
-    B = ReducedDynamics(flipped).actuation(flipped.configuration())
-    np.testing.assert_allclose(B, [[1 / 0.15, -1 / 0.15], [-5.0, -5.0]], atol=1e-12)
-
-
 def test_forward_undoes_inverse(robot: Robot, rng: np.random.Generator) -> None:
     dynamics = ReducedDynamics(robot)
     for _ in range(20):
@@ -119,32 +108,6 @@ def test_a_third_driven_wheel_shares_the_effort(tmp_path: Path) -> None:
     tau = dynamics.efforts(q, force)
     np.testing.assert_allclose(dynamics.actuation(q) @ tau, force)
     assert tau[0] == pytest.approx(tau[2])
-
-
-def test_stronger_actuators_bear_more(tmp_path: Path) -> None:
-    """The least Σ (τᵢ/lᵢ)² with r⁻¹ Σ τᵢ = F and no moment: τᵢ is as lᵢ² on either side.
-
-    Without a limit an actuator counts as one of 1 N·m.
-    """
-    robot = four_wheels(tmp_path, "skid-steer")
-    wheels = [wheel.joint for wheel in robot.drive.wheels]  # front left, front right, rear ...
-    for strong, weak, share in ((30.0, 10.0, 0.9), (3.0, math.inf, 0.9), (1e3, 1e3, 0.5)):
-        limits = dict(zip(wheels, (strong, strong, weak, weak), strict=True))
-        joints = tuple(
-            dataclasses.replace(joint, effort=limits.get(joint.name, joint.effort))
-            for joint in robot.description.joints
-        )
-        described = dataclasses.replace(robot.description, joints=joints)
-        varied = dataclasses.replace(robot, description=described)
-        dynamics, q = ReducedDynamics(varied), varied.configuration()
-        F, N = 8.0, 3.0
-        tau = dynamics.efforts(q, np.array([F, N, 0.0]))
-        np.testing.assert_allclose(dynamics.actuation(q) @ tau, [F, N, 0.0], atol=1e-12)
-        left, right = (0.5 * SET_A["r"] * (F + side * N / SET_A["b"]) for side in (-1.0, 1.0))
-        # The front right axle points to the right.
-        expected = [share * left, -share * right, (1 - share) * left, (1 - share) * right]
-        by_name = dict(zip(varied.actuators, tau, strict=True))
-        np.testing.assert_allclose([by_name[name] for name in wheels], expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e6])

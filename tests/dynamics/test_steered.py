@@ -17,7 +17,6 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.drive.steering import follower_positions
-from rpctl.dynamics.motion import rk4_step
 from rpctl.errors import SingularBasisError
 from tests import random_vehicles
 from tests.robots import write
@@ -185,34 +184,6 @@ def test_casters_follow(tmp_path: Path) -> None:
         if name != "caster_1":
             side = 0.004 * (omega - rates[name])
             assert rates[f"{name}_roller"] * 0.05 == pytest.approx(along - side)
-
-
-def test_casters_flip_when_they_are_pushed(tmp_path: Path) -> None:
-    """A robot that is pushed backward turns its casters round; no energy is lost in the flips.
-
-    The flips turn the robot, so no caster stays where it came to.
-    """
-    robot = load(tmp_path, "casters")
-    dynamics, q = ReducedDynamics(robot), robot.configuration(joints={"caster_0": 0.01})
-    nu = np.array([-0.8, 0.0, 0.0])
-    start, tau = dynamics.energy(q, nu), np.zeros(len(robot.actuators))
-    casters = ("caster_0", "caster_1", "caster_2")
-    turned = np.zeros(3)
-    for _ in range(1000):
-        q, nu, *_ = rk4_step(dynamics, q, nu, tau, 1e-3)
-        angles = [abs(robot.joint_position(q, name)) for name in casters]
-        turned = np.maximum(turned, angles)
-    assert (turned > 3.0).all()
-    assert dynamics.energy(q, nu) == pytest.approx(start, abs=1e-7)
-
-
-def test_omni_wheels(tmp_path: Path) -> None:
-    """φ̇ r = vx sin α − vy cos α − ρ ω about axles that point outward, at a distance ρ."""
-    robot, (vx, vy, omega) = load(tmp_path, "omni"), (0.4, -0.3, 0.7)
-    _, rates = motion(robot, {}, vx=vx, vy=vy, omega=omega)
-    for k, alpha in enumerate((0.0, 2 * pi / 3, -2 * pi / 3)):
-        speed = vx * sin(alpha) - vy * cos(alpha) - 0.3 * omega
-        assert rates[f"omni_{k}"] * R == pytest.approx(speed)
 
 
 def test_steering_across_is_singular(tmp_path: Path) -> None:

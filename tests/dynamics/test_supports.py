@@ -11,7 +11,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
-from rpctl.dynamics.supports import find_supports
+from rpctl.dynamics.stance import find_supports
 from tests import urdf
 from tests.robots import SET_A, ball, free_caster, platform, write
 

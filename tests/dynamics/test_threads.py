@@ -12,7 +12,7 @@ import pytest
 
 from rpctl import ReducedDynamics, Robot, load
 from rpctl.arrays import Array
-from rpctl.reference.arm import Arm
+from rpctl.reference.planned.arm import Arm
 
 STATES, ROUNDS, THREADS = 16, 60, 3
 

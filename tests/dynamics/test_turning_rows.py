@@ -13,8 +13,8 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
-from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
-from rpctl.robot.workspace import Workspace
+from rpctl.dynamics.rolling import find_rolling
+from rpctl.robot.coordinates import Workspace
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
 
@@ -33,21 +33,6 @@ def steered(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
         s.joint: float(rng.uniform(-3.0, 3.0)) for s in robot.drive.swivels if s.role == "caster"
     }
     return robot.configuration(0.3, -0.2, 0.7, joints), rng.normal(size=robot.dof)
-
-
-@pytest.mark.parametrize("kind", TURNING)
-def test_the_drift_is_the_rows_rate(tmp_path: Path, kind: str, rng: np.random.Generator) -> None:
-    """At any q and v: wheels that follow need not be where the others would have them."""
-    robot = load(tmp_path, kind)
-    rolling = find_rolling(robot)
-    for _ in range(5):
-        v = rng.normal(size=robot.nv)
-        q = pin.integrate(robot.model, steered(robot, rng)[0], 0.3 * rng.normal(size=robot.nv))
-        ahead, behind = (
-            constraint(rolling, pin.integrate(robot.model, q, s * v)) for s in (STEP, -STEP)
-        )
-        rate = (ahead - behind) @ v / (2 * STEP)
-        assert constraint_drift(rolling, q, v) == pytest.approx(rate, abs=1e-7)
 
 
 @pytest.mark.parametrize("kind", TURNING)
@@ -122,18 +107,6 @@ def test_twin_wheels_roll_on_average_at_the_first_swivels_speed(tmp_path: Path) 
     np.testing.assert_allclose(v[:3], [vx, vy, omega], atol=1e-12)
     speeds = [0.1 * v[robot.velocity_index(f"fl_{side}_wheel")] for side in "lr"]
     np.testing.assert_allclose(speeds, [nu[0] - 0.05 * omega, nu[0] + 0.05 * omega], atol=1e-12)
-
-
-def test_what_is_kept_cannot_be_written(tmp_path: Path) -> None:
-    """A and S at the last q are kept for the next call."""
-    robot = load(tmp_path, "bicycle")
-    dynamics = ReducedDynamics(robot)
-    q = robot.configuration(joints={"steer": 0.2})
-    for array in (dynamics.rolling.matrix.constant, dynamics.constraint(q), dynamics.basis(q)):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0, 0] = 1.0
-    turned = dynamics.basis(robot.configuration(joints={"steer": 0.4}))
-    assert np.abs(turned - dynamics.basis(q)).max() > 0.01
 
 
 @pytest.mark.parametrize("kind", TURNING)

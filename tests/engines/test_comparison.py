@@ -13,8 +13,7 @@ import rpctl
 from rpctl.dynamics.ground_reaction import Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.comparison import EngineGap, compare
-from rpctl.engines.course import RefereeCourse
-from rpctl.engines.recording import EngineRecording
+from rpctl.engines.recording import EngineRecording, referee_course
 from rpctl.robot.model import Robot
 
 T = np.linspace(0.0, 2.0, 21)
@@ -157,7 +156,7 @@ def test_an_engine_that_could_not_go_on_disagrees_whatever_it_did_before() -> No
 
 def test_the_course_ends_where_its_speeds_say() -> None:
     """Speeds rise to 1 and fall to .3, so their mean is 1/6 + 1/3 + .65/3; a stroke is 1."""
-    course, rising = RefereeCourse(), np.array([True, False])
+    course, rising = referee_course(3.0), np.array([True, False])
     t = (np.arange(3000) + 0.5) * 1e-3
     nu, nu_dot = zip(*(course.speeds(at, np.ones(2), rising) for at in t.tolist()), strict=True)
     way = np.sum(nu, axis=0) * 1e-3

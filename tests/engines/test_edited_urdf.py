@@ -11,7 +11,7 @@ from lxml import etree
 
 import rpctl
 from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_shapes
-from rpctl.engines.switches import ALL_DEFAULT, MENDED, Switches
+from rpctl.engines.engine import ALL_DEFAULT, MENDED, Switches
 from rpctl.robot.model import Robot
 from tests import urdf
 
@@ -110,12 +110,6 @@ def two_wheels(path: Path, *inside: str, more: str = "") -> Path:
         parts.append(urdf.link(ends[1], urdf.inertial(1.0, (0.003, 0.005, 0.003)), wheel))
     path.write_text(urdf.robot("two", *parts, more))
     return path
-
-
-def test_a_support_that_is_only_drawn_is_added_where_it_is_mended(tmp_path: Path) -> None:
-    robot = rpctl.load(two_wheels(tmp_path / "two.urdf"))
-    assert not shapes(edited(robot)[0], "base_link")
-    assert shapes(edited(robot, "caster")[0], "base_link") == ["sphere"]
 
 
 def test_meshes_that_are_not_found_or_not_read_are_left_out_and_told(tmp_path: Path) -> None:

@@ -15,12 +15,10 @@ import rpctl
 from rpctl import Robot, RpctlError
 from rpctl.drive.steering import follower_positions
 from rpctl.engines.mujoco.build import Built, build
-from rpctl.engines.mujoco.heights import read_heights
-from rpctl.engines.mujoco.inertias import BodyInertia, is_physical
+from rpctl.engines.mujoco.ground import GROUND
 from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.engines.mujoco.settings import ContactSettings
-from rpctl.engines.mujoco.touch import GROUND
-from rpctl.robot.payload import with_payload
+from rpctl.engines.mujoco.settings import ContactSettings, read_heights
+from rpctl.robot.vary import with_payload
 from tests import urdf
 from tests.robots import SET_A, ball, free_caster, platform, write
 
@@ -130,20 +128,6 @@ def test_what_weighs_nothing_and_moves_gets_a_little_mass(tmp_path: Path) -> Non
     assert found.compile().body("fork").mass[0] == 1e-6
 
 
-def test_mimics_follow(tmp_path: Path) -> None:
-    parts = [
-        urdf.link("lift", urdf.inertial(1, (0.1, 0.1, 0.1))),
-        urdf.joint("up", "prismatic", ("base", "lift"), "0 0 .3", "0 0 1", urdf.limit(0, 1, 9, 1)),
-        urdf.link("top", urdf.inertial(1, (0.1, 0.1, 0.1))),
-        urdf.joint("on", "prismatic", ("lift", "top"), "0 0 .1", "0 0 1",
-                   '<limit lower="-9" upper="9" effort="9" velocity="1"/>'
-                   '<mimic joint="up" multiplier="2" offset="0.1"/>'),
-    ]  # fmt: skip
-    model = built(load(tmp_path, *parts)).compile()
-    assert model.neq == 1
-    np.testing.assert_allclose(model.eq_data[0, :3], [0.1, 2.0, 0.0])
-
-
 def test_the_wheels_are_cylinders_of_the_drives_radius_and_a_given_width(paper: Robot) -> None:
     model = built(paper, wheel_width=0.03).compile()
     kinds = mujoco_library().mjtGeom
@@ -243,7 +227,7 @@ def mass_matrix(model: Any) -> np.ndarray:
 def test_rollers_leave_the_robots_inertia_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = rpctl.load("mecanum")
     rolling = built(robot).compile()
-    monkeypatch.setattr("rpctl.engines.mujoco.build.has_rollers", lambda robot: False)
+    monkeypatch.setattr("rpctl.engines.mujoco.ground.has_rollers", lambda robot: False)
     plain = built(robot).compile()
     assert rolling.nv == plain.nv + 4 * 12
     names = [plain.joint(k).name for k in range(1, plain.njnt)]
@@ -272,29 +256,6 @@ def test_props_stand_around_p(paper: Robot) -> None:
     height = round(paper.drive.ground + 0.02, 9)
     signs = [(a, b) for a in (1, -1) for b in (1, -1)]
     assert places == {(round(x + a * reach, 9), round(y + b * reach, 9), height) for a, b in signs}
-
-
-def test_what_has_no_inertia_gets_a_little(tmp_path: Path) -> None:
-    point = urdf.link("point", urdf.inertial(1, (0, 0, 0), xyz="0.1 0 0"))
-    joint = urdf.joint("swing", "continuous", ("base", "point"), "0 0 0.3", "0 0 1")
-    found = built(load(tmp_path, point, joint))
-    assert "has no inertia about some axis; 1e-09 kg·m² is added" in found.repairs[0]
-    np.testing.assert_allclose(found.compile().body("point").inertia, 1e-9)
-
-
-@pytest.mark.parametrize(
-    ("mass", "moments", "physical"),
-    [
-        (1.0, (1.0, 1.0, 1.0), True),
-        (0.0, (1.0, 1.0, 1.0), False),
-        (1.0, (1.0, 1.0, 0.0), False),
-        (1.0, (1.0, 1.0, 3.0), False),
-    ],
-)
-def test_a_body_needs_a_mass_moments_and_their_rule(
-    mass: float, moments: tuple[float, ...], physical: bool
-) -> None:
-    assert is_physical(BodyInertia(mass, np.zeros(3), np.diag(moments))) is physical
 
 
 def test_a_caster_that_meshes_draw_is_a_ball(tmp_path: Path) -> None:

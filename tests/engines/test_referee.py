@@ -12,22 +12,26 @@ import pytest
 
 import rpctl
 from rpctl.arrays import Array
-from rpctl.engines.causes import beyond
-from rpctl.engines.engine import EngineMissing
-from rpctl.engines.installed import installed_engines
+from rpctl.engines.engine import (
+    ALL_MENDED,
+    DEFAULT,
+    MENDED,
+    EngineMissing,
+    Switches,
+    installed_engines,
+)
 from rpctl.engines.mujoco import library
 from rpctl.engines.mujoco.engine import MujocoRun, MujocoSimulator
-from rpctl.engines.referee import EngineVerdict, Referee
-from rpctl.engines.switches import ALL_MENDED, DEFAULT, MENDED, Switches
+from rpctl.engines.referee import EngineVerdict, Referee, beyond
 from rpctl.engines.words import line, verdict_to_dict
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 from tests.cli.test_app import run
+from tests.grids import cells
 from tests.urdf import ROUND, inertial, joint, limit, link, shape
 from tests.urdf import robot as urdf
 
 mujoco = pytest.importorskip("mujoco")
-pytestmark = pytest.mark.slow
 DURATION = 1.5  # s
 CYLINDER = 'cylinder radius="0.1" length="0.04"'
 
@@ -77,7 +81,10 @@ def named(verdict: EngineVerdict) -> list[tuple[str, ...]]:
     return [cause.names for cause in verdict.trace.causes]
 
 
-@pytest.mark.parametrize("name", ["paper", "car", "mecanum", "casters", "tiago", "tiago_no_hand"])
+@pytest.mark.parametrize(
+    "name",
+    cells(["paper", "car", "mecanum", "casters", "tiago", "tiago_no_hand"], slow=["mecanum"]),
+)
 def test_the_mended_engine_agrees_with_the_reduced_model(name: str) -> None:
     judge = Referee(rpctl.load(name), duration=DURATION)
     _, model = judge.motion(MujocoSimulator().tick)
@@ -86,65 +93,48 @@ def test_the_mended_engine_agrees_with_the_reduced_model(name: str) -> None:
     assert {gap.name for gap in gaps} >= {"path", "heading", "slip", "load", "energy", "tilt"}
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_engines_agree(load: Callable[[str], Robot]) -> None:
     verdict = judged(load(rover()))
     assert verdict.agrees and verdict.traced and verdict.trace is None
     assert line(verdict) == f"MuJoCo {mujoco.__version__}: agrees with the reduced model"
 
 
-def test_wheels_that_touch_along_a_line_are_named(load: Callable[[str], Robot]) -> None:
-    verdict = judged(load(rover()), "wheel")
-    assert named(verdict) == [("wheel",)] and verdict.traced
-    said = line(verdict)
-    assert "little" in said or "does not turn" in said
-    assert "cylinders 40 mm wide" in said
-    assert '<geom type="ellipsoid" size="0.1 0.1 0.02"/>' in said
+TRAY = link("tray", shape('box size="0.2 0.2 0.1"')) + joint(
+    "tray_joint", "fixed", ("base", "tray"), (0.1, 0, 0.4)
+)  # drawn and not weighed: 4 kg at 1000 kg/m³
+TURRET = link(
+    "turret", inertial(1.0, (0.01, 0.01, 0.01)), shape('box size="0.1 0.52 0.05"')
+) + joint(
+    "turret_joint", "revolute", ("base", "turret"), (0, 0, 0.12), "0 0 1",
+    limit(-1.0, 1.0, 20.0, 2.0),
+)  # fmt: skip
+PLANTED = [  # a switch, the robot that it concerns, and words of the line
+    ("wheel", rover(), ("cylinders 40 mm wide", 'type="ellipsoid" size="0.1 0.1 0.02"/>')),
+    ("caster", rover(), ("ball drags with friction", 'condim="1"')),
+    ("caster", rover(ball="visual"), ("ball has no <collision>",)),
+    ("inertia", rover(extra=TRAY), ("tray", "1000 kg/m³")),
+    ("collisions", rover(extra=TURRET), ("links that overlap",)),
+]
 
 
-def test_a_ball_that_drags_is_named(load: Callable[[str], Robot]) -> None:
-    verdict = judged(load(rover()), "caster")
-    assert named(verdict) == [("caster",)]
-    assert "ball drags with friction" in line(verdict) and 'condim="1"' in line(verdict)
+@pytest.mark.parametrize(("switch", "text", "words"), cells(PLANTED, slow=PLANTED[:1]))
+def test_what_is_planted_is_named(
+    load: Callable[[str], Robot], switch: str, text: str, words: tuple[str, ...]
+) -> None:
+    verdict = judged(load(text), switch)
+    assert named(verdict) == [(switch,)] and verdict.traced
+    assert all(word in line(verdict) for word in words)
 
 
-def test_a_ball_that_the_engine_does_not_see_is_named(load: Callable[[str], Robot]) -> None:
-    verdict = judged(load(rover(ball="visual")), "caster")
-    assert named(verdict) == [("caster",)]
-    assert "ball has no <collision>" in line(verdict)
-
-
-def test_guessed_masses_are_named(load: Callable[[str], Robot]) -> None:
-    """A tray that the file draws and does not weigh: 4 kg at 1000 kg/m³."""
-    tray = link("tray", shape('box size="0.2 0.2 0.1"')) + joint(
-        "tray_joint", "fixed", ("base", "tray"), (0.1, 0, 0.4)
-    )
-    verdict = judged(load(rover(extra=tray)), "inertia")
-    assert named(verdict) == [("inertia",)]
-    assert "tray" in line(verdict) and "1000 kg/m³" in line(verdict)
-
-
-def test_links_that_push_each_other_apart_are_named(load: Callable[[str], Robot]) -> None:
-    """A box between the wheels that is wide enough to meet them, two joints away."""
-    turret = link(
-        "turret", inertial(1.0, (0.01, 0.01, 0.01)), shape('box size="0.1 0.52 0.05"')
-    ) + joint(
-        "turret_joint",
-        "revolute",
-        ("base", "turret"),
-        (0, 0, 0.12),
-        axis="0 0 1",
-        more=limit(-1.0, 1.0, 20.0, 2.0),
-    )
-    verdict = judged(load(rover(extra=turret)), "collisions")
-    assert named(verdict) == [("collisions",)]
-
-
+@pytest.mark.thorough
 def test_tie_rods_that_are_left_out_are_named() -> None:
     verdict = judged(rpctl.load("car"), "mimic")
     assert named(verdict) == [("mimic",)]
     assert 'joint1="steering_right_joint" joint2="steering_left_joint" polycoef="' in line(verdict)
 
 
+@pytest.mark.slow
 def test_tie_rods_as_springs_bear_the_default_step() -> None:
     judge, engine = Referee(rpctl.load("swerve"), duration=DURATION), MujocoSimulator()
     judge.motion(engine.tick)
@@ -152,6 +142,7 @@ def test_tie_rods_as_springs_bear_the_default_step() -> None:
     assert not beyond(judge.compare(judge.run(engine, ALL_MENDED), long))
 
 
+@pytest.mark.thorough
 def test_losses_that_the_model_leaves_out_are_named(tmp_path: Path) -> None:
     text = rover().replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><dynamics damping="0.2"/>')
     assert "damping" in text
@@ -162,6 +153,7 @@ def test_losses_that_the_model_leaves_out_are_named(tmp_path: Path) -> None:
     assert "drives" in line(verdict) and "too short" in line(verdict)
 
 
+@pytest.mark.thorough
 def test_all_defaults_are_traced_and_cured(load: Callable[[str], Robot]) -> None:
     verdict = Referee(load(rover()), duration=DURATION).judge(MujocoSimulator())
     assert {name for names in named(verdict) for name in names} >= {"wheel", "caster"}
@@ -171,6 +163,7 @@ def test_all_defaults_are_traced_and_cured(load: Callable[[str], Robot]) -> None
     assert plain["agrees"] is False and plain["line"] == line(verdict)
 
 
+@pytest.mark.slow
 def test_an_unknown_cause_is_not_traced(load: Callable[[str], Robot]) -> None:
     """The engine gets a heavier robot whatever is mended: no switch explains it."""
     robot = load(rover())
@@ -185,12 +178,6 @@ def test_an_unknown_cause_is_not_traced(load: Callable[[str], Robot]) -> None:
     verdict = Referee(robot, duration=DURATION).judge(Heavy())
     assert not verdict.traced and verdict.trace is not None and verdict.trace.remaining
     assert "no setting explains" in line(verdict)
-
-
-def test_a_skid_steer_base_is_compared_straight_ahead() -> None:
-    _, model = Referee(rpctl.load("skid_steer"), duration=DURATION).motion(2e-3)
-    assert abs(model.pose[:, 1:]).max() < 1e-3 < model.pose[-1, 0]
-    assert "straight ahead only" in model.notes[0]
 
 
 def test_robots_without_ground_or_stance_are_refused() -> None:
@@ -218,6 +205,7 @@ def command() -> tuple[int, str, str]:
     return run("referee", "paper", "--engines", "mujoco", "--duration", "1", "--json")
 
 
+@pytest.mark.slow
 def test_the_command_prints_what_was_found() -> None:
     code, out, _ = command()
     found = json.loads(out)["robots"]["paper"][0]

@@ -11,13 +11,11 @@ import pytest
 
 import rpctl
 from rpctl.engines.mujoco.engine import MujocoSimulator
-from rpctl.engines.mujoco.turning import calm_speed
 from rpctl.engines.referee import EngineVerdict, Referee
 from rpctl.engines.turning import (
     Turn,
     TurnVerdict,
     _measured,
-    judge_turn,
     scrubbing_track,
     wheel_places,
 )
@@ -98,11 +96,6 @@ def test_the_line_tells_the_tracks_and_what_to_declare() -> None:
     assert not slow.agrees and late.turn.agrees
 
 
-def test_what_slides_is_lifted_less_than_it_weighs() -> None:
-    assert calm_speed(1.4) == pytest.approx(0.5 * calm_speed(0.7))
-    assert 0.7 * 100.0 * calm_speed(0.7) < 9.81  # μ b v < g, b = 2/(0.02 s)
-
-
 @pytest.mark.slow
 def test_mujoco_turns_a_skid_steer_base_as_its_wheels_places_say_once_wheels_stay_down() -> None:
     robot = rpctl.load("skid_steer")
@@ -114,11 +107,3 @@ def test_mujoco_turns_a_skid_steer_base_as_its_wheels_places_say_once_wheels_sta
     assert turn.mended.track == pytest.approx(W + L**2 / W, rel=5e-3)
     assert turn.mended.swing < 0.02 and turn.mended.off < 0.01
     assert turn.default.track > 2.0 * turn.own and turn.default.swing > 0.3
-
-
-@pytest.mark.slow
-def test_no_other_base_is_asked_to_scrub() -> None:
-    judge = Referee(rpctl.load("paper"), duration=1.6)
-    plan, _ = judge.motion(2e-3)
-    still = np.zeros(len(judge.robot.actuators))
-    assert judge_turn(judge.robot, MujocoSimulator(), plan, still, 0.7) is None

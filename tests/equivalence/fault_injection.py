@@ -11,7 +11,7 @@ from typing import Any
 import pinocchio as pin
 
 from rpctl import Drive, ReducedDynamics, Robot
-from rpctl.dynamics import basis, rolling
+from rpctl.dynamics import rolling
 
 Injection = Callable[[Robot], AbstractContextManager[Robot]]
 
@@ -105,4 +105,4 @@ def selection_of(**changes: Callable[[Drive], Any]) -> Injection:
         drive = dataclasses.replace(robot.drive, **values)
         return original(dataclasses.replace(robot, drive=drive), *rest)
 
-    return in_function(basis.selection, changed)
+    return in_function(rolling.selection, changed)

@@ -27,9 +27,9 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics import rolling
 from rpctl.equivalence import checks, lagrange, wheel_slip
+from rpctl.equivalence.check import Check
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import MujocoEngine
-from rpctl.equivalence.row import Check
 from rpctl.equivalence.wheel_slip import FileMotion, Slip
 from tests.equivalence import mutations, shared_faults
 from tests.equivalence.fault_injection import Injection, in_function, in_method, rolling_of

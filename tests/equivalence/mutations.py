@@ -13,8 +13,8 @@ from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics import rolling
-from rpctl.dynamics.basis import selection
 from rpctl.dynamics.projection import Projection
+from rpctl.dynamics.rolling import selection
 from tests.equivalence.fault_injection import (
     Injection,
     in_body,

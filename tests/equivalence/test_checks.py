@@ -12,9 +12,8 @@ import rpctl
 from rpctl import ReducedDynamics
 from rpctl.arrays import Array
 from rpctl.equivalence import checks
-from rpctl.equivalence.forced_state import find_rounding_scales
-from rpctl.equivalence.residuals import DIFFERENCE_TOLERANCE
-from rpctl.equivalence.state import State
+from rpctl.equivalence.check import DIFFERENCE_TOLERANCE
+from rpctl.equivalence.state import State, find_rounding_scales
 from tests.robots import SET_A, platform, write
 
 PLANTED = 1e-3  # kg/s, in the entry of C that v has with itself

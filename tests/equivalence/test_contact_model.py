@@ -14,6 +14,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence.contact import model as contact_model
+from rpctl.equivalence.contact import mujoco_body
 from rpctl.equivalence.contact import plan as contact_plan
 from rpctl.equivalence.contact import shapes as contact_shapes
 from rpctl.equivalence.contact.model import ContactModel
@@ -30,13 +31,19 @@ SETTLED = 1e-3  # of a load: what sinking by microns and settling for .3 s leave
 # --- MuJoCo's side ------------------------------------------------------------------------------
 
 
+def push(model: ContactModel, **efforts: float) -> None:
+    """Hold efforts of some joints for one step."""
+    tau = [efforts.get(name, 0.0) for name in model.robot.actuators]
+    model.advance(np.array(tau), contact_model.STEP_S)
+
+
 def settled(robot: Robot, steps: int = 600) -> contact_model.Contact:
     model = ContactModel(robot)
     model.start(contact_plan.start(robot))
     for _ in range(steps):
-        ground = model.advance({}, 1)
-    assert np.abs(model.pose).max() < 1e-6  # level ground: it stays where it is
-    return ground
+        push(model)
+    assert np.abs(model.planar).max() < 1e-6  # level ground: it stays where it is
+    return model.ground
 
 
 def test_loads_at_rest_are_those_of_the_lever_rule(tmp_path: Path) -> None:
@@ -47,7 +54,7 @@ def test_loads_at_rest_are_those_of_the_lever_rule(tmp_path: Path) -> None:
     """
     robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.6) + cargo(8, 0.4, 0.3, 0.2))))
     ground = settled(robot)
-    assert ContactModel(robot).names == ("left_joint", "right_joint", "ball")
+    assert ContactModel(robot).contacts == ("left_joint", "right_joint", "ball")
     expected = G * np.array([19.66666667 / 2 + 1.6, 19.66666667 / 2 - 1.6, 20.33333333])
     np.testing.assert_allclose(ground.load, expected, rtol=SETTLED)
     np.testing.assert_allclose(ground.force, [0.0, 0.0, 40.0 * G], atol=SETTLED * 40.0 * G)
@@ -60,13 +67,13 @@ def test_a_torque_on_the_wheels_rolls_the_platform(tmp_path: Path) -> None:
     model = ContactModel(robot)
     model.start(robot.configuration(theta=0.5 * math.pi))
     for _ in range(600):
-        model.advance({}, 1)
-    start = model.pose
+        push(model)
+    start = model.planar
     for _ in range(1000):
-        ground = model.advance({"left_joint": 0.75, "right_joint": 0.75}, 1)
+        push(model, left_joint=0.75, right_joint=0.75)
     way = 0.5 * (10.0 / (32.0 + 0.01 / 0.15**2)) * 0.5**2
-    np.testing.assert_allclose(model.pose - start, [0.0, way, 0.0], atol=0.01 * way)
-    assert ground.force[1] == pytest.approx(32.0 * 10.0 / (32.0 + 0.01 / 0.15**2), rel=0.01)
+    np.testing.assert_allclose(model.planar - start, [0.0, way, 0.0], atol=0.01 * way)
+    assert model.ground.force[1] == pytest.approx(32.0 * 10.0 / (32.0 + 0.01 / 0.15**2), rel=0.01)
     assert model.joint("left_joint")[0] == pytest.approx(way / 0.15, rel=0.01)
 
 
@@ -76,13 +83,13 @@ def test_the_turn_of_a_base_that_leans_is_where_its_forward_axis_points(paper: R
     model.start(paper.configuration(1.0, 2.0))
     half = [(math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (0.2, 0.3, 0.5)]
     (cx, sx), (cy, sy), (cz, sz) = half
-    model._data.qpos[3:7] = (  # the product of the three quaternions
+    model.data.qpos[3:7] = (  # the product of the three quaternions
         cz * cy * cx + sz * sy * sx,
         cz * cy * sx - sz * sy * cx,
         cz * sy * cx + sz * cy * sx,
         sz * cy * cx - cz * sy * sx,
     )
-    np.testing.assert_allclose(model.pose, [1.0, 2.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(model.planar, [1.0, 2.0, 0.5], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["mecanum", "omni"])
@@ -103,11 +110,10 @@ def test_a_mecanum_base_slides_across_its_rollers_only(tmp_path: Path) -> None:
     robot = four_wheels(tmp_path, "mecanum")
     model = ContactModel(robot)
     model.start(robot.configuration())
-    joints = {wheel.joint for wheel in robot.drive.wheels}
     for _ in range(400):
-        model.advance({}, 1)
-    model.advance(dict.fromkeys(joints, 0.0), 1)
-    for contact in model._data.contact:
+        push(model)
+    push(model)
+    for contact in model.data.contact:
         wheel = model.rollers.geoms[int(contact.geom2)]
         along = model.rollers.held(wheel)
         np.testing.assert_allclose(contact.frame[3:6], along, atol=1e-12)
@@ -127,7 +133,7 @@ def test_a_mimic_joint_follows_in_mujoco(tmp_path: Path) -> None:
     model = ContactModel(robot)
     model.start(robot.configuration(joints={"first_joint": 0.4}))
     for _ in range(400):
-        model.advance({"first_joint": 0.2}, 1)
+        push(model, first_joint=0.2)
     first, second = model.joint("first_joint")[0], model.joint("second_joint")[0]
     assert first > 0.45
     assert second == pytest.approx(-0.5 * first + 0.2, abs=1e-3)
@@ -146,7 +152,7 @@ def test_a_tie_rod_is_a_spring_between_two_knuckles() -> None:
     slope = (math.sin(right) / math.sin(left)) ** 2
     model = ContactModel(robot)
     model.start(robot.configuration(joints={leader: left}))
-    data, dofs = model._data, model._dofs
+    data, dofs = model.data, model.dofs
     assert model.joint(follower)[0] == pytest.approx(right)
     data.qpos[dofs[follower] + 1] += 0.01
     data.qvel[dofs[leader]], data.qvel[dofs[follower]] = 0.2, 0.05
@@ -240,11 +246,11 @@ def test_a_mesh_in_millimetres_that_is_turned_and_moved(tmp_path: Path) -> None:
     np.testing.assert_allclose(tread.pose[:3, 3], [0.0, -0.01, 0.0], atol=1e-9)
 
 
-@pytest.mark.parametrize("module", [contact_model, contact_shapes])
+@pytest.mark.parametrize("module", [contact_model, contact_shapes, mujoco_body])
 def test_mujocos_side_asks_neither_pinocchio_nor_the_rolling(module: object) -> None:
     tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
     imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     used = {name for name in imported if name.startswith(("pinocchio", "rpctl.dynamics"))}
-    assert used <= {"rpctl.dynamics.supports"}  # which parts stand on the ground, by name
+    assert used <= {"rpctl.dynamics.stance"}  # which parts stand on the ground, by name
     called = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
     assert not called & {"model", "crba", "rnea", "basis", "forwardKinematics"}

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 import rpctl
 from rpctl import Robot
 from rpctl.drive.drive import Drive, Swivel, Wheel
-from rpctl.equivalence.file_drive import measure, with_declared
+from rpctl.equivalence.file_drive import measure
 from rpctl.equivalence.raw_file import read_file
 from tests.drive.drive_cases import Files, axles, body, xml
+from tests.grids import cells
 from tests.robots import write
 from tests.vehicles import KINDS, Parts, vehicle
 
@@ -80,13 +81,6 @@ def test_p_is_between_the_outermost_wheels_of_an_axle(files: Files) -> None:
         near(each.direction, FORWARD)
 
 
-def test_p_of_two_axles_is_between_them(files: Files) -> None:
-    """A third wheel on the front axle does not draw it there."""
-    parts = axles(0.4, -0.1)
-    parts.wheel("inner", "base", "0.4 0.2 0.1")
-    near(measured(files.load(askew(xml(parts)), "skid-steer")).point, 0.15 * FORWARD)
-
-
 def test_a_steered_wheel_askew(files: Files) -> None:
     """Its contact 3 cm ahead and 1 cm left of its pivot, both seen along its own heading."""
     drive = measured(files.load(askew(vehicle("tricycle"))))
@@ -116,7 +110,7 @@ def test_rollers_of_a_mecanum_base_askew(files: Files) -> None:
         near(wheel(drive, f"axle{name}").direction, (FORWARD + sign * LEFT) * math.sqrt(0.5))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", cells(KINDS, [*KINDS][::4]))
 def test_the_certificate_holds_askew(files: Files, kind: str) -> None:
     """All derivations agree where nothing of the base lies along its own axes."""
     proof = rpctl.verify(files.load(askew(vehicle(kind))), samples=1)
@@ -162,12 +156,6 @@ def test_a_part_is_of_the_wheel_where_it_is_centred_on_the_axle(
     near(left_of(files, parts).radius, radius)
 
 
-def test_what_lies_across_the_axle_is_no_tyre(files: Files) -> None:
-    """A wider cylinder about another axis, as of a guard, tells nothing of the wheel."""
-    guard = CYLINDER.format(y=0.0, r=0.2).replace("1.5707963267948966 0 0", "0 0 0")
-    near(left_of(files, with_left_wheel(guard + CYLINDER.format(y=0.0, r=0.1))).radius, 0.1)
-
-
 def test_a_mesh_is_as_high_as_the_wider_of_its_extents(files: Files) -> None:
     """In mm: 200 across, 160 high, from 10 to 30 along the axle."""
     corners = [(-100, 10, -80), (100, 30, 80), (-100, 30, 80), (100, 10, -80)]
@@ -183,20 +171,6 @@ def test_a_mesh_is_as_high_as_the_wider_of_its_extents(files: Files) -> None:
     near((left.radius, left.offset), (0.1, 0.02))
 
 
-def test_larger_declared_wheels_lower_the_ground_by_their_mean(files: Files) -> None:
-    """One wheel of four is declared 2 cm larger, and P 5 cm ahead."""
-    names = [f"axle{k}_{side}" for k in (0, 1) for side in ("left", "right")]
-    drive_text = 'type = "skid-steer"\npoint = [0.05, 0.0]\n'
-    drive_text += "".join(f'[[wheel]]\njoint = "{name}"\n' for name in names)
-    drive_text = drive_text.replace(f'joint = "{names[2]}"', f'joint = "{names[2]}"\nradius = 0.12')
-    robot = files.load(axles(0.25, -0.25), drive_text)
-    drive = with_declared(measured(robot), robot.drive)
-    near([wheel(drive, name).radius for name in names], (0.1, 0.1, 0.12, 0.1))
-    near(drive.ground, -0.005)
-    near(drive.point, (0.05, 0.0))
-    near((measured(robot).ground, *measured(robot).point), (0.0, 0.0, 0.0))
-
-
 def test_the_certificate_of_a_declared_track_holds_askew(files: Files) -> None:
     """The wheels grip a quarter wider than they stand: to the left of forward, not of x."""
     drive_text = 'type = "skid-steer"\ntrack = 0.75\n'
@@ -206,21 +180,3 @@ def test_the_certificate_of_a_declared_track_holds_askew(files: Files) -> None:
         )
     proof = rpctl.verify(files.load(askew(xml(axles(0.25, -0.25))), drive_text), samples=1)
     assert proof.passed, [check for check in proof.checks if not check.passed]
-
-
-def test_a_prefix_that_nothing_declares_is_read_over() -> None:
-    raw = read_file(b'<robot name="r"><g:plugin/><link name="a"/></robot>')
-    assert list(raw.link) == ["a"]
-
-
-def test_shapes_are_read_where_there_are_some() -> None:
-    """A comment is no shape, nor is what URDF does not know, nor nothing."""
-    visuals = (
-        '<geometry><!-- a ball --><sphere radius="0.1"/></geometry>',
-        '<geometry><cone radius="0.2"/></geometry>',
-        "<geometry/>",
-        "",
-    )
-    text = "".join(f"<visual>{visual}</visual>" for visual in visuals)
-    (link,) = read_file(f'<robot name="r"><link name="a">{text}</link></robot>'.encode()).links
-    assert [(shape.kind, shape.size) for shape in link.shapes] == [("sphere", (0.1,))]

@@ -53,7 +53,7 @@ def test_all_derivations_agree_on_them(robot: Robot) -> None:
         assert "friction is left out" in rows["damping of ℓ", "MuJoCo"].note
 
 
-@pytest.mark.parametrize("which", ["damping", pytest.param("friction", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("which", ["damping", pytest.param("friction", marks=pytest.mark.thorough)])
 def test_a_loss_that_is_not_the_files_is_found(robot: Robot, which: str) -> None:
     assert robot.losses is not None
     changed = {which: 1.001 * getattr(robot.losses, which)}

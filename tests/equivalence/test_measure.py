@@ -9,19 +9,21 @@ import numpy as np
 import pytest
 
 from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
-from rpctl.equivalence.residuals import (
+from rpctl.equivalence.check import (
+    CONTACT_ORACLE,
     DIFFERENCE_STEP,
     EPS,
     EXACT_TOLERANCE,
     ROUNDINGS,
+    Check,
+    Skipped,
     allowed,
     difference_step,
     rate,
     relative,
     worst,
 )
-from rpctl.equivalence.row import CONTACT_ORACLE, Check, Skipped
+from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
 
 
 def test_a_limit_grows_with_the_products_and_no_other_way() -> None:
@@ -32,21 +34,22 @@ def test_a_limit_grows_with_the_products_and_no_other_way() -> None:
 
 def test_a_deviation_is_relative_to_the_largest_entry() -> None:
     value, truth = np.array([[1.0, -8.0], [2.0, 4.0]]), np.array([[1.0, -8.0], [2.5, 4.0]])
-    check = relative("M", "other", value, truth, ["a", "b"], limit=0.1)
-    assert (check.residual, check.limit, check.entry) == (0.0625, 0.1, "b, a")
-    assert check.passed
-    assert check.limit_ratio == pytest.approx(0.625)
-    assert not relative("M", "other", value, truth, ["a", "b"], limit=0.0624).passed
-    assert relative("M", "other", value, truth, ["a", "b"], limit=0.0625).passed
-    wide = relative("M", "other", value, truth, ["a", "b"], limit=0.0, products=16.0)
-    assert wide.limit == pytest.approx(2.0 * ROUNDINGS * EPS, rel=1e-15)
+    check = relative("M", "other", value, truth, ["a", "b"])
+    assert (check.residual, check.limit, check.entry) == (0.0625, EXACT_TOLERANCE, "b, a")
+    assert not check.passed
+    assert check.limit_ratio == pytest.approx(0.0625 / EXACT_TOLERANCE)
+    wide = relative("M", "other", value, truth, ["a", "b"], products=16.0 / EPS)
+    assert wide.limit == pytest.approx(2.0 * ROUNDINGS, rel=1e-15)
+    assert wide.passed
+    assert Check("M", "other", 0.0625, 0.0625).passed
+    assert not Check("M", "other", 0.0625, 0.0624).passed
 
 
 def test_nothing_but_zeros_is_measured_as_it_is() -> None:
-    check = relative("h", "other", np.array([0.0, 0.25]), np.zeros(2), ["a", "b"], limit=0.5)
-    assert (check.residual, check.limit, check.entry) == (0.25, 0.5, "b")
-    none = relative("h", "other", np.zeros(0), np.zeros(0), [], limit=0.5)
-    assert (none.residual, none.limit, none.entry) == (0.0, 0.5, "")
+    check = relative("h", "other", np.array([0.0, 0.25]), np.zeros(2), ["a", "b"])
+    assert (check.residual, check.limit, check.entry) == (0.25, EXACT_TOLERANCE, "b")
+    none = relative("h", "other", np.zeros(0), np.zeros(0), [])
+    assert (none.residual, none.limit, none.entry) == (0.0, EXACT_TOLERANCE, "")
 
 
 @pytest.mark.parametrize("lost", [math.nan, math.inf, -math.inf])

@@ -11,9 +11,18 @@ import pytest
 
 from rpctl import ReducedDynamics, Robot
 from rpctl.dynamics.ground_reaction import Contacts, find_contacts, ground_reaction
-from rpctl.dynamics.push import push_at, pushed_efforts, pushed_reaction
-from rpctl.equivalence.onset.manoeuvre import SLIPS, TIPS, Manoeuvre, circle_radius, manoeuvres
-from rpctl.equivalence.onset.prediction import Predicted, SlipsFirst, find_onset, predict
+from rpctl.dynamics.pushes import push_at, pushed_efforts, pushed_reaction
+from rpctl.equivalence.onset.prediction import (
+    SLIPS,
+    TIPS,
+    Manoeuvre,
+    Predicted,
+    SlipsFirst,
+    circle_radius,
+    find_onset,
+    manoeuvres,
+    predict,
+)
 from rpctl.equivalence.onset.record import INSIDE, SAFE, WITHIN, WRONG, Onset
 from rpctl.robot.load import load
 from tests.equivalence import trolley as paper_and_pencil
@@ -135,10 +144,10 @@ def test_a_push_is_one_of_the_world(robot: Robot) -> None:
     np.testing.assert_allclose(
         felt.wrench, [5.0, 0, 0, 0, 5.0 * paper_and_pencil.MAST, 3.0], atol=1e-12
     )
-    np.testing.assert_allclose(felt.force[:3], [5.0, 0.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(felt.push[:3], [5.0, 0.0, 3.0], atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["car", "mecanum"])
 def test_more_contacts_leave_an_interval(name: str) -> None:
     found = predicted(load(name), CIRCLE)

@@ -14,23 +14,24 @@ from rpctl.cli.app import app
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence import verify as verify_module
+from rpctl.equivalence.check import Skipped
 from rpctl.equivalence.onset import prediction
 from rpctl.equivalence.onset import trial as trial_module
-from rpctl.equivalence.onset.body import PushedBody
-from rpctl.equivalence.onset.manoeuvre import SLIPS, TIPS, circle_radius, manoeuvres
-from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, measure
+from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, PushedBody, measure
+from rpctl.equivalence.onset.prediction import SLIPS, TIPS, circle_radius, manoeuvres
 from rpctl.equivalence.onset.record import ASKEW, WITHIN, NoOnset, Onset, OnsetTrial
 from rpctl.equivalence.onset.trial import onset_trial
-from rpctl.equivalence.row import Skipped
 from rpctl.robot.load import load
 from tests.equivalence import trolley as paper_and_pencil
 from tests.equivalence.test_onset_prediction import AHEAD, BRAKES, CIRCLE, DRIVES, LEFT, lifted
 from tests.equivalence.trolley import trolley
+from tests.grids import cells
 
 if not mujoco_engine.installed():
     pytest.skip("MuJoCo is optional", allow_module_level=True)
 
 MU = 0.7
+PLANTED = [(1.1, 1.0), (0.9, 1.0), (1.0, 1.1), (1.0, 0.0)]
 ACCURACY = 0.01  # of an onset: slipping takes time to tell, and contacts are soft
 
 
@@ -50,21 +51,7 @@ def measured(
     return measure(OnsetRuns(dynamics, contacts, tried, body), guess)
 
 
-@pytest.mark.slow
-def test_it_slips_in_contact_where_paper_and_pencil_say(robot: Robot) -> None:
-    expected = paper_and_pencil.pushed_aside(MU)
-    found = measured(robot, LEFT, SLIPS, MU, expected)
-    assert found == pytest.approx(expected, rel=ACCURACY)
-
-
-@pytest.mark.slow
-def test_it_tips_in_contact_where_paper_and_pencil_say(robot: Robot) -> None:
-    expected = paper_and_pencil.tipping_force()
-    found = measured(robot, DRIVES, TIPS, 2.0, expected)
-    assert found == pytest.approx(expected, rel=ACCURACY)
-
-
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_every_onset_of_paper_and_pencil(robot: Robot) -> None:
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics, MU)
@@ -81,7 +68,7 @@ def test_every_onset_of_paper_and_pencil(robot: Robot) -> None:
         assert found == pytest.approx(value, rel=ACCURACY), (which, ending)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("softness", [0.5, 2.0])
 def test_an_onset_is_not_the_solvers(robot: Robot, softness: float) -> None:
     """Contacts of half and of twice the time constant, and a guess that is far off."""
@@ -134,8 +121,7 @@ def test_a_sound_prediction_passes(robot: Robot) -> None:
     ]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("friction", "height"), [(1.1, 1.0), (0.9, 1.0), (1.0, 1.1), (1.0, 0.0)])
+@pytest.mark.parametrize(("friction", "height"), cells(PLANTED, slow=[(0.9, 1.0)]))
 def test_a_planted_fault_fails(
     robot: Robot, monkeypatch: pytest.MonkeyPatch, friction: float, height: float
 ) -> None:
@@ -145,8 +131,7 @@ def test_a_planted_fault_fails(
     assert not trial.passed
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", "tiago", "tricycle", "mecanum"])
+@pytest.mark.parametrize("name", cells(["paper", "tiago", "tricycle", "mecanum"], slow=["paper"]))
 def test_robots_slip_and_tip_when_predicted(name: str) -> None:
     """The paper's robot within 1 %; the loads of the others in brackets."""
     trial = onset_trial(load(name))

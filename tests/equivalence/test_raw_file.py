@@ -15,11 +15,14 @@ from rpctl.equivalence import file_drive, file_wheels, planar, raw_file, tree, w
 from rpctl.equivalence.file_reading import read
 from rpctl.equivalence.raw_file import read_file
 from rpctl.robot.catalog import names
-from tests.description.test_mended import FINE
+from tests.description.urdf.test_mended import FINE
+from tests.grids import cells
 from tests.robots import SET_A, platform, write
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize(
+    "name", cells(names(), ("paper", "tiago", "mecanum", "car", "swerve", "panda"))
+)
 def test_the_minimal_reader_places_every_link_as_the_strict_one(name: str) -> None:
     description = rpctl.load(name).description
     raw = read_file(description.raw)
@@ -68,9 +71,9 @@ def test_it_shares_no_number_with_the_strict_reader_or_the_detection(module: obj
     rooms = ("rpctl.description", "rpctl.drive", "rpctl.robot")
     own = {each for each in imported if each.startswith(rooms)}
     assert own <= {
-        "rpctl.description.mesh_files",
-        "rpctl.description.mesh_paths.MeshError",
-        "rpctl.description.mesh_paths.MeshPaths",
+        "rpctl.description.meshes.reading",
+        "rpctl.description.meshes.paths.MeshError",
+        "rpctl.description.meshes.paths.MeshPaths",
         "rpctl.drive.drive.Drive",
         "rpctl.drive.drive.Swivel",
         "rpctl.drive.drive.Wheel",

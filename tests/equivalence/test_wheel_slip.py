@@ -11,7 +11,7 @@ import pytest
 import rpctl
 from rpctl.equivalence.file_reading import read
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
-from tests.robots import SET_A, platform, write
+from tests.robots import write
 from tests.vehicles import vehicle
 
 
@@ -66,20 +66,3 @@ def test_the_speed_of_a_base_without_an_axle_is_its_first_swivels(
     """The rims' mean speed along the swivel's heading, wherever that points."""
     found = moved(tmp_path, kind, (1.0, 0.0, 0.0), rates, {"fl_steer": angle})
     assert found.base == pytest.approx({"v": speed})
-
-
-def test_a_robot_at_rest_slides_as_it_is(tmp_path: Path) -> None:
-    """There is no speed to be relative to: a wheel that spins at 2 rad/s slides at .2 m/s."""
-    found = moved(tmp_path, "bicycle", (0.0, 0.0, 0.0), {"rear": 2.0}, {})
-    assert found.speed == 0.0
-    assert found.constrained["rear, forward"] == pytest.approx(0.2)
-
-
-def test_directions_of_a_cambered_wheel_are_unit_vectors(tmp_path: Path) -> None:
-    """An axle .019 rad off the level: dragged on without turning it slides at the full speed."""
-    text = platform(SET_A).replace('axis xyz="0 1 0"', f'axis xyz="0 1 {math.tan(0.019)!r}"', 1)
-    reading = read(rpctl.load(write(tmp_path, text)))
-    still = dict.fromkeys((wheel.joint for wheel in reading.drive.wheels), 0.0)
-    at = reading.raw.poses({})
-    found = slip(FileMotion(reading.raw, reading.drive, {}, np.array([1.0, 0.0, 0.0]), still, at))
-    assert found.constrained["left_joint, forward"] == pytest.approx(1.0, rel=1e-12)

@@ -20,6 +20,8 @@ import rpctl
 from rpctl.files import confinement
 from rpctl.files.confinement import (
     ALLOW,
+    ALLOWED,
+    AUDIT_ARCHITECTURES,
     IF_ANY_BIT,
     IF_EQUAL,
     IF_LEAST,
@@ -28,11 +30,11 @@ from rpctl.files.confinement import (
     MEASURES,
     REFUSE,
     RETURN,
+    WITH_ARGUMENT,
     X32,
     open_ways,
     seccomp_program,
 )
-from rpctl.files.system_calls import ALLOWED, AUDIT_ARCHITECTURES, WITH_ARGUMENT
 from rpctl.files.worker import GRACE_S, SHORT, Worker, WorkerError
 from tests.grids import every
 

@@ -23,9 +23,10 @@ from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.drive.drive_file import read_drive
 from rpctl.errors import DescriptionError, RpctlError
 from rpctl.files import toml
+from rpctl.files.records import to_plain
 from rpctl.reference.load import load_reference
-from rpctl.reference.timed_path import TimedPath
-from rpctl.simulation.config import Config, config_tables, read_config, write_config
+from rpctl.reference.path_reference import TimedPath
+from rpctl.simulation.config import Config, read_config, write_config
 from tests.files.mutations import damaged_rows, damaged_table
 from tests.grids import cells
 
@@ -93,7 +94,7 @@ def laws() -> list[dict[str, Any]]:
     """Return a complete configuration of every law."""
     kinematic = [Config().with_laws(name, None) for name in KINEMATIC_LAWS]
     dynamic = [Config().with_laws(None, name) for name in DYNAMIC_LAWS]
-    return [config_tables(config) for config in (*kinematic, *dynamic)]
+    return [to_plain(config) for config in (*kinematic, *dynamic)]
 
 
 def read_and_rewrite(path: Path) -> None:

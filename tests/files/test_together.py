@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from rpctl.errors import RpctlError
-from rpctl.files import together
-from rpctl.files.together import write_together
-from rpctl.files.writing import write_atomically
+from rpctl.files import writing as together
+from rpctl.files.writing import write_atomically, write_together
 
 OLD, NEW = (dict.fromkeys(("a.json", "a.csv", "a.png"), each) for each in (b"old", b"new"))
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from rpctl.errors import DescriptionError
-from rpctl.files.toml import Table, read
-from rpctl.files.toml_limits import MAX_DIGITS, MAX_NESTING
+from rpctl.files.toml import MAX_DIGITS, MAX_NESTING, Table, read
 
 NINES = "9" * 400
 TOO_DEEP = f"nested over {MAX_NESTING} deep; write it flatter"

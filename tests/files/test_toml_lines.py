@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rpctl.files.toml_lines import line_of
+from rpctl.files.toml import line_of
 
 TEXT = """\
 top = 1

@@ -11,10 +11,9 @@ import rpctl
 from rpctl import Robot
 from rpctl.reference.clear_waves import KEPT_AT_MOST, MARGIN_M, clear_waves
 from rpctl.reference.named import reference_by_name
-from rpctl.reference.waves import Waves, waves
+from rpctl.reference.path_reference import Waves, waves
 from rpctl.robot import catalog
-from rpctl.robot.collision_model import collision_model
-from rpctl.robot.vary import set_limits
+from rpctl.robot.collision import collision_model
 from tests.folding import folding
 
 LOW = (0.2, 0.6)  # rad: the tip hangs 4 cm above the ground
@@ -98,34 +97,9 @@ def test_a_named_reference_says_what_its_arm_keeps_clear_of(tmp_path: Path) -> N
     assert "clear of" not in blind.sizing.sentence
 
 
-def test_a_swing_that_comes_near_but_does_not_touch_stays_as_it_is(tmp_path: Path) -> None:
-    robot = posed(tmp_path, (-1.2, 2.85))
-    arm = waves(robot)
-    assert 0.0 < nearest(robot, arm) < MARGIN_M
-    assert clear_waves(arm, robot)[0] is arm
-
-
-def test_reference_and_run_look_at_one_model(tmp_path: Path) -> None:
-    robot, other = folding(tmp_path), posed(tmp_path, LOW)
-    model = collision_model(robot)
-    assert collision_model(set_limits(robot)) is model
-    assert collision_model(other).robot is other
-    assert collision_model(robot) is model
-
-
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", catalog.names())
 def test_no_robot_of_the_catalogue_swings_its_links_into_each_other(name: str) -> None:
     robot = rpctl.load(name)
     if robot.joints and len(collision_model(robot).pairs):
         assert nearest(robot, reference_by_name(robot, "line").arm, count=200) > 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("collisions", [True, False])
-def test_a_run_of_a_low_arm_ends_without_a_collision(tmp_path: Path, collisions: bool) -> None:
-    robot = posed(tmp_path, LOW)
-    reference = reference_by_name(robot, "line", collisions=collisions)
-    run = rpctl.track(robot, reference, duration=4.0)
-    assert run.collisions is not None
-    assert bool(run.collisions.collisions) != collisions

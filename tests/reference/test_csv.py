@@ -13,11 +13,9 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.errors import DescriptionError
-from rpctl.reference.csv_file import read_table
-from rpctl.reference.csv_header import header_faults
-from rpctl.reference.csv_rows import MAX_LINE
 from rpctl.reference.load import load_reference
-from rpctl.reference.recorded_speeds import base_limits, speed_faults
+from rpctl.reference.recorded.speeds import base_limits, speed_faults
+from rpctl.reference.recorded.table_file import MAX_LINE, read_table
 
 HEADER = "t,x,y,theta"
 ROWS = [f"{0.1 * k:.1f},{0.05 * k:.2f},0.5,0.0" for k in range(8)]
@@ -46,21 +44,6 @@ def test_another_separator_is_named_with_a_command_that_mends_it(
     subprocess.run(command, shell=True, check=True, cwd=tmp_path)
     mended = read_table(tmp_path / "NEW.csv")
     np.testing.assert_allclose(mended.stack(["x", "y"])[3], [0.15, 0.5], atol=1e-12)
-
-
-def test_a_decimal_comma_between_commas_is_told(tmp_path: Path) -> None:
-    text = "\n".join([HEADER, *(row.replace(".", ",") for row in ROWS)])
-    found = faults(tmp_path / "a.csv", text)
-    assert len(found) == len(ROWS)
-    assert found[0] == (
-        "2: error: 8 entries where the header names 4; if its numbers have decimal commas, write "
-        "points, as 0.5 for 0,5"
-    )
-
-
-def test_a_row_that_is_short_is_not_taken_for_decimal_commas(tmp_path: Path) -> None:
-    (fault,) = faults(tmp_path / "a.csv", f"{TABLE}\n9,1,0")
-    assert fault.startswith("10: error: 3 entries where the header names 4; complete the row")
 
 
 @pytest.mark.parametrize("blank", ["", " "])
@@ -98,13 +81,6 @@ def test_columns_by_other_names_are_told_theirs(
         assert f'1: error: column "{name}" is not known; did you mean {meant}?' in found
 
 
-def test_numbers_for_a_header_are_told(tmp_path: Path) -> None:
-    assert 'column "2.5" is not known' in faults(tmp_path / "a.csv", f"t,x,y,2.5\n{ROWS[0]}")[0]
-    assert faults(tmp_path / "a.csv", "\n".join(ROWS)) == [
-        "1: error: numbers where the columns' names belong; write them above, as t,x,y,theta"
-    ]
-
-
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -126,13 +102,6 @@ def test_rows_beyond_all_bounds_are_told_by_their_lines(
     assert fault.startswith(told)
 
 
-def test_times_may_count_from_1970_on(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    rows = [f"{1.7e9 + 0.5 * k},{0.1 * k},0,0" for k in range(8)]
-    path.write_text("\n".join([HEADER, *rows]))
-    np.testing.assert_array_equal(read_table(path).t, 0.5 * np.arange(8))
-
-
 def test_the_robot_s_own_limits_say_what_is_impossible(tmp_path: Path, paper: Robot) -> None:
     """Wheels of 0.15 m at 12 rad/s: 1.8 m/s; at 0.75 m from the middle: 2.4 rad/s."""
     assert base_limits(paper) == pytest.approx((1.8, 2.4))
@@ -148,15 +117,6 @@ def test_the_robot_s_own_limits_say_what_is_impossible(tmp_path: Path, paper: Ro
 def impossible(path: Path, robot: Robot, text: str) -> list[tuple[int, str]]:
     path.write_text(text, encoding="utf-8")
     return speed_faults(robot, read_table(path, robot.joint_names))
-
-
-def test_what_is_less_than_ten_times_too_fast_is_left_to_the_run(
-    tmp_path: Path, paper: Robot
-) -> None:
-    path = tmp_path / "a.csv"
-    assert not impossible(path, paper, f"{TABLE}\n0.8,2.1,0.5,2.3")  # 17.5 m/s, 23 rad/s
-    whole = 2.0 * math.pi + 0.1  # an angle within ±π jumps by whole turns
-    assert not impossible(path, paper, f"{TABLE}\n0.8,0.4,0.5,{whole}")
 
 
 def test_joints_and_end_effectors_are_looked_at(tmp_path: Path, paper: Robot) -> None:
@@ -190,22 +150,6 @@ def test_the_limits_of_every_drive_are_those_of_its_wheels(
     name: str, drive: float, turn: float
 ) -> None:
     assert base_limits(rpctl.load(name)) == pytest.approx((drive, turn), rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("name", "hint"),
-    [
-        ("field.pose.pose.position.x", "did you mean x?"),
-        ("/odom/pose/pose/position/y", "did you mean y?"),
-        ("%time", "did you mean t?"),
-        ("__time", "did you mean t?"),
-        ("pose.pose.orientation.z", "give theta = 2 atan2(z, w) of the quaternion instead, in rad"),
-        ("orientation", "did you mean theta?"),
-    ],
-)
-def test_fields_of_messages_are_columns_under_other_names(name: str, hint: str) -> None:
-    (first, *_) = header_faults([name, "t", "x", "y"], ())
-    assert first == f'column "{name}" is not known; {hint}'
 
 
 def test_a_trajectory_becomes_a_table(tmp_path: Path) -> None:

@@ -13,14 +13,11 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot, set_limits
 from rpctl.arrays import Array
-from rpctl.errors import DescriptionError
-from rpctl.reference.csv_file import read_table
-from rpctl.reference.jumps import find_jumps
+from rpctl.reference.fitting import effort_usage, sample
 from rpctl.reference.load import load_reference
-from rpctl.reference.recording import RecordedPath, Recording
-from rpctl.reference.usage import effort_usage, sample
+from rpctl.reference.recorded.recording import RecordedPath, Recording
 from rpctl.robot.losses import Losses
-from tests.reference.test_noisy_tables import arc, soft
+from tests.reference.test_noisy_tables import soft
 
 FIRST = 4  # line of the first row: comments and the header stand above
 
@@ -87,32 +84,6 @@ def test_within_the_limits_nothing_is_told(paper: Robot, tmp_path: Path) -> None
     assert (found.demands, found.jumps, found.changes, found.warnings) == ((), (), (), ())
 
 
-@pytest.mark.slow
-def test_a_bend_beyond_the_steering_is_told(tmp_path: Path) -> None:
-    robot = rpctl.load("car")
-    assert robot.drive.steered
-    angle = 2.0 * soft(TIMES / 10.0)
-    x, y, theta = (part / 5.0 for part in arc(angle))  # a radius of 0.3 m
-    found = recording_of(robot, tmp_path / "a.csv", "t,x,y,theta", TIMES, x, y, 5.0 * theta)
-    (demand,) = [each for each in found.demands if each.quantity == "position"]
-    assert demand.joint == robot.drive.steered[0].joint
-    assert demand.value > demand.limit > 0.0
-    assert demand.limit == pytest.approx(float(robot.steering_limits.upper[0]))
-    assert not any("times" in each.sentence for each in (demand,))
-
-
-def test_a_spline_that_swings_over_a_joint_s_limit_is_told(paper: Robot, tmp_path: Path) -> None:
-    """The rows reach a limit and stay; a spline through them swings beyond, between two rows."""
-    joint = paper.joints[1]
-    t = np.linspace(0.0, 10.0, 21)
-    rows = np.where(t < 5.0, joint.upper - 0.2, joint.upper)
-    found = recording_of(paper, tmp_path / "a.csv", f"t,{joint.name}", t, rows)
-    (demand,) = [each for each in found.demands if each.quantity == "position"]
-    assert (demand.joint, demand.limit, demand.unit) == (joint.name, joint.upper, "m")
-    assert joint.upper < demand.value < joint.upper + 0.1
-    assert FIRST + 9 <= demand.line <= FIRST + 12
-
-
 def test_a_jump_is_told_by_its_row(paper: Robot, tmp_path: Path) -> None:
     x = line(TIMES, 1.0, 2.0)
     x[120:] += 0.4
@@ -124,20 +95,6 @@ def test_a_jump_is_told_by_its_row(paper: Robot, tmp_path: Path) -> None:
     assert jump.pace == pytest.approx(np.diff(x)[130] / 0.05, rel=0.3)
     assert found.warnings[0] == jump.sentence
     assert f"line {FIRST + 120}: x, y move at" in jump.sentence
-
-
-def test_noise_is_no_jump(paper: Robot, tmp_path: Path) -> None:
-    noise = 0.01 * np.random.default_rng(0).normal(size=(2, len(TIMES)))
-    x = line(TIMES, 1.0, 2.0) + noise[0]
-    found = recording_of(paper, tmp_path / "a.csv", "t,x,y", TIMES, x, noise[1])
-    assert not found.jumps
-    assert found.demands[0].ratio > 10.0
-    ratios = [each.ratio for each in found.demands]
-    assert ratios == sorted(ratios, reverse=True)
-    assert "--smooth auto" in found.warnings[-1]
-    assert "--retime" in found.warnings[-1]
-    if len(ratios) > 3:
-        assert f"{len(ratios) - 3} more limits are exceeded" in found.warnings
 
 
 def test_json_says_all_of_it(paper: Robot, tmp_path: Path) -> None:
@@ -155,18 +112,6 @@ def test_json_says_all_of_it(paper: Robot, tmp_path: Path) -> None:
     assert told["jumps"][0]["line"] == FIRST + 20
     assert math.isfinite(told["jumps"][0]["speed"])
     assert told["sentence"] == "; ".join(found.warnings)
-
-
-def test_dense_noise_is_told_once(paper: Robot, tmp_path: Path) -> None:
-    """1 cm at 1 kHz: two rows in three are ten times faster than 1.8 m/s; none of them jumps."""
-    t = np.arange(0.0, 2.0, 1e-3)
-    y = 0.02 * np.random.default_rng(0).normal(size=len(t))
-    with pytest.raises(DescriptionError) as told:
-        recording_of(paper, tmp_path / "a.csv", "t,x,y", t, 0.1 * t, y)
-    (finding,) = told.value.findings
-    assert finding.line == FIRST + 1 + int(np.argmax(np.hypot(1e-4, np.diff(y)) > 0.018))
-    assert "more rows are like it; use s, m and rad, or take their noise out" in finding.message
-    assert not find_jumps(paper, read_table(tmp_path / "a.csv"))
 
 
 def test_dry_friction_takes_of_a_limit_and_not_of_a_motion(tmp_path: Path) -> None:

@@ -86,19 +86,13 @@ def test_heading_along_the_path() -> None:
         assert not state.joint_accelerations.any()
 
 
-def test_heading_along_the_path_stays_after_the_end() -> None:
-    state = as_reference(lambda t: (t, t), along_path=True, duration=1.0)(4.0)
-    np.testing.assert_allclose(state.pose, [1.0, 1.0, np.pi / 4], atol=1e-9)
-    assert not state.twist.any()
-
-
 def test_a_robot_tracks_a_function() -> None:
     robot = rpctl.load("paper")
 
     def circle(t: float) -> list[float]:
         return [np.sin(0.5 * t), 1.0 - np.cos(0.5 * t), 0.5 * t, 0.3 * np.sin(t), 0.5]
 
-    run = rpctl.track(robot, as_reference(circle), 2.0, control_period=0.01)
+    run = rpctl.track(robot, as_reference(circle), duration=2.0, control_period=0.01)
     assert run.config.run.reference == "circle"
     assert rpctl.summarize(run).final_base_error < 5e-3  # it starts from rest
     assert run.t[-1] == pytest.approx(2.0)

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 import rpctl
-from rpctl import ReducedDynamics, Robot
+from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.errors import RpctlError, UnknownNameError
@@ -56,10 +56,7 @@ def test_speeds_and_accelerations_are_the_poses_derivatives(mixed_chain: Robot, 
         np.testing.assert_allclose(np.cross(state.direction[0], state.twist), 0.0, atol=1e-12)
 
 
-LONG = ("tiago_dual", "tiago_pro", "so101")
-
-
-@pytest.mark.parametrize("name", cells(ROBOTS, {*ROBOTS} - {*LONG}, LONG))
+@pytest.mark.parametrize("name", cells(ROBOTS, ("paper", "tiago", "panda")))
 def test_arms_stay_inside_their_limits(name: str) -> None:
     robot = rpctl.load(name)
     reference = reference_by_name(robot, "eight")
@@ -69,28 +66,6 @@ def test_arms_stay_inside_their_limits(name: str) -> None:
         for joint, position, rate in moved:
             assert joint.lower <= position <= joint.upper
             assert abs(rate) <= joint.velocity
-
-
-def test_every_joint_moves(tiago: Robot) -> None:
-    reference = reference_by_name(tiago, "eight")
-    positions = np.array([reference(t).joints for t in np.linspace(0.0, 20.0, 200)])
-    assert (np.ptp(positions, axis=0) > 0.05).all()
-
-
-@pytest.mark.parametrize("name", BASE_PATHS)
-def test_it_starts_at_rest_without_an_effort_jump(tiago: Robot, name: str) -> None:
-    reference, dynamics = reference_by_name(tiago, name), ReducedDynamics(tiago)
-    start = reference_rates(tiago, reference(0.0))
-    assert not start.nu.any()
-    assert not start.nu_dot.any()
-
-    def effort(t: float) -> Array:
-        state = reference(t)
-        q = tiago.configuration_at(state.pose, state.joints)
-        return dynamics.efforts(q, dynamics.inverse(q, *reference_rates(tiago, state)))
-
-    holding = effort(0.0)
-    np.testing.assert_allclose(effort(1e-3), holding, atol=1e-4)
 
 
 def test_the_end_effector_is_where_forward_kinematics_says(mixed_chain: Robot) -> None:

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import rpctl
 from rpctl import Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.errors import DescriptionError
 from rpctl.reference.load import load_reference
 from rpctl.reference.paths import PathTime
-from rpctl.reference.recording import RecordedPath
+from rpctl.reference.recorded.recording import RecordedPath
 from tests.grids import cells
 from tests.reference.differences import check_derivatives, check_rest
 
@@ -122,17 +121,6 @@ def test_what_smoothing_changed_is_told(paper: Robot, tmp_path: Path, seed: int)
     assert f"x, y by {1e3 * places.rms:.3g} mm rms" in places.sentence
 
 
-@pytest.mark.slow
-def test_a_tolerance_holds_for_a_base_that_rolls(paper: Robot, tmp_path: Path) -> None:
-    table(tmp_path / "a.csv", "three-point", headings=True, rows=100)
-    recording = read(paper, tmp_path / "a.csv", 0.02).recording
-    assert recording is not None
-    assert 0.8 * 0.02 < recording.smoothed[0].rms <= 0.02
-    table(tmp_path / "b.csv", "spot", headings=True, rows=60)
-    with pytest.raises(RpctlError, match=r"smooth by more than 0\.001 m|allow as much"):
-        read(paper, tmp_path / "b.csv", 1e-3)
-
-
 def test_a_clean_table_is_left_alone(paper: Robot, tmp_path: Path) -> None:
     t = np.linspace(0.0, 20.0, 150)
     rows = np.column_stack([t, *way("reverses", t / 20.0)])
@@ -161,24 +149,6 @@ def test_joints_are_smoothed_in_their_own_units(paper: Robot, tmp_path: Path) ->
     joints = np.array([back(float(at)).joints for at in t])
     assert math.sqrt(float(((joints[:, 0] - angle) ** 2).mean())) < 0.006
     np.testing.assert_allclose(joints[:, 1], reach, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_an_end_effector_is_smoothed(tmp_path: Path) -> None:
-    from rpctl.reference.arm import Arm
-
-    robot = rpctl.load("panda")
-    arm, t = Arm(robot), np.linspace(0.0, 8.0, 161)
-    start = arm.end_effector_pose(np.zeros(3), arm.comfortable_posture(None)).translation
-    true = start + np.outer(soft(t / 8.0), [0.0, 0.2, 0.1])
-    noisy = true + 1e-3 * np.random.default_rng(6).normal(size=true.shape)
-    head = "t,ee_x,ee_y,ee_z"
-    rows = np.column_stack([t, noisy])
-    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=head, comments="", fmt="%.12g")
-    back = read(robot, tmp_path / "a.csv", "auto")
-    for k in range(20, 140, 15):
-        held = arm.end_effector_pose(np.zeros(3), back(float(t[k])).joints[arm.joints])
-        assert np.linalg.norm(held.translation - true[k]) < 1.5e-3
 
 
 def test_a_heading_across_the_way_is_told(paper: Robot, tmp_path: Path) -> None:

@@ -13,14 +13,14 @@ import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.errors import DescriptionError
-from rpctl.reference.arm import Arm
-from rpctl.reference.csv_file import read_table
-from rpctl.reference.edge_time_law import EdgeTimeLaw
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
-from rpctl.reference.timed_path import TimedPath
-from tests.reference.differences import check_derivatives, check_rest
+from rpctl.reference.path_reference import TimedPath
+from rpctl.reference.planned.arm import Arm
+from rpctl.reference.recorded.table_file import read_table
+from rpctl.reference.time_law import EdgeTimeLaw
+from tests.reference.differences import check_derivatives
 from tests.robots import SET_A, platform, write
 
 END = 8.0  # s of the references that are written down
@@ -69,18 +69,6 @@ def test_a_dense_table_gives_the_reference_back(
         np.testing.assert_allclose(now.twist_dot, was.twist_dot, atol=1e-3)
         np.testing.assert_allclose(now.joints, was.joints, atol=1e-8)
         np.testing.assert_allclose(now.joint_rates, was.joint_rates, atol=1e-6)
-
-
-def test_derivatives_and_rests(tiago: Robot, tmp_path: Path) -> None:
-    reference = reference_by_name(tiago, "eight")
-    columns, times = ["t", "x", "y", "theta"], np.arange(4.0, 4.0 + END, 0.05)
-    back = read_back(tiago, written(tiago, reference, tmp_path / "a.csv", columns, times))
-    check_rest(back, 0.0)  # the table begins in motion; the reference does not
-    check_rest(back, back.duration)
-    check_derivatives(back, np.linspace(0.05, back.duration - 0.05, 60), atol=2e-5)
-    np.testing.assert_allclose(back(0.0).pose, reference(4.0).pose, atol=1e-9)
-    np.testing.assert_allclose(back(3.0).pose, reference(7.0).pose, atol=1e-6)  # on time
-    np.testing.assert_allclose(back(1.0).joints, tiago.home, atol=1e-12)
 
 
 def test_the_clock_is_smooth_and_on_time() -> None:
@@ -155,17 +143,6 @@ def test_angles_that_wrap_in_a_table_do_not_in_the_reference(tmp_path: Path, tur
     assert back(5.0).joint_rates == pytest.approx([fastest], rel=1e-4)
 
 
-def test_directions_are_along_the_way(tiago: Robot, tmp_path: Path) -> None:
-    reference, times = reference_by_name(tiago, "eight"), np.arange(0.0, END + 1e-9, 0.02)
-    path = written(tiago, reference, tmp_path / "a.csv", ["t", "x", "y", "theta"], times)
-    back = read_back(tiago, path)
-    for t in np.linspace(0.0, END, 60):
-        state = back(t)
-        assert state.direction is not None
-        assert np.linalg.norm(state.direction[0]) > 0.9
-        np.testing.assert_allclose(np.cross(state.direction[0], state.twist), 0.0, atol=1e-4)
-
-
 def test_only_a_base_that_can_may_slide(tiago: Robot, tmp_path: Path) -> None:
     y = soft(41)
     path = table(tmp_path / "a.csv", 0.0 * y, y, 0.5 * y)
@@ -214,18 +191,6 @@ def test_an_orientation_is_met(tmp_path: Path) -> None:
         assert np.linalg.norm(pin.log6(found.actInv(poses[k])).vector) < 5e-3
 
 
-def test_too_fast_for_a_joint_is_told(tmp_path: Path) -> None:
-    robot = rpctl.load("panda")
-    arm = Arm(robot)
-    start = arm.end_effector_pose(np.zeros(3), arm.comfortable_posture(None)).translation
-    s = soft(41)
-    rows = np.column_stack([0.005 * np.arange(41), start + np.outer(s, [0.0, 0.2, 0.1])])
-    head = "t,ee_x,ee_y,ee_z"
-    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=head, comments="", fmt="%.12g")
-    with pytest.raises(DescriptionError, match=r"too fast for panda_joint\d from t = 0\.0|miss it"):
-        load_reference(robot, str(tmp_path / "a.csv"))
-
-
 GOOD = "\n".join(f"{0.1 * k:.1f},{0.01 * k * k:.4f},0" for k in range(8))
 FAULTS = {
     "": "a.csv: error: empty; give a header such as t,x,y,theta, and rows",
@@ -262,14 +227,6 @@ def test_bad_tables_are_told(text: str, tmp_path: Path, paper: Robot) -> None:
     assert FAULTS[text] in str(told.value)
 
 
-def test_several_bad_rows_are_told_at_once(tmp_path: Path, paper: Robot) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(f"t,x,y\n0,inf,0\n{GOOD[13:]}\n0.3,1,0\n0.9,1,1,1")
-    with pytest.raises(DescriptionError) as told:
-        load_reference(paper, str(path))
-    assert [finding.line for finding in told.value.findings] == [2, 10, 11]
-
-
 @pytest.mark.parametrize(
     ("name", "head", "told"),
     [
@@ -283,15 +240,6 @@ def test_tables_that_do_not_fit_a_robot(name: str, head: str, told: str, tmp_pat
     with pytest.raises(DescriptionError) as error:
         load_reference(rpctl.load(name), str(path))
     assert told in str(error.value)
-
-
-def test_joints_beyond_their_limits_are_told(tmp_path: Path, paper: Robot) -> None:
-    joint = paper.joints[1]
-    path = tmp_path / "a.csv"
-    path.write_text(f"t,{joint.name}\n" + "\n".join(f"{k},{0.4 + 0.1 * k}" for k in range(8)))
-    with pytest.raises(DescriptionError) as told:
-        load_reference(paper, str(path))
-    assert f"a.csv:8: error: {joint.name} is 1, outside its limits 0.35 to 0.95" in str(told.value)
 
 
 def test_caps_bound_a_table(tmp_path: Path, paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

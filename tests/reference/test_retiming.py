@@ -10,12 +10,11 @@ import pytest
 
 from rpctl import ReducedDynamics, Robot, set_limits
 from rpctl.arrays import Array
-from rpctl.reference.csv_file import read_table
-from rpctl.reference.demands import find_demands
 from rpctl.reference.load import load_reference
 from rpctl.reference.paths import PathTime
-from rpctl.reference.recording import RecordedPath
-from rpctl.reference.retiming import PACE_RISE, limits_along
+from rpctl.reference.recorded.demands import PACE_RISE, find_demands, limits_along
+from rpctl.reference.recorded.recording import RecordedPath
+from rpctl.reference.recorded.table_file import read_table
 from rpctl.reference.time_law import Bound, max_squared_rate
 from tests.grids import cells
 from tests.reference.differences import check_derivatives, check_rest
@@ -56,7 +55,7 @@ def read(robot: Robot, path: str, retime: bool) -> RecordedPath:
 def shortest(robot: Robot, reference: RecordedPath, end: float) -> float:
     """Return the least time within the limits that the time law knows, s."""
     s = np.linspace(0.0, end, 400)
-    bounds = [limit.bound for limit in limits_along(ReducedDynamics(robot), reference, s)]
+    bounds = [bound for bound, _ in limits_along(ReducedDynamics(robot), reference, s)]
     pace = Bound(np.ones(400), np.zeros(400), 1.0, PACE_RISE)
     rate = np.sqrt(max_squared_rate(s, [pace, *bounds]))
     return float((np.diff(s) / (0.5 * (rate[1:] + rate[:-1]))).sum())
@@ -84,18 +83,6 @@ def test_a_random_path_is_driven_within_the_limits(paper: Robot, tmp_path: Path,
     check_rest(slow, 0.0)
     check_rest(slow, slow.duration)
     check_derivatives(slow, np.linspace(0.5, slow.duration - 0.5, 10))
-
-
-@pytest.mark.slow
-def test_where_nothing_binds_the_recorded_pace_is_kept(paper: Robot, tmp_path: Path) -> None:
-    t, poses = random_way(1)
-    path = written(tmp_path / "a.csv", 4.0 * t, poses)
-    slow = read(paper, path, retime=True)
-    told = slow.recording.retimed if slow.recording else None
-    assert told is not None
-    assert told.pace == pytest.approx(1.0, abs=0.01)
-    # Half a second to the pace and half from it cost half a second in all, and smoothing as much.
-    assert told.recorded < told.duration < told.recorded + 1.5
 
 
 @pytest.mark.slow

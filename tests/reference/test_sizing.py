@@ -17,17 +17,14 @@ from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import BASE_PATHS, LAP_RATE, reference_by_name
-from rpctl.reference.path_reference import PathReference
+from rpctl.reference.path_reference import PathReference, TimedPath
 from rpctl.reference.quasi_velocities import steering
-from rpctl.reference.robot_length import robot_length
-from rpctl.reference.sizing import Sizing
-from rpctl.reference.timed_path import TimedPath
+from rpctl.reference.sizing import Sizing, robot_length
 from rpctl.robot.vary import set_limits
-from rpctl.simulation.loop import default_duration
-from rpctl.simulation.run import Run
+from rpctl.simulation.loop.track import default_duration
+from rpctl.simulation.run.run import Run
 from tests import urdf
-from tests.control.tight_limits import limited
-from tests.grids import every
+from tests.grids import cells
 from tests.robots import SET_A, platform, write
 from tests.vehicles import KINDS, vehicle
 
@@ -35,6 +32,7 @@ HALF = 0.5  # of each limit
 SAMPLED = 1.02  # limits are kept at samples of a lap, and exceeded by 2 % at most between them
 CLOSED = ("circle", "eight")
 NAMES = (*BASE_PATHS, "waypoints")
+DRIVEN = [*product(CLOSED, KINDS)]
 
 
 def times(reference: Reference, count: int = 600) -> Array:
@@ -67,7 +65,7 @@ def wheel_speeds(reference: Reference, scale: float = 1.0) -> Array:
     return (twists[:, :1] + twists[:, 2:] * sides) / (SET_A["r"] * scale)
 
 
-@pytest.mark.parametrize(("limit", "name"), every(2, product([0.2, 2.0, 200.0], NAMES[1:])))
+@pytest.mark.parametrize(("limit", "name"), list(product([0.2, 2.0, 200.0], NAMES[1:]))[::4])
 def test_wheels_take_half_of_their_speed(tmp_path: Path, name: str, limit: float) -> None:
     """Wherever the limit binds it is met, else another pace is faster; both wheels count."""
     robot = scaled_platform(tmp_path, 1.0, velocity=limit)
@@ -83,7 +81,7 @@ def test_wheels_take_half_of_their_speed(tmp_path: Path, name: str, limit: float
         )
 
 
-@pytest.mark.parametrize(("scale", "name"), every(3, product([1 / 30, 20.0], NAMES)))
+@pytest.mark.parametrize(("scale", "name"), list(product([1 / 30, 20.0], NAMES))[::3])
 def test_sizes_follow_the_robot(tmp_path: Path, name: str, scale: float) -> None:
     """The paper's robot and others of its shape, 5 cm and 30 m wide, take like paths."""
     small, paper = scaled_platform(tmp_path, scale), scaled_platform(tmp_path, 1.0)
@@ -113,12 +111,6 @@ def test_the_papers_robot_is_a_metre_long(paper: Robot, tiago: Robot) -> None:
     assert "_joint's 10.2 rad/s allow; arm: 80 % of its swing for arm_5_joint" in eight.sentence
 
 
-def test_an_arm_longer_than_the_base_counts(tmp_path: Path) -> None:
-    """0.9 m from the first joint to the tip, on half a track of 0.075 m."""
-    assert robot_length(arm_on_wheels(tmp_path, 0.1, reach=0.9)) == 0.9
-    assert robot_length(scaled_platform(tmp_path, 0.1)) == 0.1
-
-
 def test_a_slow_robot_drives_a_smaller_path_in_time(tmp_path: Path) -> None:
     robot = scaled_platform(tmp_path, 1.0, velocity=0.5)
     circle = sizing(load_reference(robot, "circle"))
@@ -127,22 +119,6 @@ def test_a_slow_robot_drives_a_smaller_path_in_time(tmp_path: Path) -> None:
     line = sizing(load_reference(robot, "line"))
     assert line.size == 1.5
     assert line.duration == pytest.approx(1.5 / (0.25 * 0.15) + 0.75, rel=0.01)
-
-
-@pytest.mark.parametrize("name", ["line", "eight"])
-def test_weak_wheels_start_slowly(tmp_path: Path, name: str) -> None:
-    """τ = ½ r (m + 2 I/r²) a along a line: the soft start takes half of the wheels' effort."""
-    limit, m, r = 0.05, SET_A["m_c"] + 2 * SET_A["m_w"], SET_A["r"]
-    robot = scaled_platform(tmp_path, 1.0, effort=limit)
-    reference = reference_by_name(robot, name)
-    states = [reference(float(t)) for t in times(reference)]
-    found = max(
-        0.5 * r * (m + 2 * SET_A["I_s"] / r**2) * abs(state.twist_dot[0]) for state in states
-    )
-    assert found <= HALF * limit * SAMPLED
-    assert found > 0.9 * HALF * limit or name != "line"
-    assert "half of what holding leaves of" in sizing(reference).reason
-    assert "0.05 N m" in sizing(reference).reason
 
 
 def arm_on_wheels(
@@ -198,7 +174,7 @@ def test_what_is_too_weak_to_hold_still_is_told_and_stops_nothing(tmp_path: Path
     assert sizing(reference).speed == pytest.approx(LAP_RATE)
 
 
-@pytest.mark.parametrize(("name", "kind"), every(2, product(CLOSED, KINDS)))
+@pytest.mark.parametrize(("name", "kind"), cells(DRIVEN, DRIVEN[::5]))
 def test_every_drive_keeps_half_of_every_limit(tmp_path: Path, kind: str, name: str) -> None:
     """Steering rates by differences of angles, wheels by the speed of the ground below them."""
     fastest = 0.8
@@ -227,7 +203,7 @@ def test_every_drive_keeps_half_of_every_limit(tmp_path: Path, kind: str, name: 
 
 
 @pytest.mark.parametrize("kind", ["steered", "twin"])
-@pytest.mark.parametrize("name", [*CLOSED, "waypoints"])
+@pytest.mark.parametrize("name", ["circle", "waypoints"])
 def test_no_wheel_of_a_swerve_turns_past_a_right_angle(
     tmp_path: Path, kind: str, name: str
 ) -> None:
@@ -239,46 +215,7 @@ def test_no_wheel_of_a_swerve_turns_past_a_right_angle(
     assert np.abs(np.diff(angles, axis=0)).max() < 0.3
 
 
-def test_casters_may_swing_round(tmp_path: Path) -> None:
-    """A caster behind a base in reverse turns round at V/k; its limit counts for that."""
-    robot = rpctl.load(write(tmp_path, vehicle("casters")))
-    slow = set_limits(robot, velocity={"caster_0": 1.0})
-    found = sizing(reference_by_name(slow, "reverse"))
-    assert found.speed == pytest.approx(HALF * 1.0 * 0.06)
-    assert "caster_0's 1 rad/s" in found.reason
-    wheel = set_limits(robot, velocity={"caster_0_roller": 1.0})
-    speed = sizing(reference_by_name(wheel, "reverse")).speed
-    assert speed == pytest.approx(HALF * 0.05 / (1.0 + 0.004 / 0.06))
-
-
-def test_a_car_with_tight_steering_takes_a_wide_circle(tmp_path: Path) -> None:
-    text = vehicle("bicycle").replace('lower="-1.2" upper="1.2"', 'lower="-0.1" upper="0.1"')
-    robot = rpctl.load(write(tmp_path, text))
-    least = 0.8 / math.tan(0.1)
-    for name in (*CLOSED, "waypoints"):
-        reference = load_reference(robot, name)
-        turns = [reference(float(t)).twist for t in times(reference)[5:-5]]
-        assert max(abs(w / v) for v, _, w in turns if v > 1e-3) <= 1.0 / least
-        assert max(abs(steering(robot, reference(float(t)))[0, 0]) for t in times(reference)) < 0.1
-    with pytest.raises(RpctlError, match=r"cannot steer along a circle of 2 m; 7\.98 m is the"):
-        load_reference(robot, "circle", size=2.0)
-    assert sizing(load_reference(robot, "circle", size=8.0)).size == 8.0
-
-
-def test_laps_end_where_they_began(paper: Robot) -> None:
-    for name in CLOSED:
-        for laps in (1.0, 2.0):
-            reference = reference_by_name(paper, name, laps=laps)
-            end = reference(default_duration(reference)).pose
-            assert end[:2] == pytest.approx(reference(0.0).pose[:2], abs=1e-9)
-            assert sizing(reference).laps == laps
-    turned = reference_by_name(paper, "spin", laps=2.5)
-    assert turned(default_duration(turned)).pose[2] == pytest.approx(5.0 * math.pi)
-    line = reference_by_name(paper, "line", size=2.0)
-    assert line(default_duration(line)).pose[0] == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize("name", every(2, NAMES))
+@pytest.mark.parametrize("name", cells(NAMES, [*NAMES][::2]))
 def test_what_is_given_is_kept(tmp_path: Path, name: str) -> None:
     """It is told how much of the limits that takes."""
     robot, size = scaled_platform(tmp_path, 1.0, velocity=12.0), None if name == "spin" else 3.0
@@ -336,13 +273,8 @@ def test_a_fixed_base_has_no_path_to_size() -> None:
     assert told.sentence == "the arm's motion alone: its base is fixed"
 
 
-def test_a_function_has_its_own_pace(paper: Robot) -> None:
-    with pytest.raises(RpctlError, match="speed = 1: the reference is a function"):
-        rpctl.track(paper, reference_by_name(paper, "line"), 0.01, speed=1.0)
-
-
 def test_a_run_keeps_its_sizing(paper: Robot, tmp_path: Path) -> None:
-    run = rpctl.track(paper, "circle", 0.02, size=2.0, speed=0.3, laps=3.0)
+    run = rpctl.track(paper, "circle", duration=0.02, size=2.0, speed=0.3, laps=3.0)
     assert run.sizing == sizing(load_reference(paper, "circle", 2.0, 0.3, 3.0))
     assert (run.config.run.size, run.config.run.speed, run.config.run.laps) == (2.0, 0.3, 3.0)
     back = Run.load(run.save(tmp_path / "run.npz"))
@@ -351,28 +283,6 @@ def test_a_run_keeps_its_sizing(paper: Robot, tmp_path: Path) -> None:
     told = rpctl.summarize(back).to_dict()["sizing"]
     assert told["sentence"] == run.sizing.sentence
     assert (told["size"], told["laps"]) == (2.0, 3.0)
-    own = rpctl.track(paper, lambda t: reference_by_name(paper, "line")(t), 0.02)
+    own = rpctl.track(paper, lambda t: reference_by_name(paper, "line")(t), duration=0.02)
     assert own.sizing is None
     assert rpctl.summarize(own).to_dict()["sizing"] is None
-
-
-def test_mimics_of_an_arm_keep_their_limits(tmp_path: Path) -> None:
-    """A finger that mimics by −2 and may move 0.3 rad leaves its leader 0.15 of that, less room."""
-    limits = urdf.limit(-2.0, 2.0, 100.0, 2.0), urdf.limit(-0.3, 0.3, 100.0, 2.0)
-    mimic = '<mimic joint="lead" multiplier="-2"/>'
-    parts = [
-        urdf.link("one", urdf.inertial(1.0, (0.1, 0.1, 0.1))),
-        urdf.joint("lead", "revolute", ("base", "one"), "0 0 0.5", "0 0 1", limits[0]),
-        urdf.link("two", urdf.inertial(1.0, (0.1, 0.1, 0.1))),
-        urdf.joint("follow", "revolute", ("one", "two"), "0.3 0 0", "0 0 1", limits[1] + mimic),
-    ]
-    robot = rpctl.load(write(tmp_path, platform(SET_A, extra="\n".join(parts))))
-    assert reference_by_name(robot, "line").arm.amplitude == pytest.approx([0.8 * 0.15])
-
-
-def test_tighter_limits_make_it_slower(paper: Robot) -> None:
-    usual, found = (
-        sizing(reference_by_name(each, "eight")) for each in (paper, limited(paper, speed=0.9))
-    )
-    assert usual.speed is not None
-    assert found.speed == pytest.approx(0.9 * usual.speed)

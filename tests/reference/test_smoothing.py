@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.reference import smoothing
-from rpctl.reference.smoothing import Smoothed, SmoothingProblem, smooth, spread
+from rpctl.reference.recorded import smoothing
+from rpctl.reference.recorded.smoothing import Smoothed, SmoothingProblem, smooth, spread
 
 
 def eight(t: Array) -> Array:
@@ -47,15 +47,6 @@ def test_cross_validation_finds_the_noise(step: float, sigma: float) -> None:
     assert differences(smoothed, t, rows) == pytest.approx(sigma, rel=0.25)
 
 
-def test_a_noise_of_1_cm_costs_hardly_any_acceleration() -> None:
-    t, rows = noisy(0.1, 0.01)
-    fine = np.linspace(0.0, 20.0, 1000)
-    smoothed = found(t, rows, None)
-    clean, bend = (np.gradient(np.gradient(eight(fine), fine, axis=0), fine, axis=0),
-                   smoothed.problem.spline(smoothed.coefficients)(fine, 2))  # fmt: skip
-    assert np.abs(bend).max() < 1.2 * np.abs(clean).max()
-
-
 @pytest.mark.parametrize("step", [0.1, 0.02, 0.005])
 def test_rows_without_noise_stay_as_they_are(step: float) -> None:
     t, rows = noisy(step, 0.0)
@@ -74,13 +65,6 @@ def test_a_tolerance_is_used_and_kept(step: float, tolerance: float) -> None:
 
 def test_a_tolerance_that_nothing_smooth_keeps_leaves_rows_as_they_are() -> None:
     assert smooth(*noisy(0.1, 0.01), 1e-6) is None
-
-
-def test_a_wide_tolerance_leaves_a_parabola() -> None:
-    t, rows = noisy(0.1, 0.01)
-    smoothed = found(t[:60], rows[:60] + 0.1 * t[:60, None] ** 2, 10.0)
-    bend = smoothed.problem.spline(smoothed.coefficients)(t[:60], 2)
-    np.testing.assert_allclose(bend, bend.mean(axis=0) * np.ones((60, 1)), atol=5e-3)
 
 
 def cost(problem: SmoothingProblem, tau: float, coefficients: Array) -> float:
@@ -152,23 +136,8 @@ def test_the_error_of_a_rate_is_that_of_many_trials() -> None:
     np.testing.assert_allclose(line, np.tile([0.5, -1.0], (3, 1)), atol=1e-6)
 
 
-def test_uneven_times_and_near_duplicates() -> None:
-    rng = np.random.default_rng(4)
-    t = np.sort(np.concatenate([rng.uniform(0.0, 20.0, 150), [7.0, 7.0 + 1e-6, 11.5]]))
-    t = t[(t < 11.5) | (t > 14.0)] - t[0]  # and a gap
-    rows = eight(t) + 0.01 * rng.normal(size=(len(t), 2))
-    smoothed = found(t, rows, None)
-    assert smoothed.noise == pytest.approx(0.01, rel=0.3)
-    assert differences(smoothed, t, eight(t)) < 0.01
-
-
 def test_spread_keeps_both_ends_and_the_least_distance() -> None:
     u = np.array([0.0, 0.1, 0.5, 0.9, 1.2, 2.0, 2.4, 2.5])
     np.testing.assert_array_equal(spread(u, 0.5), [0, 2, 4, 5, 7])
     np.testing.assert_array_equal(spread(u, 0.0), np.arange(8))
     np.testing.assert_array_equal(spread(u, 10.0), [0, 7])
-
-
-def test_columns_that_never_change_have_no_noise() -> None:
-    t = np.linspace(0.0, 5.0, 51)
-    assert smooth(t, np.zeros((51, 2)), None) is None

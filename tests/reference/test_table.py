@@ -14,17 +14,12 @@ from rpctl import ReferenceState, Robot
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference import table as table_module
-from rpctl.reference.base_parametrisation import DrivingBase
-from rpctl.reference.edge_time_law import EdgeTimeLaw
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import NotFiniteError, Reference, WrongAnswerError
 from rpctl.reference.named import reference_by_name
 from rpctl.reference.path_reference import PathReference
 from rpctl.reference.pose_goal import PoseGoal, to_goal
-from rpctl.reference.required import NotFiniteError, WrongAnswerError
-from rpctl.reference.splines import clamped_knots
 from rpctl.reference.table import ReferenceTable, tabulate
-from rpctl.reference.timed_path import TimedPath, constant
 from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle
 
@@ -113,14 +108,6 @@ def test_tables_of_rows(
     check(tiago, load_reference(tiago, str(path), retime=retime), monkeypatch)
 
 
-def test_a_base_that_is_planned(tiago: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    s = np.linspace(0.0, 8.0, 41)
-    base = DrivingBase(s, clamped_knots(np.linspace(0.0, 8.0, 9)), [0, 2])
-    path = base.path(np.random.default_rng(4).normal(0.0, 0.5, base.size))
-    arm = constant(tiago.home, 0.0, 8.0)
-    check(tiago, TimedPath(path, arm, EdgeTimeLaw(8.0, True, True, 1.0)), monkeypatch)
-
-
 def turning(t: float) -> Array:
     """Return x, y, a heading that jumps by full turns, and a joint."""
     return np.array([math.sin(t), t, math.remainder(2.0 * t, 2.0 * math.pi), 0.1 * t * t])
@@ -166,22 +153,6 @@ def test_a_plain_function_is_called_at_each_time(paper: Robot) -> None:
                                             1, 0, 0, 0, 0, 0, 0, 0, 0])  # fmt: skip
     np.testing.assert_array_equal(rows[1, -9:], np.eye(3).ravel())
     assert len(tabulate(paper, plain(paper, times), np.empty(0))) == 0
-
-
-class Later(PathReference):
-    """Somebody's own reference, which inherits from one that takes arrays and is called else."""
-
-    def __call__(self, t: float) -> ReferenceState:
-        if t > 1.0:  # of an array that is no truth value
-            return super().__call__(t - 1.0)
-        return super().__call__(0.0)
-
-
-def test_what_inherits_and_calls_differently_is_called_one_by_one(tiago: Robot) -> None:
-    own = reference_by_name(tiago, "eight", collisions=False)
-    later = Later(own.path, own.rate, own.arm, own.ramp)
-    found = tabulate(tiago, later, TIMES)
-    np.testing.assert_array_equal(found.pose, [later(t).pose for t in TIMES.tolist()])
 
 
 def faults(robot: Robot) -> Iterator[tuple[Reference, type[RpctlError], str]]:

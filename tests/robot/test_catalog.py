@@ -7,7 +7,9 @@ import pytest
 import rpctl
 from rpctl.errors import UnknownNameError
 from rpctl.robot.catalog import ENTRIES, find, names
+from tests.grids import cells
 
+ONE_OF_EACH = [*(name for name in names() if find(name).own), "tiago", "panda"]
 DETECTED = {  # where the wheels tell another drive than a differential one
     "car": "car-like",
     "tricycle": "tricycle",
@@ -19,12 +21,11 @@ DETECTED = {  # where the wheels tell another drive than a differential one
 }
 
 
-@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
-def test_every_entry_has_a_file(entry: rpctl.robot.catalog.Entry) -> None:
-    assert entry.path.is_file()
+def test_every_entry_has_a_file() -> None:
+    assert [entry.name for entry in ENTRIES if not entry.path.is_file()] == []
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", cells(names(), ONE_OF_EACH))
 def test_robots_load(name: str) -> None:
     robot = rpctl.load(name)
     assert robot.name == name

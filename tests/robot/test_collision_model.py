@@ -12,7 +12,7 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
-from rpctl.robot.collision_model import CollisionModel, collision_model
+from rpctl.robot.collision import CollisionModel, collision_model
 from tests import urdf
 from tests.folding import HOME, folding
 from tests.robots import write
@@ -81,17 +81,6 @@ def test_a_ball_is_as_far_from_a_shape_as_geometry_says(kind: str) -> None:
         wanted = TO_POINT[kind](p) - 0.05
         if wanted > 0.01:
             assert measured(shape, ball, R, p).min_distance == pytest.approx(wanted, abs=GJK_M)
-
-
-def test_capsules_are_as_far_from_each_other_as_their_segments() -> None:
-    rng, capsule = np.random.default_rng(2), coal.Capsule(0.1, 0.5)
-    for _ in range(50):
-        R, p = turn(rng), rng.uniform(-0.6, 0.6, 3)
-        half = np.array([0.0, 0.0, 0.25])
-        wanted = segments(np.zeros(3), half, p, R @ half) - 0.2
-        if abs(wanted) > 0.005:  # also in each other, where the normal is theirs
-            found = measured(capsule, capsule, R, p)
-            assert found.min_distance == pytest.approx(wanted, abs=2e-4 if wanted < 0 else GJK_M)
 
 
 @pytest.mark.parametrize("kind", SIZES)
@@ -243,13 +232,3 @@ def test_for_a_missing_mesh_a_box_stands_in(tmp_path: Path) -> None:
     level = {"shoulder": 0.0, "elbow": 0.0}  # 0.346 m high
     height = 0.5 * np.sqrt(6.0 * (0.02 + 0.03 - 0.03) / 1.0)
     assert distance(robot, "forearm", "ground", **level) == pytest.approx(0.4 - height, abs=GJK_M)
-
-
-def test_without_collision_shapes_those_that_are_drawn_count(tmp_path: Path) -> None:
-    text = (folding(tmp_path).description.raw).decode().replace("collision>", "visual>")
-    robot = rpctl.load(write(tmp_path, text), home=HOME)
-    model = collision_model(robot)
-    assert model.notes == (
-        "the robot has no <collision>; its <visual> shapes are checked for collisions",
-    )
-    assert names(model) == names(collision_model(folding(tmp_path)))

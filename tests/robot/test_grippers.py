@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import rpctl
 from rpctl import Robot
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.urdf import read
+from rpctl.description.urdf.reader import read
 from rpctl.errors import UnknownNameError
-from rpctl.robot.end_effector import find_end_effector
+from rpctl.robot.grippers import find_end_effector
 from tests import urdf
-from tests.robot.arms import AXES, BEND, GRASP, arm, body, limb, load, mimic, write
+from tests.robot.arms import AXES, BEND, GRASP, arm, body, limb, load, mimic
 from tests.robots import SET_A, platform
 
 RODS = ("rod_1_joint", "rod_2_joint", "rod_3_joint")
@@ -143,27 +142,6 @@ def test_arms_are_no_grippers(name: str, tmp_path: Path) -> None:
     assert not told(robot)
 
 
-def test_slides_without_limits_mirror_only_one_another(tmp_path: Path) -> None:
-    endless = limb("l", "palm", "0 1 0", "", xyz=LEFT), limb("r", "palm", "0 -1 0", "", xyz=RIGHT)
-    assert set(load(tmp_path, arm(), *endless).locked) == {"l_joint", "r_joint"}
-    assert load(tmp_path, arm(), endless[0], SLIDES[1]).locked == {}
-    assert load(tmp_path, arm(), SLIDES[0], endless[1]).locked == {}
-    along = limb("r", "palm", "0 1 0", "", xyz=RIGHT)
-    assert load(tmp_path, arm(), endless[0], along).locked == {}
-
-
-def test_the_paper_s_arm_stays(paper: Robot) -> None:
-    assert paper.locked == {}
-    assert paper.dof == 4
-
-
-def test_wheels_are_no_fingers(tmp_path: Path) -> None:
-    """Two wheels of a base mirror each other, and so do those of a caster on a swivel."""
-    robot = rpctl.load(_mobile(tmp_path, *SLIDES))
-    assert robot.drive.type == "differential"
-    assert set(robot.locked) == {"l_joint", "r_joint"}
-
-
 def _mobile(folder: Path, *parts: str) -> Path:
     """Write a wheeled platform with an arm and what it holds."""
     text = platform(SET_A, extra="\n".join([arm(), *parts]))
@@ -183,14 +161,6 @@ def test_fingers_are_frozen_inside_their_limits_and_mimics_follow(tmp_path: Path
     assert robot.locked == {"l_joint": 0.3, "r_joint": pytest.approx(0.7)}
 
 
-def test_a_mimic_of_a_locked_finger_follows_it(tmp_path: Path) -> None:
-    path = write(tmp_path, arm(), *COUPLED)
-    robot = rpctl.load(path, drive="fixed", lock={"driver_joint": 0.4})
-    assert robot.locked["other_joint"] == pytest.approx(-0.4)
-    assert robot.locked["tip_joint"] == pytest.approx(0.4)
-    assert robot.joint_names == RODS
-
-
 def test_a_finger_is_released_with_those_that_follow_it(tmp_path: Path) -> None:
     robot = load(tmp_path, arm(), *COUPLED, free=["other_*"])
     assert robot.joint_names == (*RODS, "driver_joint")
@@ -200,26 +170,6 @@ def test_a_finger_is_released_with_those_that_follow_it(tmp_path: Path) -> None:
     assert set(one.locked) == {"r_joint"}
     with pytest.raises(UnknownNameError, match="joint to free 'claw_"):
         load(tmp_path, arm(), *SLIDES, free=["claw_*"])
-
-
-def test_fingers_without_mass_are_no_matter_while_they_are_frozen(tmp_path: Path) -> None:
-    hollow = [urdf.link("l"), urdf.link("r")]
-    for name, axis in (("l", "0 1 0"), ("r", "0 -1 0")):
-        hollow.append(urdf.joint(f"{name}_joint", "prismatic", ("palm", name), "", axis, GRASP))
-    robot = load(tmp_path, arm(), *hollow)
-    assert robot.joint_names == RODS
-    assert not any("inertial" in finding.message for finding in robot.findings)
-
-
-def test_a_frozen_gripper_is_carried_as_it_stands(tmp_path: Path) -> None:
-    """The inertia that the arm feels is that with the fingers free, held where they are."""
-    frozen, free = load(tmp_path, arm(), *SLIDES), load(tmp_path, arm(), *SLIDES, free=["*"])
-    joints = dict(zip(RODS, (0.3, -0.7, 1.1), strict=True))
-    inertias = [
-        rpctl.ReducedDynamics(each).inertia(each.configuration(joints=joints))
-        for each in (frozen, free)
-    ]
-    np.testing.assert_allclose(inertias[0], inertias[1][:3, :3], atol=1e-12)
 
 
 def test_the_arm_of_most_joints_is_taken_and_others_are_told(tmp_path: Path) -> None:
@@ -266,10 +216,3 @@ def test_wheels_that_the_drive_leaves_out_are_no_end_effector(tmp_path: Path) ->
 def test_grippers_of_the_catalogue(name: str, dof: int, end: str, frozen: int) -> None:
     robot = rpctl.load(name)
     assert (robot.dof, robot.end_effector, len(robot.locked)) == (dof, end, frozen)
-
-
-def test_tiago_s_hand_is_found_where_the_catalogue_does_not_freeze_it(tiago: Robot) -> None:
-    robot = rpctl.load(tiago.description.path)
-    assert robot.joint_names == tiago.joint_names
-    assert robot.locked == tiago.locked
-    assert robot.end_effector == "hand_palm_link"

@@ -6,18 +6,16 @@ import math
 from math import pi
 from pathlib import Path
 
-import numpy as np
 import pytest
-import trimesh
 
 import rpctl
 from rpctl import Robot
-from rpctl.robot.facts import idealisations
 from rpctl.robot.idealised import Idealisation
+from rpctl.robot.inspection import idealisations
 from rpctl.robot.vary import without_losses
 from tests.drive.drive_cases import Files, body, xml
 from tests.robots import SET_A, four_wheels, platform, write
-from tests.vehicles import Parts, caster, rear_axle, vehicle
+from tests.vehicles import Parts, rear_axle, vehicle
 
 THIN = "thin wheels"
 STEERING = "singular steering"
@@ -85,16 +83,6 @@ def test_axles_that_are_not_parallel(tmp_path: Path) -> None:
     assert only(toed(tmp_path, 1.1e-4, -1.1e-4)).value == pytest.approx(math.degrees(1.1e-4))
 
 
-def test_an_axle_that_leans(tmp_path: Path) -> None:
-    lean = math.radians(0.5)
-    found = only(turned_axles(tmp_path, (0, 1, 0), (0.0, math.cos(lean), -math.sin(lean))))
-    assert found.what == "axle lean"
-    assert found.value == pytest.approx(0.5)
-    assert '"right_joint" (line' in found.sentence
-    assert found.sentence.endswith("leans 0.5°")
-    assert not by_what(turned_axles(tmp_path, (0.0, 1.0, 0.9e-4), (0, 1, 0)))
-
-
 def test_wheels_nearly_on_one_axle(tmp_path: Path) -> None:
     """The left wheel 3 mm ahead; the contacts are level."""
     found = only(rpctl.load(write(tmp_path, MEMO.replace('xyz="0 0.75', 'xyz="0.003 0.75'))))
@@ -114,16 +102,6 @@ def test_wheels_that_end_at_two_heights(tmp_path: Path) -> None:
     assert found.value == pytest.approx(2.0)
     assert "2 mm below it" in found.sentence or "2 mm above it" in found.sentence
     assert not by_what(rpctl.load(write(tmp_path, text.replace("0.154", "0.150015"))))
-
-
-def test_a_wheel_that_ends_below_the_others(files: Files) -> None:
-    """Bottoms at 0, 0 and −3 mm: the ground at −1 mm, the third 2 mm below it."""
-    parts = body()
-    rear_axle(parts)
-    parts.wheel("stray", "base", "0.4 0 0.097")
-    found = by_what(files.load(parts))["contact height"]
-    assert found.value == pytest.approx(2.0)
-    assert found.sentence.endswith('"stray" (line 1) ends 2 mm below it')
 
 
 def test_axles_that_share_one_constraint(tmp_path: Path) -> None:
@@ -180,28 +158,6 @@ def test_a_visual_radius_that_is_not_the_collisions(files: Files) -> None:
     assert only(seen).sentence.endswith("there is no round collision")
 
 
-def test_meshes_that_are_no_finer_than_their_corners(files: Files) -> None:
-    turn = np.eye(4)[[0, 2, 1, 3]] * [[1.0], [-1.0], [1.0], [1.0]]  # z becomes −y
-    for name, r in (("near", 0.1004), ("far", 0.1006)):
-        disc = trimesh.creation.cylinder(radius=r, height=0.04, sections=32, transform=turn)
-        disc.export(files.folder / f"{name}.stl")
-    shape = '<visual><geometry><mesh filename="{}.stl"/></geometry></visual>'
-    rolls = cylinder(0.1, "collision")
-    assert not by_what(files.load(cart(rolls + shape.format("near"))))
-    assert only(files.load(cart(rolls + shape.format("far")))).value == pytest.approx(0.1006)
-    (alone,) = idealisations(files.load(cart(shape.format("far"))))
-    assert alone.what == THIN
-    assert alone.value == pytest.approx(40.0)
-
-
-def test_a_shape_that_is_off_the_axle(files: Files) -> None:
-    found = idealisations(files.load(cart(cylinder(0.1, "collision", x=0.003))))
-    assert [each.what for each in found] == ["eccentric wheel", "eccentric wheel", THIN]
-    assert found[0].value == pytest.approx(3.0)
-    assert "is centred 3 mm off its axle" in found[0].sentence
-    assert not by_what(files.load(cart(cylinder(0.1, "collision", x=9e-6))))
-
-
 def car(trail: float, axis: str = "0 0 1") -> Parts:
     """Return a car with a front axle 0.7 m ahead; the left contact is ``trail`` ahead of its axis.
 
@@ -227,11 +183,6 @@ def test_trails_of_wheels_that_steer_together(files: Files) -> None:
     assert of_car(car(9e-6), files) == []
 
 
-def test_the_trail_that_is_kept_is_not_said(tmp_path: Path) -> None:
-    assert not by_what(rpctl.load(write(tmp_path, vehicle("casters"))))
-    assert not by_what(rpctl.load(write(tmp_path, vehicle("tricycle"))))  # 30 mm
-
-
 def test_a_swivel_that_leans(files: Files) -> None:
     """tan of the lean is 0.01: 1 mm for 0.1 m above the ground."""
     (found,) = of_car(car(0.0, axis="0.006 0.008 1"), files)
@@ -245,19 +196,6 @@ def test_a_swivel_that_leans(files: Files) -> None:
         below = below.replace(old, new)
     leaning = by_what(files.load(below))["swivel lean"]
     assert "meet the ground 2 mm from below its origin" in leaning.sentence
-
-
-def test_wheels_of_one_swivel_that_are_not_parallel(files: Files) -> None:
-    turn = math.radians(0.6)
-    parts = body()
-    rear_axle(parts)
-    parts.swivel("steer", "0.6 0 0.1", "revolute")
-    parts.wheel("one", "steer_fork", "0 0.05 0")
-    parts.wheel("two", "steer_fork", "0 -0.05 0", f"{-math.sin(turn)} {math.cos(turn)} 0")
-    found = only(files.load(parts))
-    assert found.what == "swivel heading"
-    assert found.value == pytest.approx(0.6)
-    assert 'the axle of "two" (line 1) is 0.6° off' in found.sentence
 
 
 @pytest.mark.parametrize("limit", [None, 1.5])
@@ -278,29 +216,6 @@ def test_steering_that_no_sample_has(tmp_path: Path, limit: float | None) -> Non
     spans = f"from {-outer:.1f}° to {-inner:.1f}° and {inner:.1f}° to {outer:.1f}°: "
     assert spans in found.sentence
     assert found.sentence.endswith(f": {found.value:.2g} % of its range")
-
-
-def test_steering_of_a_wheel_beside_the_middle(tmp_path: Path) -> None:
-    """A car's left wheel, 0.7 m ahead and 0.25 m to the left: its hold is cos(δ − atan 0.25/0.7).
-
-    To the right, below −64.6°, it is less than a tenth; its limits are ±1.2 rad, or ±68.8°.
-    """
-    found = only(rpctl.load(write(tmp_path, vehicle("car-like"))))
-    gap = 1.2 - (math.acos(0.1) - math.atan2(0.25, 0.7))
-    assert found.value == pytest.approx(100.0 * gap / 2.4, rel=1e-9)
-    assert '"steer_left" (line 1) from -68.8° to -64.6°: 3 %' in found.sentence
-
-
-def test_steering_of_two_leaders(tmp_path: Path) -> None:
-    """The hold is 0.75 |cos φ₂| between pivots 0.75 m apart, one behind the other.
-
-    A tenth is 0.05 |(1, 0, −0.3 / 0.5)|, as the first pivot is 0.3 m to the left and 0.5 m away.
-    """
-    found = only(rpctl.load(write(tmp_path, vehicle("steered"))))
-    edge = math.asin(0.05 * math.sqrt(1.36) / 0.75)
-    assert found.value == pytest.approx(100.0 * 4.0 * edge / (2.0 * pi), rel=1e-9)
-    assert '"rl_steer" (line 1)' in found.sentence
-    assert "the others at 0: 5 % of its range" in found.sentence
 
 
 def test_friction_that_is_smooth_and_losses_that_are_left_out(files: Files) -> None:
@@ -336,19 +251,3 @@ def test_friction_that_is_smooth_and_losses_that_are_left_out(files: Files) -> N
         '<dynamics> damping of 3 joints is left out, at most 0.5 N·m·s/rad of "shoulder" (line 1)'
     )
     assert found[1].sentence == ('<dynamics> friction is left out: 0.3 N·m of "shoulder" (line 1)')
-
-
-def test_wheels_that_slide(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    parts.wheel("stray", "base", "0.4 0 0.1")
-    found = only(files.load(parts))
-    assert (found.what, found.value) == ("sliding wheels", 1.0)
-    assert found.sentence == '"stray" (line 1) slides sideways without friction'
-
-
-def test_casters_say_nothing_of_what_they_keep(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    caster(parts, "caster", 0.4, 0.0, 0.05, twin=True)
-    assert not by_what(files.load(xml(parts)))

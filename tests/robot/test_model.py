@@ -25,11 +25,6 @@ def test_tiago_has_the_names_of_its_file(tiago: Robot) -> None:
     assert not any(name.startswith("hand_") for name in tiago.model.names)
 
 
-def test_the_home_posture_is_inside_the_limits(robot: Robot) -> None:
-    for joint, position in zip(robot.joints, robot.home, strict=True):
-        assert joint.lower < position < joint.upper
-
-
 def test_configurations_hold_the_root_and_the_pose_is_of_p(
     mixed_chain: Robot, rng: np.random.Generator
 ) -> None:
@@ -54,11 +49,6 @@ def test_random_configurations_respect_limits(robot: Robot, rng: np.random.Gener
         assert np.hypot(q[2], q[3]) == pytest.approx(1.0)
         for joint, position in zip(robot.joints, robot.joint_positions(q), strict=True):
             assert joint.lower <= position <= joint.upper
-
-
-def test_unknown_joints_are_told(tiago: Robot) -> None:
-    with pytest.raises(UnknownNameError, match="did you mean"):
-        tiago.configuration(joints={"torso_lift": 0.1})
 
 
 def test_locks_freeze_at_their_value() -> None:
@@ -102,12 +92,6 @@ def test_a_mimic_follows_a_continuous_joint_past_half_a_turn(tmp_path: Path) -> 
     assert robot.joint_position(robot.configuration(), "push") == pytest.approx(0.1)
 
 
-def test_a_mimic_follows_a_locked_joint(tmp_path: Path) -> None:
-    source = drum(tmp_path).source
-    robot = rpctl.load(source, lock={"turn": 4.0})
-    assert robot.joint_position(robot.configuration(), "push") == pytest.approx(2.1)
-
-
 def test_a_lock_that_matches_nothing_is_told() -> None:
     with pytest.raises(UnknownNameError, match="joint to lock 'hand'"):
         rpctl.load("tiago", lock=["hand"])
@@ -129,12 +113,6 @@ def test_an_end_effector_can_be_chosen(tiago: Robot) -> None:
         rpctl.load("tiago", end_effector="head_2")
 
 
-def test_a_lone_platform_has_no_end_effector(tmp_path: Path) -> None:
-    robot = rpctl.load(write(tmp_path, platform(SET_A)))
-    assert robot.end_effector is None
-    assert robot.quasi_velocities == ("v", "omega")
-
-
 def test_a_mover_without_inertia_is_refused(tmp_path: Path) -> None:
     """A point mass on its own axis has a mass, but nothing that resists the joint."""
     spinner = """<link name="tip"><inertial><mass value="1"/>
@@ -144,15 +122,3 @@ def test_a_mover_without_inertia_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path, platform(SET_A, extra=spinner))
     with pytest.raises(DescriptionError, match=r'joint "twist" moves links of no or negative'):
         rpctl.load(path)
-
-
-def test_a_bare_word_is_a_catalogue_name_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "paper").mkdir()
-    write(tmp_path, platform(SET_A), "mine")
-    assert rpctl.load("paper").name == "paper"
-    assert rpctl.load("mine").name == "platform"
-    with pytest.raises(UnknownNameError, match="robot 'yours'"):
-        rpctl.load("yours")

@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl.cli.app import app
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.robot.names import find_source
-from rpctl.robot.robot_descriptions import find_robot, list_robots
+from rpctl.robot.sources import find_source, list_robots
 from tests.workspaces import fixed, link, package, write, xacro
 
 LISTS = """
@@ -118,20 +117,6 @@ def test_what_is_not_in_the_cache_is_told_with_the_command(cache: Path) -> None:
         rpctl.load("cat_description")
 
 
-def test_a_commit_of_ones_own(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROBOT_DESCRIPTION_COMMIT", "abc")
-    fill(cache / "carts-abc")
-    assert rpctl.load("cart_description", "fixed").mass == 3.0
-
-
-def test_a_file_that_is_mended_on_import_is_taken_as_it_came(cache: Path) -> None:
-    file = cache / "carts" / "robots" / "cart_pkg" / "urdf" / "patched.urdf"
-    write(file, f'<robot name="c">{link("base", "3")}</robot>')
-    found = find_robot("patched_description")
-    assert found is not None
-    assert found.path == file
-
-
 def test_robots_lists_what_is_there(cache: Path) -> None:
     assert [(r.name, r.wheeled, r.cached) for r in list_robots()] == [
         ("cart_description", True, False),
@@ -152,7 +137,7 @@ def test_robots_lists_what_is_there(cache: Path) -> None:
 
 
 def test_without_the_package_its_names_say_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rpctl.robot.robot_descriptions._folder", lambda: None)
+    monkeypatch.setattr("rpctl.robot.sources._folder", lambda: None)
     with pytest.raises(RpctlError, match=r"pip install 'rpctl\[robots\]', then `python -m"):
         rpctl.load("fetch_description")
     with pytest.raises(UnknownNameError, match="did you mean tiago"):

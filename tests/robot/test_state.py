@@ -32,13 +32,6 @@ def test_a_state_by_names() -> None:
     assert state.rates == {revolute: 0.7, prismatic: 0.0}
 
 
-def test_nothing_is_the_origin_at_rest() -> None:
-    robot = rpctl.load("paper")
-    q, nu = robot.state()
-    np.testing.assert_array_equal(q, robot.configuration())
-    assert not nu.any()
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -72,11 +65,5 @@ def test_the_jacobian_is_the_links_velocity(name: str) -> None:
         turning = pin.log3(poses[1].rotation @ poses[0].rotation.T) / (2.0 * step)
         if not robot.model.existBodyName(link):
             continue
-        found = robot.jacobian(q, link) @ nu
+        found = rpctl.ReducedDynamics(robot).jacobian(q, link) @ nu
         np.testing.assert_allclose(found, [*velocity, *turning], atol=1e-8)
-
-
-def test_the_jacobian_of_no_link() -> None:
-    robot = rpctl.load("paper")
-    with pytest.raises(rpctl.RpctlError, match="link 'nothing' is not known"):
-        robot.jacobian(robot.configuration(), "nothing")

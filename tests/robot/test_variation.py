@@ -14,8 +14,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.robot.build import build
 from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.link_inertias import LinkInertias, pseudo_inertia
-from rpctl.robot.variation import Variation, vary
+from rpctl.robot.variation import LinkInertias, Variation, pseudo_inertia, vary
 from tests import closed_form, urdf
 from tests.robots import SET_A, cargo, platform, write
 
@@ -113,22 +112,6 @@ def test_many_robots_at_once_are_each_alone(mixed_chain: Robot, rng: np.random.G
         np.testing.assert_allclose(M, files, rtol=1e-12, atol=1e-10)
 
 
-def test_nothing_varied_is_the_same_robot(paper: Robot) -> None:
-    assert vary(paper, Variation()) is paper
-    same = vary(paper, Variation({"*": 1.0}, {"*": (0.0, 0.0, 0.0)}, radii={"*": 1.0}))
-    assert same.drive is paper.drive
-    assert list(same.model.inertias) == list(paper.model.inertias)
-
-
-def test_the_last_pattern_counts(paper: Robot) -> None:
-    names = [link.name for link in paper.description.links if link.mass]
-    varied = vary(paper, Variation({"*": 3.0, names[-1]: 2.0}))
-    for name in names:
-        scale = 2.0 if name == names[-1] else 3.0
-        mass = paper.description.link[name].mass
-        assert varied.description.link[name].mass == pytest.approx(scale * (mass or 0.0))
-
-
 def test_estimates_stay_estimates(tmp_path: Path) -> None:
     """A link without <inertial> has none afterwards in the user's text."""
     box = urdf.link("box", urdf.shape('box size="0.2 0.2 0.1"'))
@@ -139,21 +122,6 @@ def test_estimates_stay_estimates(tmp_path: Path) -> None:
     assert varied.mass == pytest.approx(robot.mass + 0.5 * 500.0 * 0.004)
     assert varied.description.raw.count(b"<inertial") == robot.description.raw.count(b"<inertial")
     assert rpctl.verify(varied, samples=1, engines=()).passed
-
-
-def test_losses_are_added_where_none_counted(tmp_path: Path) -> None:
-    text = platform(SET_A).replace(
-        '<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><dynamics damping="0.5" friction="0.2"/>'
-    )
-    robot = rpctl.load(write(tmp_path, text), losses=False)
-    varied = vary(robot, Variation(damping={"left_joint": 0.3}))
-    assert varied.losses is not None
-    assert sorted(varied.losses.damping.tolist())[-2:] == [0.0, 0.3]
-    assert not varied.losses.friction.any()
-    assert rpctl.verify(varied, samples=1, engines=()).passed
-    whole = vary(rpctl.load(robot.source), Variation(damping={"left_joint": 0.3}))
-    assert whole.losses is not None
-    assert sorted(whole.losses.damping.tolist())[-2:] == [0.5, 0.8]
 
 
 @pytest.mark.parametrize(
@@ -186,16 +154,6 @@ def test_what_no_robot_can_be_is_refused(
 def test_a_track_needs_wheels_beside_the_middle_line() -> None:
     with pytest.raises(RpctlError, match="track: no wheel that the root link holds"):
         vary(rpctl.load("bicycle"), Variation(track=1.1))
-
-
-def test_wheels_may_differ_within_the_ground_s_tolerance(tmp_path: Path) -> None:
-    robot = rpctl.load(write(tmp_path, platform(SET_A)))
-    varied = vary(robot, Variation(radii={"left_joint": 1.05}))
-    assert varied.drive.ground == pytest.approx(robot.drive.ground - 0.5 * 0.05 * SET_A["r"])
-    q = varied.configuration()
-    v = ReducedDynamics(varied).basis(q) @ [1.0, 0.0]  # straight on: the smaller wheel turns faster
-    left, right = (v[varied.velocity_index(name)] for name in ("left_joint", "right_joint"))
-    assert (left, right) == pytest.approx((1.0 / (1.05 * SET_A["r"]), 1.0 / SET_A["r"]))
 
 
 def test_inertias_without_dynamics_are_refused(tmp_path: Path) -> None:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.study.executor import SerialExecutor
-from rpctl.study.experiment import Experiment, RolloutTable
-from rpctl.study.gain_search import setting
-from rpctl.study.merits import SUCCESS, merits_for
+from rpctl.study.experiment import RunTable
+from rpctl.study.merits import merits_for
+from rpctl.study.optimise import setting
+from rpctl.study.runner import Runner
 
 T = 3
 Merit = Callable[..., Array]  # of the settings by the last word of their path, and the numbers
@@ -29,24 +29,23 @@ def patch_rollouts(monkeypatch: pytest.MonkeyPatch, merit: Merit, *known: str) -
         known: Paths of settings that the merit takes from the configuration, if not scattered.
     """
 
-    def rows(robot: Robot, experiment: Experiment, values: Array, indices: Any) -> RolloutTable:
-        count, numbers = len(values), np.asarray(indices)
+    def rows(self: Runner, values: Array, indices: Any, progress: object = None) -> RunTable:
+        count, numbers, names = len(values), np.asarray(indices), self.experiment.names
         given: dict[str, Any] = {}
         for path in known:
-            given[path.rpartition(".")[2]] = np.full(count, setting(experiment.config, path))
-        for path, column in zip(experiment.names, values.T, strict=True):
-            given[path.rpartition(".")[2]] = column
-        found: Array = np.asarray(merit(numbers=numbers, **given), float)
-        merits = dict.fromkeys(merits_for(robot), found * 1.0)
-        merits[SUCCESS] = (found < 1.0).astype(float)
+            given[path.rpartition(".")[2]] = np.full(count, setting(self.experiment.config, path))
+        columns = dict(zip(names, values.T, strict=True))
+        given |= {path.rpartition(".")[2]: column for path, column in columns.items()}
+        error: Array = np.asarray(merit(numbers=numbers, **given), float)
         t: Array = np.linspace(0.0, 0.2, T)
-        return RolloutTable(
-            numbers, merits, t, {"base_error": np.asarray(np.add.outer(found, t), float)},
-            tuple("tracked" if x < 1.0 else "away" for x in found),
-            tuple(f"it is {x:g}" for x in found),
+        return RunTable(
+            numbers, columns, dict.fromkeys(merits_for(self.robot), error * 1.0),
+            {"base_error": np.asarray(np.add.outer(error, t), float)}, t,
+            tuple("tracked" if x < 1.0 else "away" for x in error),
+            tuple(f"it is {x:g}" for x in error),
         )  # fmt: skip
 
-    monkeypatch.setattr("rpctl.study.run_chunk.run_rows", rows)
+    monkeypatch.setattr(Runner, "rows", rows)
     monkeypatch.setattr("os.fsync", lambda file: None)  # tests need not outlast a loss of power
 
 

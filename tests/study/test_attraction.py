@@ -17,8 +17,8 @@ from rpctl.cli.app import app
 from rpctl.control.error import tracking_error
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.reference.named import reference_by_name
-from rpctl.simulation.outcome import OUTCOMES
-from rpctl.simulation.summary import Violation, summarize
+from rpctl.simulation.merits.outcome import OUTCOMES
+from rpctl.simulation.merits.summary import Violation, summarize
 from rpctl.study.attraction import (
     REACH_M,
     Attraction,
@@ -26,11 +26,11 @@ from rpctl.study.attraction import (
     Fraction,
     Placement,
     Start,
-    drawn_errors,
     fractions,
     placement,
     start_errors,
 )
+from rpctl.view.palette import rgb
 from rpctl.view.plots import attraction as picture
 from tests.grids import cells
 
@@ -39,12 +39,16 @@ HOME = Ending(START, "tracked", 1e-4, 12.0, (), "")
 DRIVES = ("paper", "skid_steer", "mecanum", "omni", "car", "bicycle", "tricycle", "swerve",
           "twin_casters", "casters", "caster_drive")  # fmt: skip
 REFERENCES = ("line", "reverse", "spin", "circle", "eight")
-GRID = [(d, k, r) for d in DRIVES for k in KINEMATIC_LAWS for r in REFERENCES]
-SLOW = [
-    ("paper", "unified", "reverse"),
-    ("swerve", "unified", "line"),
-    ("car", "unified", "circle"),
-]
+PAIRS = [(drive, law) for drive in DRIVES for law in KINEMATIC_LAWS]
+GRID = [(*pair, REFERENCES[k % len(REFERENCES)]) for k, pair in enumerate(PAIRS)]
+SLOW = [each for each in GRID if each[:2] in (("paper", "unified"), ("car", "unified"))]
+
+
+def drawn_errors(count: int, seed: int) -> list[tuple[float, float, float]]:
+    """Return errors drawn evenly from ±1.5 m and ±π."""
+    edge = np.array([REACH_M, REACH_M, math.pi])
+    drawn = np.random.default_rng(seed).uniform(-edge, edge, (count, 3))
+    return [(x, y, turn) for x, y, turn in drawn.tolist()]
 
 
 def test_an_error_is_the_placement_seen_from_the_robot() -> None:
@@ -86,12 +90,12 @@ def test_what_counts_as_converged() -> None:
 
 def test_colours_say_what_became_of_a_start() -> None:
     soon, late = (picture._colour(replace(HOME, settled_at=t)) for t in (4.0, 40.0))
-    assert sum(soon) < sum(late)  # lighter
+    assert sum(rgb(soon)) < sum(rgb(late))  # lighter
     stuck = picture._colour(replace(HOME, outcome="stuck"))
     on_the_way = picture._colour(replace(HOME, settled_at=None))
     refused = picture._colour(replace(HOME, outcome=None))
     assert len({soon, late, stuck, on_the_way, refused}) == 5
-    assert stuck[:3] == picture._rgb(picture.FAILED)
+    assert stuck == picture.FAILED
 
 
 @pytest.mark.slow

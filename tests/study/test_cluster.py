@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import pickle
-import signal
-import subprocess
 import sys
 import time
 from collections import Counter
@@ -19,15 +16,13 @@ import numpy as np
 import pytest
 
 from rpctl import load
-from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.study import dask_client
-from rpctl.study.cluster import DaskExecutor
-from rpctl.study.dask_client import check_workers
-from rpctl.study.dask_worker import SentWork
+from rpctl.errors import RpctlError
+from rpctl.study import cluster
+from rpctl.study.cluster import DaskExecutor, check_workers, differences, run_asked
 from rpctl.study.executor import LostChunksError
+from rpctl.study.provenance import CODE, PACKAGES, code_digest, installed, minor
 from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
-from rpctl.study.versions import CODE, PACKAGES, code_digest, differences, installed, minor
 from tests.study import chunk_works
 from tests.study.chunk_works import Runs, chunks_of, draw
 from tests.study.dask_processes import DaskProcesses
@@ -48,11 +43,7 @@ def client_of(workers: Mapping[str, Any], codes: Mapping[str, str]) -> Any:
     )
 
 
-def test_workers_like_this_process_are_taken() -> None:
-    check_workers(client_of({"tcp://a:1": packages()}, {"tcp://a:1": code_digest()}))
-
-
-@pytest.mark.parametrize("name", [*PACKAGES, "python", CODE])
+@pytest.mark.parametrize("name", ["numpy", "python", CODE])
 def test_a_worker_of_another_version_is_refused(name: str) -> None:
     """Named are its address, what differs, and both versions; not the workers that fit."""
     other = {} if name == CODE else {name: "3.9.1" if name == "python" else "0.0.1"}
@@ -73,15 +64,6 @@ def test_a_worker_without_a_package_is_refused() -> None:
         check_workers(client)
 
 
-def test_not_every_worker_of_a_thousand_is_named() -> None:
-    client = client_of({f"tcp://b:{k}": packages(numpy="1.0") for k in range(1000)}, {})
-    with pytest.raises(RpctlError) as error:
-        check_workers(client)
-    lines = str(error.value).splitlines()
-    assert len(lines) == dask_client.MAX_SHOWN + 1
-    assert lines[-1] == f"and {1000 - dask_client.MAX_SHOWN} more workers"
-
-
 def test_versions_of_this_process() -> None:
     assert installed()["numpy"] == np.__version__
     assert installed()["python"] == f"{sys.version_info.major}.{sys.version_info.minor}"
@@ -89,33 +71,34 @@ def test_versions_of_this_process() -> None:
     assert differences({"a": "1", "b": "2"}, {"a": "1", "b": "3", "c": "4"}) == ["b 2, here 3"]
 
 
-def test_a_worker_of_other_versions_unpickles_nothing() -> None:
+def test_a_worker_of_other_versions_unpickles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may have joined after the others were checked."""
-    sent = SentWork(partial(draw, 0.0), installed() | {"numpy": "9"})
-    assert sent.run("tcp://c:3", b"no pickle") == ("tcp://c:3", [f"numpy {np.__version__}, here 9"])
-    sent = SentWork(partial(draw, 0.0), installed())
-    with pytest.raises(pickle.UnpicklingError):
-        sent.run("tcp://c:3", b"no pickle")
+    dask = SimpleNamespace(get_worker=lambda: SimpleNamespace(address="tcp://c:3"))
+    monkeypatch.setattr(cluster, "library", lambda name: dask)
+    refused = run_asked(installed() | {"numpy": "9"}, b"no pickle", b"no pickle")
+    assert refused == ("tcp://c:3", [f"numpy {np.__version__}, here 9"])
+    answer = pickle.loads(bytes(run_asked(installed(), b"no pickle", b"no pickle")))  # type: ignore[arg-type]
+    assert isinstance(answer[1], pickle.UnpicklingError)
 
 
 def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     def absent(name: str) -> Any:
         raise ModuleNotFoundError(name=name)
 
-    monkeypatch.setattr(dask_client, "library", absent)
+    monkeypatch.setattr(cluster, "library", absent)
     with pytest.raises(RpctlError, match=r"pip install 'rpctl\[cluster\]'"):
-        DaskExecutor()
+        DaskExecutor(ABSENT_ADDRESS)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("address", "found"),
-    [(ABSENT_ADDRESS, "no scheduler answers"), ("what", "no scheduler"), ("x://y", "no scheduler")],
+    [(ABSENT_ADDRESS, "no scheduler answers"), ("x://y", "no scheduler")],
 )
 def test_an_address_without_a_scheduler(
     address: str, found: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dask_client, "CONNECT_S", 1.0)
+    monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
     with pytest.raises(RpctlError, match=found) as error:
         DaskExecutor(address)
     assert "\n" not in str(error.value)
@@ -158,6 +141,8 @@ def test_one_worker_is_killed_and_one_joins_late(dask: DaskProcesses, tmp_path: 
                 first.kill()
                 first.wait()
                 third = dask.start_worker()
+                while executor.workers < 2:  # it takes long to start on a busy machine
+                    time.sleep(0.05)
     assert_same(found, chunks)
     assert third is not None
     counts = began(log)
@@ -231,10 +216,7 @@ def test_versions_are_checked_before_the_first_chunk(dask: DaskProcesses, tmp_pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("nanny", ["--nanny", "--no-nanny"])
-def test_a_late_worker_of_other_versions_is_sent_away(
-    nanny: str, dask: DaskProcesses, tmp_path: Path
-) -> None:
+def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_path: Path) -> None:
     log = tmp_path / "log"
     log.mkdir()
     chunks, found, bad = chunks_of(80), {}, None
@@ -244,7 +226,7 @@ def test_a_late_worker_of_other_versions_is_sent_away(
         work = partial(chunk_works.draw_and_log, log, 0.1)
         for chunk, result in executor.map_chunks(work, chunks):
             found[chunk] = result
-            bad = bad or dask.start_worker(nanny, path=planted(tmp_path, "numpy", "1.0"))
+            bad = bad or dask.start_worker(path=planted(tmp_path, "numpy", "1.0"))
     assert_same(found, chunks)
     (text,) = told
     assert f"has numpy 1.0, here {np.__version__}; install the same" in text
@@ -274,65 +256,3 @@ def test_a_scheduler_that_goes_is_an_error_of_one_line(dask: DaskProcesses) -> N
             for _ in executor.map_chunks(partial(draw, 0.1), chunks_of(100)):
                 dask.processes[0].kill()
         assert error.value.__cause__ is None
-
-
-@pytest.mark.slow
-def test_an_own_cluster_listens_on_loopback_and_leaves_nothing() -> None:
-    psutil = pytest.importorskip("psutil")
-    chunks = chunks_of(9)
-    me = psutil.Process()
-    before = set(me.children(recursive=True))
-    with DaskExecutor(workers=2) as executor:
-        assert executor.workers == 2
-        assert_same(dict(executor.map_chunks(partial(draw, 0.0), chunks)), chunks)
-        loaded = [dict(executor.map_chunks(chunk_works.Loaded(), chunks)) for _ in range(2)]
-        assert {count for each in loaded for _, count in each.values()} == {1}
-        with pytest.raises(UnknownNameError, match="did you mean paper") as error:
-            list(executor.map_chunks(partial(chunk_works.refuses, 0), chunks))
-        assert error.value.__cause__ is None
-        own = set(me.children(recursive=True)) - before
-        listening = [
-            connection.laddr.ip
-            for process in (me, *own)
-            for connection in process.net_connections()
-            if connection.status == psutil.CONN_LISTEN
-        ]
-        assert len(listening) >= 3
-        assert set(listening) == {"127.0.0.1"}
-    assert len([process for process in own if process.is_running()]) <= 1  # Python's own tracker
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
-def test_an_own_cluster_ends_with_who_started_it(ending: signal.Signals, tmp_path: Path) -> None:
-    """Chunks of it are at work, and longer than anybody waits."""
-    psutil = pytest.importorskip("psutil")
-    script = tmp_path / "script.py"
-    script.write_text(
-        "from functools import partial\n"
-        "from rpctl.study.cluster import DaskExecutor\n"
-        "from tests.study.chunk_works import chunks_of, draw_and_log\n"
-        "import pathlib\n"
-        "if __name__ == '__main__':\n"
-        "    with DaskExecutor(workers=2) as executor:\n"
-        f"        work = partial(draw_and_log, pathlib.Path({str(tmp_path)!r}), 600.0)\n"
-        "        list(executor.map_chunks(work, chunks_of(9)))\n"
-    )
-    process = subprocess.Popen(
-        [sys.executable, script], start_new_session=True, stderr=subprocess.PIPE,
-        preexec_fn=partial(signal.signal, signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
-    try:
-        deadline = time.monotonic() + 60.0
-        while len(list(tmp_path.glob("*-*"))) < 2 and time.monotonic() < deadline:
-            time.sleep(0.1)
-        own = psutil.Process(process.pid).children(recursive=True)
-        os.killpg(process.pid, ending) if ending == signal.SIGINT else process.kill()
-        _, err = process.communicate(timeout=15)
-    finally:
-        process.kill()
-    assert len(own) >= 2
-    if ending == signal.SIGINT:
-        assert err.decode().strip().endswith("KeyboardInterrupt")
-    _, alive = psutil.wait_procs(own, timeout=20)
-    assert not alive

@@ -130,14 +130,20 @@ def test_of_a_long_log_the_exciting_part_counts() -> None:
 def test_a_run_tells_its_plant(paper: Robot, tmp_path: Path, kind: str) -> None:
     output = VelocityOutput(0.12, 0.06)
     run = track(
-        paper, "eight", 1.6, (0.2, 0.1, 0.3), output=output, control_period=0.02, collisions=False
+        paper,
+        "eight",
+        duration=1.6,
+        initial_error=(0.2, 0.1, 0.3),
+        output=output,
+        control_period=0.02,
+        collisions=False,
     )
     files = run.save(tmp_path / "run.npz"), run.to_csv(tmp_path / "run.csv")
     for log in (run,) if kind == "run" else files:
         found = lag_from(log)
         assert found.channel("v").lag == pytest.approx(0.12, abs=1e-6)
         assert found.channel("omega").dead_time == pytest.approx(0.06, abs=1e-6)
-    efforts = track(paper, "eight", 0.1, collisions=False)
+    efforts = track(paper, "eight", duration=0.1, collisions=False)
     assert efforts.log.nu_cmd.shape == (len(efforts.t), 0)
     with pytest.raises(RpctlError, match="its output were efforts; track with output velocity"):
         lag_from(efforts)

@@ -12,13 +12,12 @@ import pytest
 
 from rpctl import PaperDynamic, Robot, RpctlError
 from rpctl.simulation.config import Config, RunSettings, read_config, write_config
-from rpctl.simulation.loop import simulate
+from rpctl.simulation.loop.track import simulate
 from rpctl.study.distributions import Normal, Uniform
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import run_merits
-from rpctl.study.rollout import draw, rollout
-from rpctl.study.rollouts import Rollouts
-from rpctl.study.run_rows import run_rows
+from rpctl.study.rollout import Rollouts, draw, rollout
+from rpctl.study.runner import Runner
 from rpctl.study.scatter import scatter_of
 
 SCATTER = {
@@ -65,7 +64,7 @@ def test_a_row_is_replayed_by_its_configuration_file(
 
 
 def test_a_row_is_the_same_whichever_run_beside_it(runs: Rollouts, paper: Robot) -> None:
-    again = run_rows(paper, runs.experiment, runs.parameters[[3, 1]], [3, 1])
+    again = Runner(paper, runs.experiment).rows(runs.parameters[[3, 1]], [3, 1])
     for name, values in again.merits.items():
         assert values.tolist() == runs.merits[name][[3, 1]].tolist(), name
     assert again.outcomes == (runs.outcomes[3], runs.outcomes[1])
@@ -106,10 +105,8 @@ def test_machine_code_gives_what_its_configuration_gives(compiled: Rollouts, pap
         found = {name: float(compiled.merits[name][i]) for name in merits}
         assert found == pytest.approx(merits, rel=1e-9, abs=1e-12)
         assert compiled.outcomes[i] == judged.outcome
-    python = run_rows(
-        paper, dataclasses.replace(compiled.experiment, backend="pinocchio"),
-        compiled.parameters, [0, 1, 2],
-    )  # fmt: skip
+    slow = dataclasses.replace(compiled.experiment, backend="pinocchio")
+    python = Runner(paper, slow).rows(compiled.parameters, [0, 1, 2])
     assert np.array_equal(compiled.t, python.t)
     for name, series in python.series.items():
         np.testing.assert_allclose(compiled.results.series[name], series, rtol=1e-9, atol=1e-12)
@@ -123,7 +120,7 @@ def test_lanes_do_not_know_of_each_other(compiled: Rollouts, paper: Robot) -> No
     names = list(compiled.names)
     odd[0, names.index("plant.masses.*")] = -1.0
     odd[1, [names.index("plant.joint_friction.*"), names.index("plant.damping.wheel_*")]] = 0.0
-    table = run_rows(paper, experiment, np.vstack([odd, values[[2, 0]]]), [7, 8, 2, 0])
+    table = Runner(paper, experiment).rows(np.vstack([odd, values[[2, 0]]]), [7, 8, 2, 0])
     assert table.outcomes[0] == "refused"
     assert "masses of * is -1" in table.reasons[0]
     assert table.outcomes[2:] == (compiled.outcomes[2], compiled.outcomes[0])
@@ -162,10 +159,9 @@ def test_a_run_that_fails_is_a_row(paper: Robot, backend: str) -> None:
     config = Config(dynamic=PaperDynamic(), run=RunSettings(**SHORT))
     experiment = Experiment(config, ("kinematic.horizon", "run.initial_error.y"), backend=backend)
     values = np.array([[-1.0, 0.0], [0.4, 0.01], [1e-6, 1.0]])
-    table = run_rows(paper, experiment, values, [0, 1, 2])
+    table = Runner(paper, experiment).rows(values, [0, 1, 2])
     assert table.outcomes == ("refused", "tracked", "diverging")
     assert "horizon is -1" in table.reasons[0]
-    assert table.merits["success"].tolist() == [0.0, 1.0, 0.0]
     assert [math.isinf(x) for x in table.merits["work"].tolist()] == [True, False, True]
     assert np.isnan(table.series["base_error"][0]).all()
     assert table.series["base_error"][2, 0] == pytest.approx(1.0)
@@ -174,10 +170,8 @@ def test_a_run_that_fails_is_a_row(paper: Robot, backend: str) -> None:
 
 def test_quantiles_and_worst_count_failures_last(runs: Rollouts) -> None:
     merits = {"work": np.array([3.0, math.inf, 1.0, 2.0])}
-    made = Rollouts(runs.experiment, runs.names, runs.parameters, runs.results)
-    object.__setattr__(made, "results", runs.results.__class__(
-        runs.results.indices, merits, runs.t, {}, runs.outcomes, runs.results.reasons
-    ))  # fmt: skip
+    results = dataclasses.replace(runs.results, merits=merits)
+    made = dataclasses.replace(runs, results=results)
     assert [made.quantile("work", p) for p in (0.0, 0.25, 0.5, 0.75, 0.76)] == [
         1,
         1,

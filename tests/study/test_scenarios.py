@@ -9,7 +9,7 @@ import pytest
 import rpctl
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.reference.named import reference_by_name
-from rpctl.study.scenarios import LAW_PAIRS, SCENARIOS, LawPair, controllers
+from rpctl.study.compare import LAW_PAIRS, SCENARIOS, LawPair, controllers
 from tests.robots import SET_A, platform, write
 
 LIFT = """<link name="load"><inertial><mass value="2"/>

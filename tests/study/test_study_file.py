@@ -80,15 +80,15 @@ def test_a_file_says_it_all(paper: Robot, tmp_path: Path) -> None:
     assert study.scatter.distributions == (Normal(0.0, 0.1), Uniform(0.2, 0.4))
     assert (study.design.kind, study.design.count, study.design.seed) == ("latin-hypercube", 20, 5)
     assert (study.experiment.seed, study.experiment.samples) == (5, 11)
-    assert (study.experiment.tolerance, study.chunk, study.worst) == (0.02, 4, 2)
-    assert study.merit == "max_base_error"
+    assert (study.experiment.tolerance, study.settings.chunk, study.settings.worst) == (0.02, 4, 2)
+    assert study.settings.merit == "max_base_error"
     assert study.success == {"rms_base_error": 0.1, "work": 3.0}
     found = study.optimisation
     assert found is not None
     assert (found.statistic, found.level, found.runs, found.merit) == (
         "quantile", 0.9, 8, "rms_base_error")  # fmt: skip
-    assert found.ranges.names == ("kinematic.beta", "dynamic.gain")
-    ends = [found.ranges.values(np.full((1, 2), p))[0] for p in (0.0, 1.0)]
+    assert study.ranges.names == ("kinematic.beta", "dynamic.gain")
+    ends = [study.ranges.values(np.full((1, 2), p))[0] for p in (0.0, 1.0)]
     np.testing.assert_allclose(ends, [[0.5, 1.0], [2.0, 30.0]])
     assert study.text == WHOLE
 
@@ -152,10 +152,11 @@ def test_all_faults_are_named_at_once(paper: Robot, tmp_path: Path) -> None:
     assert len(str(caught.value).splitlines()) == 3
 
 
-ROBOTS = [entry.name for entry in ENTRIES]
+FEW = ["paper", "mecanum", "car", "panda"]  # an arm on wheels, wheels alone, steering, an arm
+ALL = [entry.name for entry in ENTRIES]
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, ["paper"], ROBOTS[1:]))
+@pytest.mark.parametrize("name", cells(ALL, FEW))
 def test_the_template_fits_the_robot(name: str, tmp_path: Path) -> None:
     robot = rpctl.load(name)
     study = read(study_template(robot), robot, tmp_path)

@@ -16,15 +16,15 @@ import rpctl
 from rpctl import Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.simulation.config import read_config
-from rpctl.simulation.loop import simulate
-from rpctl.simulation.summary import summarize
+from rpctl.simulation.loop.track import simulate
+from rpctl.simulation.merits.summary import summarize
 from rpctl.study.design import DESIGNS
 from rpctl.study.executor import ProcessExecutor, SerialExecutor
-from rpctl.study.store import RunTable, read_runs
-from rpctl.study.study import Study, chunk_size, run_study, succeeded
+from rpctl.study.provenance import installed
+from rpctl.study.store import read_runs
+from rpctl.study.study import Study, _chunks, chunk_size, run_study, succeeded
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, read_result
-from rpctl.study.versions import installed
 from tests.grids import cells
 from tests.study.fake_rollouts import OddExecutor, patch_rollouts
 
@@ -62,6 +62,10 @@ def study_of(robot: Robot, folder: Path, text: str) -> Study:
     return read_study(path, robot)
 
 
+def chunked(study: Study, size: int) -> Study:
+    return replace(study, settings=replace(study.settings, chunk=size))
+
+
 def error(numbers: Array, delay: Array, dropped: Array) -> Array:
     """Return 2 delay + a little of the rest; without a merit where the delay is large."""
     return np.where(delay > 0.95, np.inf, 2.0 * delay + 0.1 * dropped + 1e-3 * np.sin(numbers))
@@ -84,7 +88,7 @@ class PickledExecutor(OddExecutor):
 def test_rows_do_not_depend_on_chunks_or_their_order(paper: Robot, tmp_path: Path) -> None:
     study = study_of(paper, tmp_path, SHORT)
     files = [
-        run_study(paper, replace(study, chunk=size), tmp_path / f"{size}", executor).read_bytes()
+        run_study(paper, chunked(study, size), tmp_path / f"{size}", executor).read_bytes()
         for size, executor in ((5, SerialExecutor()), (2, PickledExecutor(seed=1)))
     ]
     assert files[0] == files[1]
@@ -122,7 +126,7 @@ def test_rows_do_not_depend_on_processes(paper: Robot, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("fake")
 def test_what_is_done_is_kept_and_goes_on(paper: Robot, tmp_path: Path) -> None:
-    study = replace(study_of(paper, tmp_path, FAKE.replace("DESIGN", "monte-carlo")), chunk=7)
+    study = chunked(study_of(paper, tmp_path, FAKE.replace("DESIGN", "monte-carlo")), 7)
     whole = run_study(paper, study, tmp_path / "whole").read_bytes()
     told: list[tuple[int, int]] = []
     with pytest.raises(KeyboardInterrupt):
@@ -134,7 +138,7 @@ def test_what_is_done_is_kept_and_goes_on(paper: Robot, tmp_path: Path) -> None:
     with pytest.raises(RpctlError, match="holds a study; add --resume"):
         run_study(paper, study, tmp_path / "part")
     rest = OddExecutor(seed=5)
-    again = replace(study, chunk=4)
+    again = chunked(study, 4)
     path = run_study(paper, again, tmp_path / "part", rest, lambda *x: told.append(x), resume=True)
     assert rest.rows == 26
     assert told[3] == (14, 40)
@@ -191,16 +195,9 @@ def test_another_robot_or_version_is_refused(
         run_study(other, study, tmp_path / "out", resume=True)
     with pytest.raises(RpctlError, match=r"robot.model: \w+ there, \w+ here"):
         run_study(rpctl.scale_masses(paper, "*", 1.1), study, tmp_path / "out", resume=True)
-    monkeypatch.setattr("rpctl.study.identity.installed", lambda: {**installed(), "pin": "99.0"})
+    monkeypatch.setattr("rpctl.study.provenance.installed", lambda: {**installed(), "pin": "99.0"})
     with pytest.raises(RpctlError, match=r"versions.pin: \S+ there, 99.0 here"):
         run_study(paper, study, tmp_path / "out", resume=True)
-
-
-@pytest.mark.usefixtures("fake")
-def test_a_robot_that_its_file_does_not_give_is_refused(paper: Robot, tmp_path: Path) -> None:
-    study = study_of(paper, tmp_path, FAKE.replace("DESIGN", "grid"))
-    with pytest.raises(RpctlError, match="was changed in Python cannot be sent"):
-        run_study(rpctl.scale_masses(paper, "*", 1.1), study, tmp_path / "out")
 
 
 @pytest.mark.usefixtures("fake")
@@ -286,5 +283,9 @@ def test_chunks_suit_the_workers() -> None:
     assert chunk_size(3, 8) == 1
 
 
-def test_a_table_knows_its_length() -> None:
-    assert len(RunTable(np.arange(3), {}, {}, {}, np.zeros(0), (), ())) == 3
+def test_chunks_hold_runs_that_follow_each_other(paper: Robot, tmp_path: Path) -> None:
+    study = study_of(paper, tmp_path, FAKE.replace("DESIGN", "monte-carlo").replace("= 20", "= 3"))
+    missing = np.array([0, 1, 2, 3, 4, 7, 8, 12])
+    found = [each.rows.tolist() for each in _chunks(study, missing, 1)]
+    assert found == [[0, 1, 2], [3, 4], [7, 8], [12]]
+    assert [each.rows.tolist() for each in _chunks(study, missing[:0], 1)] in ([], [[]])

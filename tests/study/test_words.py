@@ -7,10 +7,10 @@ import pytest
 
 from rpctl.simulation.config import Config
 from rpctl.study.merits import MERITS
-from rpctl.study.optimisation import Optimisation
-from rpctl.study.optimum import cost_change
-from rpctl.study.scatter import Scatter, scattered_paths
+from rpctl.study.optimise import cost_change
+from rpctl.study.scatter import scattered_paths
 from rpctl.study.statistics import share
+from rpctl.study.study import Optimisation
 from rpctl.study.words import PARAMETERS, merit_words, parameter_words, percent, share_span
 
 
@@ -53,7 +53,7 @@ def test_a_share_is_told_from_none_and_from_all() -> None:
 def test_the_change_of_a_cost_is_that_of_pairs() -> None:
     rng, good = np.random.default_rng(1), np.ones(200, dtype=bool)
     before = rng.uniform(1.0, 2.0, 200)
-    asked = Optimisation(Scatter(("a",), ()), statistic="mean", failure_weight=1.0)
+    asked = Optimisation(statistic="mean", failure_weight=1.0)
     same = cost_change(asked, (before, good), (before, good), 3)
     assert same is not None
     assert tuple(same) == (0.0, 0.0, 0.0)
@@ -64,6 +64,6 @@ def test_the_change_of_a_cost_is_that_of_pairs() -> None:
     assert failed is not None
     assert failed.value == pytest.approx(0.1)
     assert 0.05 < failed.low < 0.09 < 0.11 < failed.high < 0.15
-    largest = cost_change(Optimisation(Scatter(("a",), ()), statistic="worst"), (before, good),
+    largest = cost_change(Optimisation(statistic="worst"), (before, good),
                          (before - 0.01, good), 3)  # fmt: skip
     assert largest is None

@@ -15,10 +15,12 @@ from tests.view.samples import short_run, write_cart
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as slow what needs a real browser, but for one quick test of each kind of page."""
+    """Leave to `make thorough` what needs a real browser and is marked neither quick nor slow."""
     for item in items:
-        if "browser" in getattr(item, "fixturenames", ()) and not item.get_closest_marker("quick"):
-            item.add_marker(pytest.mark.slow)
+        if "browser" in getattr(item, "fixturenames", ()):
+            marks = {mark.name for mark in item.iter_markers()}
+            if not marks & {"quick", "slow", "thorough"}:
+                item.add_marker(pytest.mark.thorough)
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 from rpctl import Run
+from rpctl.view.pages.page import LegendEntry, Section, render
 from rpctl.view.plots.figures import tracking_figure
 from tests.view.samples import numbers, unpack
 
@@ -92,3 +93,13 @@ def tracks(commands: Sequence[bytes]) -> dict[str, tuple[Array, Array]]:
 
 def floats(text: str) -> Array:
     return np.frombuffer(base64.b64decode(text), "<f4").astype(float)
+
+
+def panel_text(sections: Sequence[Section]) -> str:
+    """Return a panel as its page has it."""
+    return str(render("panel.html", panel=sections))
+
+
+def legend_text(entries: Sequence[LegendEntry]) -> str:
+    """Return a legend as its page has it."""
+    return str(render("legend.html", legend=entries))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rpctl import Robot, Run
-from rpctl.simulation.collision_facts import (
+from rpctl.simulation.merits.collision_facts import (
     GROUND,
     SELF,
     Collision,
@@ -18,9 +18,12 @@ from rpctl.simulation.collision_facts import (
 )
 from rpctl.view.chart import Chart
 from rpctl.view.charts import charts, grip_top
-from rpctl.view.pages.chart_data import MAX_POINTS, chart_data
-from rpctl.view.pages.forces import contact_forces, effort_ratios, overlay
-from rpctl.view.pages.timeline import timeline_marks
+from rpctl.view.pages.motion_data import (
+    MAX_POINTS,
+    chart_data,
+    overlay,
+)
+from rpctl.view.pages.report import timeline_mark
 from tests.runs import vary
 from tests.view.samples import short_run
 
@@ -61,11 +64,10 @@ def test_clearance_shows_obstacles_and_what_was_come_near_to(paper_run: Run) -> 
 
 def test_the_timeline_is_marked_where_links_collide() -> None:
     into = Collision("the ground", "arm <1>", "", 0.02, 2.0, 1.0)
-    marks = timeline_marks([into], 0.0, 4.0)
-    assert "left:calc(8px + 0.5000*(100% - 16px))" in marks
-    assert "width:max(3px, 0.2500*(100% - 16px))" in marks
-    assert 'title="arm &lt;1&gt; ran into the ground at 2 s, 20 mm deep' in marks
-    assert timeline_marks([into], 0.0, 0.0) == timeline_marks([], 0.0, 4.0) == ""
+    mark = timeline_mark(into, 0.0, 4.0)
+    assert "left:calc(8px + 0.5000*(100% - 16px))" in mark.style
+    assert "width:max(3px, 0.2500*(100% - 16px))" in mark.style
+    assert mark.text.startswith("arm <1> ran into the ground at 2 s, 20 mm deep")
 
 
 def stretched(run: Run, count: int) -> Run:
@@ -95,34 +97,6 @@ def test_charts_suit_the_robot(paper_run: Run, ur5_run: Run, cart: Robot) -> Non
     assert not {"Base error", "Base speeds", "Ground loads"} & set(titles(ur5_run))
     without = titles(short_run(cart, 0.2))
     assert without == ["Base error", "Base speeds", "Efforts without limits, N·m"]
-
-
-def test_speeds_are_told_by_name(paper_run: Run) -> None:
-    names = ("vy", "front_steering_joint", *paper_run.robot.quasi_velocities[2:])
-    run = vary(paper_run, quasi_velocities=names)
-    (vy,) = chart(run, "Base speeds").lines
-    assert (vy.label, vy.unit) == ("vy", "m/s")
-    (steering,) = chart(run, "Other speeds").lines
-    assert (steering.label, steering.unit) == ("front_steering_joint", "rad/s")
-    np.testing.assert_array_equal(steering.values, run.nu[:, 1])
-    units = dict(zip(run.robot.joint_names, run.robot.units, strict=True))
-    shown_units = [line.unit for line in chart(run, "Joint speeds").lines]
-    assert shown_units == [f"{units[name]}/s" for name in names[2:]]
-    assert set(shown_units) == {"m/s", "rad/s"}
-
-
-def test_efforts_are_shares_of_their_limits(paper_run: Run) -> None:
-    efforts = chart(paper_run, "Efforts")
-    assert efforts.limits == (-100.0, 100.0)
-    for line, tau, limit in zip(
-        efforts.lines, paper_run.tau.T, paper_run.robot.effort_limits, strict=True
-    ):
-        np.testing.assert_allclose(line.values, 100.0 * tau / limit)
-        np.testing.assert_allclose(line.values * line.scale, tau)
-    np.testing.assert_allclose(
-        100.0 * effort_ratios(paper_run, np.abs(paper_run.tau)),
-        np.abs([line.values for line in efforts.lines]).T,
-    )
 
 
 def shared(run: Run) -> Run:
@@ -187,71 +161,6 @@ def test_no_peak_is_lost(paper_run: Run) -> None:
     assert drawn.max() == pytest.approx(55.0)
     assert times[drawn.argmax()] == pytest.approx(run.t[17_777], abs=step)
     assert times[drawn.argmin()] == pytest.approx(run.t[4_321], abs=step)
-
-
-def test_short_run_keeps_its_samples(paper_run: Run) -> None:
-    data = chart_data([paper_run], ["run"])
-    np.testing.assert_allclose(floats(data["x"]), paper_run.t, rtol=1e-6)
-    base = data["charts"][0]["variants"][0]
-    np.testing.assert_allclose(floats(base["lines"][2]["values"]), paper_run.log.e[:, 1], rtol=1e-6)
-    assert base["decades"][0] < base["decades"][1]
-    json.dumps(data, allow_nan=False)
-
-
-def test_several_runs_share_time_and_charts(paper: Robot, paper_run: Run) -> None:
-    other = short_run(paper, 1.5)
-    data = chart_data([paper_run, other], ["a", "b"])
-    times = floats(data["x"])
-    assert times[-1] == pytest.approx(3.0)
-    base = data["charts"][0]
-    assert [v["label"] for v in base["variants"]][:2] == ["distance", "longitudinal x₁"]
-    first, second = (floats(line["values"]) for line in base["variants"][0]["lines"])
-    assert [line["label"] for line in base["variants"][0]["lines"]] == ["a", "b"]
-    assert np.isfinite(first).all()
-    step = float(times[1])
-    assert np.isfinite(second[times <= 1.5]).all()
-    assert np.isnan(second[times > 1.5 + 2.0 * step]).all()
-
-
-def test_forces_of_the_ground(paper: Robot, paper_run: Run) -> None:
-    force = contact_forces(paper_run)
-    np.testing.assert_array_equal(force[:, :, 2], paper_run.log.contact_load)
-    np.testing.assert_allclose(
-        force[:, :, 0].sum(axis=1), paper_run.log.wheel_force.sum(axis=1), atol=1e-9
-    )
-    np.testing.assert_allclose(
-        force[:, :, 1].sum(axis=1), paper_run.log.axle_force.sum(axis=1), atol=1e-9
-    )
-    turned = vary(paper_run, drive=replace(paper_run.robot.drive, heading=0.5 * np.pi))
-    np.testing.assert_allclose(contact_forces(turned)[:, :, 1], force[:, :, 0], atol=1e-12)
-    np.testing.assert_allclose(contact_forces(turned)[:, :, 0], -force[:, :, 1], atol=1e-12)
-    steered = vary(
-        paper_run, quasi_velocities=("v", "steering", *paper_run.robot.quasi_velocities[2:])
-    )
-    assert not contact_forces(steered)[:, :, :2].any()
-
-
-def test_effort_between_frames_is_not_lost(paper: Robot, paper_run: Run) -> None:
-    tau = np.array(paper_run.tau)
-    tau[123, 1] = -0.9 * paper_run.robot.effort_limits[1]
-    run = vary(paper_run, tau=tau)
-    drawn = floats(overlay(paper, run, run.t[:300:10])["effort"]["share"]).reshape(30, -1)
-    assert drawn[12, 1] == pytest.approx(0.9)
-    assert drawn[13, 1] < 0.9
-
-
-def test_zero_moment_point_is_told_in_the_robots_frame(paper: Robot, paper_run: Run) -> None:
-    frames = np.array([0, 700, 1500])
-    stance = overlay(paper, paper_run, paper_run.t[frames])["stance"]
-    for (x, y, yaw), (px, py), sample in zip(
-        floats(stance["pose"]).reshape(-1, 3),
-        floats(stance["zmp"]).reshape(-1, 2),
-        frames,
-        strict=True,
-    ):
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        world = [x + cos * px - sin * py, y + sin * px + cos * py]
-        np.testing.assert_allclose(world, paper_run.log.zmp[sample], atol=1e-6)
 
 
 def test_nothing_is_drawn_of_ground_that_was_not_logged(ur5: Robot, ur5_run: Run) -> None:

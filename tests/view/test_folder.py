@@ -21,20 +21,22 @@ import rpctl
 from rpctl import Robot, RpctlError, Run
 from rpctl.files.writing import write_atomically
 from rpctl.simulation.config import Config
-from rpctl.simulation.loop import simulate
-from rpctl.simulation.spool import Spool
-from rpctl.view import run_folder, shown_run
+from rpctl.simulation.loop.track import simulate
+from rpctl.simulation.run.part import PartWriter
+from rpctl.view import run_folder
 from rpctl.view.marks import mark_of, marked
 from rpctl.view.pages.page import escape
 from rpctl.view.pages.report import report_head
 from rpctl.view.run_folder import (
     BYTES_PER_MB,
     MADE_FILES,
+    RunPage,
     find_faults,
+    is_run,
+    load_run,
     read_report,
     write_folder,
 )
-from rpctl.view.shown_run import RunPage, is_run, load_run
 from tests.view.samples import mesh_visual, short_run, write_cart
 
 SIZES = (0.3, 0.5)  # m; no two meshes are alike, so each is sent
@@ -73,7 +75,7 @@ def test_size_that_cannot_be_kept_is_told(fine_run: Run, tmp_path: Path) -> None
 
 
 def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None:
-    run = rpctl.track(paper, "circle", 0.02, kinematic=rpctl.PaperKinematic())
+    run = rpctl.track(paper, "circle", duration=0.02, kinematic=rpctl.PaperKinematic())
     written = write_folder(run, tmp_path)
     ignored, joints = rpctl.Run.load(tmp_path / "run.npz").law_sentences
     assert "leaves the lateral error of a straight line as it is" in ignored
@@ -100,7 +102,7 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
         return report_head(str(run.digest)) + run.robot.name.encode(), NoScene()
 
     monkeypatch.setattr(run_folder, "sized_report", page)
-    monkeypatch.setattr(shown_run, "sized_report", page)
+    monkeypatch.setattr(run_folder, "sized_report", page)
     monkeypatch.setattr(run_folder, "tracking_image", lambda run: marked(PIXEL, ".png", run.digest))
 
 
@@ -119,7 +121,7 @@ PIXEL = pixel()
 
 @pytest.fixture(scope="module")
 def two_runs(paper: Robot) -> tuple[Run, Run]:
-    return rpctl.track(paper, "circle", 0.02), rpctl.track(paper, "line", 0.02)
+    return rpctl.track(paper, "circle", duration=0.02), rpctl.track(paper, "line", duration=0.02)
 
 
 class Killed(BaseException):
@@ -272,8 +274,8 @@ def test_the_newest_motion_is_shown_after_a_loss_of_power(
     written = write_folder(two_runs[0], tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     config = Config().with_run(reference="line", duration=0.1)
-    with Spool(tmp_path / "run.part") as spool:
-        part = simulate(paper, config, spool=spool)
+    with PartWriter(tmp_path / "run.part") as spool:
+        part = simulate(paper, config, part=spool)
     assert is_run(str(tmp_path / "run.part"))
     os.utime(tmp_path / "run.npz", ns=(0, 0))
     said: list[str] = []

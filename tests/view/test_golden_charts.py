@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl import Run
-from rpctl.view.pages.chart_data import chart_data
+from rpctl.view.pages.motion_data import chart_data
 from tests import golden as made
 from tests.golden import COUNT, TIMES, part, speeds
 from tests.runs import vary
@@ -117,17 +117,6 @@ def test_colours_tell_the_lines_of_a_chart_apart_and_joints_keep_theirs(golden: 
     }
 
 
-def test_speeds_of_every_kind_of_base(golden: Run) -> None:
-    run = vary(golden, quasi_velocities=("vx", "vy", "omega", "slide_joint"))
-    drawn = lines(charts_of(run)["Base speeds"])
-    assert {label: line["unit"] for label, line in drawn.items()} == {
-        "vx": "m/s", "vy": "m/s", "ω": "rad/s",
-    }  # fmt: skip
-    assert floats(drawn["ω"]["values"]) == pytest.approx(speeds(0.5, 0.37))
-    assert floats(drawn["vy"]["reference"]) == pytest.approx(speeds(-7.0, -0.2))
-    assert [line["colour"] for line in drawn.values()] == [0, 1, 2]
-
-
 def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
     arm = ("swing_joint", "slide_joint")
     charts = charts_of(
@@ -135,33 +124,6 @@ def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
     )
     assert not {"Base error", "Base speeds", "Other speeds"} & set(charts)
     assert [*lines(charts["Joint speeds"])] == ["swing", "slide"]
-
-
-def test_a_joint_may_be_called_as_a_speed_of_the_base_is(golden: Run) -> None:
-    names: dict[str, Any] = {
-        "joint_names": ("omega", "vx"),
-        "actuators": (*golden.robot.actuators[:3], "omega", "vx"),
-    }
-    run = vary(golden, quasi_velocities=("v", "steer_joint", "omega", "vx"), **names)
-    charts = charts_of(run)
-    assert [*lines(charts["Base speeds"])] == ["v"]
-    told_of = {label: line["unit"] for label, line in lines(charts["Joint speeds"]).items()}
-    assert told_of == {"omega": "rad/s", "vx": "m/s"}
-    alone = vary(
-        run, quasi_velocities=("omega", "vx"), nu=run.nu[:, 2:], nu_ref=run.log.nu_ref[:, 2:]
-    )
-    assert not {"Base error", "Base speeds"} & set(charts_of(alone))
-
-
-def test_efforts_without_limits_have_a_chart_for_each_unit(golden: Run) -> None:
-    charts = charts_of(vary(golden, effort_limits=(np.inf,) * 5))
-    assert "Efforts" not in charts
-    assert [*lines(charts["Efforts without limits, N·m"])] == [
-        "left_wheel", "right_wheel", "steer", "swing",
-    ]  # fmt: skip
-    (slide,) = lines(charts["Efforts without limits, N"]).values()
-    assert slide["unit"] == "N"
-    assert floats(slide["values"]) == pytest.approx(EFFORTS[:, 4])
 
 
 def test_a_grip_beyond_bounds_is_cut_and_that_is_told(golden: Run) -> None:
@@ -224,31 +186,6 @@ def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> 
     distance = charts["Base error"]["variants"][0]
     assert all(line["shown"] for line in distance["lines"])
     assert distance["decades"] == pytest.approx([0.2 * 0.05, 10.0])
-
-
-def test_runs_on_other_clocks_keep_their_extremes_in_order(golden: Run) -> None:
-    """Samples every 0.1 s: two stretches of 0.25 s, each with two points."""
-    short, brief = part(golden, slice(0, 5), 3.0), part(golden, slice(0, 2))
-    charts = charts_of(golden, short, brief)
-    assert charts["x"] == pytest.approx([0.0, 0.5 / 3.0, 1.0 / 3.0, 0.5])
-    whole, cut, start = (floats(line["values"]) for line in lines(charts["Efforts"], 0).values())
-    # 12, -30, 10 and 8, 6, 4 N·m of 40: the stretches fall.
-    assert whole == pytest.approx([30.0, -75.0, 20.0, 10.0])
-    assert cut == pytest.approx([30.0, -75.0, 20.0, 15.0])
-    assert start[:2] == pytest.approx([30.0, -75.0])
-    assert np.isnan(start[2:]).all()
-    speed = lines(charts["Base speeds"])
-    assert floats(speed["run 0"]["values"]) == pytest.approx([0.5, 0.7, 0.8, 1.0])
-    assert floats(speed["run 1"]["reference"]) == pytest.approx([-7.0, -6.8, -6.7, -6.6])
-
-
-def test_as_many_samples_at_other_times_are_no_shared_clock(golden: Run) -> None:
-    """Samples every 0.2 s, to 1 s: two stretches of 0.5 s."""
-    charts = charts_of(golden, part(golden, slice(0, COUNT), t=TIMES + TIMES))
-    assert charts["x"] == pytest.approx([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
-    quick, slow = (floats(line["values"]) for line in lines(charts["Base speeds"]).values())
-    assert quick == pytest.approx([0.5, 0.9, 1.0, 1.0])
-    assert slow == pytest.approx([0.5, 0.7, 0.8, 1.0])
 
 
 def test_time_starts_at_zero(golden: Run) -> None:

@@ -15,12 +15,11 @@ import rpctl
 from rpctl import Run
 from rpctl.robot.model import Robot
 from rpctl.view.labels import FITTING_LENGTH, ShortNames, fold, shorten
-from rpctl.view.pages.chart_data import chart_data
+from rpctl.view.pages.motion_data import chart_data
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.robot_page import robot_page
 from rpctl.view.plots.figures import tracking_figure
 from rpctl.view.plots.style import joint_names, legend_columns, text_width
-from rpctl.view.serve.live_figures import LiveFigures
 from tests.grids import every
 from tests.runs import vary
 from tests.view.chromium import CLIPPED, opened
@@ -57,7 +56,7 @@ def test_names_lose_what_they_share(names: tuple[str, ...], short: str, shared: 
     assert shorten(names) == ShortNames(tuple(short.split()), shared)
 
 
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", range(20))
 def test_short_names_can_be_told_apart_and_completed(seed: int) -> None:
     random = np.random.default_rng(seed)
     words = ["arm", "left", "1", "2", "joint", "wheel", "robot_xl", "a"]
@@ -106,12 +105,6 @@ def test_charts_say_once_what_their_names_share(long_run: Run) -> None:
     variant = next(chart for chart in runs if chart["title"] == "Base error")["variants"][0]
     assert [line["label"] for line in variant["lines"]] == ["monday", "friday"]
     assert variant["names"] == "summit_xl_of_…"
-
-
-def test_live_charts_say_it_too(paper: Robot) -> None:
-    _, efforts = LiveFigures(paper).charts()
-    short = shorten(paper.actuators)
-    assert (tuple(efforts["lines"]), efforts["names"]) == (short.names, short.shared)
 
 
 @pytest.mark.parametrize("long", [True, False])

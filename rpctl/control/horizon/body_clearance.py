@@ -21,8 +21,7 @@ from rpctl.control.horizon.qp import LinearisedConstraint, RowBlock, StageIndice
 from rpctl.control.horizon.target import Sample
 from rpctl.control.obstacle_shapes import links_among
 from rpctl.control.obstacles import Disc, HalfPlane, Obstacle
-from rpctl.robot.collision_model import CollisionModel, Nearest
-from rpctl.robot.collision_shapes import WORLD
+from rpctl.robot.collision import WORLD, CollisionModel, Nearest
 from rpctl.robot.model import BASE_NV
 from rpctl.robot.pair_motion import approach_rates, joint_limits_travel
 
@@ -51,8 +50,6 @@ class BodyClearance(SoftBound):
     the joints' motion can have taken no more than a known bound from it.
 
     Args:
-        model: The prediction's model.
-        shapes: The robot's links among the ground and obstacles.
         margin: Distance that the links keep, m; half of what they have at home, if that is less.
 
     Attributes:
@@ -175,10 +172,7 @@ def body_clearance(
     """Return the rows that keep a robot's links clear; none where nothing can be touched.
 
     Args:
-        model: The prediction's model.
         margin: Distance that the links keep, m.
-        base_obstacles: No link may touch them.
-        end_effector_obstacles: No link of the arm may.
     """
     base, tip = (
         [each for each in obstacles if isinstance(each, Disc | HalfPlane)]

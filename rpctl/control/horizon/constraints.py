@@ -142,11 +142,6 @@ class ForceBounds:
     Contacts lift off and touch down, so the wheels' loads are only piecewise linear in the moments.
     A first step bounded by one piece may end in another piece and slip there; it is therefore
     bounded by the last three load splits met.
-
-    Args:
-        model: The prediction's model.
-        bounds: Bounds of the motion.
-        forces: Efforts and ground reactions of the prediction.
     """
 
     def __init__(self, model: Model, bounds: Bounds, forces: ForceModel) -> None:

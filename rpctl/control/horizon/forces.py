@@ -48,7 +48,6 @@ class ForceModel:
     those of the posture last given to :meth:`update_contacts`.
 
     Args:
-        model: The prediction's model.
         contacts: Contacts with the ground; None leaves the ground's reactions out.
         tip_margin: Least distance of the zero-moment point to the polygon's edge, m.
         grip: Largest fraction of its grip that a wheel may use.
@@ -107,13 +106,7 @@ class ForceModel:
             self._stance = stance_at(self._model.dynamics, self._contacts, q)
 
     def value(self, q: Array, nu: Array, nu_dot: Array) -> Forces:
-        """Return the forces at a predicted state, one column.
-
-        Args:
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            nu_dot: Their derivatives (dof,).
-        """
+        """Return the forces at a predicted state, one column."""
         at = self._foreseen.at(q)
         acceleration = at.S @ nu_dot + at.drift(nu)
         v, losses = at.S @ nu, self._model.robot.losses
@@ -134,17 +127,8 @@ class ForceModel:
     ) -> Forces:
         """Return the forces at a state and their derivatives, all columns.
 
-        Both are linear in ν̇, with the inertia and the centroidal momentum's matrix as derivatives.
-        But for the losses they are quadratic in v = Sν and linear in Ṡν, which is quadratic in ν:
-        central differences with ∂(Ṡν)/∂ν for the change of Ṡν are exact at any step.
-
-        Args:
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            nu_dot: Their derivatives (dof,).
-            dynamics: The robot's own dynamics for a measured state; None for a predicted one.
-            accelerations: Number of the first ν̇ with derivatives by them; None: all.
-            speeds: Number of the first ν with derivatives by them; None: those that move the base.
+        They are by the first ``accelerations`` of ν̇ (all) and ``speeds`` of ν (the base's). A
+        measured state has the robot's own dynamics.
         """
         model, data = self._model.robot.model, self._data
         # At the origin the world's axes are the root link's.
@@ -156,6 +140,7 @@ class ForceModel:
         force, wrench = np.empty((len(S), 1 + count + base)), np.empty((6, 1 + count + base))
         v, by_nu_dot = S @ nu, S[:, :count]
         drift_by_nu = here.drift_by_nu(nu, base) if base else S[:, :0]
+        # But for losses the forces are quadratic in v = Sν and linear in Ṡν: differences are exact.
         for column in range(base):
             step, change = S[:, column], drift_by_nu[:, column]
             ahead = pin.rnea(model, data, q, v + step, change).copy()
@@ -165,8 +150,7 @@ class ForceModel:
             wrench[:, 1 + count + column] = 0.5 * (wrench_ahead - data.f[ROOT_JOINT].vector)
         force[:, 0] = pin.rnea(model, data, q, v, S @ nu_dot + drift)
         wrench[:, 0] = data.f[ROOT_JOINT].vector
-        losses = self._model.robot.losses
-        if losses is not None:
+        if (losses := self._model.robot.losses) is not None:
             force[:, 0] -= losses.force(v)
             force[:, 1 + count :] += losses.slope(v)[:, None] * S[:, :base]
         force[:, 1 : 1 + count] = pin.crba(model, data, q) @ by_nu_dot
@@ -221,7 +205,6 @@ class ForceModel:
         """Return the rows of :meth:`ground` about slipping.
 
         Args:
-            forces: The forces.
             load_split: Map from moments to loads (..., n_contacts, 3) that applies.
         """
         contacts = self._contacts
@@ -287,7 +270,6 @@ def _load_split(stance: Stance, moments: Array) -> Array:
     If all do, or the robot tips, it is the stance's split; contacts that lift off have no load.
 
     Args:
-        stance: The contacts.
         moments: Vertical force (N) and the two tilting moments (N·m) on the ground (3,).
     """
     least = stance.split @ moments

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach, ApproachStage
-from rpctl.control.horizon.beside import Beside, compute_beside
+from rpctl.control.horizon.background import Background
 from rpctl.control.horizon.planner import HorizonPlan, Planned, Planner, Prepared
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, SingularBasisError
+from rpctl.files.records import Setting
 from rpctl.reference.motion import Reference
 
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
@@ -36,34 +38,41 @@ class Horizon(PlannerSettings):
     (:class:`~rpctl.control.horizon.target.TimeScaler`). From far off, a base that has a tightest
     bend is led up to its reference (:class:`~rpctl.control.approach.Approach`), in scaled time. A
     failed solve is counted and its period is left to ``fallback``.
-
-    Attributes:
-        steps: Number of steps N.
-        dt: Length of a step, s.
-        period: Time between two solves, s; at most ``dt``.
-        weights: Weights of the cost.
-        bounds: Bounds beside those of the URDF.
-        base_obstacles: Obstacles of the base.
-        end_effector_obstacles: Obstacles of the end effector.
-        base_radius: Radius of the base about P, m; None: distance of the farthest contact.
-        end_effector_radius: Radius of the end effector, m.
-        leash: Largest distance of the base behind the reference, m; beyond, the reference waits.
-        body_clearance: Distance that all links keep from obstacles, from the ground and from each
-            other, m; None: only base and end effector keep clear, as discs.
-        fallback: Law of the samples without a plan.
-        prepare: Whether a QP is linearised ahead, about the state expected at the next solve, so
-            that only the QP itself is left to do once that is measured. It needs someone who calls
-            :meth:`HorizonLaw.prepare` between the samples; :class:`~rpctl.Controller` does.
-        asynchronous: Whether solves run beside the samples. A plan then starts from the state that
-            is expected when it will be there, and applies from then on; the law never waits.
-        approach: Stage for large errors of a base that cannot turn on the spot; None: none. It
-            knows of no obstacles: there is none where ``base_obstacles`` are given.
     """
 
-    fallback: KinematicLaw = field(default_factory=UnifiedKinematic)
-    prepare: bool = False
-    asynchronous: bool = False
-    approach: Approach | None = field(default_factory=Approach, kw_only=True)
+    fallback: Annotated[KinematicLaw, Setting("", "", "Law of the samples without a plan.")] = (
+        field(default_factory=UnifiedKinematic)
+    )
+    prepare: Annotated[
+        bool,
+        Setting(
+            "",
+            "",
+            "Whether a QP is linearised ahead, about the state expected at the next "
+            "solve, so that only the QP itself is left to do once that is measured. It "
+            "needs someone who calls HorizonLaw.prepare between the samples; "
+            "rpctl.Controller does.",
+        ),
+    ] = False
+    asynchronous: Annotated[
+        bool,
+        Setting(
+            "",
+            "",
+            "Whether solves run beside the samples. A plan then starts from the state "
+            "that is expected when it will be there, and applies from then on; the law "
+            "never waits.",
+        ),
+    ] = False
+    approach: Annotated[
+        Approach | None,
+        Setting(
+            "",
+            "Approach from",
+            "Stage for large errors of a base that cannot turn on the spot; false: none. "
+            "It knows of no obstacles: there is none where base_obstacles are given.",
+        ),
+    ] = field(default_factory=Approach, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse settings that predict nothing."""
@@ -85,13 +94,7 @@ class Horizon(PlannerSettings):
 
 
 class HorizonLaw:
-    """:class:`Horizon` on one robot, with its plan and its counts.
-
-    Args:
-        law: Its settings.
-        dynamics: The robot's dynamics.
-        fallback: Controller of the samples without a plan.
-    """
+    """:class:`Horizon` on one robot, with its plan and its counts."""
 
     def __init__(
         self, law: Horizon, dynamics: ReducedDynamics, fallback: KinematicController
@@ -107,23 +110,15 @@ class HorizonLaw:
         self.solved_at = -math.inf
         self.solves = self.fallbacks = self.softened = self.prepared = 0
         self.largest_lag = 0.0
-        self._beside: Beside[Planned] | None = compute_beside() if law.asynchronous else None
+        self._background: Background[Planned] | None = Background() if law.asynchronous else None
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return the command, from a new plan if it is time for one.
-
-        Args:
-            dynamics: The robot's dynamics, for the fallback.
-            reference: The reference.
-            t: Time, s.
-            q: Configuration (nq,).
-            nu: Quasi-velocities of the robot (dof,).
-        """
+        """Return the command, from a new plan if it is time for one."""
         self._reference = reference
-        if self._beside is not None:
-            self._plan_beside(self._beside, reference, t, q, nu)
+        if self._background is not None:
+            self._plan_in_background(self._background, reference, t, q, nu)
         elif self._due(t):
             self.solved_at = t
             self._take(self._new_plan(reference, t, q, nu))
@@ -150,9 +145,6 @@ class HorizonLaw:
         """Linearise ahead if the next sample is one to solve at; call it after a command is sent.
 
         Args:
-            t: Time of the last sample, s.
-            q: Configuration (nq,) then.
-            nu: Quasi-velocities (dof,) then.
             after: Time until the next sample, s.
         """
         plan = self._plan
@@ -183,28 +175,16 @@ class HorizonLaw:
             report["approaches"] = self._stage.approaches
         if self._law.prepare:
             report["prepared"] = self.prepared
-        if self._beside is not None:
-            report["largest_delay"] = self._beside.largest_delay
+        if self._background is not None:
+            report["largest_delay"] = self._background.largest_delay
         return report
-
-    def close(self) -> None:
-        """End what runs beside, if anything does; plans come no more."""
-        if self._beside is not None:
-            self._beside.close()
 
     def _reading(self, reference: Reference) -> Reference:
         """Return what the plans track by now: the reference, or the way up to it."""
         return reference if self._stage is None else self._stage.reading(reference)
 
     def _approach(self, reference: Reference, t: float, q: Array, nu: Array) -> Reference:
-        """Return what a plan is to track: from far off, a new way up to the reference.
-
-        Args:
-            reference: The reference.
-            t: Time, s.
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-        """
+        """Return what a plan is to track: from far off, a new way up to the reference."""
         if self._stage is None:
             return reference
         planner = self.planner
@@ -224,26 +204,19 @@ class HorizonLaw:
         self.largest_lag = max(self.largest_lag, found.largest_lag)
         self._plan = found.plan
 
-    def _plan_beside(
-        self, beside: Beside[Planned], reference: Reference, t: float, q: Array, nu: Array
+    def _plan_in_background(
+        self, background: Background[Planned], reference: Reference, t: float, q: Array, nu: Array
     ) -> None:
         """Take over the plan that is there by now; begin the next if it is time for one.
 
         It is planned from the state that is expected at its end.
-
-        Args:
-            beside: Runs the solves.
-            reference: The reference.
-            t: Time, s.
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
         """
-        found = beside.result(t)
+        found = background.result(t)
         if found is not None:
             self._take(found)
-        if beside.busy or not self._due(t):
+        if background.busy or not self._due(t):
             return
-        last, delay = self._plan, min(beside.expected_delay, self._law.dt)
+        last, delay = self._plan, min(background.expected_delay, self._law.dt)
         if last is not None:
             q, nu = self.planner.advanced(q, nu, last.command(t).nu_d_dot, delay)
         self.solved_at = t
@@ -252,7 +225,7 @@ class HorizonLaw:
             read = self._approach(reference, t + delay, q, nu)
             return self.planner.plan(read, t + delay, q, nu, last)
 
-        beside.begin(t, plan)
-        found = beside.result(t)
+        background.begin(t, plan)
+        found = background.result(t)
         if found is not None:
             self._take(found)

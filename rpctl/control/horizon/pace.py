@@ -1,11 +1,13 @@
-"""How fast a robot can go through its reference: the largest pace at instants ahead.
+"""The reference ahead, each instant read once, and how fast a robot can go through it.
 
-At a time rate p (the pace), speeds scale with p and the part of the efforts due to motion with p².
+Successive solves ask about the same instants again: their periods divide the prediction's steps. At
+a time rate p (the pace), speeds scale with p and the part of the efforts due to motion with p².
 """
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -13,13 +15,60 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.prediction import Model
-from rpctl.control.horizon.preview import Memory, Preview, ReferencePoint
 from rpctl.control.horizon.settings import Bounds
 from rpctl.drive.steering import trailing_positions
-from rpctl.reference.quasi_velocities import direction, trailing
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.quasi_velocities import direction, reference_rates, steering, trailing
+from rpctl.robot.model import Robot
 
+TIME_DIGITS = 11  # of a time in s: two sums that mean the same instant differ by rounding
+MAX_REMEMBERED = 4000  # instants: 20 steps of .1 s at a period of .5 ms
 LIMIT_FRACTION = 0.9  # of the margins at rest: the remainder is left for correcting errors
 MAX_PACE = 1.5  # largest pace, while a lag is made up
+
+
+class ReferencePoint(NamedTuple):
+    """The reference at one instant, in the robot's quasi-velocities."""
+
+    state: ReferenceState
+    nu: Array  # (dof,)
+    nu_dot: Array  # (dof,)
+    angles: Array  # (n_steered,) rad, of the steered joints
+
+
+class Preview:
+    """Reads the reference of one robot, as a function of time.
+
+    Args:
+        reference: The reference; None: :meth:`follow` sets it.
+    """
+
+    def __init__(self, robot: Robot, reference: Reference | None = None) -> None:
+        self._robot, self._reference = robot, reference
+        self._points = lru_cache(MAX_REMEMBERED)(self._read)
+
+    def follow(self, reference: Reference) -> bool:
+        """Set the reference that is read from now on; return whether it is another."""
+        if reference is self._reference:
+            return False
+        self._reference = reference
+        self._points.cache_clear()
+        return True
+
+    def __call__(self, t: float) -> ReferencePoint:
+        """Return the reference at a time (s), to 1e-11 s.
+
+        Raises:
+            ValueError: There is no reference yet.
+        """
+        return self._points(round(t, TIME_DIGITS))
+
+    def _read(self, t: float) -> ReferencePoint:
+        if self._reference is None:
+            raise ValueError("no reference to read")
+        state = self._reference(t)
+        angles = steering(self._robot, state)[0]
+        return ReferencePoint(state, *reference_rates(self._robot, state), angles)
 
 
 class PaceLimit(NamedTuple):
@@ -33,24 +82,21 @@ class PaceLimits:
     """The largest pace at multiples of the prediction's step, each computed once.
 
     Args:
-        model: The prediction's model.
         forces: Efforts and ground reactions; its contacts become those of the reference's posture.
-        bounds: Bounds of the motion.
-        preview: Reads the reference.
     """
 
     def __init__(self, model: Model, forces: ForceModel, bounds: Bounds, preview: Preview) -> None:
         self._model, self._forces, self._preview = model, forces, preview
         self._efforts, self._rates = bounds.efforts(model.robot), bounds.rates(model.robot)
-        self._limits = Memory[int, PaceLimit]()
+        self._limits = lru_cache(MAX_REMEMBERED)(self._limit)
 
     def forget(self) -> None:
         """Forget the limits: they were of another reference."""
-        self._limits.forget()
+        self._limits.cache_clear()
 
     def between(self, first: int, last: int) -> list[PaceLimit]:
         """Return the limits at these multiples of the step, both included."""
-        return [self._limits(index, self._limit) for index in range(first, last + 1)]
+        return [self._limits(index) for index in range(first, last + 1)]
 
     def _limit(self, index: int) -> PaceLimit:
         point, model = self._preview(index * self._model.dt), self._model

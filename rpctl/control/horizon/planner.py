@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.control.horizon.body_clearance import body_clearance
-from rpctl.control.horizon.condensed import CondensedQp
 from rpctl.control.horizon.constraints import (
     ArmClearance,
     BaseClearance,
@@ -20,16 +19,13 @@ from rpctl.control.horizon.constraints import (
     contact_radius,
     every_nth_stage,
 )
-from rpctl.control.horizon.cost import Cost
-from rpctl.control.horizon.embedding import StateDifference, from_another_start
+from rpctl.control.horizon.cost import Cost, StateDifference, from_another_start
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.pace import PaceLimits
-from rpctl.control.horizon.prediction import Model, PredictedMotion, make_model
-from rpctl.control.horizon.preview import Preview
-from rpctl.control.horizon.qp import Linearisation, QpBuilder, stage_indices
+from rpctl.control.horizon.pace import PaceLimits, Preview
+from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion, make_model
+from rpctl.control.horizon.qp import CondensedStructure, Linearisation, stage_indices
 from rpctl.control.horizon.settings import PlannerSettings
-from rpctl.control.horizon.solver import HorizonSolver
-from rpctl.control.horizon.structure import CondensedStructure
+from rpctl.control.horizon.solver import CondensedQp
 from rpctl.control.horizon.target import (
     EndEffectorKinematics,
     Sample,
@@ -72,10 +68,6 @@ class HorizonPlan(NamedTuple):
 
         Planning from the measured ν alone would accept every deviation, and only the far end of the
         horizon would correct it: light joints drift off once efforts arrive 20 ms late.
-
-        Args:
-            t: Time, s.
-            nu: Measured quasi-velocities (dof,).
         """
         planned = self.command(t).nu_d
         return np.asarray(planned + min((t - self.t) / PLAN_BLEND_TIME, 1.0) * (nu - planned))
@@ -109,16 +101,11 @@ class Prepared(NamedTuple):
     t: float  # s
     motion: PredictedMotion
     values: Linearisation
-    qp: CondensedQp | None
+    qp: CondensedQp
 
 
 class Planner:
-    """Makes the plans of one robot, one after the other.
-
-    Args:
-        law: Settings.
-        dynamics: The robot's dynamics.
-    """
+    """Makes the plans of one robot, one after the other."""
 
     def __init__(self, law: PlannerSettings, dynamics: ReducedDynamics) -> None:
         self._law, self.model = law, make_model(dynamics, law.steps, law.dt)
@@ -142,16 +129,14 @@ class Planner:
         self._soft = _soft_bounds(law, self.model, self._forces, end_effector_stages, self._radius)
         self.cost = Cost(law.weights, self.model, len(end_effector_stages))
         indices = stage_indices(self.model)
-        parts = (
+        self.structure = CondensedStructure(
             self.model,
             self.cost.hessian,
             self.cost.cross,
             end_effector_stages if self._kinematics else [],
             [block for bound in self._soft for block in bound.row_blocks(indices)],
         )
-        self.program = QpBuilder(*parts)
-        self.structure = CondensedStructure(*parts)
-        self.solver = HorizonSolver(self.program, self.structure)
+        self._active: Indices = np.empty(0, dtype=np.intp)  # bounds that held the last solution
 
     def plan(
         self, reference: Reference, t: float, q: Array, nu: Array, last: HorizonPlan | None
@@ -159,10 +144,6 @@ class Planner:
         """Return the plan from a state on.
 
         Args:
-            reference: The reference.
-            t: Time, s.
-            q: Configuration (nq,).
-            nu: Measured quasi-velocities (dof,).
             last: The plan before; None without one.
         """
         try:
@@ -172,7 +153,7 @@ class Planner:
             for _ in range(FIRST_SQP_STEPS if last is None else 1):
                 motion = self.model.predict(q, start, nu_dot)
                 values = self.linearise(motion, target)
-                found = self._solved(t, start, nu_dot, values, self.solver.factored(values))
+                found = self._solved(t, start, nu_dot, values, CondensedQp(self.structure, values))
                 if found.plan is None:
                     break
                 nu_dot = found.plan.nu_dot
@@ -190,10 +171,6 @@ class Planner:
         """Return the QP about the motion from a predicted state on; None where there is none.
 
         Args:
-            reference: The reference.
-            t: Time of the next measurement, s.
-            q: Configuration expected then (nq,).
-            nu: Quasi-velocities expected then (dof,).
             last: The plan that leads there.
         """
         try:
@@ -201,16 +178,13 @@ class Planner:
             values = self.linearise(motion, self._target(reference, t, q))
         except SingularBasisError:
             return None
-        return Prepared(t, motion, values, self.solver.factored(values))
+        return Prepared(t, motion, values, CondensedQp(self.structure, values))
 
     def feed_back(self, prepared: Prepared, q: Array, nu: Array, last: HorizonPlan) -> Planned:
         """Return the plan from a measured state on, by a QP prepared for it.
 
         Args:
             prepared: The QP, about the motion from the state that was expected.
-            q: Configuration (nq,).
-            nu: Measured quasi-velocities (dof,).
-            last: The plan before.
         """
         start, model = last.start_of_next(prepared.t, nu), self.model
         motion = prepared.motion
@@ -226,9 +200,6 @@ class Planner:
         """Return q and ν after a time under constant acceleration.
 
         Args:
-            q: Configuration (nq,).
-            nu: Quasi-velocities (dof,).
-            nu_dot: Their derivatives (dof,).
             duration: s.
         """
         model = self.model
@@ -273,14 +244,14 @@ class Planner:
         return look_ahead(model, self._preview, time_scaling, model.joint_positions(q))
 
     def _solved(
-        self, t: float, nu: Array, nu_dot: Array, values: Linearisation, qp: CondensedQp | None
+        self, t: float, nu: Array, nu_dot: Array, values: Linearisation, qp: CondensedQp
     ) -> Planned:
-        found, lag = self.solver.solve(values, qp), self._time_scaler.largest_lag
-        if not found.solved:
+        found, lag = qp.solve(values, self._active), self._time_scaler.largest_lag
+        self._active, x = found.active, found.x
+        if not found.solved or not np.isfinite(x).all():
             return Planned(None, 0.0, lag)
-        nu_dot = nu_dot + found.x[self.program.indices.nu_dot]
-        plan = HorizonPlan(t, self.model.dt, nu, nu_dot)
-        return Planned(plan, self.program.slack(found.x), lag)
+        plan = HorizonPlan(t, self.model.dt, nu, nu_dot + x[self.structure.indices.nu_dot])
+        return Planned(plan, float(x[self.structure.deviations :].max(initial=0.0)), lag)
 
 
 def _soft_bounds(

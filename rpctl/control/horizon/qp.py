@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.linalg import block_diag
 
 from rpctl.arrays import Array
 from rpctl.control.horizon.prediction import Indices, Model, PoseJacobian
@@ -79,46 +79,6 @@ class Linearisation(NamedTuple):
     upper: StageValues
 
 
-class QuadraticProgram(NamedTuple):
-    """minimise ½ xᵀP x + cᵀx with A x = b, G x ≤ h, lower ≤ x ≤ upper.
-
-    P holds its upper half. From ``slack`` on x are slacks: no less than 0, and they cost.
-    """
-
-    P: csc_matrix
-    c: Array
-    A: csc_matrix
-    b: Array
-    G: csc_matrix
-    h: Array
-    lower: Array
-    upper: Array
-    slack: int
-
-
-class SparsityPattern:
-    """A sparse matrix of fixed structure, filled in the order in which its entries were given.
-
-    Args:
-        shape: Shape of the matrix.
-        rows: Row of each entry (K,).
-        columns: Column of each entry (K,); no entry twice.
-    """
-
-    def __init__(self, shape: tuple[int, int], rows: Indices, columns: Indices) -> None:
-        self._order = np.lexsort((rows, columns))
-        counts = np.bincount(columns, minlength=shape[1])
-        self.matrix = csc_matrix(
-            (np.zeros(len(rows)), rows[self._order], np.concatenate([[0], np.cumsum(counts)])),
-            shape=shape,
-        )
-
-    def fill(self, values: Array) -> csc_matrix:
-        """Return the matrix with these values; the next call overwrites it."""
-        np.take(values, self._order, out=self.matrix.data)
-        return self.matrix
-
-
 def stage_indices(model: Model) -> StageIndices:
     """Return the index in x of each stage's unknowns."""
     dof, joints = model.robot.dof, len(model.joints)
@@ -127,144 +87,92 @@ def stage_indices(model: Model) -> StageIndices:
     return StageIndices(*np.split(every, np.cumsum(sizes)[:-1], axis=1))
 
 
-class QpBuilder:
-    """Builds the QPs of one robot: sparsity patterns once, values at every solve.
+class CondensedStructure:
+    """What the condensed QPs of one robot have in common.
+
+    Unknowns u are numbered quasi-velocity by quasi-velocity, N accelerations each.
 
     Args:
-        model: The prediction's model.
-        weights: Diagonal of the cost's Hessian.
-        terminal: Cross weight of each joint's position and rate at the last stage (n_joints,).
-        extra_cost: Stages whose cost has a :class:`LeastSquares` on pose and joints besides.
+        hessian: Diagonal of the cost's Hessian.
+        cross: Cross weight of each joint's position and rate at the last stage (n_joints,).
+        extra_cost: Stages with a cost on pose and joints besides.
         soft: Structure of the soft rows.
     """
 
     def __init__(
         self,
         model: Model,
-        weights: StageValues,
-        terminal: Array,
+        hessian: StageValues,
+        cross: Array,
         extra_cost: Sequence[int],
         soft: Sequence[RowBlock],
     ) -> None:
-        self.indices = stage_indices(model)
-        self._model, self._terminal, self._extra_stages = model, terminal, list(extra_cost)
-        self._slack_start = int(self.indices.nu[-1, -1]) + 1
-        total = self._slack_start + sum(len(row_block.unknowns) for row_block in soft)
-        self._diagonal = np.full(total, SLACK_CURVATURE)
-        for index, weight in zip(self.indices, weights, strict=True):
-            self._diagonal[index] = weight
-        self._hessian_pattern(total)
-        self._dynamics_pattern(total)
-        self._constraint_pattern(soft, total)
-
-    def _constraint_pattern(self, soft: Sequence[RowBlock], total: int) -> None:
-        """Fix the sparsity of the soft rows: rows @ δ − slack ≤ −value."""
-        blocks = [(np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp))]
-        slack, row = self._slack_start, 0
-        for unknowns, count in soft:
-            stages = len(unknowns)
-            slack_columns = np.arange(slack, slack + stages)[:, None]
-            rows = np.arange(row, row + stages * count).reshape(stages, count)
-            blocks.append(_block_entries(rows, np.hstack([unknowns, slack_columns])))
-            slack, row = slack + stages, row + stages * count
-        rows, columns = (np.concatenate(part) for part in zip(*blocks, strict=True))
-        self._bounds = SparsityPattern((row, total), rows, columns)
-
-    def _hessian_pattern(self, total: int) -> None:
-        indices = self.indices
-        self._pairs = np.triu_indices(indices.pose.shape[1] + indices.joints.shape[1], 1)
-        rows, columns = [np.arange(total), indices.joints[-1]], [np.arange(total)]
-        columns.append(indices.nu[-1, self._model.base :])
-        for k in self._extra_stages:
-            unknowns = np.concatenate([indices.pose[k], indices.joints[k]])
-            rows.append(unknowns[self._pairs[0]])
-            columns.append(unknowns[self._pairs[1]])
-        self._hessian = SparsityPattern(
-            (total, total), np.concatenate(rows), np.concatenate(columns)
-        )
-
-    def _dynamics_pattern(self, total: int) -> None:
-        """Fix the sparsity of the dynamics.
-
-        δx_{k+1} − (∂x_{k+1}/∂x_k) δx_k − (∂x_{k+1}/∂ν̇_k) δν̇_k = 0
-        """
-        indices, model, dt = self.indices, self._model, self._model.dt
-        base, base_columns = model.base, model.base_columns
-        pose, joints = indices.pose.shape[1], indices.joints.shape[1]
-        row = np.arange(model.steps * (pose + joints + indices.nu.shape[1])).reshape(
-            model.steps, -1
-        )
-        of_pose, of_joints, of_nu = np.split(row, [pose, pose + joints], axis=1)
-        entries = [
-            (row, np.hstack([indices.pose, indices.joints, indices.nu]), 1.0),
-            (of_pose[1:], indices.pose[:-1], -1.0),
-            (of_joints[1:], indices.joints[:-1], -1.0),
-            (of_joints[1:], indices.nu[:-1, base:], -dt),
-            (of_joints, indices.nu_dot[:, base:], -0.5 * dt**2),
-            (of_nu[1:], indices.nu[:-1], -1.0),
-            (of_nu, indices.nu_dot, -dt),
+        self.model, self.hessian, self.cross = model, hessian, cross
+        self.indices, self.soft = stage_indices(model), tuple(soft)
+        self.extra_unknowns = [
+            np.concatenate([self.indices.pose[k], self.indices.joints[k]]) for k in extra_cost
         ]
-        self._constant_entries = np.concatenate([np.full(r.size, value) for r, _, value in entries])
-        blocks = [(r.ravel(), c.ravel()) for r, c, _ in entries]
-        if pose:
-            blocks += [
-                _block_entries(of_pose[1:, :2], indices.pose[:-1, 2:]),
-                _block_entries(of_pose[1:], indices.nu[:-1, :base_columns]),
-                _block_entries(of_pose, indices.nu_dot[:, :base_columns]),
-                _block_entries(of_pose[1:], indices.joints[:-1, : model.steered]),
-            ]
-        rows, columns = (np.concatenate(part) for part in zip(*blocks, strict=True))
-        self._transition = SparsityPattern((row.size, total), rows, columns)
-        self._b = np.zeros(row.size)
+        n = model.steps
+        later = np.tril(np.ones((n, n)))
+        lag = np.subtract.outer(np.arange(n), np.arange(n))
+        self.speeds = model.dt * later  # δν after each step by the accelerations
+        self.positions = model.dt**2 * (lag + 0.5) * later  # a joint's position after each step
+        blocks = [self._block(i) for i in range(model.robot.dof)]
+        self.base = n * model.base_columns  # unknowns of the base
+        moving = blocks[: model.base_columns]
+        self.base_block = block_diag(*moving) if moving else np.empty((0, 0))
+        arm = [np.linalg.inv(block) for block in blocks[model.base_columns :]]
+        self.arm_inverse = np.reshape(arm, (-1, n, n))
+        self.deviations = int(self.indices.nu[-1, -1]) + 1  # then come the slacks
+        self._number_responses()
+        self.pose_rows = np.full(self.deviations, -1)  # of the map to the pose
+        self.pose_rows[self.indices.pose.ravel()] = np.arange(self.indices.pose.size)
+        self.slacks = np.cumsum([0, *(len(unknowns) for unknowns, _ in soft)])  # first of each kind
+        numbers = [np.repeat(np.arange(len(unknowns)), rows) for unknowns, rows in soft]
+        first = zip(self.slacks, numbers, strict=False)
+        self.slack_of_rows = np.concatenate([np.empty(0, np.intp), *(at + k for at, k in first)])
 
-    def build(self, linearisation: Linearisation) -> QuadraticProgram:
-        """Return the QP about a motion."""
-        jacobian, gradient, extra_cost, soft, lower, upper = linearisation
-        total = len(self._diagonal)
-        c = np.full(total, SLACK_PRICE)
-        low, high = np.zeros(total), np.full(total, np.inf)
-        for index, g, least, most in zip(self.indices, gradient, lower, upper, strict=True):
-            c[index], low[index], high[index] = g, least, most
-        diagonal, off_diagonal = self._diagonal.copy(), [self._terminal]
-        for k, (J, residual) in zip(self._extra_stages, extra_cost, strict=True):
-            H = J.T @ J
-            unknowns = np.concatenate([self.indices.pose[k], self.indices.joints[k]])
-            diagonal[unknowns] += np.diag(H)
-            c[unknowns] += J.T @ residual
-            off_diagonal.append(H[self._pairs])
-        rows, h = [np.empty(0)], [np.empty(0)]
-        for value, by in soft:
-            rows.append(np.concatenate([by, np.full((*value.shape, 1), -1.0)], axis=2).ravel())
-            h.append(-value.ravel())
-        return QuadraticProgram(
-            P=self._hessian.fill(np.concatenate([diagonal, *off_diagonal])),
-            c=c,
-            A=self._transition.fill(
-                np.concatenate([self._constant_entries, *self._motion_entries(jacobian)])
-            ),
-            b=self._b,
-            G=self._bounds.fill(np.concatenate(rows)),
-            h=np.concatenate(h),
-            lower=low,
-            upper=high,
-            slack=self._slack_start,
-        )
+    def _block(self, i: int) -> Array:
+        """Return the Hessian (N, N) of the cost of quasi-velocity i, without the pose's."""
+        H, V, P = self.hessian, self.speeds, self.positions
+        block = np.diag(H.nu_dot[:, i]) + V.T @ (H.nu[:, i, None] * V)
+        joint = i - self.model.base
+        if joint >= 0:
+            last = self.cross[joint] * np.outer(P[-1], V[-1])
+            block = block + P.T @ (H.joints[:, joint, None] * P) + last + last.T
+        return np.asarray(block)
 
-    def slack(self, x: Array) -> float:
-        """Return the largest slack of a solution, in the units of the soft rows."""
-        return float(x[self._slack_start :].max(initial=0.0))
+    def _number_responses(self) -> None:
+        """Note by which quasi-velocity each deviation moves, and how by its accelerations."""
+        n, dof, base = self.model.steps, self.model.robot.dof, self.model.base
+        self._responses = np.vstack([np.eye(n), self.speeds, self.positions, np.zeros((1, n))])
+        self._moved_by = np.zeros(self.deviations, dtype=np.intp)
+        self._response = np.full(self.deviations, 3 * n)
+        of_each = (self.indices.nu_dot, 0), (self.indices.nu, 0), (self.indices.joints, base)
+        for kind, (index, first) in enumerate(of_each):
+            self._moved_by[index] = np.arange(first, dof)
+            self._response[index] = kind * n + np.arange(n)[:, None]
 
-    def _motion_entries(self, jacobian: PoseJacobian) -> list[Array]:
-        if not self._model.base:
-            return []
-        heading, nu, nu_dot, steering = jacobian
-        return [-part.ravel() for part in (heading[1:], nu[1:], nu_dot, steering[1:])]
+    def gamma(self, deviations: Indices) -> Array:
+        """Return the rows of Γ (..., unknowns) of these deviations (...); 0 of the pose."""
+        flat, n = deviations.ravel(), self.model.steps
+        rows = np.zeros((len(flat), self.model.robot.dof, n))
+        rows[np.arange(len(flat)), self._moved_by[flat]] = self._responses[self._response[flat]]
+        return rows.reshape(*deviations.shape, self.model.robot.dof * n)
 
-
-def _block_entries(rows: Indices, columns: Indices) -> tuple[Indices, Indices]:
-    """Return rows and columns of the entries of a dense (a, b) block at each of K stages."""
-    shape = (len(rows), rows.shape[1], columns.shape[1])
-    return (
-        np.broadcast_to(rows[:, :, None], shape).ravel(),
-        np.broadcast_to(columns[:, None, :], shape).ravel(),
-    )
+    def pose_map(self, jacobian: PoseJacobian) -> Array:
+        """Return the map (3 N, base's unknowns) from accelerations to the pose after each step."""
+        n, model = self.model.steps, self.model
+        before = np.zeros((n, n))
+        before[1:] = self.speeds[:-1]
+        by = jacobian.nu[:, :, :, None] * before[:, None, None]  # (N, 3, base_columns, N)
+        by += jacobian.nu_dot[:, :, :, None] * np.eye(n)[:, None, None]
+        if model.steered:
+            before[1:] = self.positions[:-1]
+            by[:, :, model.base :] += jacobian.steering[:, :, :, None] * before[:, None, None]
+        by = by.reshape(n, 3, -1)
+        heading = by[:, 2].cumsum(axis=0)
+        by[1:, :2] += jacobian.heading[1:, :, None] * heading[:-1, None]
+        by[:, :2] = by[:, :2].cumsum(axis=0)
+        by[:, 2] = heading
+        return by.reshape(3 * n, -1)

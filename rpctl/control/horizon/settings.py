@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
@@ -10,70 +11,75 @@ from rpctl.arrays import Array
 from rpctl.control.horizon.prediction import Indices, Model
 from rpctl.control.obstacles import Obstacle
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import RpctlError, require_positive
+from rpctl.errors import RpctlError
+from rpctl.files.records import POSITIVE, SIGNED, Range, Record, Setting
 from rpctl.robot.model import Robot
 
+# Of a weight: beyond, the costs of a horizon differ by more than rounding leaves of the smaller.
+WEIGHT = Range(1e-6, 1e6, SIGNED)
 MAX_STEPS = 500  # memory grows with their square: .1 GB for a mobile manipulator
 
 
 @dataclass(frozen=True)
-class Weights:
-    """Weights of squared errors at each step, SI units.
+class Weights(Record):
+    """Weights of squared errors at each step, SI units."""
 
-    Attributes:
-        position: Of the base's position.
-        heading: Of the base's heading.
-        joints: Of the arm's positions.
-        steering: Of the steered joints' positions; little, as they serve the base's.
-        end_effector: Of the end effector's position.
-        rates: Of ν.
-        accelerations: Of ν̇.
-    """
-
-    position: float = 300.0
-    heading: float = 20.0
-    joints: float = 50.0
-    steering: float = 1.0
-    end_effector: float = 200.0
-    rates: float = 2.0
-    accelerations: float = 0.05
-
-    def __post_init__(self) -> None:
-        """Refuse weights that leave the cost without a minimum."""
-        for name, value in vars(self).items():
-            require_positive(name, value)
+    position: Annotated[float, WEIGHT, Setting("", "", "Of the base's position.")] = 300.0
+    heading: Annotated[float, WEIGHT, Setting("", "", "Of the base's heading.")] = 20.0
+    joints: Annotated[float, WEIGHT, Setting("", "", "Of the arm's positions.")] = 50.0
+    steering: Annotated[
+        float,
+        WEIGHT,
+        Setting("", "", "Of the steered joints' positions; little, as they serve the base's."),
+    ] = 1.0
+    end_effector: Annotated[float, WEIGHT, Setting("", "", "Of the end effector's position.")] = (
+        200.0
+    )
+    rates: Annotated[float, WEIGHT, Setting("", "", "Of ν.")] = 2.0
+    accelerations: Annotated[float, WEIGHT, Setting("", "", "Of ν̇.")] = 0.05
 
 
 @dataclass(frozen=True)
-class Bounds:
-    """Limits that no URDF holds, and how near to all limits a predicted motion may come.
+class Bounds(Record):
+    """Limits that no URDF holds, and how near to all limits a predicted motion may come."""
 
-    Attributes:
-        base_acceleration: Largest acceleration of the base forward and to the left, m/s².
-        base_turning: Largest angular acceleration of the base, rad/s².
-        catch_up: How much faster than its reference the base may drive, m/s.
-        rise: Time in which a joint may reach its velocity limit, s.
-        joint_acceleration: Largest acceleration of joints without one, rad/s² or m/s².
-        share: Fraction of the URDF's speed and effort limits that a motion may use.
-        tip_margin: Least distance of the zero-moment point to the support polygon's edge, m.
-        grip: Fraction of each wheel's grip that a motion may use.
-        friction: Coefficient between wheels and ground.
-    """
-
-    base_acceleration: float = 2.0
-    base_turning: float = 4.0
-    catch_up: float = 0.5
-    rise: float = 0.25
-    joint_acceleration: float = 10.0
-    share: float = 0.97
-    tip_margin: float = 0.01
-    grip: float = 0.95
-    friction: float = FRICTION
-
-    def __post_init__(self) -> None:
-        """Refuse bounds that leave nothing."""
-        for name, value in vars(self).items():
-            require_positive(name, value)
+    base_acceleration: Annotated[
+        float,
+        POSITIVE,
+        Setting("m/s²", "", "Largest acceleration of the base forward and to the left."),
+    ] = 2.0
+    base_turning: Annotated[
+        float, POSITIVE, Setting("rad/s²", "", "Largest angular acceleration of the base.")
+    ] = 4.0
+    catch_up: Annotated[
+        float,
+        POSITIVE,
+        Setting("m/s", "", "How much faster than its reference the base may drive."),
+    ] = 0.5
+    rise: Annotated[
+        float, POSITIVE, Setting("s", "", "Time in which a joint may reach its velocity limit.")
+    ] = 0.25
+    joint_acceleration: Annotated[
+        float,
+        POSITIVE,
+        Setting("rad/s² or m/s²", "", "Largest acceleration of joints without one."),
+    ] = 10.0
+    share: Annotated[
+        float,
+        POSITIVE,
+        Setting("", "", "Fraction of the URDF's speed and effort limits that a motion may use."),
+    ] = 0.97
+    tip_margin: Annotated[
+        float,
+        POSITIVE,
+        Setting("m", "", "Least distance of the zero-moment point to the support polygon's edge."),
+    ] = 0.01
+    grip: Annotated[
+        float, POSITIVE, Setting("", "", "Fraction of each wheel's grip that a motion may use.")
+    ] = 0.95
+    friction: Annotated[
+        float, POSITIVE, Setting("", "", "Coefficient between wheels and ground.")
+    ] = FRICTION
 
     def accelerations(self, model: Model) -> Array:
         """Return the largest |ν̇| (dof,)."""
@@ -96,30 +102,63 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class PlannerSettings:
+class PlannerSettings(Record):
     """What the horizon law plans: see :class:`~rpctl.control.horizon.law.Horizon`."""
 
-    steps: int = 20
-    dt: float = 0.1
-    period: float = 0.02
-    weights: Weights = field(default_factory=Weights)
-    bounds: Bounds = field(default_factory=Bounds)
-    base_obstacles: tuple[Obstacle, ...] = ()
-    end_effector_obstacles: tuple[Obstacle, ...] = ()
-    base_radius: float | None = None
-    end_effector_radius: float = 0.05
-    leash: float = 0.3
-    body_clearance: float | None = None
+    steps: Annotated[
+        int, Range(2, MAX_STEPS, f"2 to {MAX_STEPS}"), Setting("", "Steps N", "Number of steps N.")
+    ] = 20
+    dt: Annotated[float, POSITIVE, Setting("s", "Step", "Length of a step.")] = 0.1
+    period: Annotated[
+        float,
+        POSITIVE,
+        Setting("s", "Time from solve to solve", "Time between two solves; at most dt."),
+    ] = 0.02
+    weights: Annotated[Weights, Setting("", "", "Weights of the cost.")] = field(
+        default_factory=Weights
+    )
+    bounds: Annotated[Bounds, Setting("", "", "Bounds beside those of the URDF.")] = field(
+        default_factory=Bounds
+    )
+    base_obstacles: Annotated[tuple[Obstacle, ...], Setting("", "", "Obstacles of the base.")] = ()
+    end_effector_obstacles: Annotated[
+        tuple[Obstacle, ...], Setting("", "", "Obstacles of the end effector.")
+    ] = ()
+    base_radius: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "m",
+            "Base's radius",
+            "Radius of the base about P; distance of the farthest contact if not given.",
+        ),
+    ] = None
+    end_effector_radius: Annotated[
+        float, POSITIVE, Setting("m", "End effector's radius", "Radius of the end effector.")
+    ] = 0.05
+    leash: Annotated[
+        float,
+        POSITIVE,
+        Setting(
+            "m",
+            "Leash",
+            "Largest distance of the base behind the reference; beyond, the reference waits.",
+        ),
+    ] = 0.3
+    body_clearance: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "m",
+            "Links keep clear by",
+            "Distance that all links keep from obstacles, from the ground and from each "
+            "other; if not given only base and end effector keep clear, as discs.",
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
         """Refuse settings that predict nothing."""
-        for name in ("dt", "period", "end_effector_radius", "leash"):
-            require_positive(name, getattr(self, name))
-        for name in ("base_radius", "body_clearance"):
-            if getattr(self, name) is not None:
-                require_positive(name, getattr(self, name))
-        if not 2 <= self.steps <= MAX_STEPS:
-            raise RpctlError(f"steps is {self.steps}; give 2 to {MAX_STEPS}")
+        super().__post_init__()
         if self.period > self.dt:
             raise RpctlError(
                 f"period {self.period:g} s is longer than a step; give at most {self.dt:g} s"

@@ -13,9 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.pace import MAX_PACE, PaceLimits
+from rpctl.control.horizon.pace import MAX_PACE, PaceLimits, Preview
 from rpctl.control.horizon.prediction import Model, PredictedMotion
-from rpctl.control.horizon.preview import Preview
 from rpctl.control.obstacles import Obstacle
 
 NO_LAG_S = 1e-6  # s: a lag below it is rounding
@@ -62,8 +61,6 @@ class TimeScaler:
     acceleration. In addition the lag keeps the base within the leash of the reference.
 
     Args:
-        model: The prediction's model.
-        limits: The largest pace at multiples of the model's step.
         base_acceleration: Largest acceleration of the base, m/s².
         leash: Largest distance of the base behind the reference, m.
     """
@@ -81,8 +78,6 @@ class TimeScaler:
         """Return the reference times of the steps.
 
         Args:
-            read: Reads the reference.
-            t: Time, s.
             pose: Measured pose of P (3,).
         """
         model, latest = self._model, self.reference_time(t)
@@ -113,7 +108,6 @@ class TimeScaler:
         """Return the reference times and paces of the N steps, never ahead of real time.
 
         Args:
-            t: Time, s.
             first: Multiple of the step from which on the limits are given.
             squares: Squares of the largest paces, linear in between.
             change: Rate at which the pace grows, 1/s.
@@ -154,8 +148,6 @@ def look_ahead(model: Model, read: Preview, time_scaling: TimeScaling, joints: A
     """Return the reference at the start and after each step.
 
     Args:
-        model: The prediction's model.
-        read: Reads the reference.
         time_scaling: Reference times and their rates.
         joints: Present positions (n_joints,). Steering angles are unwrapped modulo π from there,
             because a wheel may as well roll backwards.
@@ -178,7 +170,6 @@ class EndEffectorKinematics:
     """The end effector along predicted motions; holds Pinocchio's workspace.
 
     Args:
-        model: The prediction's model, of a robot with an end effector.
         stages: Stages at which the end effector is computed.
     """
 
@@ -221,9 +212,7 @@ def base_detour(
     """Return the target with goals behind an obstacle replaced by a detour around it.
 
     Args:
-        target: The reference ahead.
         start: Present position of P (2,), m.
-        obstacles: Obstacles of the base.
         radius: Radius of the base, m.
         turns: Whether the base heads where it drives, or away from there if the reference reverses.
     """

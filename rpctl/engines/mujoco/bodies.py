@@ -1,24 +1,149 @@
-"""The tree of bodies: one for each joint of the model, with its motor, limits and losses."""
+"""The tree of bodies, one for each joint of the model: inertias that MuJoCo takes, motors, losses.
+
+A body's second moments Σ = ∫ r rᵀ dm about its centre of mass are ½ tr(I) 1 − I. A real body has
+none that is negative, which is the rule that each moment of inertia is at most the sum of the other
+two. What moves as one body is summed up before it is judged: a link that is unphysical alone often
+stands for a part of a sound whole.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.description.records import Joint
-from rpctl.engines.mujoco.inertias import body_inertia, head_link, set_inertia
+from rpctl.description.records import Joint, Link
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.equivalence.contact.mujoco_body import quaternion
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
+ROUNDING = 1e-9  # of the largest moment: a file's figures meet the rule of a lamina so well
+MIN_MASS = 1e-6  # kg of a body that weighs nothing and moves
+MIN_MOMENT = 1e-9  # kg·m² of one that has no inertia: above MuJoCo's mjMINVAL
 NO_LIMIT = 1e6  # rad or m: MuJoCo has no range that is open on one side
 STOP_STEPS = 4.0  # timesteps: time constant of joint stops and of dry friction that holds
 STOP_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)
 RESERVED = "world"  # MuJoCo's own body
+
+
+class BodyInertia(NamedTuple):
+    """Mass (kg), centre of mass (3,) in the body's frame (m), inertia (3, 3) about it (kg·m²)."""
+
+    mass: float
+    com: Array
+    inertia: Array
+
+
+def body_inertia(robot: Robot, joint: int) -> tuple[BodyInertia, tuple[str, ...]]:
+    """Return the inertia of what a joint carries, mended, and the sentences that say how.
+
+    Args:
+        robot: The robot; the inertia is its model's.
+        joint: Index of the joint in the model.
+    """
+    carried = robot.model.inertias[joint]
+    links = list(_links(robot, joint))
+    whole, said = _mended(carried, links[0])
+    head = links[0].name
+    fused = tuple(_fusion(link, head, len(links)) for link in links if link_fault(link))
+    return whole, said or fused
+
+
+def link_fault(link: Link) -> str:
+    """Return why no body has the inertia that a file gives a link, or nothing."""
+    if not link.mass:
+        return ""
+    return _fault(_principal(link.inertia))
+
+
+def is_physical(given: BodyInertia) -> bool:
+    """Return whether some body may have an inertia, and MuJoCo lets it move."""
+    moments = _principal(given.inertia)
+    return bool(given.mass >= MIN_MASS and moments[0] >= MIN_MOMENT and not _fault(moments))
+
+
+def set_inertia(body: Any, given: BodyInertia) -> None:
+    """Give a body of a spec its inertia, by principal axes."""
+    moments, axes = np.linalg.eigh(given.inertia)
+    axes *= np.sign(np.linalg.det(axes))
+    a, b, c = np.maximum(moments, 0.0)
+    body.mass, body.ipos, body.iquat = given.mass, given.com, quaternion(axes)
+    body.inertia, body.explicitinertial = [a, b, min(c, a + b)], True
+
+
+def _links(robot: Robot, joint: int) -> Iterator[Link]:
+    """Yield the links that a joint carries, its own first."""
+    head = head_link(robot, joint)
+    for name, _ in robot.tree.rigid_links(head):
+        yield robot.description.link[name]
+
+
+def head_link(robot: Robot, joint: int) -> str:
+    """Return the link whose frame is that of a joint of the model."""
+    name = robot.model.names[joint]
+    known = robot.description.joint.get(name)
+    return robot.description.root if joint == 1 or known is None else known.child
+
+
+def _mended(carried: pin.Inertia, head: Link) -> tuple[BodyInertia, tuple[str, ...]]:
+    """Return a physical inertia near one that is given, and what was changed."""
+    mass, inertia = float(carried.mass), np.array(carried.inertia)
+    where = f'link "{head.name}" (line {head.line})'
+    said: tuple[str, ...] = ()
+    if mass < MIN_MASS:
+        said += (f"{where} moves and weighs {mass:g} kg; it gets {MIN_MASS:g} kg",)
+        mass = MIN_MASS
+    fault = _fault(_principal(inertia))
+    if fault:
+        inertia = _physical(inertia)
+        said += (f"{where}: {fault}; {_moments(_principal(inertia))} are used",)
+    least = _principal(inertia)[0]
+    if least < MIN_MOMENT:
+        inertia = inertia + MIN_MOMENT * np.eye(3)
+        if not fault and least <= ROUNDING * MIN_MOMENT:
+            said += (f"{where} has no inertia about some axis; {MIN_MOMENT:g} kg·m² is added",)
+    return BodyInertia(mass, np.array(carried.lever), inertia), said
+
+
+def _physical(inertia: Array) -> Array:
+    """Return the inertia whose negative second moments are 0 instead."""
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    moments, axes = np.linalg.eigh(second)
+    kept = (axes * np.maximum(moments, 0.0)) @ axes.T
+    return np.asarray(np.trace(kept) * np.eye(3) - kept)
+
+
+def _principal(inertia: Array) -> Array:
+    """Return the ascending principal moments (3,) of an inertia (3, 3)."""
+    return np.asarray(np.linalg.eigvalsh(inertia), dtype=float)
+
+
+def _fault(moments: Array) -> str:
+    """Return why a body cannot have three ascending principal moments, or nothing."""
+    a, b, c = moments
+    if a < -ROUNDING * abs(c):
+        return f"its inertia is not positive definite ({_moments(moments)})"
+    if c - a - b > ROUNDING * abs(c):
+        return f"its inertia breaks the triangle rule ({_moments(moments)})"
+    return ""
+
+
+def _moments(moments: Array) -> str:
+    a, b, c = moments
+    return f"principal moments {a:.3g}, {b:.3g}, {c:.3g} kg·m²"
+
+
+def _fusion(link: Link, head: str, count: int) -> str:
+    fault = f'link "{link.name}" (line {link.line}): {link_fault(link)}'
+    if count == 1:
+        return fault
+    return f'{fault}; as one body with the links fixed to "{head}" it is sound, and so it moves'
 
 
 def body_name(link: str) -> str:
@@ -30,11 +155,6 @@ def add_bodies(spec: Any, robot: Robot, settings: ContactSettings) -> tuple[str,
     """Add a robot's bodies and joints to a spec, its root link free; return what was mended.
 
     Links fixed to one another are one body, named after the first; the others are sites of it.
-
-    Args:
-        spec: The ``MjSpec``.
-        robot: The robot.
-        settings: Whether its joints lose anything.
     """
     model, bodies = robot.model, {0: spec.worldbody}
     said: list[str] = []
@@ -62,10 +182,6 @@ def add_motors(spec: Any, robot: Robot) -> None:
 
     Its control is the effort at the joint, N·m or N: a gear is in the limit and in the rotor's
     inertia, seen from there.
-
-    Args:
-        spec: The ``MjSpec``, with its bodies.
-        robot: The robot.
     """
     for name, limit in zip(robot.actuators, robot.effort_limits.tolist(), strict=True):
         motor = spec.add_actuator(
@@ -77,11 +193,11 @@ def add_motors(spec: Any, robot: Robot) -> None:
             motor.ctrlrange = [-limit, limit]
 
 
-def quaternion(pose: Array) -> Array:
-    """Return MuJoCo's quaternion (4,) w, x, y, z of a pose (4, 4)."""
-    found = np.zeros(4)
-    mujoco_library().mju_mat2Quat(found, np.ascontiguousarray(pose[:3, :3]).ravel())
-    return found
+def place_in_body(robot: Robot, link: str) -> tuple[str, Array]:
+    """Return the link after which a link's body is named, and the pose (4, 4) of the link in it."""
+    free = robot.tree.free_joints(link)
+    head = free[-1].child if free else robot.description.root
+    return head, np.asarray(np.linalg.inv(robot.tree.pose(head)) @ robot.tree.pose(link))
 
 
 def _add_joint(body: Any, robot: Robot, joint: Joint, settings: ContactSettings) -> None:

@@ -3,24 +3,50 @@
 No equation says that a wheel rolls, and none that the robot stays upright: wheels are bodies that
 friction turns (E. Todorov, "Convex and analytically-invertible dynamics with contacts and
 constraints", ICRA 2014). The model is plain: any MuJoCo runs it, without callbacks.
+
+What a tie rod does on a car, a constraint does here. Where one swivel leads, its follower's angle
+is a polynomial of its own (MuJoCo's joint equality). Where several lead, a fixed tendon ties the
+follower to them along their Jacobian, which is kept up to date as the robot steers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.drive.steering import MAX_STEERING, follower_positions
 from rpctl.engines.mujoco.bodies import add_bodies, add_motors
-from rpctl.engines.mujoco.even import even_contacts
-from rpctl.engines.mujoco.heights import BASE, LEAST, Heights, read_heights
+from rpctl.engines.mujoco.ground import GRIP, GROUND, GroundContacts
 from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.engines.mujoco.rollers import NOTE, add_rollers, has_rollers
-from rpctl.engines.mujoco.settings import ContactSettings
-from rpctl.engines.mujoco.ties import Follower, tie_followers, tie_mimics
-from rpctl.engines.mujoco.touch import GRIP, GROUND, add_drawn, add_supports, add_wheels
+from rpctl.engines.mujoco.settings import BASE, LEAST, ContactSettings, Heights, read_heights
+from rpctl.equivalence.contact.mujoco_body import follower_slopes
 from rpctl.errors import RpctlError, require_positive
 from rpctl.robot.model import Robot
+
+TIE_STEPS = 4.0  # timesteps: time constant of a tie
+TIE_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)
+DEGREE = 4  # of MuJoCo's polynomial
+FIT = 2e-3  # rad: largest error of a polynomial that stands for a tie rod
+
+
+@dataclass(frozen=True)
+class Follower:
+    """A swivel whose angle several others determine.
+
+    Attributes:
+        joint: Its joint.
+        leaders: Joints of the others.
+        tie: Name of the tendon and of the equality that tie it.
+    """
+
+    joint: str
+    leaders: tuple[str, ...]
+    tie: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +60,7 @@ class Built:
         contacts: Names of the contacts: the wheels' joints, then the supports, as
             ``Contacts.names``.
         geoms: Name of the contact of each geom that meets the ground, by the geom's name.
-        followers: Swivels whose ties change as the robot steers; see
-            :mod:`rpctl.engines.mujoco.ties`.
+        followers: Swivels whose ties change as the robot steers.
         notes: What was assumed, in sentences.
         repairs: What of the file was mended, in sentences.
         heights: Of the ground; None: it is the plane z = 0.
@@ -68,11 +93,6 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     Masses and inertias are those of its model, radii and centres of wheels those of its drive, so
     that a robot that was varied, or carries a load, is simulated as such.
 
-    Args:
-        robot: The robot.
-        settings: How it meets the ground.
-        friction: Coefficient between wheels and ground.
-
     Raises:
         EngineMissing: MuJoCo is not installed.
         RpctlError: A number is none that it can take.
@@ -86,27 +106,17 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     _add_ground(spec, friction, heights)
     repairs = add_bodies(spec, robot, settings)
     add_motors(spec, robot)
-    geoms, notes = _add_wheels(spec, robot, settings, friction)
-    geoms |= add_supports(spec, robot, settings, friction)
-    drawn = add_drawn(spec, robot, settings, friction)
-    tie_mimics(spec, robot, settings)
-    followers, ties = tie_followers(spec, robot, settings)
-    contacts = tuple(dict.fromkeys(geoms.values()))
-    rollers = geoms.keys() - set(contacts)  # they have hard contacts of their own
-    even_contacts(spec, [pair.name for pair in spec.pairs if pair.name not in rollers])
-    return Built(spec, contacts, geoms, followers, (*notes, *drawn, *ties), repairs, heights)
-
-
-def _add_wheels(
-    spec: Any, robot: Robot, settings: ContactSettings, friction: float
-) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Add the wheels, or their rollers."""
-    if not has_rollers(robot):
-        return add_wheels(spec, robot, settings, friction)
-    owners: dict[str, str] = {}
-    for wheel in robot.drive.wheels:
-        owners |= add_rollers(spec, robot, wheel, settings, friction)
-    return owners, (NOTE,)
+    ground = GroundContacts(spec, robot, settings, friction)
+    ground.add_all()
+    for joint in robot.mimics:
+        if joint.mimic is not None and joint.mimic.joint not in robot.locked:
+            coefficients = (joint.mimic.offset, joint.mimic.multiplier)
+            _tie(spec, joint.name, joint.mimic.joint, coefficients, settings)
+    followers, ties = _tie_followers(spec, robot, settings)
+    ground.even()
+    contacts = tuple(dict.fromkeys(ground.owners.values()))
+    notes = (*ground.notes, *ties)
+    return Built(spec, contacts, ground.owners, followers, notes, repairs, heights)
 
 
 def _set_options(spec: Any, robot: Robot, settings: ContactSettings) -> None:
@@ -135,3 +145,77 @@ def _add_ground(spec: Any, friction: float, heights: Heights | None) -> None:
     field.size = [0.5 * heights.extent[0], 0.5 * heights.extent[1], relief, BASE]
     field.userdata = ((heights.grid - low) / relief).ravel()
     ground.type, ground.hfieldname, ground.pos = kinds.mjGEOM_HFIELD, GROUND, [0.0, 0.0, low]
+
+
+def _tie_followers(
+    spec: Any, robot: Robot, settings: ContactSettings
+) -> tuple[tuple[Follower, ...], tuple[str, ...]]:
+    """Tie followers to the swivels that lead them; return those that change, and notes."""
+    leaders = tuple(swivel.joint for swivel in robot.drive.steered)
+    changing, polynomials = [], []
+    for swivel in robot.drive.followers:
+        fitted = _polynomial(robot, swivel.joint, leaders[0]) if len(leaders) == 1 else None
+        if fitted is not None:
+            _tie(spec, swivel.joint, leaders[0], tuple(fitted), settings)
+            polynomials.append(swivel.joint)
+            continue
+        follower = Follower(swivel.joint, leaders, f"{swivel.joint}/tie")
+        _add_tendon(spec, robot, follower, settings)
+        changing.append(follower)
+    notes: tuple[str, ...] = ()
+    if polynomials:
+        notes += (f"a tie rod, as a polynomial of degree {DEGREE}, turns {', '.join(polynomials)}",)
+    if changing:
+        names = ", ".join(follower.joint for follower in changing)
+        notes += (
+            f"tie rods that change with the steering hold {names} to the common centre of "
+            "rotation; a model file alone has them as they are straight ahead",
+        )
+    return tuple(changing), notes
+
+
+def linearised(robot: Robot, follower: Follower, at: Array) -> tuple[float, Array]:
+    """Return a follower's angle (rad) and its slopes (n,) by its leaders', which are at (n,)."""
+    angles = dict(zip(follower.leaders, at.tolist(), strict=True))
+    place, slopes = follower_slopes(robot.drive, angles)
+    return place[follower.joint], np.array([slopes[follower.joint][name] for name in angles])
+
+
+def _polynomial(robot: Robot, follower: str, leader: str) -> Array | None:
+    """Return the coefficients (5,) of a follower's angle, or None where none fits."""
+    joint = robot.description.joint[leader]
+    low, high = max(joint.lower, -MAX_STEERING), min(joint.upper, MAX_STEERING)
+    angles = 0.5 * (low + high) + 0.5 * (high - low) * np.cos(np.linspace(0.0, math.pi, 41))
+    places = [follower_positions(robot.drive, {leader: float(a)})[follower] for a in angles]
+    fitted = np.polynomial.polynomial.polyfit(angles, places, DEGREE)
+    off = np.polynomial.polynomial.polyval(angles, fitted) - places
+    return np.asarray(fitted) if np.abs(off).max() <= FIT else None
+
+
+def _tie(
+    spec: Any,
+    follower: str,
+    leader: str,
+    coefficients: Sequence[float],
+    settings: ContactSettings,
+) -> None:
+    """Make a joint's position a polynomial of another's."""
+    mujoco = mujoco_library()
+    tie = spec.add_equality(name1=follower, name2=leader)
+    tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+    tie.data[: len(coefficients)] = coefficients
+    tie.solref, tie.solimp = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP
+
+
+def _add_tendon(spec: Any, robot: Robot, follower: Follower, settings: ContactSettings) -> None:
+    mujoco = mujoco_library()
+    place, jacobian = linearised(robot, follower, np.zeros(len(follower.leaders)))
+    tendon = spec.add_tendon(name=follower.tie)
+    tendon.wrap_joint(follower.joint, 1.0)
+    for leader, derivative in zip(follower.leaders, jacobian.tolist(), strict=True):
+        tendon.wrap_joint(leader, -derivative)
+    tie = spec.add_equality(name=follower.tie, name1=follower.tie)
+    tie.type, tie.objtype = mujoco.mjtEq.mjEQ_TENDON, mujoco.mjtObj.mjOBJ_TENDON
+    tie.data[:] = 0.0
+    tie.data[0] = place
+    tie.solref, tie.solimp = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP

@@ -1,4 +1,8 @@
-"""``write_mjcf``: a robot as MJCF, read back, run and compared before the file is there."""
+"""``write_mjcf``: a robot as MJCF, read back, run and compared before the file is there.
+
+A file runs without rpctl, so what MuJoCo cannot do by itself is either put into an element of its
+own or refused.
+"""
 
 from __future__ import annotations
 
@@ -11,34 +15,110 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rpctl import __version__
 from rpctl.arrays import Array
+from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.engines.mujoco.appearance import Drawn, draw
 from rpctl.engines.mujoco.bodies import body_name
-from rpctl.engines.mujoco.build import Built
-from rpctl.engines.mujoco.drawn import Drawn, draw
-from rpctl.engines.mujoco.edits import compare_tables
+from rpctl.engines.mujoco.build import Built, build
+from rpctl.engines.mujoco.certificate import MjcfCertificate
+from rpctl.engines.mujoco.check import compare_tables
+from rpctl.engines.mujoco.equations import Witness, compare_with_witness, take_witness
+from rpctl.engines.mujoco.ground import has_rollers
 from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.engines.mujoco.mjcf import Part, numbers, to_bytes, write_model
-from rpctl.engines.mujoco.mjcf_certificate import MjcfCertificate, plain_checks
-from rpctl.engines.mujoco.prepare import prepare
-from rpctl.engines.mujoco.sensors import HOME, HOW, sensor_parts
+from rpctl.engines.mujoco.mjcf_reader import StrictMjcf, parse_mjcf, tabulate
+from rpctl.engines.mujoco.mjcf_writer import Part, numbers, to_bytes, write_model
+from rpctl.engines.mujoco.sensors import FREE, HOME, HOW, sensor_parts
 from rpctl.engines.mujoco.settings import ContactSettings
-from rpctl.engines.mujoco.strict_mjcf import StrictMjcf, parse_mjcf
-from rpctl.engines.mujoco.table import tabulate
 from rpctl.engines.mujoco.trial import run_on_ground, settle
-from rpctl.engines.mujoco.witness import compare_with_witness, take_witness
 from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.row import Check, Skipped
+from rpctl.equivalence.check import Check, Skipped
+from rpctl.equivalence.contact.model import SOLIMP
 from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
 from rpctl.files.writing import make_folder, require_writable, write_atomically
-from rpctl.robot.identity import model_digest
+from rpctl.robot.inspection import model_digest
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import without_losses
+from rpctl.version import VERSION
 
+LINK_GROUP, CONTACT_GROUP = 4, 3  # of sites and of contact shapes; a viewer shows 0 to 2
+HARD_STEPS = 4.0  # timesteps: time constant of the contacts of crowned wheels
 READ_BACK = "the file read back"
 VERIFIED_SAMPLES = 10  # states of the certificate of the equations
 MESH_SUFFIX = "_meshes"  # of the folder of the meshes, beside the file
+
+
+def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bool = True) -> Built:
+    """Return a robot as MuJoCo's model of a file that runs by itself.
+
+    Args:
+        robot: The robot.
+        settings: How it meets the ground. Crowned wheels do not scrub, so their contacts are as
+            hard as the timestep lets them be: the robot neither sinks nor creeps.
+        friction: Coefficient between wheels and ground.
+        hidden: Whether the shapes that touch the ground are in a group that viewers do not show.
+
+    Raises:
+        RpctlError: MuJoCo cannot do the robot by itself; the message says why.
+    """
+    _require_possible(robot)
+    built = build(robot, settings, friction)
+    spec = built.spec
+    for body in spec.bodies:
+        for joint in body.joints:
+            joint.name = joint.name or f"{body.name}{FREE}"
+    for site in spec.sites:
+        site.group = LINK_GROUP
+    for geom in spec.geoms:
+        if hidden and geom.name in built.geoms:
+            geom.group = CONTACT_GROUP
+    if settings.wheel_shape == "crowned" and not has_rollers(robot):
+        spec.option.impratio = 1.0
+        for pair in spec.pairs:
+            pair.solref, pair.solimp = [HARD_STEPS * settings.timestep, 1.0], SOLIMP
+            pair.solreffriction = [0.0, 0.0]  # as solref
+    _drop_changing_ties(spec, built)
+    notes = tuple(note for note in built.notes if not note.startswith("tie rods that change"))
+    return replace(built, notes=(*notes, *_loose_note(robot, built)))
+
+
+def _drop_changing_ties(spec: Any, built: Built) -> None:
+    """Leave out ties that rpctl turns as it steps, which no file can; name the others."""
+    changing = {follower.tie for follower in built.followers}
+    for element in (*spec.equalities, *spec.tendons):
+        if element.name in changing:
+            spec.delete(element)
+    for tie in spec.equalities:
+        tie.name = tie.name or f"{tie.name1}_tie"
+
+
+def _require_possible(robot: Robot) -> None:
+    """Refuse robots whose wheels no plain MuJoCo model has."""
+    drive = robot.drive
+    if not drive.wheels:
+        raise RpctlError(
+            f"{robot.name} has no wheels; a fixed base is read by MuJoCo from its URDF as it is"
+        )
+    rolling = has_rollers(robot) or drive.type == "skid-steer"
+    sliding = [wheel.joint for wheel in drive.wheels if wheel.slides and not rolling]
+    if sliding:
+        raise RpctlError(
+            f"{robot.name}: nothing holds {', '.join(sliding)} sideways, but friction of MuJoCo's "
+            "contacts holds in all directions alike; lock what they hang on, or declare another "
+            "drive with --drive"
+        )
+
+
+def _loose_note(robot: Robot, built: Built) -> tuple[str, ...]:
+    """Return what is to be said of swivels that no tie holds."""
+    loose = [follower.joint for follower in built.followers]
+    if not loose:
+        return ()
+    leaders = ", ".join(swivel.joint for swivel in robot.drive.steered)
+    return (
+        f"{', '.join(loose)} follow {leaders} in a way that no tie of MuJoCo says: the file leaves "
+        "them to their motors; hold each at its angle of robot.configuration(...)",
+    )
 
 
 @dataclass(frozen=True)
@@ -82,7 +162,7 @@ class MjcfExport:
 def write_mjcf(
     robot: Robot,
     path: str | Path,
-    friction: float = 0.7,
+    friction: float = FRICTION,
     settings: ContactSettings | None = None,
     meshes: bool = True,
     facts: Mapping[str, Any] | None = None,
@@ -114,30 +194,48 @@ def write_mjcf(
     bare = to_bytes(_document(model, drawn, sections, path))
     file = parse_mjcf(bare, path)
     witness = take_witness(robot, root, settings.losses)
-    checks = (*_read_back(built, file), *compare_with_witness(file.model, witness))
     rolling = robot if settings.losses else without_losses(robot)
     trial = run_on_ground(rolling, _compiled(bare, drawn, path), root)
-    checks = (_verified_row(verified), *checks, *trial.checks)
-    certificate = MjcfCertificate(
-        robot=robot.name,
-        source=robot.source,
-        urdf=robot.description.sha256,
-        model=model_digest(robot),
-        made_with={"rpctl": __version__, "mujoco": version("mujoco")},
-        settings={"friction": friction, **asdict(settings)},
-        checks=plain_checks(checks),
-        verified=_verified_digest(verified),
-        table=file.table,
-        witness=witness,
-        facts=dict(facts or {}),
-    )
+    compared = compare_with_witness(file.model, witness)
+    checks = (_verified_row(verified), *_read_back(built, file), *compared, *trial.checks)
+    given = {"settings": {"friction": friction, **asdict(settings)}, "facts": dict(facts or {})}
+    certificate = _certificate(robot, file, witness, checks, verified, given)
     sections["custom"] = certificate.parts(HOW)
-    data = to_bytes(_document(model, drawn, sections, path))
     written = all(check.passed for check in checks)
+    data = to_bytes(_document(model, drawn, sections, path))
     files = _put(path, data, drawn) if written else ()
     notes = (*built.repairs, *built.notes, *drawn.notes, *trial.notes)
     return MjcfExport(
         path, written, checks, trial.skipped, notes, certificate.digest, files, verified
+    )
+
+
+def _certificate(
+    robot: Robot,
+    file: StrictMjcf,
+    witness: Witness,
+    checks: tuple[Check, ...],
+    verified: Certificate,
+    given: Mapping[str, Any],
+) -> MjcfCertificate:
+    """Return what the file says of itself; ``given`` are the settings and how to load the robot."""
+    text = json.dumps(verified.to_dict(), sort_keys=True)
+    return MjcfCertificate(
+        robot=robot.name,
+        source=robot.source,
+        urdf=robot.description.sha256,
+        model=model_digest(robot),
+        made_with={"rpctl": VERSION, "mujoco": version("mujoco")},
+        checks=tuple({"name": c.name, "against": c.against, "limit": c.limit} for c in checks),
+        verified={
+            "sha256": hashlib.sha256(text.encode()).hexdigest(),
+            "samples": verified.samples,
+            "seed": verified.seed,
+            "passed": verified.passed,
+        },
+        table=file.table,
+        witness=witness,
+        **given,
     )
 
 
@@ -166,7 +264,7 @@ def _document(model: Any, drawn: Drawn, sections: dict[str, list[Part]], path: P
     light = Part("light", {"name": "sun", "pos": "0 0 4", "dir": "0 0 -1", "directional": "true"})
     parts = {**drawn.parts, "world": [light]}
     comment = (
-        f" Written by rpctl {__version__}. Units: m, kg, s, rad, N. Controls are efforts at "
+        f" Written by rpctl {VERSION}. Units: m, kg, s, rad, N. Controls are efforts at "
         f"the joints (N m, N). `rpctl check {path.name.replace('--', '- -')}` proves it again. "
     )
     root = write_model(model, parts, sections, comment)
@@ -227,14 +325,3 @@ def _verified_row(verified: Certificate) -> Check:
     failed = [check for check in verified.checks if not check.passed]
     worst = failed[0] if failed else verified.worst
     return replace(worst, name=f"rpctl verify: {worst.name}")
-
-
-def _verified_digest(verified: Certificate) -> dict[str, Any]:
-    """Return what a file keeps of the certificate of the equations."""
-    text = json.dumps(verified.to_dict(), sort_keys=True)
-    return {
-        "sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "samples": verified.samples,
-        "seed": verified.seed,
-        "passed": verified.passed,
-    }

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.basis import selection
-from rpctl.dynamics.rolling import find_rolling
+from rpctl.dynamics.rolling import find_rolling, selection
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.engines.mujoco.mjcf import Part
+from rpctl.engines.mujoco.mjcf_writer import Part
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import BASE_NV, Robot
@@ -42,12 +41,7 @@ HOW = (
 
 
 def sensor_parts(robot: Robot, root: str) -> list[Part]:
-    """Return the sensors of a file.
-
-    Args:
-        robot: The robot.
-        root: The body of its root link.
-    """
+    """Return the sensors of a file."""
     parts = [
         Part(tag, {"name": name, "objtype": "xbody", "objname": root}) for name, tag in BASE.items()
     ]

@@ -1,71 +1,132 @@
-"""``ContactSettings``: how a robot meets the ground in MuJoCo, and how finely that is computed."""
+"""How a robot meets the ground in MuJoCo: one record of settings, and the heights that it names."""
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from rpctl.errors import RpctlError, require_positive, require_within
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.errors import InputError, RpctlError
+from rpctl.files.opening import read_input
+from rpctl.files.records import NOT_NEGATIVE, POSITIVE, OneOf, Record, Setting
+from rpctl.libraries import library
 
 WHEEL_SHAPES = ("cylinder", "crowned")
 CONES = ("elliptic", "pyramidal")
 MIN_CONSTANT_IN_STEPS = 20.0  # time constant over timestep: harder contacts chatter as they slip
+KIND = "heights of a ground: a .png in grey, a .csv or a .npy of numbers"
+MAX_CELLS = 4_000_000  # of a grid; a picture of 2000 by 2000
+MIN_CELLS = 2  # along each side
+MAX_HEIGHT = 1e3  # m
+BASE = 0.5  # m of ground below the lowest point
+LEAST = 1e-6  # m: MuJoCo wants some relief, of level ground too
+WHITE = {"L": 255.0, "I;16": 65535.0, "I;16B": 65535.0, "I": 65535.0}  # by Pillow's mode
 
 
 @dataclass(frozen=True)
-class ContactSettings:
-    """How a robot meets the ground in MuJoCo; table [plant.contact].
+class ContactSettings(Record):
+    """How a robot meets the ground in MuJoCo; table [plant.contact]."""
 
-    Attributes:
-        wheel_width: Of all wheels, m; None: each as its file draws it. A wheel that turns on a
-            line of this length scrubs: its moment is about μ N width/4.
-        wheel_shape: ``"cylinder"``, or ``"crowned"``: an ellipsoid, which touches at one point and
-            does not scrub.
-        caster_friction: Coefficient of supports that nothing lets roll, balls and skids; casters
-            that swivel and roll by joints of the file have the ground's friction. 0: they slide.
-        cone: ``"elliptic"``, Coulomb's, or ``"pyramidal"``, which creeps, and holds less askew.
-        timestep: Longest step, s; each stretch is divided into equal steps no longer.
-        time_constant: Of contacts, s; at least 20 timesteps. Shorter is harder: a robot sinks by
-            about a quarter of g times its square.
-        losses: Whether the joints lose what the robot's do (damping and dry friction).
-        heights: A file of heights of the ground (.png, .csv or .npy); empty: a plane at 0.
-        extent: Length along x and y of the ground that ``heights`` shows, m; its middle is the
-            origin.
-        relief: Height of white in a .png, m; multiplies the heights, in m, of the others.
-        props: Whether four balls that slide without friction hold the robot up, around P, half a
-            track off: for a robot whose file draws too few contacts to stand on.
-        body: Whether all that the file draws for collisions meets the ground, not only wheels and
-            supports.
-    """
-
-    wheel_width: float | None = None
-    wheel_shape: str = "cylinder"
-    caster_friction: float = 0.0
-    cone: str = "elliptic"
-    timestep: float = 1e-3
-    time_constant: float = 2e-2
-    losses: bool = True
-    heights: str = ""
-    extent: tuple[float, float] = (20.0, 20.0)
-    relief: float = 1.0
-    props: bool = False
-    body: bool = False
+    wheel_width: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "m",
+            "",
+            "Of all wheels; each as its file draws it if not given. A wheel that turns on "
+            "a line of this length scrubs: its moment is about μ N width/4.",
+        ),
+    ] = None
+    wheel_shape: Annotated[
+        str,
+        OneOf(WHEEL_SHAPES),
+        Setting(
+            "",
+            "",
+            "A cylinder, or crowned: an ellipsoid, which touches at one point and does not scrub.",
+        ),
+    ] = "cylinder"
+    caster_friction: Annotated[
+        float,
+        NOT_NEGATIVE,
+        Setting(
+            "",
+            "",
+            "Coefficient of supports that nothing lets roll, balls and skids; casters "
+            "that swivel and roll by joints of the file have the ground's friction. 0: "
+            "they slide.",
+        ),
+    ] = 0.0
+    cone: Annotated[
+        str,
+        OneOf(CONES),
+        Setting("", "", "Elliptic, Coulomb's, or pyramidal, which creeps, and holds less askew."),
+    ] = "elliptic"
+    timestep: Annotated[
+        float,
+        POSITIVE,
+        Setting("s", "", "Longest step; each stretch is divided into equal steps no longer."),
+    ] = 1e-3
+    time_constant: Annotated[
+        float,
+        POSITIVE,
+        Setting(
+            "s",
+            "",
+            "Of contacts; at least 20 timesteps. Shorter is harder: a robot sinks by "
+            "about a quarter of g times its square.",
+        ),
+    ] = 2e-2
+    losses: Annotated[
+        bool,
+        Setting("", "", "Whether the joints lose what the robot's do (damping and dry friction)."),
+    ] = True
+    heights: Annotated[
+        str,
+        Setting(
+            "", "", "A file of heights of the ground (.png, .csv or .npy); empty: a plane at 0."
+        ),
+    ] = ""
+    extent: Annotated[
+        tuple[float, float],
+        POSITIVE,
+        Setting(
+            "m",
+            "",
+            "Length along x and y of the ground that heights shows; its middle is the origin.",
+        ),
+    ] = (20.0, 20.0)
+    relief: Annotated[
+        float,
+        POSITIVE,
+        Setting("m", "", "Height of white in a .png; multiplies the heights, in m, of the others."),
+    ] = 1.0
+    props: Annotated[
+        bool,
+        Setting(
+            "",
+            "",
+            "Whether four balls that slide without friction hold the robot up, around P, "
+            "half a track off: for a robot whose file draws too few contacts to stand on.",
+        ),
+    ] = False
+    body: Annotated[
+        bool,
+        Setting(
+            "",
+            "",
+            "Whether all that the file draws for collisions meets the ground, not only "
+            "wheels and supports.",
+        ),
+    ] = False
 
     def __post_init__(self) -> None:
         """Refuse what MuJoCo cannot take."""
-        if self.wheel_width is not None:
-            require_positive("wheel_width", self.wheel_width)
-        for name in ("timestep", "time_constant", "relief"):
-            require_positive(name, getattr(self, name))
-        if self.wheel_shape not in WHEEL_SHAPES:
-            raise RpctlError(
-                f'wheel_shape is "{self.wheel_shape}"; give {" or ".join(WHEEL_SHAPES)}'
-            )
-        if self.cone not in CONES:
-            raise RpctlError(f'cone is "{self.cone}"; give {" or ".join(CONES)}')
-        if not (math.isfinite(self.caster_friction) and self.caster_friction >= 0.0):
-            raise RpctlError(f"caster_friction is {self.caster_friction:g}; give 0 or more")
-        require_within("caster_friction", [self.caster_friction])
+        super().__post_init__()
         if self.time_constant < MIN_CONSTANT_IN_STEPS * self.timestep * (1.0 - 1e-9):
             raise RpctlError(
                 f"time_constant is {self.time_constant:g} s, less than 20 timesteps of "
@@ -73,5 +134,82 @@ class ContactSettings:
             )
         if len(self.extent) != 2:
             raise RpctlError(f"extent is {self.extent}; give the lengths along x and y in m")
-        for length in self.extent:
-            require_positive("extent", length)
+
+
+@dataclass(frozen=True)
+class Heights:
+    """A grid of heights about the origin.
+
+    Attributes:
+        grid: Heights (rows, columns), m: rows along y, columns along x, both upwards.
+        extent: Lengths along x and y, m.
+    """
+
+    grid: Array
+    extent: tuple[float, float]
+
+    def highest(self, x: float, y: float, reach: float) -> float:
+        """Return the highest point within a square about a place, m; 0 off the ground.
+
+        Args:
+            x: Its middle, m.
+            y: Its middle, m.
+            reach: Half its side, m.
+        """
+        spans = []
+        for count, length, at in zip(self.grid.shape, self.extent[::-1], (y, x), strict=True):
+            step = length / (count - 1)
+            low = max(0, math.floor((at - reach + 0.5 * length) / step))
+            high = min(count - 1, math.ceil((at + reach + 0.5 * length) / step))
+            if low > high:
+                return 0.0
+            spans.append(slice(low, high + 1))
+        return float(self.grid[spans[0], spans[1]].max())
+
+
+def read_heights(settings: ContactSettings) -> Heights | None:
+    """Return the heights that settings name, or None for a plane.
+
+    Raises:
+        InputError: The file cannot be read, or holds no heights.
+    """
+    path = settings.heights
+    if not path:
+        return None
+    data = read_input(path, "MAX_BYTES", KIND)
+    read = {".png": _picture, ".csv": _table, ".npy": _array}
+    suffix = path[path.rfind(".") :].lower()
+    if suffix not in read:
+        raise InputError(path, f"no kind of file that is known; give {KIND}")
+    try:
+        grid = read[suffix](data)
+    except (ValueError, OSError, SyntaxError, EOFError, MemoryError) as error:
+        raise InputError(path, f"{str(error) or type(error).__name__}; give {KIND}") from None
+    if grid.ndim != 2 or min(grid.shape) < MIN_CELLS or grid.size > MAX_CELLS:
+        raise InputError(path, f"its shape is {grid.shape}; give 2 by 2 to {MAX_CELLS} heights")
+    grid = settings.relief * grid
+    if not np.abs(grid).max() <= MAX_HEIGHT:
+        raise InputError(path, f"a height is no number up to {MAX_HEIGHT:g} m; give heights in m")
+    grid.setflags(write=False)
+    return Heights(grid, settings.extent)
+
+
+def _picture(data: bytes) -> Array:
+    """Return a picture's greys (rows, columns) in [0, 1], its lowest line first."""
+    images = library("PIL.Image")
+    with images.open(io.BytesIO(data), formats=["PNG"]) as image:
+        if image.width * image.height > MAX_CELLS:
+            raise ValueError(f"it has {image.width} by {image.height} pixels, which is too many")
+        grey = image if image.mode in WHITE else image.convert("L")
+        return np.asarray(grey, dtype=float)[::-1] / WHITE[grey.mode]
+
+
+def _table(data: bytes) -> Array:
+    return np.loadtxt(io.StringIO(data.decode("utf-8-sig")), delimiter=",", ndmin=2)
+
+
+def _array(data: bytes) -> Array:
+    found = np.load(io.BytesIO(data), allow_pickle=False)
+    if not isinstance(found, np.ndarray) or found.dtype.kind not in "iuf":
+        raise ValueError("it holds no numbers")
+    return np.asarray(found, dtype=float)

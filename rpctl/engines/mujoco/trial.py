@@ -15,18 +15,24 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.ground_reaction import Contacts, find_contacts
-from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.engines.mujoco.ground import has_rollers
 from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.engines.mujoco.muted import muted
-from rpctl.engines.mujoco.rollers import has_rollers
 from rpctl.engines.mujoco.sensors import HOME
-from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, plan_motion, start
+from rpctl.equivalence.check import Skipped
+from rpctl.equivalence.contact.mujoco_body import MujocoBody, follower_slopes, muted
+from rpctl.equivalence.contact.plan import (
+    TICK_S,
+    ContactPlan,
+    NotGentle,
+    ReducedRobot,
+    plan_motion,
+    rest_plan,
+    start,
+)
 from rpctl.equivalence.contact.record import Gap, travelled
 from rpctl.equivalence.contact.trial import tilt_note
-from rpctl.equivalence.row import Skipped
 from rpctl.errors import ActuationError, DivergedError, RpctlError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import Robot
@@ -39,7 +45,6 @@ STAND_BAND_M, STAND_BAND_RAD = 1e-3, 2e-3  # that a robot at rest may move in a 
 PATH_BAND, PATH_FLOOR_M = 4e-3, 1e-3  # of the distance travelled; m
 HEADING_BAND, HEADING_FLOOR = 8e-3, 4e-3  # of the angle turned; rad
 ROLLER_BANDS = 10.0  # times wider: a dozen barrels are not quite round, and roll as bodies of mass
-AHEAD_S = 1e-4  # s, of the difference quotient of a follower's rate
 FOLLOWER_BANDWIDTH = 150.0  # rad/s, critically damped: stiffer than the servo of what they follow
 SCRUB_NOTE = (
     "the wheels are cylinders, which scrub as they turn; the motion is compared with crowned ones"
@@ -61,36 +66,20 @@ class GroundTrial:
     skipped: tuple[Skipped, ...]
     notes: tuple[str, ...] = ()
 
-    @property
-    def passed(self) -> bool:
-        """Whether every row is within its band."""
-        return all(check.passed for check in self.checks)
 
-
-class _TrialBody:
-    """A model and its state, by the names of a robot."""
+class _TrialBody(MujocoBody):
+    """A robot in the model of a file, driven through the file's motors."""
 
     def __init__(self, robot: Robot, model: Any, root: str) -> None:
-        self._mujoco = mujoco_library()
-        self._model, self.data = model, self._mujoco.MjData(model)
-        self._robot = robot
-        free = int(model.body_jntadr[model.body(root).id])
-        self._free = int(model.jnt_qposadr[free])
-        self._joints = {name: model.joint(name) for name in robot.moving_joint_names}
+        super().__init__(robot, copy(model), root)  # the harness sets a flag of its own
         self._order = [int(model.actuator(name).id) for name in robot.actuators]
-        self._followers = _loose_followers(robot, model, self._order)
-        self._steps = max(1, round(TICK_S / float(model.opt.timestep)))
-
-    def place(self, q: Array, height: float) -> None:
-        """Put it at rest at q (nq,), its root link at a height, m."""
-        half = 0.5 * math.atan2(q[3], q[2])
-        self._mujoco.mj_resetData(self._model, self.data)
-        self.data.qpos[self._free : self._free + 7] = (
-            q[0], q[1], height, math.cos(half), 0.0, 0.0, math.sin(half)
-        )  # fmt: skip
-        for name, joint in self._joints.items():
-            self.data.qpos[int(joint.qposadr[0])] = self._robot.joint_position(q, name)
-        self._mujoco.mj_forward(self._model, self.data)
+        joint = self.mujoco.mjtObj.mjOBJ_JOINT
+        tied = {self.mujoco.mj_id2name(model, joint, int(index)) for index in model.eq_obj1id}
+        self._loose = {  # swivels that no tie holds, and what they weigh about their axes
+            swivel.joint: float(model.dof_M0[self.dofs[swivel.joint]])
+            for swivel in robot.drive.followers
+            if swivel.joint in robot.actuators and swivel.joint not in tied
+        }
 
     def go_home(self) -> None:
         """Put it where the file's keyframe has it.
@@ -98,88 +87,47 @@ class _TrialBody:
         Raises:
             RpctlError: The file has no such keyframe.
         """
-        key = int(self._mujoco.mj_name2id(self._model, self._mujoco.mjtObj.mjOBJ_KEY, HOME))
+        key = int(self.mujoco.mj_name2id(self.mjm, self.mujoco.mjtObj.mjOBJ_KEY, HOME))
         if key < 0:
             raise RpctlError(f'the file has no keyframe "{HOME}" for the robot to start from')
-        self._mujoco.mj_resetDataKeyframe(self._model, self.data, key)
-        self._mujoco.mj_forward(self._model, self.data)
+        self.mujoco.mj_resetDataKeyframe(self.mjm, self.data, key)
+        self.mujoco.mj_forward(self.mjm, self.data)
 
-    def measured(self, names: tuple[str, ...]) -> tuple[Array, Array]:
-        """Return positions and rates of joints."""
-        joints = [self._joints[name] for name in names]
-        places = [float(self.data.qpos[int(joint.qposadr[0])]) for joint in joints]
-        rates = [float(self.data.qvel[int(joint.dofadr[0])]) for joint in joints]
-        return np.array(places), np.array(rates)
-
-    def advance(self, tau: Array) -> None:
-        """Hold efforts (n_act,) for a tick."""
-        self.data.ctrl[self._order] = tau
-        self._hold_followers()
-        with muted():
-            self._mujoco.mj_step(self._model, self.data, nstep=self._steps)
-
-    def _hold_followers(self) -> None:
-        """Turn swivels that no tie holds to where those that they follow have them."""
-        if not self._followers:
-            return
-        steered = [swivel.joint for swivel in self._robot.drive.steered]
-        positions, rates = self.measured(tuple(steered))
-        ahead = positions + AHEAD_S * rates
-        places, later = (
-            follower_positions(self._robot.drive, dict(zip(steered, at.tolist(), strict=True)))
-            for at in (positions, ahead)
-        )
-        for name, (actuator, stiffness, damping) in self._followers.items():
-            (place,), (rate,) = self.measured((name,))
-            wanted = (later[name] - places[name]) / AHEAD_S
-            pull = stiffness * (places[name] - place) + damping * (wanted - rate)
-            self.data.ctrl[actuator] = pull
-
-    def require_finite(self) -> None:
-        """Refuse a motion that left the finite numbers.
+    def advance(self, tau: Array, dt: float) -> None:
+        """Hold efforts (n_act,), N·m or N, for ``dt`` (s).
 
         Raises:
-            DivergedError: It did.
+            DivergedError: The motion left the finite numbers.
         """
-        kinds = self._mujoco.mjtWarning
-        bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
-        finite = np.isfinite(self.data.qpos).all()
-        if not finite or any(self.data.warning[int(kind)].number for kind in bad):
-            raise DivergedError(f"{self._robot.name}: its motion in MuJoCo diverges")
+        self.data.ctrl[self._order] = tau
+        if self._loose:
+            self._hold_loose()
+        with muted():
+            steps = max(1, round(dt / float(self.mjm.opt.timestep)))
+            self.mujoco.mj_step(self.mjm, self.data, nstep=steps)
+        if self.diverged:
+            raise DivergedError(f"{self.robot.name}: its motion in MuJoCo diverges")
+
+    def _hold_loose(self) -> None:
+        """Turn loose swivels to where those that they follow have them, by their own motors."""
+        leaders = {swivel.joint: self.joint(swivel.joint) for swivel in self.robot.drive.steered}
+        at = {name: position for name, (position, _) in leaders.items()}
+        places, slopes = follower_slopes(self.robot.drive, at)
+        for name, inertia in self._loose.items():
+            position, rate = self.joint(name)
+            wanted = sum(slope * leaders[leader][1] for leader, slope in slopes[name].items())
+            gap = FOLLOWER_BANDWIDTH * (places[name] - position) + 2.0 * (wanted - rate)
+            actuator = self._order[self.robot.actuators.index(name)]
+            self.data.ctrl[actuator] = inertia * FOLLOWER_BANDWIDTH * gap
 
     @property
-    def pose(self) -> Array:
+    def stand(self) -> Array:
         """The root link's x, y (m) and heading (rad) from above, height (m) and tilt (rad)."""
-        px, py, pz, w, x, y, z = self.data.qpos[self._free : self._free + 7]
-        turn = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        tilt = math.acos(min(1.0, max(-1.0, 1.0 - 2.0 * (x * x + y * y))))
-        return np.array([px, py, turn, pz, tilt])
-
-
-def _loose_followers(
-    robot: Robot, model: Any, order: list[int]
-) -> dict[str, tuple[int, float, float]]:
-    """Return the swivels whose motors must hold them: actuator, stiffness and damping of each."""
-    mujoco, found = mujoco_library(), {}
-    tied = {
-        mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(joint)) for joint in model.eq_obj1id
-    }
-    for swivel in robot.drive.followers:
-        if swivel.joint in robot.actuators and swivel.joint not in tied:
-            inertia = float(model.dof_M0[int(model.joint(swivel.joint).dofadr[0])])
-            actuator = order[robot.actuators.index(swivel.joint)]
-            stiffness = inertia * FOLLOWER_BANDWIDTH**2
-            found[swivel.joint] = actuator, stiffness, 2.0 * inertia * FOLLOWER_BANDWIDTH
-    return found
+        return np.array([*self.planar, self.pose[2], self.tilt])
 
 
 def settle(robot: Robot, model: Any, root: str) -> tuple[Array, Array]:
     """Return how a robot stands at its home posture, settled in its contacts.
-
-    Args:
-        robot: The robot.
-        model: ``MjModel``.
-        root: The body of the root link.
 
     Returns:
         ``qpos`` (nq,), and the controls (n_act,) that hold it, N·m or N.
@@ -188,18 +136,14 @@ def settle(robot: Robot, model: Any, root: str) -> tuple[Array, Array]:
         DivergedError: It does not come to rest.
     """
     body, rest = _TrialBody(robot, model, root), _at_rest(ReducedDynamics(robot))
-    body.place(rest.q[0], -robot.drive.ground)
+    body.put(rest.q[0], -robot.drive.ground)
+    body.mujoco.mj_forward(body.mjm, body.data)
     _stand(body, rest, SETTLING_S)
-    return np.array(body.data.qpos), rest.tau[0]
+    return np.array(body.data.qpos), rest.hold
 
 
 def run_on_ground(robot: Robot, model: Any, root: str) -> GroundTrial:
     """Let an exported model stand and roll, from its home, and compare it with the reduced model.
-
-    Args:
-        robot: The robot.
-        model: ``MjModel`` of the file.
-        root: The body of the root link.
 
     Raises:
         DivergedError: MuJoCo's motion diverges.
@@ -209,9 +153,9 @@ def run_on_ground(robot: Robot, model: Any, root: str) -> GroundTrial:
     plan, skipped = _plan(dynamics, find_contacts(dynamics))
     body, rest = _TrialBody(robot, model, root), _at_rest(dynamics)
     body.go_home()
-    first = body.pose
+    first = body.stand
     _stand(body, rest, STANDING_S)
-    checks = _standing_rows(first, body.pose)
+    checks = _standing_rows(first, body.stand)
     notes = tuple(tilt_note(float(first[4])))
     if plan is not None:
         rolling, scrubs = _crowned(model, robot)
@@ -261,32 +205,13 @@ def _plan(
 
 def _at_rest(dynamics: ReducedDynamics) -> ContactPlan:
     """Return the plan of a robot that stays at its home posture."""
-    robot = dynamics.robot
-    q, still = start(robot), np.zeros(robot.dof)
-    try:
-        hold = dynamics.efforts(q, dynamics.inverse(q, still, still))
-    except ActuationError:  # what nothing drives hangs as it likes
-        hold = np.zeros(len(robot.actuators))
-    own = [name for name in robot.actuators if name in robot.quasi_velocities]
-    columns = [robot.quasi_velocities.index(name) for name in own]
-    felt = np.linalg.inv(np.linalg.inv(dynamics.inertia(q))[np.ix_(columns, columns)])
-    places = np.array([robot.joint_position(q, name) for name in own])
-    return ContactPlan(
-        q=q[None],
-        v=np.zeros((1, robot.nv)),
-        tau=hold[None],
-        servoed=tuple(robot.actuators.index(name) for name in own),
-        names=tuple(own),
-        targets=(places[None], np.zeros((1, len(own)))),
-        inertia=felt[None],
-    )
+    return rest_plan(dynamics, start(dynamics.robot))
 
 
 def _stand(body: _TrialBody, rest: ContactPlan, duration: float) -> None:
     """Let it stand for a while (s)."""
     for _ in range(round(duration / TICK_S)):
-        body.advance(rest.efforts(0, *body.measured(rest.names)))
-        body.require_finite()
+        rest.drive(body, 0)
 
 
 def _standing_rows(first: Array, last: Array) -> list[Gap]:
@@ -301,28 +226,22 @@ def _standing_rows(first: Array, last: Array) -> list[Gap]:
 
 def _motion_rows(dynamics: ReducedDynamics, body: _TrialBody, plan: ContactPlan) -> list[Gap]:
     """Return the rows of the gentle motion, from where the robot stands."""
-    robot, poses = dynamics.robot, [body.pose]
-    index = [robot.velocity_index(name) for name in plan.names]
-    q, nu, apart = plan.q[0].copy(), np.zeros(robot.dof), [np.zeros(2)]
-    write_root(q, *poses[0][:3])
-    start_joints = body.measured(plan.names)[0]
-    for name, place in zip(plan.names, start_joints.tolist(), strict=True):
-        robot.set_joint(q, name, place)
+    model, poses, apart = ReducedRobot(dynamics, plan.q[0]), [body.planar], [np.zeros(2)]
+    write_root(model.q, *poses[0])
+    places, _ = body.measured(plan.names)
+    for name, place in zip(plan.names, places.tolist(), strict=True):
+        dynamics.robot.set_joint(model.q, name, place)
     for tick in range(len(plan.tau)):
-        body.advance(plan.efforts(tick, *body.measured(plan.names)))
-        body.require_finite()
-        at = np.array([robot.joint_position(q, name) for name in plan.names])
-        tau = plan.efforts(tick, at, (dynamics.basis(q) @ nu)[index])
-        q, nu, *_ = step(dynamics, q, nu, tau, TICK_S)
-        pose = body.pose
-        x, y, turn = read_root(q)
+        plan.drive(body, tick)
+        plan.drive(model, tick)
+        pose, (x, y, turn) = body.planar, read_root(model.q)
         away = math.hypot(pose[0] - x, pose[1] - y)
         apart.append(np.array([away, abs(math.remainder(pose[2] - turn, 2.0 * math.pi))]))
         poses.append(pose)
     way = travelled(np.array(poses))
     turned = float(np.abs(np.diff(np.array(poses)[:, 2])).sum())
     far, off = np.array(apart).max(axis=0).tolist()
-    wide = ROLLER_BANDS if has_rollers(robot) else 1.0
+    wide = ROLLER_BANDS if has_rollers(dynamics.robot) else 1.0
     return [
         _gap("path", far, wide * (PATH_BAND * way + PATH_FLOOR_M), "m"),
         _gap("heading", off, wide * (HEADING_BAND * turned + HEADING_FLOOR), "rad"),

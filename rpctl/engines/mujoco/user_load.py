@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from lxml import etree
 
-from rpctl.arrays import Array
-from rpctl.description import mesh_files
-from rpctl.description.mesh_hulls import Hull, convex_hull
-from rpctl.description.mesh_paths import MeshError
-from rpctl.description.records import Joint, Link, Shape
+from rpctl.description.meshes import reading as mesh_files
+from rpctl.description.meshes.paths import MeshError
+from rpctl.description.meshes.reading import Hull, convex_hull
+from rpctl.description.records import Joint, Shape
+from rpctl.engines.edited_urdf import urdf_inertial, urdf_numbers, urdf_origin
 from rpctl.engines.engine import EngineFault
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.robot.model import Robot
@@ -134,7 +133,8 @@ def _urdf(robot: Robot) -> tuple[str, Mapping[str, bytes], tuple[str, ...]]:
     assets: dict[str, bytes] = {}
     for link in robot.description.links:
         element = etree.SubElement(root, "link", name=PREFIX + link.name)
-        _add_inertial(element, link)
+        if link.mass is not None:
+            element.append(urdf_inertial(link.mass, link.com, link.inertia))
         for k, shape in enumerate(link.collisions):
             if not _add_collision(element, robot, geom_name(link.name, k), shape, assets):
                 lost.append(link.name)
@@ -142,16 +142,6 @@ def _urdf(robot: Robot) -> tuple[str, Mapping[str, bytes], tuple[str, ...]]:
         _add_joint(root, robot, joint)
     notes = [f"meshes of {', '.join(lost)} cannot be read, and are left out"] if lost else []
     return str(etree.tostring(root, encoding="unicode")), assets, tuple(notes)
-
-
-def _add_inertial(element: Any, link: Link) -> None:
-    if link.mass is None:
-        return
-    inertial = etree.SubElement(element, "inertial")
-    etree.SubElement(inertial, "origin", xyz=_words(link.com))
-    etree.SubElement(inertial, "mass", value=repr(float(link.mass)))
-    rows = {f"i{'xyz'[i]}{'xyz'[j]}": link.inertia[i, j] for i in range(3) for j in range(i, 3)}
-    etree.SubElement(inertial, "inertia", {name: repr(float(v)) for name, v in rows.items()})
 
 
 def _add_collision(
@@ -166,11 +156,11 @@ def _add_collision(
         file = f"mesh{len(assets)}.stl"
         assets[file], geometry = content, {"filename": file}
     elif shape.kind == "box":
-        geometry = {"size": _words(shape.size)}
+        geometry = {"size": urdf_numbers(shape.size)}
     else:
         geometry = dict(zip(("radius", "length"), map(repr, shape.size), strict=False))
     collision = etree.SubElement(element, "collision", name=name)
-    _add_origin(collision, shape.origin)
+    collision.append(urdf_origin(shape.origin))
     etree.SubElement(etree.SubElement(collision, "geometry"), shape.kind, geometry)
     return True
 
@@ -183,10 +173,10 @@ def _add_joint(root: Any, robot: Robot, joint: Joint) -> None:
     element = etree.SubElement(root, "joint", name=joint.name, type=kind)
     etree.SubElement(element, "parent", link=PREFIX + joint.parent)
     etree.SubElement(element, "child", link=PREFIX + joint.child)
-    _add_origin(element, joint.motion(robot.locked[joint.name]) if locked else joint.origin)
+    element.append(urdf_origin(joint.motion(robot.locked[joint.name]) if locked else joint.origin))
     if not moving:
         return
-    etree.SubElement(element, "axis", xyz=_words(joint.axis))
+    etree.SubElement(element, "axis", xyz=urdf_numbers(joint.axis))
     etree.SubElement(
         element, "dynamics", damping=repr(joint.damping), friction=repr(joint.friction)
     )
@@ -197,15 +187,6 @@ def _add_joint(root: Any, robot: Robot, joint: Joint) -> None:
         numbers = {"multiplier": joint.mimic.multiplier, "offset": joint.mimic.offset}
         words = {name: repr(v) for name, v in numbers.items()}
         etree.SubElement(element, "mimic", {"joint": joint.mimic.joint, **words})
-
-
-def _add_origin(element: Any, pose: Array) -> None:
-    rpy = pin.rpy.matrixToRpy(np.ascontiguousarray(pose[:3, :3]))
-    etree.SubElement(element, "origin", xyz=_words(pose[:3, 3]), rpy=_words(rpy))
-
-
-def _words(values: Any) -> str:
-    return " ".join(repr(float(value)) for value in values)
 
 
 def _hull_file(robot: Robot, shape: Shape) -> bytes | None:

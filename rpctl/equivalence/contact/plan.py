@@ -9,7 +9,9 @@ motors of swivels that follow others push as planned, for what ties them holds t
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -17,8 +19,9 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
 from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
+from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError
+from rpctl.errors import ActuationError, RpctlError
 from rpctl.robot.model import Robot
 
 DURATION_S = 2.0  # s
@@ -40,18 +43,28 @@ PACES = tuple(0.5**k for k in range(5))  # of SPEED and TURN, the fastest gentle
 SERVO_BANDWIDTH = 80.0  # rad/s of the servo, critically damped: stiffer than arms hang by gravity
 
 
+@dataclass(frozen=True)
 class Course:
     """How a motion runs with time: speeds rise to their size, the rest moves by it and stops.
 
     Attributes:
         duration: s.
         tick: How long efforts are held, s.
-        peak: Largest rate of what moves and stops, over its stroke, 1/s.
+        rise: Share of the duration in which speeds rise.
+        pulse: Share of it, in its middle, in which the rest moves.
+        lost: Share of their size that speeds lose again at the end, within as long as they rise.
     """
 
-    duration = DURATION_S
-    tick = TICK_S
-    peak = 2.0 / DURATION_S
+    duration: float = DURATION_S
+    tick: float = TICK_S
+    rise: float = 1.0
+    pulse: float = 1.0
+    lost: float = 0.0
+
+    @property
+    def peak(self) -> float:
+        """Largest rate of what moves and stops, over its stroke, 1/s."""
+        return 2.0 / (self.pulse * self.duration)
 
     def speeds(self, t: float, size: Array, rising: Array) -> tuple[Array, Array]:
         """Return ν and ν̇ (dof,) at a time.
@@ -61,18 +74,70 @@ class Course:
             size: Speeds (m/s) of what rises, strokes of what moves and stops (dof,).
             rising: What rises (dof,), true or false.
         """
-        w = math.pi / DURATION_S
-        rise = 0.5 * (1.0 - math.cos(w * t)), 0.5 * w * math.sin(w * t)
-        pulse = (
-            (1.0 - math.cos(2.0 * w * t)) / DURATION_S,
-            2.0 * w * math.sin(2.0 * w * t) / DURATION_S,
-        )
-        nu, nu_dot = (size * np.where(rising, a, b) for a, b in zip(rise, pulse, strict=True))
+        length, moving = self.rise * self.duration, self.pulse * self.duration
+        up, up_rate = _rise(t, length)
+        down, down_rate = _rise(t - (self.duration - length), length)
+        speed = up - self.lost * down, up_rate - self.lost * down_rate
+        pulse = _pulse(t - 0.5 * (self.duration - moving), moving)
+        nu, nu_dot = (size * np.where(rising, a, b) for a, b in zip(speed, pulse, strict=True))
         return nu, nu_dot
+
+
+def _rise(t: float, length: float) -> tuple[float, float]:
+    """Return a rise from 0 to 1 within a length of time (s), and its rate."""
+    if not 0.0 < t < length:
+        return float(t >= length), 0.0
+    w = math.pi / length
+    return 0.5 * (1.0 - math.cos(w * t)), 0.5 * w * math.sin(w * t)
+
+
+def _pulse(t: float, length: float) -> tuple[float, float]:
+    """Return a pulse of area 1 within a length of time (s), and its rate."""
+    if not 0.0 < t < length:
+        return 0.0, 0.0
+    w = 2.0 * math.pi / length
+    return (1.0 - math.cos(w * t)) / length, w * math.sin(w * t) / length
 
 
 class NotGentle(RpctlError):
     """No motion is gentle: there is nothing to compare."""
+
+
+class DrivenRobot(Protocol):
+    """A robot that efforts move, whoever computes how."""
+
+    def measured(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """Return positions (n,), rad or m, and rates (n,) of joints."""
+
+    def advance(self, tau: Array, dt: float) -> object:
+        """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
+
+
+class ReducedRobot:
+    """The reduced model as a robot that is driven, at rest at the start.
+
+    Args:
+        dynamics: The reduced dynamics.
+        q: Where it starts (nq,).
+
+    Attributes:
+        q: Configuration now (nq,).
+        nu: Quasi-velocities now (dof,).
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, q: Array) -> None:
+        self.dynamics, self.robot = dynamics, dynamics.robot
+        self.q, self.nu = q.copy(), np.zeros(dynamics.robot.dof)
+
+    def measured(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """Return positions (n,), rad or m, and rates (n,) of joints."""
+        at = np.array([self.robot.joint_position(self.q, name) for name in names])
+        v = self.dynamics.basis(self.q) @ self.nu
+        return at, v[[self.robot.velocity_index(name) for name in names]]
+
+    def advance(self, tau: Array, dt: float) -> None:
+        """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
+        self.q, self.nu, *_ = step(self.dynamics, self.q, self.nu, tau, dt)
 
 
 @dataclass(frozen=True)
@@ -83,6 +148,7 @@ class ContactPlan:
         q: Configurations (n + 1, nq), TICK apart.
         v: Velocities (n + 1, nv).
         tau: Efforts (n, n_act) that it takes, N·m or N; of wheels those that they get.
+        hold: Efforts (n_act,) that hold the robot where it starts, N·m or N.
         servoed: Actuators (indices) with a servo.
         names: Their joints.
         targets: Their positions (n + 1, n_held) and rates (n + 1, n_held).
@@ -93,6 +159,7 @@ class ContactPlan:
     q: Array
     v: Array
     tau: Array
+    hold: Array
     servoed: tuple[int, ...]
     names: tuple[str, ...]
     targets: tuple[Array, Array]
@@ -111,13 +178,23 @@ class ContactPlan:
             rates: rad/s or m/s.
             planned: Efforts (n_act,) instead of the plan's.
         """
-        tau = np.array(self.tau[min(tick, len(self.tau) - 1)] if planned is None else planned)
+        if planned is None:
+            planned = self.hold if tick < 0 else self.tau[min(tick, len(self.tau) - 1)]
+        tau = np.array(planned)
         tick = max(tick, 0)
         if self.servoed:
             gap, slower = self.targets[0][tick] - positions, self.targets[1][tick] - rates
             gap = (gap + math.pi) % (2.0 * math.pi) - math.pi  # an angle read in (−π, π]
             push = SERVO_BANDWIDTH * (SERVO_BANDWIDTH * gap + 2.0 * slower)
             tau[list(self.servoed)] += self.inertia[tick] @ push
+        return tau
+
+    def drive(
+        self, robot: DrivenRobot, tick: int, dt: float = TICK_S, planned: Array | None = None
+    ) -> Array:
+        """Let a robot do a tick of ``dt`` (s), its servo on what is measured; return efforts."""
+        tau = self.efforts(tick, *robot.measured(self.names), planned)
+        robot.advance(tau, dt)
         return tau
 
 
@@ -142,6 +219,39 @@ def plan_motion(
         if not reason:
             return plan
     raise NotGentle(f"even {PACES[-1] * TOP_SPEED:.2g} m/s is not gentle: {reason}")
+
+
+def _hold(dynamics: ReducedDynamics, q: Array) -> Array:
+    """Return the efforts (n_act,) that hold a robot at q (nq,)."""
+    still = np.zeros(dynamics.robot.dof)
+    return dynamics.efforts(q, dynamics.inverse(q, still, still))
+
+
+def rest_plan(dynamics: ReducedDynamics, q: Array) -> ContactPlan:
+    """Return the plan of a robot that stays at q (nq,)."""
+    robot = dynamics.robot
+    try:
+        hold = _hold(dynamics, q)
+    except ActuationError:  # what nothing drives hangs as it likes
+        hold = np.zeros(len(robot.actuators))
+    servoed = _servoed(robot)
+    names = tuple(robot.actuators[k] for k in servoed)
+    places = np.array([robot.joint_position(q, name) for name in names])
+    return ContactPlan(
+        q=q[None],
+        v=np.zeros((1, robot.nv)),
+        tau=hold[None],
+        hold=hold,
+        servoed=servoed,
+        names=names,
+        targets=(places[None], np.zeros((1, len(names)))),
+        inertia=felt_inertia(dynamics, q, names)[None],
+    )
+
+
+def _servoed(robot: Robot) -> tuple[int, ...]:
+    """Return the actuators (indices) whose joints' rates are quasi-velocities."""
+    return tuple(k for k, name in enumerate(robot.actuators) if name in robot.quasi_velocities)
 
 
 def start(robot: Robot) -> Array:
@@ -170,7 +280,7 @@ def _plan_at_pace(dynamics: ReducedDynamics, course: Course, pace: float) -> Con
         tau.append(dynamics.efforts(ahead, dynamics.inverse(ahead, nu, nu_dot)))
         q.append(pin.integrate(robot.model, q[-1], tick_s * velocity))
         v.append(dynamics.basis(q[-1]) @ course.speeds((tick + 1) * tick_s, size, rising)[0])
-    servoed = tuple(k for k, n in enumerate(robot.actuators) if n in robot.quasi_velocities)
+    servoed = _servoed(robot)
     names = tuple(robot.actuators[k] for k in servoed)
     index = [robot.velocity_index(name) for name in names]
     positions = np.array([[robot.joint_position(at, name) for name in names] for at in q])
@@ -179,6 +289,7 @@ def _plan_at_pace(dynamics: ReducedDynamics, course: Course, pace: float) -> Con
         q=np.array(q),
         v=np.array(v),
         tau=np.array(tau),
+        hold=_hold(dynamics, q[0]),
         servoed=servoed,
         names=names,
         targets=(positions.reshape(len(q), len(names)), rates),

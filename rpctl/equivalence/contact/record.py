@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.equivalence.row import Check
+from rpctl.equivalence.check import Check
 
 JSON_STRIDE = 2  # samples between two points of the paths that JSON keeps: a hundred over a trial
 SMALL_UNITS = {"m": "mm", "rad": "mrad"}  # gaps are thousandths of them

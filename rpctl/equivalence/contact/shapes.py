@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description import mesh_files
-from rpctl.description.mesh_paths import MeshError, MeshPaths
+from rpctl.description.meshes import reading as mesh_files
+from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.records import Joint, Shape
 from rpctl.drive.drive import Wheel
-from rpctl.dynamics.supports import Supports
+from rpctl.dynamics.stance import Supports
 from rpctl.robot.model import Robot
 
 MAX_AXIS_SINE = (
@@ -54,7 +54,7 @@ def tyre(robot: Robot, wheel: Wheel) -> Tyre:
     joint = robot.description.joint[wheel.joint]
     drawn = max(_treads(robot, joint), key=lambda found: found.radius, default=None)
     if drawn is None:
-        pose = _about(joint.axis)
+        pose = about(joint.axis)
         pose[:3, 3] = wheel.offset * np.array(wheel.axis)
         note = f"{wheel.joint} draws no wheel: its radius and centre are the drive's"
         return Tyre(joint.child, pose, wheel.radius, MIN_HALF_WIDTH_M, note)
@@ -110,7 +110,7 @@ def _mesh_tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre 
     except MeshError:
         return None
     points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
-    pose = _about(axis)
+    pose = about(axis)
     points = (points @ shape.origin[:3, :3].T + shape.origin[:3, 3]) @ pose[:3, :3]
     low, high = points.min(axis=0), points.max(axis=0)
     pose[:3, 3] = 0.5 * (low[2] + high[2]) * axis
@@ -118,7 +118,15 @@ def _mesh_tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre 
     return Tyre(link, pose, radius, max(0.5 * float(high[2] - low[2]), MIN_HALF_WIDTH_M))
 
 
-def _about(axis: Array) -> Array:
+def geom_size(shape: Shape) -> list[float]:
+    """Return a URDF shape's size as MuJoCo counts it: half edges, half lengths; three numbers."""
+    if shape.kind == "box":
+        return [0.5 * edge for edge in shape.size]
+    radius, *length = shape.size
+    return [radius, 0.5 * length[0] if length else 0.0, 0.0]
+
+
+def about(axis: Array) -> Array:
     """Return a pose (4, 4) at the origin whose z axis is ``axis`` (3,)."""
     across = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
     across /= math.sqrt(across @ across)

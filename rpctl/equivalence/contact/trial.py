@@ -8,32 +8,129 @@ forces and the efforts of steered and arm joints must agree within bands.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, find_contacts, ground_reaction
-from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.contact.comparison import caster_names, gaps, rolling_casters
-from rpctl.equivalence.contact.model import STEP_S, ContactModel
-from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, plan_motion
-from rpctl.equivalence.contact.record import ContactMotion, ContactTrial
+from rpctl.equivalence.check import CONTACT_ORACLE, Skipped
+from rpctl.equivalence.contact.model import ContactModel
+from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, ReducedRobot, plan_motion
+from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap, travelled
 from rpctl.equivalence.mujoco_model import EngineRefused
-from rpctl.equivalence.row import CONTACT_ORACLE, Skipped
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import without_losses
 
+# What soft contacts and steps of .5 ms leave of the catalogue, at worst: 0.8 mm over 1.1 m,
+# 0.6 mrad over 0.8 rad, 0.04 % of the weight, 0.03 % of the span, 0.15 % of the efforts, 1 mrad of
+# a caster. The bands are three to fifteen times that, and a fault of a few percent breaks them.
+PATH_BAND, PATH_BAND_FLOOR_M = 2.5e-3, 1e-3  # of the distance travelled; m
+HEADING_BAND, HEADING_BAND_FLOOR = 2.5e-3, 1e-3  # of the angle turned; rad
+LOAD_BAND = 5e-3  # of the weight
+ZMP_BAND = 5e-3  # of the distance between the outermost contacts
+EFFORT_BAND = 0.01  # of the largest effort of its kind, N or N·m
+EFFORT_BAND_FLOOR = (
+    1e-6  # of the weight, and of its moment over the outermost contacts: soft contacts
+)
+CASTER_BAND = 0.02  # rad: a caster turns by as much in a millimetre of its way
+MIN_CASTER_LOAD = 0.01  # of the weight: a caster that bears less does not roll
+AXES = ("x", "y", "z")
 CHECK_NAME = "motion on the ground"
 SETTLING_S = 0.3  # s in which the robot sinks into its contacts: 150 of their time constants
 MAX_TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
 TICKS_PER_SAMPLE = 5  # ticks between two samples
 
 Row = tuple[Array, ...]  # of Motion's arrays
+
+
+def gaps(
+    robot: Robot,
+    contacts: Contacts,
+    joints: Sequence[str],
+    reduced: ContactMotion,
+    engine: ContactMotion,
+) -> Iterator[Gap]:
+    """Yield the rows of a trial."""
+    weight, span = _weight(robot), _span(contacts)
+    turned = float(np.abs(np.diff(engine.pose[:, 2])).sum())
+    apart = np.hypot(*(reduced.pose - engine.pose)[:, :2].T)[:, None]
+    way = PATH_BAND * travelled(engine.pose) + PATH_BAND_FLOOR_M
+    yield _gap("path", apart, way, "m")
+    turn = _wrapped(reduced.pose[:, 2:] - engine.pose[:, 2:])
+    yield _gap("heading", turn, HEADING_BAND * turned + HEADING_BAND_FLOOR, "rad")
+    yield _gap("force of the ground", reduced.force - engine.force, LOAD_BAND * weight, "N", AXES)
+    # Seen from each side's own root link: where the robot is, is the path's row.
+    balance = (reduced.zmp - reduced.pose[:, :2]) - (engine.zmp - engine.pose[:, :2])
+    yield _gap("zero-moment point", balance, ZMP_BAND * span, "m", AXES)
+    if contacts.determinate:
+        load = reduced.load - engine.load
+        yield _gap("wheel loads", load, LOAD_BAND * weight, "N", contacts.names)
+    slides = np.array([robot.description.joint[name].kind == "prismatic" for name in joints], bool)
+    for label, unit, kind, reach in (
+        ("forces", "N", slides, weight),
+        ("torques", "N·m", ~slides, weight * span),
+    ):
+        if kind.any():
+            names = [name for name, one in zip(joints, kind, strict=True) if one]
+            largest = float(np.abs(engine.efforts[:, kind]).max())
+            effort = (reduced.efforts - engine.efforts)[:, kind]
+            band = EFFORT_BAND * largest + EFFORT_BAND_FLOOR * reach
+            yield _gap(f"joint {label}", effort, band, unit, names)
+    rolling = rolling_casters(robot, contacts, engine)
+    if rolling:
+        swung = _wrapped(reduced.casters - engine.casters)[:, list(rolling.values())]
+        yield _gap("casters", swung, CASTER_BAND, "rad", list(rolling))
+
+
+def caster_names(robot: Robot) -> list[str]:
+    """Return the swivels of ``Motion.casters``."""
+    return [swivel.joint for swivel in robot.drive.swivels if swivel.role == "caster"]
+
+
+def rolling_casters(robot: Robot, contacts: Contacts, engine: ContactMotion) -> dict[str, int]:
+    """Return the casters that bear a load all the while, with their columns.
+
+    Args:
+        robot: The robot.
+        contacts: Its contacts with the ground, wheels first.
+        engine: What the engine's robot did, loads (K, n_contacts) in N included.
+    """
+    least, kept = MIN_CASTER_LOAD * _weight(robot), {}
+    swivels = {swivel.joint: swivel for swivel in robot.drive.swivels}
+    for column, name in enumerate(caster_names(robot)):
+        wheels = list(robot.drive.carried(swivels[name]))
+        if engine.load[:, wheels].sum(axis=1).min() > least:
+            kept[name] = column
+    return kept
+
+
+def _weight(robot: Robot) -> float:
+    return robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+
+
+def _span(contacts: Contacts) -> float:
+    points = contacts.points
+    return float(np.hypot(*(points[:, None] - points[None]).T).max())
+
+
+def _wrapped(angles: Array) -> Array:
+    """Return differences of angles in (−π, π]; NaN stays NaN."""
+    return np.asarray(np.arctan2(np.sin(angles), np.cos(angles)))
+
+
+def _gap(name: str, gap: Array, band: float, unit: str, entries: Sequence[str] = ("",)) -> Gap:
+    """Return the row of gaps (n, n_entries); one that is no number is infinite."""
+    size = np.where(np.isfinite(gap), np.abs(gap), np.inf)
+    at, entry = divmod(int(size.argmax()), size.shape[1])
+    largest = float(size[at, entry])
+    residual = largest / band if band > 0.0 else math.inf
+    where = {"sample": at, "entry": entries[entry]}
+    return Gap(name, CONTACT_ORACLE, residual, 1.0, **where, gap=largest, band=band, unit=unit)
 
 
 def contact_trial(robot: Robot) -> ContactTrial | Skipped:
@@ -59,7 +156,7 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
         plan, model = plan_motion(dynamics, contacts), ContactModel(robot)
     except (NotGentle, ActuationError, SingularBasisError, EngineRefused) as reason:
         return Skipped(CHECK_NAME, CONTACT_ORACLE, str(reason))
-    engine = _motion(list(_engine_rows(dynamics, contacts, plan, model)))
+    engine = _motion(_engine_rows(dynamics, plan, model))
     reduced = _motion(_reduced_rows(dynamics, contacts, plan, engine.pose[0]))
     times: Array = TICKS_PER_SAMPLE * TICK_S * np.arange(len(engine.pose), dtype=float)
     times.setflags(write=False)
@@ -82,77 +179,49 @@ def _motion(rows: list[Row]) -> ContactMotion:
     return ContactMotion(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _engine_rows(
-    dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan, model: ContactModel
-) -> Iterator[Row]:
-    """Yield what MuJoCo does, from where the robot has settled."""
-    robot, still = dynamics.robot, np.zeros(dynamics.robot.dof)
-    casters = caster_names(robot)
-    order = [model.names.index(name) for name in contacts.names]
-    hold = dynamics.efforts(plan.q[0], dynamics.inverse(plan.q[0], still, still))
+def _engine_rows(dynamics: ReducedDynamics, plan: ContactPlan, model: ContactModel) -> list[Row]:
+    """Return what MuJoCo does, from where the robot has settled."""
+    casters = caster_names(dynamics.robot)
     model.start(plan.q[0])
-    for tick in range(-round(SETTLING_S / TICK_S), len(plan.tau) + 1):
-        measured = np.array([model.joint(name) for name in plan.names]).reshape(-1, 2)
-        planned = hold if tick < 0 else None
-        tau = plan.efforts(tick, measured[:, 0], measured[:, 1], planned)
-        pose, caster_angles = model.pose, np.array([model.joint(name)[0] for name in casters])
-        ground = model.advance(dict(zip(robot.actuators, tau, strict=True)), round(TICK_S / STEP_S))
-        if tick >= 0 and tick % TICKS_PER_SAMPLE == 0:
-            yield (
-                pose,
-                ground.load[order],
-                ground.force,
-                ground.zmp,
-                tau[list(plan.servoed)],
-                caster_angles,
-            )
+    for _ in range(round(SETTLING_S / TICK_S)):
+        plan.drive(model, -1)
+    rows: list[Row] = []
+    for tick in range(len(plan.tau) + 1):
+        pose, (swung, _) = model.planar, model.measured(casters)
+        tau = plan.drive(model, tick)
+        if tick % TICKS_PER_SAMPLE == 0:
+            ground, efforts = model.ground, tau[list(plan.servoed)]
+            rows.append((pose, ground.load, ground.force, ground.zmp, efforts, swung))
+    return rows
 
 
 def _reduced_rows(
     dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan, pose: Array
 ) -> list[Row]:
-    """Return what the reduced model does.
+    """Return what the reduced model does from a pose (3,) of the root link, at rest.
 
     A wrong model may run into a posture that is singular; from there on its rows are NaN.
     """
-    rows: list[Row] = []
+    model, rows = ReducedRobot(dynamics, plan.q[0]), list[Row]()
+    casters = caster_names(dynamics.robot)
+    write_root(model.q, *pose)
     try:
-        rows.extend(_stepped_rows(dynamics, contacts, plan, pose))  # rows before an error stay
+        for tick in range(len(plan.tau) + 1):
+            q, nu, (swung, _) = model.q, model.nu, model.measured(casters)
+            tau = plan.efforts(tick, *model.measured(plan.names))
+            if tick % TICKS_PER_SAMPLE == 0:
+                ground, efforts = (
+                    ground_reaction(dynamics, contacts, q, nu, tau),
+                    tau[list(plan.servoed)],
+                )
+                place = np.array(read_root(q))
+                rows.append((place, ground.load, ground.force, ground.zmp, efforts, swung))
+            model.advance(tau, TICK_S)
     except RpctlError:
         if not rows:
             raise
     lost = tuple(np.full_like(part, np.nan) for part in rows[0])
     return rows + [lost] * (1 + len(plan.tau) // TICKS_PER_SAMPLE - len(rows))
-
-
-def _stepped_rows(
-    dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan, pose: Array
-) -> Iterator[Row]:
-    """Yield what the reduced model does from a pose (3,) of the root link, at rest."""
-    robot = dynamics.robot
-    index = [robot.velocity_index(name) for name in plan.names]
-    q, nu = plan.q[0].copy(), np.zeros(robot.dof)
-    write_root(q, *pose)
-    for tick in range(len(plan.tau) + 1):
-        at = np.array([robot.joint_position(q, name) for name in plan.names])
-        tau = plan.efforts(tick, at, (dynamics.basis(q) @ nu)[index])
-        if tick % TICKS_PER_SAMPLE == 0:
-            yield _reduced_row(dynamics, contacts, plan, (q, nu, tau))
-        q, nu, *_ = rk4_step(dynamics, q, nu, tau, TICK_S)
-
-
-def _reduced_row(
-    dynamics: ReducedDynamics,
-    contacts: Contacts,
-    plan: ContactPlan,
-    state: tuple[Array, Array, Array],
-) -> Row:
-    """Return a row of :class:`ContactMotion` at q, ν and τ."""
-    robot, (q, nu, tau) = dynamics.robot, state
-    ground = ground_reaction(dynamics, contacts, q, nu, tau)
-    pose = np.array(read_root(q))
-    caster_angles = np.array([robot.joint_position(q, name) for name in caster_names(robot)])
-    return pose, ground.load, ground.force, ground.zmp, tau[list(plan.servoed)], caster_angles
 
 
 def tilt_note(tilt: float) -> Iterator[str]:

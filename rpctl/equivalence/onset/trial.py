@@ -9,14 +9,21 @@ from dataclasses import replace
 
 from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.equivalence.check import CONTACT_ORACLE, Skipped
 from rpctl.equivalence.contact.trial import tilt_note
 from rpctl.equivalence.mujoco_model import EngineRefused
-from rpctl.equivalence.onset.body import PushedBody
-from rpctl.equivalence.onset.manoeuvre import SLIPS, TIPS, Manoeuvre, manoeuvres
-from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, measure
-from rpctl.equivalence.onset.prediction import Predicted, SlipsFirst, natural_size, predict
+from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, PushedBody, measure
+from rpctl.equivalence.onset.prediction import (
+    SLIPS,
+    TIPS,
+    Manoeuvre,
+    Predicted,
+    SlipsFirst,
+    manoeuvres,
+    natural_size,
+    predict,
+)
 from rpctl.equivalence.onset.record import MAX_TILT, NoOnset, Onset, OnsetTrial
-from rpctl.equivalence.row import CONTACT_ORACLE, Skipped
 from rpctl.errors import ActuationError, SingularBasisError
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import without_losses

@@ -1,67 +1,62 @@
-"""Closed loops built, checked against Python's, and kept while they are of use."""
+"""Closed loops as machine code: built once, kept on disk, and checked against Python's.
+
+Building a graph takes as long as a thousand seconds of simulation. A loop that was built before for
+the same robots, structure of laws and sources is read with its code in a few milliseconds.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
+import io
+import pickle
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import casadi
 import numpy as np
 
+from rpctl.arrays import Array
+from rpctl.control.law import Rest, as_efforts, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError
+from rpctl.kernels.cache import cached
+from rpctl.kernels.machine_code import (
+    MachineCode,
+    compile_program,
+    compiler_version,
+    this_processor,
+)
+from rpctl.kernels.program import Buffer, Rows
+from rpctl.reference.motion import ReferenceState
+from rpctl.reference.table import tabulate
+from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.check import require_equal
+from rpctl.simulation.compiled.lanes import Lanes, same_inputs
 from rpctl.simulation.compiled.laws.supported import law_fragment
-from rpctl.simulation.compiled.loop import CompiledLoop, FarBounds, LoopShape, loop_program
-from rpctl.simulation.compiled.machine.code import compile_program
-from rpctl.simulation.compiled.stored_loop import LoopCode, loop_key, stored_loop
+from rpctl.simulation.compiled.loop import CompiledLoop, LoopProgram, LoopShape, loop_program
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config
-from rpctl.simulation.periods import delay_periods
+from rpctl.simulation.loop.periods import delay_periods
+from rpctl.simulation.plants.plant import Plant
+from rpctl.simulation.plants.rolling import advance
 
 MOST_KEPT = 8  # loops of a process: each takes some MB
+EQUAL = 1e-10  # of a quantity's largest entry, or of 1; rounding leaves 1e-13
+STATES, SEED = 3, 20210601
+SPREAD = 0.05  # of positions about home and of speeds, m, rad and their rates
+# Of what a stored loop consists of.
+OWN_MODULES = "rpctl.simulation.compiled.", "rpctl.kernels.", "rpctl.control.law"
+
+_kept: deque[tuple[Robot, Robot, str, CompiledLoop]] = deque(maxlen=MOST_KEPT)
 
 
-def build_loop(
-    known: Robot,
-    simulated: SymbolicDynamics,
-    kinematic: Any,
-    dynamic: Any,
-    shape: LoopShape,
-    lanes: int = 1,
-) -> CompiledLoop:
-    """Return a closed loop as machine code.
-
-    Args:
-        known: The robot that the controller computes with.
-        simulated: Dynamics of the simulated robot.
-        kinematic: The kinematic law.
-        dynamic: The dynamic law.
-        shape: What else is compiled in.
-        lanes: How many runs go side by side.
-    """
-    law = law_fragment(kinematic, dynamic, SymbolicDynamics(known), shape.period)
-    program = loop_program(law, simulated, shape)
-    return CompiledLoop(
-        simulated.robot,
-        simulated.parameters_of(simulated.robot),
-        program,
-        compile_program(program.start, lanes),
-        compile_program(program.sample, lanes),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _BuiltLoop:
-    """A loop that was built, and what it was built for."""
-
-    known: Robot
-    simulated: Robot
-    structure: str
-    loop: CompiledLoop
-
-
-_kept: deque[_BuiltLoop] = deque(maxlen=MOST_KEPT)
+class DiffersError(RpctlError):
+    """A compiled loop does not compute what Python's does."""
 
 
 def compiled_loop(
@@ -79,34 +74,237 @@ def compiled_loop(
     """
     shape = shape_of(known, config)
     structure = repr((shape, config.kinematic, config.dynamic))
-    for kept in _kept:
-        same = kept.known is known.robot and kept.simulated is simulated.robot
-        if same and kept.structure == structure:
-            return kept.loop
-    found = _stored(known.robot, simulated.robot, config, shape)
-    require_equal(found, known, simulated, config)
-    _kept.append(_BuiltLoop(known.robot, simulated.robot, structure, found))
-    return found
+    for *robots, kept_structure, loop in _kept:
+        same = robots[0] is known.robot and robots[1] is simulated.robot
+        if same and kept_structure == structure:
+            return loop
+    loop = build_loop(known.robot, SymbolicDynamics(simulated.robot), config, shape)
+    require_equal(loop, known, simulated, config)
+    _kept.append((known.robot, simulated.robot, structure, loop))
+    return loop
 
 
-def _stored(known: Robot, simulated: Robot, config: Config, shape: LoopShape) -> CompiledLoop:
-    """Return the loop of one lane, from disk if it was ever built."""
-    laws = config.kinematic, config.dynamic
-    key = loop_key(known, simulated, laws, shape)
+def shape_of(
+    known: ReducedDynamics, config: Config, scattered: Iterable[str] = (), folded: bool = False
+) -> LoopShape:
+    """Return what is compiled into the loop of a configuration.
 
-    def build() -> LoopCode:
-        loop = build_loop(known, SymbolicDynamics(simulated), *laws, shape)
-        return LoopCode(loop.program, loop.start, loop.sample)
-
-    return CompiledLoop(simulated, np.zeros(0), *stored_loop(key, 1, build))
-
-
-def shape_of(known: ReducedDynamics, config: Config) -> LoopShape:
-    """Return what is compiled into the loop of a configuration."""
+    Args:
+        known: The robot's dynamics as the controller knows them.
+        config: Laws and circumstances.
+        scattered: Paths of settings that differ from run to run.
+        folded: Whether samples are folded to what merits need, or else logged.
+    """
     run, plant, far = config.run, config.plant, None
     approach = getattr(config.kinematic, "approach", None)
     if approach is not None and approach.stage(known) is not None:
-        far = FarBounds(approach.distance, approach.heading)
-    late = delay_periods(plant.delay, run.control_period)
-    noisy, saturated = bool(plant.noise or plant.sensor_bias), plant.effort != 1.0
-    return LoopShape(run.control_period, run.plant_step, late > 0, noisy, saturated, far)
+        far = approach.distance, approach.heading
+    touched = {".".join(path.split(".")[:2]) for path in scattered}
+    return LoopShape(
+        run.control_period,
+        run.plant_step,
+        delayed=delay_periods(plant.delay, run.control_period) > 0 or "plant.delay" in touched,
+        noisy=bool(plant.noise or plant.sensor_bias)
+        or not touched.isdisjoint(("plant.noise", "plant.sensor_bias")),
+        saturated=plant.effort != 1.0 or "plant.effort" in touched,
+        far=far,
+        folded=folded,
+    )
+
+
+def build_loop(
+    known: Robot, simulated: SymbolicDynamics, config: Config, shape: LoopShape, lanes: int = 1
+) -> CompiledLoop:
+    """Return a closed loop as machine code, from disk if it was ever built.
+
+    Args:
+        known: The robot that the controller computes with.
+        simulated: Dynamics of the simulated robot.
+        config: The laws.
+        shape: What else is compiled in.
+        lanes: How many runs go side by side.
+    """
+    laws: tuple[Any, Any] = config.kinematic, config.dynamic
+
+    def make() -> bytes:
+        law = law_fragment(*laws, SymbolicDynamics(known), shape.period)
+        program = loop_program(law, simulated, shape)
+        codes = [compile_program(each, lanes).code for each in (program.start, program.sample)]
+        file = io.BytesIO()
+        _Pickler(file).dump((program, *codes))
+        return file.getvalue()
+
+    key = loop_key((known, simulated.robot), simulated.varied, laws, shape, lanes)
+    loop: tuple[LoopProgram, bytes, bytes] = _Unpickler(io.BytesIO(cached(key, make))).load()
+    program, start, sample = loop
+    return CompiledLoop(
+        simulated.robot,
+        simulated.parameters_of(simulated.robot),
+        program,
+        MachineCode(program.start, lanes, start),
+        MachineCode(program.sample, lanes, sample),
+    )
+
+
+def loop_key(
+    robots: tuple[Robot, Robot], varied: object, laws: tuple[Any, Any], shape: LoopShape, lanes: int
+) -> bytes:
+    """Return a hash of all that a loop depends on.
+
+    Args:
+        robots: The robot that the controller computes with, and the simulated one.
+        varied: What of the latter is a parameter.
+        laws: The laws.
+        shape: What else is compiled in.
+        lanes: How many runs go side by side.
+    """
+    parts = (
+        (_sources(), casadi.CasadiMeta.version(), compiler_version(), this_processor()),
+        [robot_identity(robot) for robot in robots],
+        (varied, _structure(laws), shape, lanes),
+    )
+    return hashlib.sha256(repr(parts).encode()).digest()
+
+
+def _structure(setting: Any) -> object:
+    """Return what is compiled in of a law: its numbers are inputs, all but whether one is 0."""
+    if isinstance(setting, tuple):
+        return [_structure(each) for each in setting]
+    if dataclasses.is_dataclass(setting):
+        return type(setting).__name__, {k: _structure(x) for k, x in vars(setting).items()}
+    if isinstance(setting, float | int):
+        return bool(setting)
+    return () if isinstance(setting, Mapping) else setting
+
+
+@cache
+def _sources() -> str:
+    """Return what tells the sources of this rpctl from others: sizes and times of its files."""
+    folder = Path(__file__).parents[2]
+    stats = ((file, file.stat()) for file in sorted(folder.rglob("*.py")))
+    told = [(str(f.relative_to(folder)), s.st_size, s.st_mtime_ns) for f, s in stats]
+    return repr((str(folder), told))
+
+
+class _Pickler(pickle.Pickler):
+    """Leaves out CasADi's functions: the machine code does what they say."""
+
+    def persistent_id(self, thing: Any) -> str | None:
+        """Return a mark for a function."""
+        return "function" if type(thing).__module__.startswith("casadi") else None
+
+
+class _Unpickler(pickle.Unpickler):
+    """Makes nothing but what a loop consists of."""
+
+    def persistent_load(self, mark: Any) -> None:
+        """Return nothing in the place of a function."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return a class that a loop has."""
+        if not module.startswith(OWN_MODULES):
+            raise pickle.UnpicklingError(f"a loop has no {module}.{name}")
+        return super().find_class(module, name)
+
+
+def require_equal(
+    compiled: CompiledLoop, known: ReducedDynamics, simulated: ReducedDynamics, config: Config
+) -> None:
+    """Refuse a loop whose efforts or steps are not those of the laws and of Pinocchio's plant.
+
+    Args:
+        compiled: The loop.
+        known: The robot's dynamics as the controller knows them.
+        simulated: Those of the simulated robot.
+        config: Laws and circumstances.
+
+    Raises:
+        DiffersError: They differ; the quantity is named.
+    """
+    law: Any = as_law(config.kinematic)
+    if getattr(law, "approach", None) is not None:
+        law = replace(law, approach=None)
+    near = replace(config, kinematic=law, plant=Plant())
+    rng = np.random.default_rng(SEED)
+    for _ in range(STATES):
+        rest, nu, state = _random_sample(known.robot, simulated, rng)
+        expected = _by_python(known, simulated, near, rest, nu, state)
+        computed = _by_machine(compiled, known, near, rest, nu, state)
+        if computed is None:  # the laws' own business: Python is asked there
+            continue
+        for name, value in expected.items():
+            residual = np.abs(computed[name] - value).max(initial=0.0)
+            if not residual <= EQUAL * np.abs(value).max(initial=1.0):
+                raise DiffersError(
+                    f"machine code of {known.robot.name} gives other {name} than Pinocchio, "
+                    f"by {residual:.2g}"
+                )
+
+
+def _random_sample(
+    robot: Robot, simulated: ReducedDynamics, rng: np.random.Generator
+) -> tuple[Rest, Array, ReferenceState]:
+    """Return a robot at rest, speeds that it then has, and a reference near it."""
+    n = len(robot.joints)
+
+    def near(center: Array) -> Array:
+        return center + SPREAD * rng.normal(size=len(center))
+
+    pose = rng.normal(size=3)
+    q = robot.configuration_at(
+        pose, near(robot.home), SPREAD * rng.normal(size=len(robot.drive.steered))
+    )
+    still = np.zeros(robot.dof)
+    rest = Rest(q, np.asarray(simulated.efforts(q, simulated.bias(q, still))))
+    twist, rates = near(np.array([0.3, 0.0, 0.2])), near(np.zeros(3))
+    state = ReferenceState(
+        near(pose), twist, rates, near(robot.home), near(np.zeros(n)), near(np.zeros(n))
+    )
+    return rest, near(still), state
+
+
+def _by_python(
+    known: ReducedDynamics,
+    simulated: ReducedDynamics,
+    config: Config,
+    rest: Rest,
+    nu: Array,
+    state: ReferenceState,
+) -> dict[str, Array]:
+    """Return what the laws ask for, and where the robot is a period later."""
+    period = config.run.control_period
+    kinematic = as_law(config.kinematic).start(known, period, rest)
+    command = kinematic(known, lambda t: state, 0.0, rest.q, nu)
+    dynamic = as_law(config.dynamic).start(known, period, rest)
+    tau = as_efforts(dynamic(known, rest.q, nu, command)).tau
+    step = advance(simulated, rest.q, nu, tau, period, config.run.plant_step)
+    return {"desired speeds": command.nu_d, "efforts": tau, "positions": step.q, "speeds": step.nu}
+
+
+def _by_machine(
+    compiled: CompiledLoop,
+    known: ReducedDynamics,
+    config: Config,
+    rest: Rest,
+    nu: Array,
+    state: ReferenceState,
+) -> dict[str, Array] | None:
+    """Return the same of the compiled loop; None where its laws have no answer."""
+    loop = compiled.program
+    inputs = same_inputs(compiled, known, config, rest)
+    lanes = Lanes(compiled, known, config, lambda t: state, inputs)
+    lanes.workspace[loop.plant.nu][:] = nu[:, None]
+    more = {s: Rows(np.empty((1, s.width, len(inputs)))) for s in loop.log.values()}
+    if loop.fold is not None and loop.fold.tip is not None:
+        more[loop.fold.tip] = Rows(np.zeros((1, loop.fold.tip.width)))
+    row = tabulate(known.robot, lambda t: state, np.zeros(1)).rows()
+    lanes.advance(0, np.zeros(1), row, more)
+    if lanes.workspace[loop.law.failed].any():
+        return None
+    taken: dict[str, Buffer] = {
+        "desired speeds": loop.law.nu_d,
+        "efforts": loop.law.tau,
+        "positions": loop.plant.q,
+        "speeds": loop.plant.nu,
+    }
+    return {name: lanes.workspace[buffer][:, 0] for name, buffer in taken.items()}

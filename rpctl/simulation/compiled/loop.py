@@ -1,6 +1,6 @@
 """The closed loop as a program: reference → law → delay → plant, and what is logged of it.
 
-The order of a sample is that of `simulation/closed_loop.py`.
+The order of a sample is that of `simulation/loop/closed_loop.py`.
 """
 
 from __future__ import annotations
@@ -10,12 +10,8 @@ from dataclasses import dataclass, replace
 import casadi
 
 from rpctl.arrays import Array
-from rpctl.robot.model import Robot
-from rpctl.simulation.closed_loop import DIVERGED_SPEED
-from rpctl.simulation.compiled.laws.law_fragment import LawFragment
-from rpctl.simulation.compiled.laws.tracking import reference_entries, symbolic_error
-from rpctl.simulation.compiled.machine.code import MachineCode
-from rpctl.simulation.compiled.machine.program import (
+from rpctl.kernels.machine_code import MachineCode
+from rpctl.kernels.program import (
     Buffer,
     Program,
     Read,
@@ -23,31 +19,23 @@ from rpctl.simulation.compiled.machine.program import (
     RowStream,
     Statement,
     Write,
+    statement,
+    symbolic,
 )
-from rpctl.simulation.compiled.machine.statements import statement, symbolic
-from rpctl.simulation.compiled.merit_fold import FoldedSample, MeritFold, merit_fold
-from rpctl.simulation.compiled.plant.buffers import PlantBuffers
-from rpctl.simulation.compiled.plant.step import PlantFragment, plant_fragment
+from rpctl.robot.model import Robot
+from rpctl.simulation.compiled.implicit_step import PlantBuffers
+from rpctl.simulation.compiled.laws.fragment import LawFragment
+from rpctl.simulation.compiled.laws.tracking import reference_entries, symbolic_error
+from rpctl.simulation.compiled.merit_fold import MeritFold, merit_fold
+from rpctl.simulation.compiled.plant import PlantFragment, plant_fragment
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
-from rpctl.simulation.noise import Sensors
+from rpctl.simulation.loop.closed_loop import DIVERGED_SPEED
 from rpctl.simulation.plants.rolling import substeps
+from rpctl.simulation.plants.sensors import Sensors
 
 # Why a lane does not go on: its law has no answer, its base is far and needs a way up to the
 # reference, both of which Python has, or its motion left the finite numbers.
 NO_TROUBLE, LAW_FAILED, FAR, DIVERGED = 0.0, 1.0, 2.0, 3.0
-
-
-@dataclass(frozen=True)
-class FarBounds:
-    """Errors from which on a base needs a way up to its reference; see ``Approach``.
-
-    Attributes:
-        distance: m.
-        heading: rad.
-    """
-
-    distance: float
-    heading: float
 
 
 @dataclass(frozen=True)
@@ -60,7 +48,8 @@ class LoopShape:
         delayed: Whether efforts may act some periods late.
         noisy: Whether what is measured is noisy.
         saturated: Whether the true actuators saturate before the controller's model of them.
-        far: When a base needs a way up to its reference; None: never.
+        far: Errors (m, rad) of place and heading from which on a base needs a way up to its
+            reference, see ``Approach``; None: never.
         folded: Whether samples are folded to what merits need, or else logged.
     """
 
@@ -69,7 +58,7 @@ class LoopShape:
     delayed: bool = False
     noisy: bool = False
     saturated: bool = False
-    far: FarBounds | None = None
+    far: tuple[float, float] | None = None
     folded: bool = False
 
 
@@ -150,10 +139,13 @@ def loop_program(law: LawFragment, simulated: SymbolicDynamics, shape: LoopShape
         shape: What is compiled in.
     """
     found = _buffers(law, simulated, shape)
-    fold = _folded(found, simulated) if shape.folded else None
+    plant, fold = found.plant, None
+    if shape.folded:
+        sample = plant.q, plant.nu, found.e, found.acting, law.limits
+        fold = merit_fold(simulated, sample, plant.p, found.number)
     log = _log(found, fold)
     steps = substeps(shape.period, shape.plant_step)
-    moving = plant_fragment(simulated, found.plant, shape.period / steps, steps)
+    moving = plant_fragment(simulated, plant, shape.period / steps, steps)
     body = (
         *_measured(found, Sensors(simulated.robot), shape),
         *law.body,
@@ -228,9 +220,8 @@ def _judged(loop: LoopProgram, shape: LoopShape) -> tuple[Statement, ...]:
     failed, e, nu, number, since, trouble = (symbols for _, symbols in inputs)
     found = casadi.if_else(failed != 0.0, LAW_FAILED, NO_TROUBLE)
     if shape.far is not None:
-        away = casadi.logic_or(
-            e[0] ** 2 + e[1] ** 2 > shape.far.distance**2, casadi.fabs(e[2]) > shape.far.heading
-        )
+        distance, heading = shape.far
+        away = casadi.logic_or(e[0] ** 2 + e[1] ** 2 > distance**2, casadi.fabs(e[2]) > heading)
         far = casadi.logic_and(number >= since, away)
         found = casadi.if_else(casadi.logic_and(found == NO_TROUBLE, far), FAR, found)
     for speed in casadi.vertsplit(nu):
@@ -240,14 +231,6 @@ def _judged(loop: LoopProgram, shape: LoopShape) -> tuple[Statement, ...]:
         casadi.if_else(known, trouble[0], found), casadi.if_else(known, trouble[1], number)
     )
     return (statement("judge", inputs, [(loop.trouble, after), (loop.number, number + 1.0)]),)
-
-
-def _folded(loop: LoopProgram, dynamics: SymbolicDynamics) -> MeritFold:
-    plant = loop.plant
-    sample = FoldedSample(
-        plant.q, plant.nu, loop.e, loop.acting, loop.law.limits, plant.p, loop.number
-    )
-    return merit_fold(dynamics, sample)
 
 
 def _acting(

@@ -1,4 +1,4 @@
-"""What merits need of samples, folded while a compiled loop runs; see `simulation/merits.py`."""
+"""What merits need of samples, folded while a compiled loop runs; see `merits/measures.py`."""
 
 from __future__ import annotations
 
@@ -11,37 +11,22 @@ import casadi
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.simulation.compiled.machine.program import Buffer, Call, Read, RowStream, Statement
-from rpctl.simulation.compiled.machine.statements import dense_function, statement, symbolic
+from rpctl.kernels.program import (
+    Buffer,
+    Call,
+    Read,
+    RowStream,
+    Statement,
+    dense_function,
+    statement,
+    symbolic,
+)
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
-from rpctl.simulation.facts import steered_joints
-from rpctl.simulation.merits import START, SampleMeasures, Totals, position_limits
-from rpctl.simulation.outcome import ON_PATH_M
+from rpctl.simulation.merits.measures import START, SampleMeasures, Totals, position_limits
+from rpctl.simulation.merits.outcome import ON_PATH_M
+from rpctl.simulation.run.facts import steered_joints
 
 TIP = 3  # numbers of a place
-
-
-@dataclass(frozen=True, eq=False)
-class FoldedSample:
-    """The buffers of a loop that hold a sample: of the simulated robot, as it is.
-
-    Attributes:
-        q: Configuration (nq,).
-        nu: Quasi-velocities (dof,).
-        e: Tracking error (3 + n_joints,).
-        tau: Efforts from now on (n_act,).
-        limits: Not 0 where a limit binds (n_limits,).
-        p: Parameters of the simulated robot (n_p,).
-        count: Number of samples so far, this one included (1,).
-    """
-
-    q: Buffer
-    nu: Buffer
-    e: Buffer
-    tau: Buffer
-    limits: Buffer
-    p: Buffer
-    count: Buffer
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +57,18 @@ def spans_of(count: int) -> Array:
     return np.array([count // 2, 3 * count // 4], dtype=float)
 
 
-def merit_fold(dynamics: SymbolicDynamics, at: FoldedSample) -> MeritFold:
+def merit_fold(
+    dynamics: SymbolicDynamics, sample: Sequence[Buffer], p: Buffer, count: Buffer
+) -> MeritFold:
     """Return statements that fold samples of a loop.
 
     Args:
         dynamics: Of the simulated robot.
-        at: The buffers of a sample.
+        sample: What has, of the simulated robot as it is, q (nq,), ν (dof,), the tracking error
+            (3 + n_joints,), the efforts from now on (n_act,), and (n_limits,) not 0 where a limit
+            binds.
+        p: Parameters of the simulated robot (n_p,).
+        count: Number of samples so far, this one included (1,).
     """
     robot = dynamics.robot
     names = SampleMeasures._fields
@@ -85,14 +76,14 @@ def merit_fold(dynamics: SymbolicDynamics, at: FoldedSample) -> MeritFold:
     found = MeritFold(
         (), Buffer("measures", len(names)), Buffer("merits", len(FIRST)), Buffer("spans", 2), tip
     )
-    sample = [symbolic(buffer) for buffer in (at.q, at.nu, at.e, at.tau, at.limits)]
+    places = [symbolic(buffer) for buffer in sample]
     place, wanted = symbolic(Buffer("tip", TIP))
-    measured = _measured(dynamics, [x for _, x in sample], None if tip is None else wanted)
-    inputs = [*sample, (at.p, dynamics.p), (place, wanted)]
+    measured = _measured(dynamics, [x for _, x in places], None if tip is None else wanted)
+    inputs = [*places, (p, dynamics.p), (place, wanted)]
     statements: list[Statement] = [] if tip is None else [Read(tip, place)]
     statements += [
         statement("measure", inputs, [(found.measures, measured)]),
-        Call(folding(), (found.totals, found.measures, at.count, found.spans), (found.totals,)),
+        Call(folding(), (found.totals, found.measures, count, found.spans), (found.totals,)),
     ]
     return MeritFold(tuple(statements), found.measures, found.totals, found.spans, tip)
 

@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.approach import ApproachStage
-from rpctl.control.law import as_law
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.kernels.machine_code import native_lanes
+from rpctl.kernels.program import Rows
 from rpctl.reference.motion import Reference
 from rpctl.reference.table import tabulate
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.build import build_loop, shape_of
-from rpctl.simulation.compiled.check import require_equal
-from rpctl.simulation.compiled.lane_inputs import LaneInputs
-from rpctl.simulation.compiled.loop import LoopShape
-from rpctl.simulation.compiled.machine.code import native_lanes
-from rpctl.simulation.compiled.machine.program import Buffer, Rows
+from rpctl.simulation.compiled.build import build_loop, require_equal, shape_of
+from rpctl.simulation.compiled.lanes import CHUNK, LaneInputs, Lanes, fill
 from rpctl.simulation.compiled.merit_fold import FIRST, MeritFold, spans_of
-from rpctl.simulation.compiled.starting import LoopStart, fill, followed_rows, search_from, started
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.symbols.parameters import Varied
 from rpctl.simulation.config import Config
-from rpctl.simulation.noise import NoiseStream, Sensors
-
-CHUNK = 1024  # samples for which noise is drawn at a time
 
 
-@dataclass(frozen=True, eq=False)
-class LaneResults:
+class LaneResults(NamedTuple):
     """What became of K runs.
 
     Attributes:
@@ -55,18 +44,11 @@ class LaneRunner:
 
     Args:
         known: The robot as its controllers know it.
-        simulated: The simulated robot, whose parameters may be varied.
-        varied: Which.
+        dynamics: Of the simulated robot, with parameters of what is varied.
         config: What all runs have in common.
+        scattered: Paths of the settings that differ from run to run.
         reference: What they track.
         count: Number of samples of a run.
-        stride: Each so-many-th sample is measured over time.
-        noisy: Whether any run's measurements are noisy, or have constant errors.
-        delayed: Whether any run's efforts come late.
-        saturated: Whether any run's actuators saturate early.
-
-    Attributes:
-        dynamics: Of the simulated robot, with parameters of what is varied.
 
     Raises:
         DiffersError: The loop's numbers are not Python's.
@@ -75,163 +57,57 @@ class LaneRunner:
     def __init__(
         self,
         known: Robot,
-        simulated: Robot,
-        varied: Varied,
+        dynamics: SymbolicDynamics,
         config: Config,
+        scattered: Iterable[str],
         reference: Reference,
         count: int,
-        stride: int,
-        noisy: bool,
-        delayed: bool,
-        saturated: bool = False,
     ) -> None:
         self._known, self._config, self._reference = ReducedDynamics(known), config, reference
-        self._count, self._stride = count, stride
-        far = shape_of(self._known, config).far
-        run = config.run
-        steps = run.control_period, run.plant_step
-        shape = LoopShape(*steps, delayed, noisy, saturated, far, folded=True)
-        laws = config.kinematic, config.dynamic
-        self.dynamics = SymbolicDynamics(simulated, varied)
-        self._lanes = native_lanes()
-        self._loop = build_loop(known, self.dynamics, *laws, shape, self._lanes)
-        require_equal(self._loop, self._known, ReducedDynamics(simulated), config)
-        times = run.control_period * np.arange(count, dtype=float)
-        self._table = tabulate(known, reference, times)
-        self._rows, self._tips = self._table.rows(), self._table.end_effector
-        self._sensors = Sensors(known)
+        self.dynamics, self._lanes = dynamics, native_lanes()
+        shape = shape_of(self._known, config, scattered, folded=True)
+        self._loop = build_loop(known, dynamics, config, shape, self._lanes)
+        require_equal(self._loop, self._known, ReducedDynamics(dynamics.robot), config)
+        self._times = config.run.control_period * np.arange(count, dtype=float)
+        table = tabulate(known, reference, self._times)
+        self._rows, self._tips = table.rows(), table.end_effector
 
     def run(
-        self, inputs: LaneInputs, progress: Callable[[int, int], object] | None = None
+        self, inputs: LaneInputs, stride: int, progress: Callable[[int, int], object] | None = None
     ) -> LaneResults:
         """Return what became of some runs; none depends on those beside it.
 
         Args:
             inputs: What they begin with.
+            stride: Each so-many-th sample is measured over time.
             progress: Called with the runs done and their number.
         """
         total, blocks, lanes = len(inputs), [], np.arange(self._lanes)
         for first in range(0, total, self._lanes):
             rows = np.minimum(first + lanes, total - 1)  # the last one fills up
-            blocks.append(self._block(inputs.rows(rows)))
+            blocks.append(self._block(inputs.rows(rows), stride))
             if progress is not None:
                 progress(min(first + self._lanes, total), total)
         columns = zip(*blocks, strict=True)
         return LaneResults(*(np.concatenate(column)[:total] for column in columns))
 
-    def _block(self, inputs: LaneInputs) -> tuple[Array, ...]:
-        """Return the columns of :class:`LaneResults` of as many runs as there are lanes."""
-        program, fold = self._loop.program, self._loop.program.fold
-        if fold is None:
-            raise ValueError("the loop of rollouts folds its samples")
-        noise = _LaneNoise(inputs, self._sensors)
-        stages = [self._stage() for _ in range(self._lanes)]
-        followed = self._followed(inputs, stages, noise)
-        workspace, ring = self._started(inputs, stages, fold)
-        measures = np.zeros((-(-self._count // self._stride), fold.measures.size, self._lanes))
-        chunk = -(-CHUNK // self._stride) * self._stride
-        for first in range(0, self._count, chunk):
-            count = min(chunk, self._count - first)
-            rows = {
-                program.reference: Rows(self._rows[first : first + count]),
-                program.followed: Rows(followed[first : first + count]),
-                program.ring: ring,
-                program.log["measures"]: Rows(measures[first // self._stride :], self._stride),
-            }
-            if program.noise in program.sample.streams:
-                rows[program.noise] = Rows(noise.rows(count))
+    def _block(self, inputs: LaneInputs, stride: int) -> LaneResults:
+        """Return what became of as many runs as there are lanes."""
+        program, count = self._loop.program, len(self._times)
+        fold: MeritFold | None = program.fold
+        assert fold is not None  # its shape says so
+        lanes = Lanes(self._loop, self._known, self._config, self._reference, inputs)
+        fill(lanes.workspace, {fold.totals: FIRST[:, None], fold.spans: spans_of(count)[:, None]})
+        measures = np.zeros((-(-count // stride), fold.measures.size, self._lanes))
+        chunk = -(-CHUNK // stride) * stride
+        for first in range(0, count, chunk):
+            part = slice(first, first + chunk)
+            more = {program.log["measures"]: Rows(measures[first // stride :], stride)}
             if fold.tip is not None:
-                rows[fold.tip] = Rows(self._tips[first : first + count])
-            given = {stream: rows[stream] for stream in program.sample.streams}
-            self._loop.sample.run(first, count, workspace, given)
-        trouble = workspace[program.trouble]
-        return (
-            workspace[fold.totals].T.copy(),
-            workspace[program.energy_before].T.copy(),
-            np.moveaxis(measures, 2, 0),
-            trouble[0].copy(),
-            trouble[1].copy(),
-        )
-
-    def _stage(self) -> ApproachStage | None:
-        law: Any = as_law(self._config.kinematic)
-        return None if law.approach is None else law.approach.stage(self._known)
-
-    def _followed(
-        self, inputs: LaneInputs, stages: Sequence[ApproachStage | None], noise: _LaneNoise
-    ) -> Array:
-        """Return what the laws are given (count, width, lanes): the reference, or ways up to it.
-
-        Args:
-            inputs: What the lanes begin with.
-            stages: Which find the ways.
-            noise: Of what is measured.
-        """
-        if self._loop.program.followed not in self._loop.program.sample.streams:
-            return np.empty((self._count, 0, self._lanes))
-        found = np.repeat(self._rows[:, :, None], self._lanes, axis=2)
-        still = np.zeros(self._known.robot.dof)
-        measured = noise.peek()
-        for lane, stage in enumerate(stages):
-            if stage is None:
-                continue
-            q, nu = self._sensors.measured(inputs.q[lane], still, measured[:, lane])
-            way = stage(self._known, self._reference, 0.0, q, nu)
-            if way is not self._reference:
-                found[:, :, lane] = followed_rows(self._known.robot, way, self._table)
-        return found
-
-    def _started(
-        self, inputs: LaneInputs, stages: Sequence[ApproachStage | None], fold: MeritFold
-    ) -> tuple[Mapping[Buffer, Array], Rows]:
-        """Return the workspace before the first sample, and the ring of efforts on their way.
-
-        Args:
-            inputs: What the lanes begin with.
-            stages: Which looked for ways up to the reference.
-            fold: What folds the samples.
-        """
-        period = self._config.run.control_period
-        begin = LoopStart(
-            q=inputs.q.T,
-            rest=inputs.rest.T,
-            p=inputs.p.T,
-            settings=inputs.settings.T,
-            bias=inputs.bias.T,
-            most=inputs.most.T,
-            back=inputs.back[None, :].astype(float),
-            search_from=np.array([[search_from(stage, period) for stage in stages]]),
-        )
-        workspace, ring = started(self._loop, begin, period)
-        fill(workspace, {fold.totals: FIRST, fold.spans: spans_of(self._count)})
-        return workspace, ring
-
-
-class _LaneNoise:
-    """The noise of what is measured, lane by lane.
-
-    Args:
-        inputs: Seeds and deviations of the lanes.
-        sensors: What is measured.
-    """
-
-    def __init__(self, inputs: LaneInputs, sensors: Sensors) -> None:
-        self._streams = [NoiseStream(sensors.width, seed) for seed in inputs.seeds]
-        self._deviations, self._offsets = inputs.deviations, inputs.offsets
-        self._drawn = np.empty((0, sensors.width, len(inputs)))
-
-    def peek(self) -> Array:
-        """Return the row (width, lanes) of the next sample, which stays the next."""
-        if not len(self._drawn):
-            self._drawn = self._draw(1)
-        return self._drawn[0]
-
-    def rows(self, count: int) -> Array:
-        """Return the next rows (count, width, lanes)."""
-        drawn = np.concatenate([self._drawn, self._draw(count - len(self._drawn))])
-        self._drawn = drawn[count:]
-        return drawn
-
-    def _draw(self, count: int) -> Array:
-        lanes = zip(self._streams, self._deviations, self._offsets, strict=True)
-        return np.stack([stream.rows(count) * d + offset for stream, d, offset in lanes], axis=2)
+                more[fold.tip] = Rows(self._tips[part])
+            lanes.advance(first, self._times[part], self._rows[part], more)
+        at = lanes.workspace
+        trouble, trouble_at = at[program.trouble].copy()
+        energy = at[program.energy_before].T.copy()
+        shown = np.moveaxis(measures, 2, 0)
+        return LaneResults(at[fold.totals].T.copy(), energy, shown, trouble, trouble_at)

@@ -4,36 +4,28 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.approach import ApproachStage
-from rpctl.control.law import Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError
+from rpctl.kernels.program import Rows, RowStream
 from rpctl.reference.motion import Reference
 from rpctl.reference.table import ReferenceTable, tabulate
-from rpctl.robot.model import Robot
-from rpctl.simulation.closed_loop import (
+from rpctl.simulation.compiled.build import compiled_loop
+from rpctl.simulation.compiled.lanes import CHUNK, Lanes, same_inputs
+from rpctl.simulation.compiled.laws.fragment import LimitNames
+from rpctl.simulation.compiled.loop import FAR, LAW_FAILED, CompiledLoop
+from rpctl.simulation.config import Config
+from rpctl.simulation.loop.closed_loop import (
     DIVERGED_SPEED,
     LoopRecord,
     diverged_at,
     rest_at_start,
 )
-from rpctl.simulation.compiled.build import compiled_loop
-from rpctl.simulation.compiled.laws.law_fragment import LimitNames
-from rpctl.simulation.compiled.laws.law_settings import settings_of
-from rpctl.simulation.compiled.loop import FAR, LAW_FAILED, CompiledLoop
-from rpctl.simulation.compiled.machine.program import Rows, RowStream
-from rpctl.simulation.compiled.starting import followed_rows, prepared
-from rpctl.simulation.config import Config
-from rpctl.simulation.noise import NoiseStream, Sensors
-from rpctl.simulation.recorder import Recorder
-from rpctl.simulation.samples import Samples
+from rpctl.simulation.loop.recorder import Recorder, Samples
 
-CHUNK = 1024  # samples that are computed at a time
 TROUBLES = {
     LAW_FAILED: "a law had no answer at a sample",
     FAR: "the base got far from its reference, and needed a way up to it",
@@ -82,93 +74,31 @@ def close_compiled_loop(
     simulated = config.plant.simulated_dynamics(dynamics)
     known = config.plant.known_dynamics(dynamics)
     rest = rest_at_start(simulated, config, reference)
-    compiled = compiled_loop(known, simulated, config)
-    if recorder is not None:
-        recorder.defer()  # what the log derives of the states takes longer than the loop
+    compiled, period = compiled_loop(known, simulated, config), config.run.control_period
     began = time.perf_counter()
     try:
-        run = _LoopRun(compiled, robot, config, reference)
-        run.begin(known, rest)
-        if run.stage is not None:
-            record.approaches = run.stage.approaches
+        inputs = same_inputs(compiled, known, config, rest)
+        lane = Lanes(compiled, known, config, reference, inputs)
+        (stage,) = lane.stages
+        if stage is not None:
+            record.approaches = stage.approaches
         record.backend = "compiled"
         for first in range(0, steps + 1, CHUNK):
-            count = min(CHUNK, steps + 1 - first)
-            run.advance(first, count, recorder)
+            times = period * np.arange(first, min(first + CHUNK, steps + 1), dtype=float)
+            table = tabulate(robot, reference, times)
+            log = {
+                s: Rows(np.empty((len(times), s.width, 1))) for s in compiled.program.log.values()
+            }
+            lane.advance(first, times, table.rows(), log)
+            _record(compiled, log, table, first, recorder)
             record.wall_time = time.perf_counter() - began
             if progress is not None:
-                progress(first + count - 1, steps)
+                progress(first + len(times) - 1, steps)
     except NeedsPython:
         record.backend = "pinocchio"
         raise
     finally:
         record.wall_time = time.perf_counter() - began
-
-
-class _LoopRun:
-    """One run of a compiled loop.
-
-    Args:
-        compiled: The loop, of one lane.
-        robot: The robot without what the plant adds.
-        config: Laws, circumstances and plant.
-        reference: What is tracked.
-    """
-
-    def __init__(
-        self, compiled: CompiledLoop, robot: Robot, config: Config, reference: Reference
-    ) -> None:
-        self._compiled, self._robot, self._config = compiled, robot, config
-        self._reference = self._followed = reference
-        self._sensors = Sensors(robot)
-        self._deviations = self._sensors.deviations(config.plant.noise)
-        self._errors = self._sensors.errors(config.plant.sensor_bias)
-        self._stream = NoiseStream(self._sensors.width, config.plant.seed)
-        self._noise = np.empty((0, self._sensors.width))  # drawn, and not used yet
-        self.stage: ApproachStage | None = None
-
-    def begin(self, known: ReducedDynamics, rest: Rest) -> None:
-        """Start at rest.
-
-        Args:
-            known: The dynamics as the controller knows them.
-            rest: State of the simulated robot.
-        """
-        config, period = self._config, self._config.run.control_period
-        law: Any = as_law(config.kinematic)
-        dynamic: Any = as_law(config.dynamic)
-        self.stage = None if law.approach is None else law.approach.stage(known)
-        if self.stage is not None:
-            still = np.zeros(known.robot.dof)
-            self._noise = self._stream.rows(1) * self._deviations + self._errors
-            q, nu = self._sensors.measured(rest.q, still, self._noise[0])
-            self._followed = self.stage(known, self._reference, 0.0, q, nu)
-        settings = settings_of(law, dynamic, known, period)[1]
-        self._workspace, self._ring = prepared(self._compiled, config, rest, settings, self.stage)
-
-    def advance(self, first: int, count: int, recorder: Recorder | None) -> None:
-        """Compute and record some samples.
-
-        Args:
-            first: Number of the first.
-            count: How many.
-            recorder: Gets them.
-        """
-        loop = self._compiled.program
-        times = self._config.run.control_period * np.arange(first, first + count, dtype=float)
-        table = tabulate(self._robot, self._reference, times)
-        rows = {loop.reference: Rows(table.rows()), loop.ring: self._ring}
-        if loop.followed in loop.sample.streams:
-            read = followed_rows(self._robot, self._followed, table)
-            rows[loop.followed] = Rows(read[:, :, None].copy())
-        if loop.noise in loop.sample.streams:
-            drawn = self._stream.rows(count - len(self._noise)) * self._deviations + self._errors
-            rows[loop.noise] = Rows(np.vstack([self._noise, drawn])[:, :, None].copy())
-            self._noise = drawn[:0]
-        log = {stream: Rows(np.empty((count, stream.width, 1))) for stream in loop.log.values()}
-        given = {stream: {**rows, **log}[stream] for stream in loop.sample.streams}
-        self._compiled.sample.run(first, count, self._workspace, given)
-        _record(self._compiled, log, table, first, recorder)
 
 
 def _record(
@@ -216,15 +146,7 @@ def add_samples(
     table: ReferenceTable,
     count: int,
 ) -> None:
-    """Give a recorder samples of a log.
-
-    Args:
-        recorder: Gets them.
-        names: Makes limits of a row of the log.
-        log: Its columns by name, (K, ...).
-        table: The reference at its samples.
-        count: How many of them.
-    """
+    """Give a recorder the first samples of a log, whose columns are (K, ...), and its reference."""
     if not count:
         return
     rows = slice(count)
@@ -240,14 +162,12 @@ def add_samples(
         tau=log["tau"][rows],
         nu_d=log["nu_d"][rows],
         nu_cmd=np.empty((count, 0)),
-        e=log["e"][rows],
         pose=table.pose[rows],
         twist=table.twist[rows],
         twist_dot=table.twist_dot[rows],
         joints=table.joints[rows],
         joint_rates=table.joint_rates[rows],
         direction=table.direction[rows].reshape(count, -1),
-        felt=np.empty((count, 0)),
     )
     recorder.add_batch(samples, [names(row) for row in sets])
 

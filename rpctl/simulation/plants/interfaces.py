@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -13,14 +15,11 @@ from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
-from rpctl.simulation.held import HeldCommands
-from rpctl.simulation.periods import delay_periods
+from rpctl.simulation.loop.periods import delay_periods
 from rpctl.simulation.plants.actuators import Actuators
-from rpctl.simulation.plants.motion import Motion
-from rpctl.simulation.plants.protocol import RunningPlant
-from rpctl.simulation.plants.rolling import RollingMotion
-from rpctl.simulation.plants.wrench import pushes
-from rpctl.simulation.velocity_plant import VelocityPlant
+from rpctl.simulation.plants.protocol import Motion, RunningPlant
+from rpctl.simulation.plants.rolling import RollingMotion, VelocityPlant
+from rpctl.simulation.plants.settings import TIME_ROUNDING, Wrench
 
 CLOCK_S = 1e-6  # s: of a user's simulator, rounding of its clock
 
@@ -185,13 +184,7 @@ class SpeedInterface:
 
 
 class OwnInterface:
-    """A robot that a simulator of the user's moves; what is measured of it is all that is known.
-
-    Args:
-        plant: The simulator.
-        rest: Where the robot stands.
-        dof: Number of quasi-velocities.
-    """
+    """A robot that a simulator of the user's moves; what is measured of it is all that is known."""
 
     notes: tuple[str, ...] = ()
 
@@ -216,3 +209,50 @@ class OwnInterface:
                 f"{self._t:g} s; let it go on by the whole dt"
             )
         self.state = self.state._replace(q=sample.q, nu=sample.nu)
+
+
+def pushes(
+    wrenches: Sequence[Wrench], t: float, duration: float
+) -> Iterator[tuple[float, tuple[Wrench, ...]]]:
+    """Yield how long (s) which wrenches act, one after another.
+
+    Args:
+        wrenches: All that there are.
+        t: From when on, s.
+        duration: For how long, s.
+    """
+    end = t + duration
+    changes = {time for each in wrenches for time in (each.start, each.until)}
+    inside = [x for x in sorted(changes) if t + TIME_ROUNDING < x < end - TIME_ROUNDING]
+    for begin, after in pairwise((t, *inside, end)):
+        yield after - begin, tuple(each for each in wrenches if each.acts(begin))
+
+
+class HeldCommands:
+    """Efforts or speeds that hold until others come."""
+
+    def __init__(self, first: Array) -> None:
+        self._held = first
+        self._coming = deque[tuple[float, Array]]()
+
+    def send(self, at: float, command: Array) -> None:
+        """Send what comes at a time (s), later than those sent before."""
+        self._coming.append((at, command))
+
+    def at(self, t: float) -> Array:
+        """Return what holds from a time (s) on."""
+        while self._coming and self._coming[0][0] <= t + TIME_ROUNDING:
+            self._held = self._coming.popleft()[1]
+        return self._held
+
+    def during(self, t: float, duration: float) -> Iterator[tuple[float, Array]]:
+        """Yield how long (s) what holds, from a time (s) on for a duration (s)."""
+        left = duration
+        while self._coming and self._coming[0][0] < t + left - TIME_ROUNDING:
+            at = self._coming[0][0]
+            held = self.at(t)
+            if at > t + TIME_ROUNDING:
+                yield at - t, held
+                t, left = at, left - (at - t)
+            self.at(at)
+        yield left, self.at(t)

@@ -6,16 +6,81 @@ A model starts a robot, and what runs then takes commands and returns measuremen
     t, q, nu = plant.step(command, dt)
 
 Whoever has a simulator of his own gives such a model to :func:`rpctl.track`.
+
+What moves a robot under efforts that hold for a while, however its wheels meet the ground.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
+from rpctl.dynamics.motion import Step
 from rpctl.robot.model import Robot
+from rpctl.simulation.plants.settings import Wrench
+
+NOTHING = np.empty(0)
+
+
+class Ground(NamedTuple):
+    """What the ground does to a robot now; (0,) where nobody knows.
+
+    Attributes:
+        load: Load of each contact (n_contacts,), N: the wheels' joints, then the supports, as
+            :attr:`rpctl.dynamics.ground_reaction.Contacts.names`.
+        slip: Velocity of each wheel's contact point (n_wheels, 2), m/s: along its rolling direction
+            and to its left.
+    """
+
+    load: Array = NOTHING
+    slip: Array = NOTHING
+
+
+class Motion(Protocol):
+    """A robot that moves.
+
+    Its state is seen from above: a configuration with a planar root, and quasi-velocities, though
+    it may also slip, tilt and hop.
+    """
+
+    @property
+    def q(self) -> Array:
+        """Configuration (nq,): x, y and heading of the root link, then the joints."""
+
+    @property
+    def nu(self) -> Array:
+        """Quasi-velocities (dof,): base speeds of P as it moves, rates of steering and joints."""
+
+    @property
+    def pose(self) -> Array:
+        """Pose of the root link (7,): x, y, z (m), quaternion x, y, z, w; world."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or mended, in sentences."""
+
+    def ground(self) -> Ground:
+        """Return what the ground does to it."""
+
+    def advance(self, tau: Array, dt: float, wrenches: Sequence[Wrench] = ()) -> Step:
+        """Advance it under constant efforts.
+
+        Args:
+            tau: Actuator efforts (n_act,), N·m or N.
+            dt: For how long, s.
+            wrenches: What pushes it besides; their times do not count.
+
+        Returns:
+            q and ν then, the work of ``tau`` and of what pushes it, and what was lost of that.
+
+        Raises:
+            DivergedError: The state left the finite numbers.
+        """
 
 
 class PlantSample(NamedTuple):

@@ -1,21 +1,25 @@
-"""Wheels that roll without slipping: the reduced dynamics themselves."""
+"""Wheels that roll without slipping: the reduced dynamics, under efforts or following speeds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.motion import Outside, Step, step
-from rpctl.dynamics.outside import quasi_force
+from rpctl.dynamics.lag import Stretch, follow, travel
+from rpctl.dynamics.motion import Step, step
+from rpctl.dynamics.pushes import quasi_force
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.robot.coordinates import read_root
-from rpctl.simulation.plants.motion import Ground
-from rpctl.simulation.plants.wrench import Wrench
+from rpctl.simulation.plants.protocol import Ground
+from rpctl.simulation.plants.settings import Wrench
+
+ROUNDING = 1e-9  # of a control period: a rest of a dead time this small is none
 
 
 class RollingMotion:
@@ -53,9 +57,13 @@ class RollingMotion:
             wrenches: What pushes it besides.
         """
         outside = partial(quasi_force, self._dynamics, wrenches=wrenches) if wrenches else None
-        found = advance(self._dynamics, self.q, self.nu, tau, dt, self._longest, outside)
-        self.q, self.nu = found.q, found.nu
-        return found
+
+        def one(q: Array, nu: Array, stride: float) -> Step:
+            return step(self._dynamics, q, nu, tau, stride, outside)
+
+        done = in_steps(one, self.q, self.nu, dt, self._longest)
+        self.q, self.nu = done.q, done.nu
+        return done
 
 
 def substeps(duration: float, longest: float) -> int:
@@ -64,36 +72,134 @@ def substeps(duration: float, longest: float) -> int:
 
 
 def advance(
-    dynamics: ReducedDynamics,
-    q: Array,
-    nu: Array,
-    tau: Array,
-    duration: float,
-    longest: float,
-    outside: Outside | None = None,
+    dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, duration: float, longest: float
 ) -> Step:
-    """Advance the robot by ``duration`` (s) under a constant τ, in equal steps.
+    """Advance the reduced dynamics from q (nq,) and ν (dof,) under a constant τ (n_act,).
 
     Args:
         dynamics: The robot's dynamics.
         q: Configuration (nq,).
         nu: Quasi-velocities (dof,).
-        tau: Actuator efforts (n_act,).
+        tau: Actuator efforts (n_act,), N·m or N.
         duration: How far, s.
         longest: Longest step, s.
-        outside: What pushes the robot besides; None: nothing.
 
     Raises:
         DivergedError: The state left the finite numbers.
     """
-    steps = substeps(duration, longest)
-    work = lost = 0.0
+
+    def one(q: Array, nu: Array, stride: float) -> Step:
+        return step(dynamics, q, nu, tau, stride)
+
+    return in_steps(one, q, nu, duration, longest)
+
+
+def in_steps(
+    one: Callable[[Array, Array, float], Step], q: Array, nu: Array, duration: float, longest: float
+) -> Step:
+    """Take ``duration`` (s) in equal steps, none above ``longest`` (s); work and losses add up.
+
+    Raises:
+        DivergedError: The state left the finite numbers.
+    """
+    steps, work, lost = substeps(duration, longest), 0.0, 0.0
     try:
         for _ in range(steps):
-            q, nu, done, gone = step(dynamics, q, nu, tau, duration / steps, outside)
+            q, nu, done, gone = one(q, nu, duration / steps)
             work, lost = work + done, lost + gone
     except RpctlError as error:
         raise DivergedError(f"the motion diverged: {error}") from error
     if not (np.isfinite(q).all() and np.isfinite(nu).all()):
         raise DivergedError("the motion diverged; shorten the control period or lengthen horizons")
     return Step(q, nu, work, lost)
+
+
+class VelocityPlant:
+    """A robot whose own controllers follow commanded speeds: T ν̇(t) = c(t − T_d) − ν(t), exactly.
+
+    Commands are held between samples. A dead time need be no whole number of control periods: the
+    commands then change within them.
+
+    Args:
+        dynamics: Of the simulated robot.
+        lag: T of each quasi-velocity (dof,), s.
+        dead_time: T_d, s.
+        period: Control period, s.
+        longest: Longest step in which the configuration is integrated, s.
+    """
+
+    def __init__(
+        self, dynamics: ReducedDynamics, lag: Array, dead_time: float, period: float, longest: float
+    ) -> None:
+        self._dynamics, self._lag, self._period = dynamics, lag, period
+        whole = math.floor(dead_time / period + ROUNDING)
+        rest = max(dead_time - whole * period, 0.0)
+        self._rest = rest if rest > ROUNDING * period else 0.0
+        # The first acts for the rest of the dead time, then the second.
+        self._sent = deque([np.zeros(dynamics.robot.dof)] * (whole + 2), maxlen=whole + 2)
+        parts = [part for part in (self._rest, period - self._rest) if part > 0.0]
+        counts = [substeps(part, longest) for part in parts]
+        self._durations = np.repeat(np.divide(parts, counts), counts)
+        self._counts = counts
+
+    def send(self, speeds: Array) -> None:
+        """Send commanded speeds (dof,) at the beginning of a control period."""
+        self._sent.append(speeds)
+
+    def acceleration(self, nu: Array) -> Array:
+        """Return the mean ν̇ (dof,) of the coming control period, from ν (dof,) on."""
+        after, _ = follow(nu, self._commands(), self._durations, self._lag)
+        return np.asarray((after - nu) / self._period)
+
+    def advance(self, q: Array, nu: Array) -> Step:
+        """Advance the robot by a control period.
+
+        The work is that of actuators which let it move so: the change of its energy, and what
+        losses take.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+
+        Raises:
+            DivergedError: The state left the finite numbers.
+        """
+        before, lost = self._dynamics.energy(q, nu), 0.0
+        after, stretches = follow(nu, self._commands(), self._durations, self._lag)
+        try:
+            for stretch in stretches:
+                start, q = q, travel(self._dynamics, q, stretch)
+                lost += self._loss(start, q, stretch)
+        except RpctlError as error:
+            raise DivergedError(f"the motion diverged: {error}") from error
+        if not (np.isfinite(q).all() and np.isfinite(after).all()):
+            raise DivergedError("the motion diverged; give longer horizons, or the true lag")
+        return Step(q, after, self._dynamics.energy(q, after) - before + lost, lost)
+
+    def _loss(self, start: Array, end: Array, stretch: Stretch) -> float:
+        """Return what losses take in a stretch (J), by Simpson's rule.
+
+        Args:
+            start: Configuration at its beginning (nq,).
+            end: Configuration at its end (nq,).
+            stretch: ν on the way.
+        """
+        losses, dynamics = self._dynamics.robot.losses, self._dynamics
+        if losses is None:
+            return 0.0
+        S = dynamics.basis(start), dynamics.basis(end)
+        half = 0.5 * stretch.change
+        first, middle, last = (
+            losses.force(v) @ v
+            for v in (
+                S[0] @ (stretch.mean - half),
+                0.5 * (S[0] + S[1]) @ stretch.mean,
+                S[1] @ (stretch.mean + half),
+            )
+        )
+        return float(-stretch.duration / 6.0 * (first + 4.0 * middle + last))
+
+    def _commands(self) -> Array:
+        """Return the commands (n, dof) that act in the stretches of the coming period."""
+        acting = [self._sent[0], self._sent[1]] if self._rest else [self._sent[1]]
+        return np.repeat(acting, self._counts, axis=0)

@@ -20,13 +20,11 @@ import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from rpctl.arrays import Array
-from rpctl.dynamics.losses import solve_positive
-from rpctl.dynamics.motion import DELTA, GAMMA, dexpinv
+from rpctl.dynamics.motion import DELTA, GAMMA, dexpinv, solve_positive
 from rpctl.errors import RpctlError
-from rpctl.simulation.plants.contact_loads import ContactLoads, share_load
-from rpctl.simulation.plants.free_tree import FreeTree, Posture
+from rpctl.simulation.plants.free_tree import ContactLoads, FreeTree, Posture, share_load
+from rpctl.simulation.plants.settings import Wrench
 from rpctl.simulation.plants.tyres import Grip, TyreLaw
-from rpctl.simulation.plants.wrench import Wrench
 
 CONVERGED = 1e-8  # of the largest rate: the error after a correction that small is its square
 NEWTON_STEPS = 20  # with loads that depend on the accelerations; it takes 2 to 4
@@ -130,12 +128,6 @@ class SlipStepper:
 
         Work and loss are impulses times the mean of the speeds before and after, as in
         :func:`rpctl.dynamics.motion.imex_step`.
-
-        Args:
-            state: The state before.
-            tau: Actuator efforts (n_act,), N·m or N.
-            dt: Step, s.
-            wrenches: What pushes the robot besides.
 
         Raises:
             RpctlError: The motion left the finite numbers, or the inertia is not positive.

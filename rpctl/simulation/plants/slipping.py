@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,48 +23,18 @@ from rpctl.dynamics.ground_reaction import Contacts, find_contacts
 from rpctl.dynamics.motion import Step
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import DivergedError, RpctlError, require_positive
+from rpctl.errors import DivergedError, RpctlError
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.plants.free_tree import FreeTree
-from rpctl.simulation.plants.motion import Ground
+from rpctl.simulation.plants.protocol import Ground
+from rpctl.simulation.plants.settings import Slipping, Wrench
 from rpctl.simulation.plants.slip_step import SlipStepper
 from rpctl.simulation.plants.tyres import TyreLaw
-from rpctl.simulation.plants.wrench import Wrench
-
-
-@dataclass(frozen=True)
-class Slipping:
-    """How the tyres of a slipping robot grip; the table [plant.slipping].
-
-    Attributes:
-        slip_stiffness: Force of a tyre per load and per slip, its slip velocity over its rolling
-            speed; no unit. A rolling cylinder has 2R/a with a contact 2a long [J85, Sec. 8.3], so
-            20 where a is a tenth of the radius, as of solid rubber; pneumatic tyres have 10 to 20
-            [P12, Ch. 4]. The higher, the nearer to wheels that roll without slipping.
-        creep_speed: Rolling speed, m/s, below which a tyre is as soft as at it: one that stands
-            still under a force creeps, by force over load times this over the slip stiffness.
-        rolling_resistance: Moment against a wheel's rolling, per load and radius; no unit. Hard
-            floors and solid rubber have .01 to .02.
-    """
-
-    slip_stiffness: float = 20.0
-    creep_speed: float = 0.01
-    rolling_resistance: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse what no tyre has."""
-        for name in ("slip_stiffness", "creep_speed"):
-            require_positive(name, getattr(self, name))
-        if not (math.isfinite(self.rolling_resistance) and 0.0 <= self.rolling_resistance < 1.0):
-            raise RpctlError(
-                f"rolling_resistance is {self.rolling_resistance:g}; give a ratio of force to "
-                "load from 0 to less than 1"
-            )
 
 
 class SlippingMotion:
-    """A robot that moves on tyres; a :class:`~rpctl.simulation.plants.motion.Motion`.
+    """A robot that moves on tyres; a :class:`~rpctl.simulation.plants.protocol.Motion`.
 
     Args:
         robot: The robot.

@@ -1,24 +1,75 @@
-"""The start of a plant, as a configuration says what it is."""
+"""The plants by name, their start as a configuration says what they are, and a plant by itself."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError
-from rpctl.simulation.config import Config
-from rpctl.simulation.plant import Plant
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.robot.model import Robot
+from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.contact import MujocoMotion
 from rpctl.simulation.plants.interfaces import (
     EffortInterface,
     Interface,
     OwnInterface,
+    PlantState,
     SpeedInterface,
 )
-from rpctl.simulation.plants.motion import Motion
+from rpctl.simulation.plants.plant import Plant
+from rpctl.simulation.plants.protocol import Motion, PlantSample
 from rpctl.simulation.plants.rolling import RollingMotion
+from rpctl.simulation.plants.sensors import Measurement
 from rpctl.simulation.plants.slipping import SlippingMotion
 
+PLANTS = ("ideal", "perturbed", "slipping", "contact")
+MASS_RATIO = 1.1  # of what the controller takes the masses for: a battery, a tool, a payload
+ROLLING_RESISTANCE = 0.02  # of the weight: a rubber tyre on carpet; hard floors take half
+DELAY_S = 0.005  # s: a fieldbus and a drive's own loop
 OF_EFFORTS = ("effort", "effort_lag", "backlash", "jitter", "wrenches")  # fields of a plant
+
+
+def plant_by_name(name: str, robot: Robot, given: Plant | None = None) -> Plant:
+    """Return the plant of a name.
+
+    Args:
+        name: ``"ideal"``: the controller's model itself. ``"perturbed"``: it, with differences.
+            ``"slipping"``: on tyres; ``"contact"``: in MuJoCo.
+        robot: The robot.
+        given: The differences; of a perturbed plant without any, those of :func:`perturbed_plant`.
+
+    Raises:
+        UnknownNameError: There is no such plant.
+    """
+    given = given or Plant()
+    if name == "ideal":
+        return Plant()
+    if name == "perturbed":
+        rolling = replace(given, kind="rolling")
+        return perturbed_plant(robot) if rolling == Plant() else rolling
+    if name not in PLANTS:
+        raise UnknownNameError("plant", name, PLANTS)
+    return replace(given, kind=name)
+
+
+def perturbed_plant(robot: Robot) -> Plant:
+    """Return a plant that is heavier than its controller knows, rolls less freely and acts late.
+
+    The driven wheels share the rolling resistance of the robot's weight.
+    """
+    wheels = [wheel for wheel in robot.drive.wheels if wheel.joint in robot.actuators]
+    mass = sum(inertia.mass for inertia in robot.model.inertias)
+    weight = mass * float(np.linalg.norm(robot.model.gravity.linear))
+    friction = {
+        wheel.joint: float(ROLLING_RESISTANCE * weight * wheel.radius / len(wheels))
+        for wheel in wheels
+    }
+    return Plant(delay=DELAY_S, joint_friction=friction, masses={"*": MASS_RATIO})
 
 
 def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Interface:
@@ -79,3 +130,83 @@ def start_motion(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Motio
     if plant.kind == "contact":
         return MujocoMotion(dynamics.robot, plant.contact, run.friction, rest.q)
     return RollingMotion(dynamics, rest.q, run.plant_step)
+
+
+class SteppedPlant:
+    """A robot that runs, as :class:`~rpctl.simulation.plants.protocol.RunningPlant` has it.
+
+    Dropped samples, jitter and computing time are those of a loop, and are left to it.
+
+    Args:
+        robot: The robot as its controller knows it.
+        config: Its plant, and the period by which delays count.
+        q: Where it starts (nq,), at rest.
+
+    Attributes:
+        rest: Its start, and the efforts that hold it there.
+        sample: What was measured last.
+    """
+
+    def __init__(self, robot: Robot, config: Config, q: Array) -> None:
+        simulated = config.plant.simulated_dynamics(ReducedDynamics(robot))
+        holding = simulated.efforts(q, simulated.bias(q, np.zeros(robot.dof)))
+        self.rest = Rest(q, np.asarray(holding - config.plant.bias(robot)))
+        self._interface = start_interface(simulated, config, self.rest)
+        self._measure = Measurement(robot, config.plant)
+        self.sample = self._measured(0.0)
+
+    @property
+    def state(self) -> PlantState:
+        """The true state, which no controller sees."""
+        return self._interface.state
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or mended so far, in sentences."""
+        return self._interface.notes
+
+    def step(self, command: ControllerOutput, dt: float) -> PlantSample:
+        """Advance the robot; return what is measured of it then.
+
+        Args:
+            command: What the controller sends; it holds until the next.
+            dt: For how long, s.
+
+        Raises:
+            DivergedError: The state left the finite numbers.
+        """
+        self._interface.take(command)
+        self._interface.advance(dt)
+        self.sample = self._measured(self.sample.t + dt)
+        return self.sample
+
+    def _measured(self, t: float) -> PlantSample:
+        state = self._interface.state
+        return PlantSample(t, *self._measure(state.q, state.nu, t))
+
+
+def start_plant(
+    robot: Robot,
+    plant: str | Plant = "contact",
+    q: Array | None = None,
+    friction: float = RunSettings.friction,
+    period: float = RunSettings.control_period,
+) -> SteppedPlant:
+    """Return a plant that runs, to be stepped by a controller of whatever kind.
+
+    Args:
+        robot: The robot as its controller knows it.
+        plant: ``"ideal"``, ``"perturbed"``, ``"slipping"``, ``"contact"``, or its settings.
+        q: Where it starts (nq,), at rest; None: its home at the origin.
+        friction: Coefficient between wheels and ground.
+        period: Control period, s, by whole numbers of which commands are delayed.
+
+    Raises:
+        UnknownNameError: There is no such plant.
+        RpctlError: The robot cannot be simulated so, or what simulates it is not installed.
+    """
+    chosen = plant_by_name(plant, robot) if isinstance(plant, str) else plant
+    run = RunSettings(friction=friction, control_period=period)
+    return SteppedPlant(
+        robot, Config(run=run, plant=chosen), robot.configuration() if q is None else q
+    )

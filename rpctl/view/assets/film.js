@@ -36,9 +36,9 @@ const film = (() => {
     paint.beginPath();
     paint.rect(x, y - 0.8 * size, 2 * size, 0.9 * size);
     paint.clip();
-    paint.fillStyle = "#f0f1f4";
+    paint.fillStyle = colour("hatch-back");
     paint.fillRect(x, y - size, 2 * size, 2 * size);
-    paint.strokeStyle = "#8b96a4";
+    paint.strokeStyle = colour("hatch");
     paint.lineWidth = size / 9;
     for (let k = -4; k < 12; k++) {
       paint.moveTo(x + 0.3 * size * k, y + 0.2 * size);

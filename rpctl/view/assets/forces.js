@@ -14,7 +14,7 @@ function sampler(text, width, duration) {
 
 /* Colour what each joint moves by the share of its limit that its actuator uses. */
 function makeEfforts(viewer, { effort, duration }) {
-  const mild = new MeshCat.THREE.Color(MILD), full = new MeshCat.THREE.Color(FULL);
+  const mild = new MeshCat.THREE.Color(css("--mild")), full = new MeshCat.THREE.Color(css("--full"));
   const at = sampler(effort.share, effort.joints.length, duration);
   const painted = effort.joints.map((joint) => {
     const group = viewer.scene.getObjectByName(`robot-${joint}`), paints = [];
@@ -50,8 +50,8 @@ function makeStance(viewer, data, parent) {
   loads.name = "stance-loads";
   group.add(ground, loads);
   parent.add(group);
-  const safe = paint(0x2a9d5c, 0.9, false), area = paint(0x2a9d5c, 0.2);
-  const violet = paint(0x8a5cd1, 0.95, false);
+  const safe = paint(css("--zmp"), 0.9, false), area = paint(css("--zmp"), 0.2);
+  const violet = paint(css("--loads"), 0.95, false);
   const corners = stance.polygon.map((k) => new THREE.Vector2(...stance.points[k]));
   const fill = new THREE.Mesh(new THREE.ShapeGeometry(new THREE.Shape(corners)), area);
   ground.add(fill, ...corners.map((a, k) => edge(a, corners[(k + 1) % corners.length])));
@@ -95,7 +95,7 @@ function makeStance(viewer, data, parent) {
     group.rotation.z = yaw;
     point.position.set(px, py, 0.001 * size);
     dot.position.copy(point.position);
-    for (const material of [safe, area]) material.color.set(margin(time)[0] < 0 ? FULL : 0x2a9d5c);
+    for (const material of [safe, area]) material.color.set(css(margin(time)[0] < 0 ? "--full" : "--zmp"));
     if (!force) return;
     const rows = force(time), up = new THREE.Vector3(0, 1, 0);
     arrows.forEach(({ whole, shaft, tip }, k) => {

@@ -138,7 +138,7 @@ function makeGoal(data, page, scene, kinematics, live) {
   /* The ring on the ground and its arrow. */
   function makeMarker() {
     const { THREE } = MeshCat, group = new THREE.Group();
-    const colour = getComputedStyle(document.documentElement).getPropertyValue("--goal").trim();
+    const colour = getComputedStyle(document.documentElement).getPropertyValue("--ghost").trim();
     const add = (geometry, opacity) => {
       const material = new THREE.MeshBasicMaterial({ color: colour, side: THREE.DoubleSide,
         transparent: true, opacity, depthWrite: false });

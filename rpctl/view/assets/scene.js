@@ -2,7 +2,6 @@
 
 const FIELD_OF_VIEW = 34; // degrees
 const MARGIN = 0.9; // of the picture that the motion may fill
-const MILD = 0xf2b705, FULL = 0xd7191c; // colours of half and of the whole of an effort's limit
 
 /* Return the scene, or null where the browser cannot draw one. */
 function makeScene(data, pane) {

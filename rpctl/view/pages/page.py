@@ -1,20 +1,113 @@
-"""The parts of every page: assets, embedded data, the content policy, badges and sections."""
+"""What makes every page: templates, assets, embedded data, the content policy, still charts."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import html
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from rpctl.arrays import Array
 from rpctl.errors import printable
+from rpctl.study.words import number
+from rpctl.view import palette
+from rpctl.view.palette import RAMP, mixed
+from rpctl.view.scene.stand_ins import StandIn, label, note
+from rpctl.view.still_chart import Axis, Cells, Mark, StillChart, fitting
 
 PAIR = r"\\ud[89ab][0-9a-f]{2}\\ud[c-f][0-9a-f]{2}"  # of surrogates, in JSON
 ESCAPED = re.compile(rf"\\\\|({PAIR}|\\u[0-9a-f]{{4}})")  # a backslash, or a sign beyond ASCII
+SIDE = 1000  # of the SVG's box, which is stretched
+WIDE_ROOM, SMALL_ROOM = 60, 20  # characters of the labels below a chart that fit
+
+
+@dataclass(frozen=True)
+class Badge:
+    """A word on a green or red ground."""
+
+    good: bool
+    text: str
+
+
+Cell = str | Badge | tuple[str, str]  # of a table, or a note; of a pair, the first is bold
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells below their heads; ``coloured``: the columns are runs, in their colours."""
+
+    heads: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[Cell]]]
+    coloured: bool = False
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A small curve over its foot, as an SVG's polyline and path."""
+
+    label: str
+    points: str
+    foot: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a panel; it shows what it has, in this order."""
+
+    title: str
+    badges: Sequence[Badge] = ()
+    rows: Sequence[tuple[str, str]] = ()
+    curve: Curve | None = None
+    notes: Sequence[Cell] = ()
+    paragraphs: Sequence[str] = ()
+    quiet: str = ""
+    table: Table | None = None
+    details: tuple[str, str] | None = None  # what is always seen, and what can be unfolded
+
+
+@dataclass(frozen=True)
+class LegendEntry:
+    """An entry of a scene's legend.
+
+    Attributes:
+        layer: What it shows and hides; a CSS class too.
+        text: Its name.
+        colour: Of its swatch, as a chart's line; None: the class says it.
+        shown: Whether it is shown at first.
+        title: What more is to be said of it.
+        scale: The end of its scale of colours, and what that is.
+    """
+
+    layer: str
+    text: str
+    colour: int | None = None
+    shown: bool = True
+    title: str = ""
+    scale: tuple[str, str] | None = None
+
+
+@dataclass(frozen=True)
+class StandInBadge:
+    """What tells that something stands in for missing meshes, in short and in full."""
+
+    text: str
+    title: str
+
+    @classmethod
+    def of(cls, stand_ins: Sequence[StandIn]) -> StandInBadge | None:
+        """Return the badge of stand-ins; None where there are none."""
+        return cls(label(stand_ins), note(stand_ins, most=len(stand_ins))) if stand_ins else None
 
 
 def asset(name: str) -> str:
@@ -22,12 +115,62 @@ def asset(name: str) -> str:
     return files("rpctl.view").joinpath("assets", name).read_text(encoding="utf-8")
 
 
+def render_page(
+    template: str,
+    *,
+    styles: Sequence[str],
+    scripts: Sequence[str] = (),
+    served: bool = False,
+    dark: bool = True,
+    **content: Any,
+) -> str:
+    """Return a page under a policy that lets its scripts run, and no others.
+
+    Args:
+        template: A file of ``rpctl/view/templates`` that extends ``page.html``.
+        styles: Names of its style sheets; the colours come first.
+        scripts: Its scripts, whole.
+        served: Whether it asks its own server for motions.
+        dark: Whether it is dark where its reader's other pages are.
+        content: What the template shows; texts are escaped, ``Markup`` and numbers are not.
+    """
+    return render(
+        template,
+        css=Markup(palette.style_sheet(dark) + "".join(map(asset, styles))),  # our own
+        **{"policy": policy(*scripts, served=served), **content},
+        scripts=[Markup(script) for script in scripts],  # known by their hashes
+    )
+
+
+def render(template: str, **content: Any) -> Markup:
+    """Return a template of ``rpctl/view/templates`` with its content, see :func:`render_page`."""
+    return Markup(_environment().get_template(template).render(content))
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    folder = files("rpctl.view").joinpath("templates")
+    return jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: folder.joinpath(name).read_text("utf-8")),
+        autoescape=True,
+        finalize=_shown,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _shown(value: Any) -> Any:
+    """Return a text with what would not be seen escaped, before its markup is."""
+    return printable(value, keep="\n") if type(value) is str else value
+
+
 def escape(text: str) -> str:
     """Return a text of others as HTML that shows it: no markup, and nothing that is not seen."""
-    return html.escape(printable(text, keep="\n"))
+    return str(Markup.escape(printable(text, keep="\n")))
 
 
-def embed(value: Any, *, shown: bool = True) -> str:
+def embed(value: Any, *, shown: bool = True) -> Markup:
     """Return JSON that can stand inside a ``<script>``: no ``<``, so nothing ends it early.
 
     Args:
@@ -38,7 +181,7 @@ def embed(value: Any, *, shown: bool = True) -> str:
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return ESCAPED.sub(_seen, text) if shown else text
+    return Markup(ESCAPED.sub(_seen, text) if shown else text)
 
 
 def _seen(found: re.Match[str]) -> str:
@@ -50,7 +193,7 @@ def _seen(found: re.Match[str]) -> str:
     return found[0] if text == sign else text.replace("\\", r"\\")
 
 
-def policy(*scripts: str, served: bool = False) -> str:
+def policy(*scripts: str, served: bool = False) -> Markup:
     """Return a policy under which only these scripts run, and nothing is fetched from anywhere.
 
     No ``<base>`` turns addresses elsewhere and no form is sent. Styles may stand in the page: with
@@ -72,20 +215,89 @@ def policy(*scripts: str, served: bool = False) -> str:
         "base-uri 'none'",
         "form-action 'none'",
     )
-    return "; ".join(rules)
+    return Markup("; ".join(rules))  # our own
 
 
-def badge(good: bool, text: str) -> str:
-    """Return a word on a green or red ground."""
-    return f'<span class="badge {"good" if good else "bad"}">{escape(text)}</span>'
+class DrawnMark(NamedTuple):
+    """A mark as a path of the SVG and its style."""
+
+    path: str
+    style: str
 
 
-def section(title: str, body: str) -> str:
-    """Return a section; both strings are HTML already."""
-    return f"<section><h2>{title}</h2>{body}</section>"
+class DrawnCell(NamedTuple):
+    """A cell of a map as a rectangle of the SVG."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    fill: str
+    text: str
 
 
-def definitions(rows: Iterable[tuple[str, str]]) -> str:
-    """Return a list of names and values."""
-    cells = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows)
-    return f'<dl class="rows">{cells}</dl>'
+def still_chart(chart: StillChart, small: bool = False) -> Markup:
+    """Return a chart as HTML.
+
+    Args:
+        chart: The chart.
+        small: Whether it is one of many: fewer labels fit below it.
+    """
+    x, y = chart.x, chart.y
+    across = fitting(x.ticks(), SMALL_ROOM if small else WIDE_ROOM)
+    return render(
+        "still_chart.html",
+        chart=chart,
+        side=SIDE,
+        marks=[_drawn(mark, x, y) for mark in chart.marks],
+        cells=_cells(chart.cells, x, y) if chart.cells is not None else [],
+        across=[(round(100.0 * float(x.at(value)), 2), number(value)) for value in across],
+        up=[(round(100.0 - 100.0 * float(y.at(value)), 2), number(value)) for value in y.ticks()],
+    )
+
+
+def _drawn(mark: Mark, x: Axis, y: Axis) -> DrawnMark:
+    across, up = x.at(mark.x), y.at(mark.y)
+    if mark.floor is None:
+        known = ~np.isnan(mark.y)
+        style = f"stroke:var(--{mark.colour});stroke-width:{mark.width:g};opacity:{mark.opacity:g}"
+        style += ";stroke-dasharray:4 3" if mark.dashed else ""
+        return DrawnMark(_line(across[known], up[known]), style)
+    style = f"fill:var(--{mark.colour});opacity:{mark.opacity:g}"
+    down = y.at(mark.floor)
+    if not mark.steps:
+        outline = np.append(across, across[::-1]), np.append(up, down[::-1])
+        return DrawnMark(_line(*outline) + "Z", style)
+    boxes = [
+        _line(np.array([a, a, b, b]), np.array([bottom, top, top, bottom])) + "Z"
+        for a, b, bottom, top in zip(across[:-1], across[1:], down, up, strict=True)
+        if top > bottom
+    ]
+    return DrawnMark("".join(boxes), style)
+
+
+def _line(x: Array, y: Array) -> str:
+    """Return a path through points (n,) of the box, from 0 to 1 along each axis, upwards."""
+    return "M" + "L".join(f"{SIDE * a:.1f} {SIDE * (1 - b):.1f}" for a, b in zip(x, y, strict=True))
+
+
+def _cells(cells: Cells, x: Axis, y: Axis) -> list[DrawnCell]:
+    left = (SIDE * x.at(cells.x_edges)).tolist()
+    top = (SIDE * (1.0 - y.at(cells.y_edges))).tolist()
+    drawn = []
+    for row, column in np.ndindex(cells.values.shape):
+        if np.isnan(cells.values[row, column]):
+            continue
+        lost = np.isinf(cells.values[row, column])
+        corner = round(left[column], 1), round(top[row + 1], 1)
+        size = round(left[column + 1] - left[column], 1), round(top[row] - top[row + 1], 1)
+        fill = "var(--lost)" if lost else ramp_colour(cells.share(row, column))
+        drawn.append(DrawnCell(*corner, *size, fill, cells.texts[row][column]))
+    return drawn
+
+
+def ramp_colour(share: float) -> str:
+    """Return the colour at a share (0 to 1) of the ramp, between its two neighbours."""
+    at = min(max(share, 0.0), 1.0) * (len(RAMP) - 1)
+    k = min(int(at), len(RAMP) - 2)
+    return mixed(RAMP[k], RAMP[k + 1], at - k)

@@ -10,25 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.engines.causes import Cause, beyond
 from rpctl.engines.comparison import EngineGap
 from rpctl.engines.recording import EngineRecording
-from rpctl.engines.referee import EngineVerdict
+from rpctl.engines.referee import Cause, EngineVerdict, beyond
 from rpctl.engines.words import line, setting
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.chart import Chart, Line
-from rpctl.view.pages.chart_data import drawn_charts
-from rpctl.view.pages.compare import PALETTE_SIZE
-from rpctl.view.pages.page import badge, escape, section
-from rpctl.view.pages.report import Page, page_bytes, scene_data
-from rpctl.view.pages.summary_panel import (
-    keyboard_section,
-    legend_entry,
-    notes_section,
-    stand_in_entry,
-)
-from rpctl.view.scene.side_by_side import ShownMotion, scenes_of
+from rpctl.view.pages.motion_data import drawn_charts
+from rpctl.view.pages.page import Badge, Section, Table
+from rpctl.view.pages.panel import KEYBOARD, motion_entry, notes_section, stand_in_entry
+from rpctl.view.pages.report import Page, page_bytes
+from rpctl.view.scene.scene import FreeMotion, free_scene
 
 MODEL = "Reduced model"
 
@@ -64,30 +57,21 @@ def referee_page(robot: Robot, verdicts: Sequence[EngineVerdict]) -> bytes:
         verdicts: On the engines, at least one.
     """
     shown = list(_shown(verdicts))
-    motions = [
-        ShownMotion(one.recording.t, one.recording.root, one.recording.joints) for one in shown
-    ]
-    scene, scenes = scenes_of(robot, motions)
+    recordings = [one.recording for one in shown]
+    scene = free_scene(robot, [FreeMotion(each.t, each.root, each.joints) for each in recordings])
     said = dict.fromkeys(note for verdict in verdicts for note in (*verdict.notes, *scene.notes))
     names = ", ".join(f"{verdict.engine} {verdict.version}" for verdict in verdicts)
+    notes = notes_section(tuple(said))
+    entries = [motion_entry(k, one.name, one.shown) for k, one in enumerate(shown)]
     page = Page(
         title=robot.name,
-        subtitle=escape(f"the same efforts and the same start · {names}"),
+        subtitle=f"the same efforts and the same start · {names}",
         scene_label=f"{robot.name} in {len(shown)} motions, in three dimensions",
-        figures=f'<p class="badges">{"".join(map(_badge, verdicts))}</p>',
-        legend=_legend(shown) + "".join(stand_in_entry(scene.stand_ins)),
-        panel="\n".join(
-            (
-                *(_verdict_section(verdict) for verdict in verdicts),
-                notes_section(tuple(said)),
-                keyboard_section(),
-            )
-        ),
-        duration=scene.duration,
-        data={
-            **scene_data(scenes, scene),
-            "plots": drawn_charts(scene.times, _charts(verdicts, shown)),
-        },
+        badges=[_badge(verdict) for verdict in verdicts],
+        legend=[*entries, *stand_in_entry(scene.stand_ins)],
+        panel=[*map(_verdict_section, verdicts), *([notes] if notes else []), KEYBOARD],
+        scene=scene,
+        data={"plots": drawn_charts(scene.times, _charts(verdicts, shown))},
     )
     return page_bytes(page)
 
@@ -103,61 +87,43 @@ def _shown(verdicts: Sequence[EngineVerdict]) -> Iterator[Shown]:
             yield Shown(f"{verdict.engine}, mended", mended, shown=False)
 
 
-def _badge(verdict: EngineVerdict) -> str:
+def _badge(verdict: EngineVerdict) -> Badge:
     worst = beyond(verdict.gaps)
-    return badge(not worst, f"{verdict.engine}: {worst[0].words if worst else 'agrees'}")
+    return Badge(not worst, f"{verdict.engine}: {worst[0].words if worst else 'agrees'}")
 
 
-def _legend(shown: Sequence[Shown]) -> str:
-    """Return the scene's legend: each motion, in its colour."""
-    return "".join(
-        legend_entry(
-            f"run-{k + 1}",
-            one.name if k else f"{one.name} (solid)",
-            f"color: var(--c{k % PALETTE_SIZE})",
-            shown=one.shown,
-        )
-        for k, one in enumerate(shown)
-    )
-
-
-def _verdict_section(verdict: EngineVerdict) -> str:
+def _verdict_section(verdict: EngineVerdict) -> Section:
     """Return what the referee says of an engine: its line, the causes, all gaps."""
     found = verdict.trace
-    items = "".join(_cause(cause, verdict) for cause in (found.causes if found else ()))
-    causes = f'<ul class="notes">{items}</ul>'
+    causes = [_cause(cause, verdict) for cause in (found.causes if found else ())]
     rest = [gap.words for gap in ((*found.cured, *found.remaining) if found else ())]
-    left = f"<p>Not explained: {escape('; '.join(rest))}</p>" if rest else ""
-    if found is None or not found.causes:
-        causes = f"<p>{escape(line(verdict))}</p>"
-    rows = "".join(map(_gap_row, verdict.gaps))
-    table = (
-        '<div class="wide"><table class="runs"><thead><tr><td></td><th scope="col">gap</th>'
-        f'<th scope="col">band</th><td></td></tr></thead><tbody>{rows}</tbody></table></div>'
+    told = [] if causes else [line(verdict)]
+    told += [f"Not explained: {'; '.join(rest)}"] if rest else []
+    return Section(
+        f"{verdict.engine} {verdict.version} ",
+        [_short_badge(verdict)],
+        notes=causes,
+        paragraphs=told,
+        table=Table(("gap", "band", ""), [_gap_row(gap) for gap in verdict.gaps]),
     )
-    title = f"{escape(f'{verdict.engine} {verdict.version}')} {_short_badge(verdict)}"
-    return section(title, causes + left + table)
 
 
-def _short_badge(verdict: EngineVerdict) -> str:
+def _short_badge(verdict: EngineVerdict) -> Badge:
     if verdict.agrees:
-        return badge(True, "agrees")
-    return badge(False, "disagrees" if verdict.traced else "disagrees, not traced")
+        return Badge(True, "agrees")
+    return Badge(False, "disagrees" if verdict.traced else "disagrees, not traced")
 
 
-def _cause(cause: Cause, verdict: EngineVerdict) -> str:
+def _cause(cause: Cause, verdict: EngineVerdict) -> tuple[str, str]:
     """Return a cause, what it does alone, and its mend."""
     fault = ", and ".join(switch.fault for switch in cause.switches)
     alone = f"Alone: {cause.gaps[0].words}. " if cause.gaps else ""
-    mend = setting(cause, verdict.friction)
-    return f"<li><b>{escape(fault)}</b>. {escape(alone)}To mend it, {escape(mend)}.</li>"
+    return fault, f". {alone}To mend it, {setting(cause, verdict.friction)}."
 
 
-def _gap_row(gap: EngineGap) -> str:
-    mark = "" if gap.agrees else escape(gap.words)
-    cells = (gap.name.capitalize(), _text(gap.gap, gap.unit), _text(gap.band, gap.unit), mark)
-    head, *rest = cells
-    return f'<tr><th scope="row">{head}</th>{"".join(f"<td>{c}</td>" for c in rest)}</tr>'
+def _gap_row(gap: EngineGap) -> tuple[str, list[str]]:
+    cells = [_text(gap.gap, gap.unit), _text(gap.band, gap.unit), "" if gap.agrees else gap.words]
+    return gap.name.capitalize(), cells
 
 
 def _text(value: float, unit: str) -> str:

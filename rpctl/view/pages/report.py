@@ -6,49 +6,94 @@ import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.control.unregistered import name_of
 from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
-from rpctl.simulation.run import Run
-from rpctl.simulation.summary import Summary, summarize
-from rpctl.view.pages.chart_data import chart_data
-from rpctl.view.pages.compare import compare_legend, compare_panel, merge
-from rpctl.view.pages.forces import overlay
-from rpctl.view.pages.page import asset, embed, escape, policy
-from rpctl.view.pages.poles import poles_section
-from rpctl.view.pages.summary_panel import headline, legend, panel, setting_text, subtitle
-from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
-from rpctl.view.pages.timeline import timeline_marks
-from rpctl.view.scene.scene import Scene, build_scene, node_prefix
+from rpctl.simulation.merits.collision_facts import Collision
+from rpctl.simulation.merits.linear_loop import STILL, LoopPoles, loop_poles
+from rpctl.simulation.merits.summary import Summary, summarize
+from rpctl.simulation.run.run import Run
+from rpctl.view.pages.motion_data import chart_data, overlay
+from rpctl.view.pages.page import (
+    Badge,
+    Curve,
+    LegendEntry,
+    Section,
+    asset,
+    embed,
+    policy,
+    render,
+    render_page,
+)
+from rpctl.view.pages.panel import (
+    compare_legend,
+    compare_panel,
+    headline_badges,
+    headline_rows,
+    legend,
+    panel,
+    subtitle,
+)
+from rpctl.view.pages.settings import setting_text
+from rpctl.view.pages.third_party import licences, meshcat_script, uplot_script
+from rpctl.view.scene.scene import Scene, build_scene, compare_scene, node_prefix
 
-STYLES = ("uplot/uPlot.min.css", "palette.css", "report.css", "charts.css")
-MARK_TAG = '<meta name="rpctl-run" content="$run">'  # of the template, right after the policy
+STYLES = ("uplot/uPlot.min.css", "report.css", "charts.css")
 SCRIPTS = ("limit_lines.js", "charts.js", "forces.js", "scene.js", "page.js")
+THUMB_PX = 16  # width of the slider's thumb, whose middle stands at the time
+TITLE = "Linear loop"
+WIDTH, HEIGHT, EDGE = 240, 48, 4  # of the drawing, pixels
+NO_SWING = 0.99  # damping of poles that are equal but for rounding
+LOW_DAMPING = 0.4  # below it a loop overshoots by a quarter and swings on
+HOW = (
+    "Eigenvalues of the sampled loop, efforts held for a control period, linearised about the "
+    "reference at instants at which it moves. They judge motions that change slowly beside them."
+)
 
 
 @dataclass(frozen=True)
 class Page:
-    """The content of a report; all texts but ``title`` and ``scene_label`` are HTML already.
+    """The content of a report.
 
-    ``run`` is the digest of its run's file, if it is of one run and that is known.
+    Attributes:
+        title: What it is of.
+        subtitle: A line about it.
+        scene_label: What the scene shows.
+        panel: What stands beside the scene.
+        legend: Of the scene.
+        scene: The scene.
+        data: What the page's scripts need besides the scene.
+        figures: The few figures that stand above everything else, with their labels.
+        badges: Verdicts beside them.
+        run: Digest of its run's file, if it is of one run and that is known.
+        marks: On the timeline.
     """
 
     title: str
     subtitle: str
     scene_label: str
-    figures: str
-    legend: str
-    panel: str
-    duration: float
+    panel: Sequence[Section]
+    legend: Sequence[LegendEntry]
+    scene: Scene
     data: Mapping[str, Any]
+    figures: Sequence[tuple[str, str]] = ()
+    badges: Sequence[Badge] = ()
     run: str = ""
-    marks: str = ""
+    marks: Sequence[TimelineMark] = ()
+
+
+@dataclass(frozen=True)
+class TimelineMark:
+    """When links ran into something: its place on the slider as CSS, and a sentence."""
+
+    style: str
+    text: str
 
 
 def write_report(
@@ -99,7 +144,7 @@ def report_page(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summ
     Raises:
         RpctlError: meshcat lacks its viewer.
     """
-    return page_bytes(single(run, robot, scene, summary))
+    return page_bytes(_single(run, robot, scene, summary))
 
 
 def comparison_page(
@@ -117,21 +162,18 @@ def comparison_page(
     Raises:
         RpctlError: There are more or fewer names than runs, or meshcat lacks its viewer.
     """
-    return page_bytes(compare(runs, names, robots or [robot_of(run) for run in runs]))
+    return page_bytes(_comparison(runs, names, robots or [robot_of(run) for run in runs]))
 
 
-def robot_of(
-    run: Run, package_dirs: Sequence[str | Path] = (), expand: bool = False
-) -> Robot | RpctlError:
+def robot_of(run: Run, package_dirs: Sequence[str | Path] = ()) -> Robot | RpctlError:
     """Return the robot of a run, or why it cannot be had: a run is shown without it, too.
 
     Args:
         run: The run.
         package_dirs: Where its packages or its file lie; see :meth:`rpctl.Run.load_robot`.
-        expand: Whether a .xacro may be evaluated, where the run does not hold its robot.
     """
     try:
-        return run.load_robot(package_dirs, expand)
+        return run.load_robot(package_dirs)
     except RpctlError as error:
         return error
 
@@ -145,8 +187,7 @@ def report_head(digest: str) -> bytes:
     Args:
         digest: Of the run's file.
     """
-    head, mark, _ = asset("template.html").partition(MARK_TAG)
-    return Template(head + mark).substitute(policy=report_policy(), run=escape(digest)).encode()
+    return render("head.html", policy=report_policy(), run=digest).encode()
 
 
 def report_policy() -> str:
@@ -154,60 +195,58 @@ def report_policy() -> str:
     return policy(*_scripts())
 
 
-def single(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) -> Page:
-    """Return the content of the page of one run.
-
-    Args:
-        run: The run.
-        robot: Its robot, or why it cannot be had.
-        scene: Its scene.
-        summary: Its figures of merit.
-    """
+def _single(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) -> Page:
+    collisions = summary.collisions if scene.duration > 0.0 else ()
     return Page(
         title=run.robot.name,
         subtitle=subtitle(run),
         scene_label=f"{run.robot.name} following its reference, in three dimensions",
-        figures=headline(run, summary),
+        figures=headline_rows(run, summary),
+        badges=headline_badges(run, summary),
         legend=legend(run, scene.stand_ins),
         panel=panel(run, summary, scene.notes, poles_section(run, robot)),
-        duration=scene.duration,
+        scene=scene,
         data={
-            **scene_data([scene], scene),
             **overlay(robot, run, scene.times),
             "plots": chart_data([run], [run.robot.name]),
         },
         run=run.digest or "",
-        marks=timeline_marks(summary.collisions, float(run.t[0]), scene.duration),
+        marks=[timeline_mark(each, float(run.t[0]), scene.duration) for each in collisions],
     )
 
 
-def compare(
-    runs: Sequence[Run], names: Sequence[str], robots: Sequence[Robot | RpctlError]
-) -> Page:
-    """Return the content of the page of several runs.
+def timeline_mark(collision: Collision, start: float, duration: float) -> TimelineMark:
+    """Return the mark of a collision, as wide as that lasted.
 
     Args:
-        runs: The runs.
-        names: What they are called.
-        robots: Their robots, or why these cannot be had.
-
-    Raises:
-        RpctlError: There are more or fewer names than runs.
+        collision: Of the run.
+        start: The run's first time, s.
+        duration: Of the timeline, s.
     """
+    left = min(max((collision.first_time - start) / duration, 0.0), 1.0)
+    width = min(max(collision.duration / duration, 0.0), 1.0 - left)
+    style = (
+        f"left:calc({0.5 * THUMB_PX:g}px + {left:.4f}*(100% - {THUMB_PX}px));"
+        f"width:max(3px, {width:.4f}*(100% - {THUMB_PX}px))"
+    )
+    return TimelineMark(style, collision.sentence)
+
+
+def _comparison(
+    runs: Sequence[Run], names: Sequence[str], robots: Sequence[Robot | RpctlError]
+) -> Page:
     if len(names) != len(runs):
         raise RpctlError(f"{len(runs)} runs, {len(names)} names; give a name for each run")
-    scenes = [build_scene(robot, run) for robot, run in zip(robots, runs, strict=True)]
-    scene = merge(runs, scenes)
+    scene = compare_scene(robots, runs)
     names_of_robots = " · ".join(dict.fromkeys(run.robot.name for run in runs))
     return Page(
         title=names_of_robots,
-        subtitle=escape(f"{len(runs)} runs: " + " · ".join(names)),
+        subtitle=f"{len(runs)} runs: {' · '.join(names)}",
         scene_label=f"{len(runs)} runs of {names_of_robots}, in three dimensions",
-        figures="",
         legend=compare_legend(runs, names, scene.stand_ins),
         panel=compare_panel(runs, names, [summarize(run) for run in runs], scene.notes),
-        duration=scene.duration,
-        data={**scene_data(scenes, scene), "plots": chart_data(runs, names)},
+        scene=scene,
+        data={"plots": chart_data(runs, names)},
     )
 
 
@@ -232,31 +271,22 @@ def _names(runs: Sequence[Run]) -> list[str]:
 
 
 def page_bytes(page: Page) -> bytes:
-    """Return a page as a file's bytes."""
-    return _render(page).encode("utf-8", "backslashreplace")
+    """Return a page as a file's bytes.
 
-
-def _render(page: Page) -> str:
-    meshcat, uplot, script = _scripts()
-    return Template(asset("template.html")).substitute(
-        policy=policy(meshcat, uplot, script),
-        run=escape(page.run),
-        title=f"{escape(page.title)} · rpctl",
-        css="".join(map(asset, STYLES)),
-        name=escape(page.title),
-        subtitle=page.subtitle,
-        scene_label=escape(page.scene_label),
-        figures=page.figures,
-        duration=f"{page.duration:.6f}",
-        marks=page.marks,
-        legend=page.legend,
-        panel=page.panel,
-        licences=licences_html(charts=True),
-        data=embed(page.data),
-        meshcat=meshcat,
-        uplot=uplot,
-        script=script,
+    Raises:
+        RpctlError: meshcat lacks its viewer.
+    """
+    text = render_page(
+        "report.html",
+        title=f"{page.title} · rpctl",
+        styles=STYLES,
+        scripts=_scripts(),
+        run=page.run,
+        page=page,
+        licences=licences(charts=True),
+        data=embed({**_scene_data(page.scene), **page.data}),
     )
+    return text.encode("utf-8", "backslashreplace")
 
 
 def _scripts() -> tuple[str, str, str]:
@@ -265,12 +295,12 @@ def _scripts() -> tuple[str, str, str]:
     return meshcat_script(), uplot_script(), own
 
 
-def scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
-    """Return the page's data of the runs' scenes and of the scene merged from them."""
+def _scene_data(scene: Scene) -> dict[str, Any]:
+    """Return what the page's scripts need of a scene."""
     return {
         "runs": [
-            {"prefix": node_prefix(k), "duration": each.duration, "frames": len(each.times)}
-            for k, each in enumerate(scenes, 1)
+            {"prefix": node_prefix(k), "duration": float(times[-1]), "frames": len(times)}
+            for k, times in enumerate(scene.motions, 1)
         ],
         "duration": scene.duration,
         "hull": np.round(scene.hull, 3).tolist(),
@@ -279,3 +309,65 @@ def scene_data(scenes: Sequence[Scene], scene: Scene) -> dict[str, Any]:
         "origin": scene.origin.tolist(),
         "commands": [base64.b64encode(command).decode() for command in scene.commands],
     }
+
+
+def poles_section(run: Run, robot: Robot | RpctlError) -> Section | None:
+    """Return the section on the poles of a run's loop; None where its robot cannot be had."""
+    if isinstance(robot, RpctlError):
+        return None
+    try:
+        poles = loop_poles(run, robot)
+    except RpctlError as error:
+        return Section(TITLE, quiet=f"None: {error}.")
+    stable = bool(poles.decay.min() > -STILL)
+    return Section(
+        TITLE,
+        [Badge(stable, "stable" if stable else "unstable")],
+        rows=[("Slowest pole", _slowest(poles)), ("Least damped", _least_damped(poles))],
+        curve=_curve(poles.t, poles.decay),
+        notes=[verdict(poles)],
+        quiet=HOW,
+    )
+
+
+def verdict(poles: LoopPoles) -> str:
+    """Return what a designer would say of the poles, in one sentence."""
+    worst = float(poles.decay.min())
+    if worst < -STILL:
+        grown = poles.t[poles.decay < -STILL]
+        return (
+            f"Errors grow near the reference between {grown[0]:.3g} and {grown[-1]:.3g} s: other "
+            "gains or a shorter control period are needed."
+        )
+    if worst < STILL:
+        return "An error stays as it is: the law does not act on it while the reference moves so."
+    if poles.damping.min() < LOW_DAMPING:
+        return "Errors decay, but swing several times: more damping would serve."
+    return f"Errors decay at all instants, the slowest by 63 % within {1.0 / worst:.3g} s."
+
+
+def _slowest(poles: LoopPoles) -> str:
+    k = int(poles.decay.argmin())
+    rate = float(poles.decay[k])
+    shown = 0.0 if abs(rate) < STILL else -rate
+    return f"{shown:.3g} 1/s at {poles.t[k]:.3g} s"
+
+
+def _least_damped(poles: LoopPoles) -> str:
+    k = int(poles.damping.argmin())
+    if poles.damping[k] > NO_SWING:
+        return "none oscillates"
+    return f"ζ = {poles.damping[k]:.2f} at {poles.t[k]:.3g} s"
+
+
+def _curve(t: Array, decay: Array) -> Curve | None:
+    """Return the slowest decay rate along the run, zero at its foot."""
+    if len(t) < 2:
+        return None
+    top = max(float(decay.max()), STILL)
+    x = EDGE + (WIDTH - 2 * EDGE) * (t - t[0]) / (t[-1] - t[0])
+    y = HEIGHT - EDGE - (HEIGHT - 2 * EDGE) * np.clip(decay, 0.0, None) / top
+    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+    label = f"Slowest decay rate from {t[0]:.3g} to {t[-1]:.3g} s, at most {top:.3g} 1/s"
+    foot = f"M{EDGE} {HEIGHT - EDGE}H{WIDTH - EDGE}"
+    return Curve(label, points, foot, WIDTH, HEIGHT)

@@ -11,7 +11,6 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -19,16 +18,23 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
-from rpctl.simulation.obstacles import AvoidedObstacle
+from rpctl.simulation.merits.obstacles import AvoidedObstacle
 from rpctl.view.labels import shorten
-from rpctl.view.pages.page import asset, embed, escape, policy
-from rpctl.view.pages.third_party import licences_html, meshcat_script, uplot_script
-from rpctl.view.scene import materials, obstacle_shapes, stand_ins, threejs, trails
-from rpctl.view.scene.ground import ground_command, lights_command
-from rpctl.view.scene.markers import Markers, build_markers, total_mass_marker
-from rpctl.view.scene.robot_meshes import Bodies, bounding_corners, build_bodies
-from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, joint_poses
-from rpctl.view.scene.skeleton import hand, joints, skeleton
+from rpctl.view.pages.page import StandInBadge, asset, embed, render_page
+from rpctl.view.pages.third_party import licences, meshcat_script, uplot_script
+from rpctl.view.scene import materials, threejs, trails
+from rpctl.view.scene.markers import (
+    Markers,
+    build_markers,
+    hand,
+    joints,
+    skeleton,
+    total_mass_marker,
+)
+from rpctl.view.scene.motion import joint_poses
+from rpctl.view.scene.obstacles import obstacle_commands, obstacle_corners
+from rpctl.view.scene.robot_meshes import Bodies, build_bodies
+from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, opening_commands, part_cloud
 
 MIN_REACH_M = 2.0  # m; how far the sliders move the base, at least
 REACH_RATIO = 2.0  # of the robot's size; how far they move it where that is farther
@@ -42,7 +48,7 @@ SCRIPTS = (
     "live.js",
     "robot_page.js",
 )
-STYLES = ("palette.css", "uplot/uPlot.min.css", "robot.css", "live.css", "goal.css")
+STYLES = ("uplot/uPlot.min.css", "robot.css", "live.css", "goal.css")
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,17 +119,19 @@ def robot_page(
     data = _data(robot, bodies, motion)
     data["goal"] = None if motion is not None else _goal(robot, command, service)
     data["live"] = _live(motion or service)
-    return Template(asset("robot.html")).substitute(
-        policy=policy(*scripts, served=served),
-        css="".join(map(asset, STYLES)),
-        name=escape(robot.name),
-        subtitle=escape(_subtitle(robot)),
-        notes=_notes(bodies),
-        stand_ins=_stand_ins(bodies),
-        named=_named(robot),
+    return render_page(
+        "robot.html",
+        title=f"{robot.name} · rpctl",
+        styles=STYLES,
+        scripts=scripts,
+        served=served,
+        name=robot.name,
+        subtitle=_subtitle(robot),
+        notes=bodies.notes,
+        stand_in=StandInBadge.of(bodies.stand_ins),
+        wheels=shorten([wheel.joint for wheel in robot.drive.wheels]).shared,
         data=embed(data, shown=False),
-        licences=licences_html(charts=served),
-        scripts="\n".join(f"<script>{text}</script>" for text in scripts),
+        licences=licences(charts=served),
     )
 
 
@@ -131,31 +139,6 @@ def _subtitle(robot: Robot) -> str:
     words = [f"{robot.drive.type} drive", f"{len(robot.drive.wheels)} wheels"]
     words = words if robot.drive.wheels else ["fixed base"]
     return " · ".join([*words, f"{robot.dof} quasi-velocities", f"{robot.mass:.4g} kg"])
-
-
-def _notes(bodies: Bodies) -> str:
-    if not bodies.notes:
-        return ""
-    items = "".join(f"<li>{escape(note)}</li>" for note in bodies.notes)
-    return f'<h2>Notes</h2><ul class="notes">{items}</ul>'
-
-
-def _stand_ins(bodies: Bodies) -> str:
-    """Return the box that shows and hides what stands in for missing meshes, its badge too."""
-    text = stand_ins.label(bodies.stand_ins)
-    if not text:
-        return ""
-    more = stand_ins.note(bodies.stand_ins, most=len(bodies.stand_ins))
-    return (
-        f'<label title="{escape(more)}"><input type="checkbox" id="layer-stand-in" checked> '
-        f'<i class="stand-in"></i>{escape(text)}</label>'
-    )
-
-
-def _named(robot: Robot) -> str:
-    """Return what the names of the wheels share, as the scene leaves it out."""
-    shared = shorten([wheel.joint for wheel in robot.drive.wheels]).shared
-    return f"<small>wheels: {escape(shared)}</small>" if shared else ""
 
 
 def _names(entries: Sequence[Mapping[str, Any]], locked: Iterable[str]) -> dict[str, Any]:
@@ -241,12 +224,7 @@ def _commands(
     """Return the commands that draw all, the robot last, as base64."""
     lower, upper = shown
     ground = robot.drive.ground
-    commands = [threejs.delete(path) for path in ("/Grid", "/Axes", "/Lights")]
-    commands += [
-        threejs.set_property("/Background", "visible", False),
-        lights_command(lower, upper),
-        ground_command(lower, upper, ground),
-    ]
+    commands = opening_commands(lower, upper, ground)
     figures = [
         total_mass_marker(robot.mass),
         skeleton(robot, ACTUAL, lambda j: materials.solid(bodies, j) + markers.joint_nodes[j]),
@@ -256,8 +234,8 @@ def _commands(
         desired = np.column_stack([motion.desired[:, :2], np.full(len(motion.desired), ground)])
         paths = {"base-desired": desired, "base": desired[:1]}
         size = float(box[1, 2]) - ground
-        commands += obstacle_shapes.commands(motion.obstacles, lower, upper, ground, size)
-        commands.append(trails.trails_command(paths, lower, upper))
+        commands += obstacle_commands(motion.obstacles, lower, upper, ground, size)
+        commands.append(trails.trails_command({"": paths}, lower, upper))
     drawn = threejs.set_object(
         ROBOTS_PATH,
         threejs.node("Group", "robots", children=figures),
@@ -270,21 +248,10 @@ def _commands(
 
 def _box(robot: Robot, bodies: Bodies, q: Array) -> Array:
     """Return the least and the largest coordinates (2, 3) of a robot and of its ground, m."""
-    (poses,) = joint_poses(robot, q[None])
-    corners = [np.array([[q[0], q[1], robot.drive.ground]])]
-    for j in range(ROOT_JOINT, robot.model.njoints):
-        part = bounding_corners(bodies, j)
-        if part is not None:
-            turn = _rotation(poses[j, 3:])
-            corners.append(part @ turn.T + poses[j, :3])
-    cloud = np.concatenate(corners)
+    every = list(range(ROOT_JOINT, robot.model.njoints))
+    foot = np.array([[q[0], q[1], robot.drive.ground]])
+    cloud = np.concatenate([foot, part_cloud(bodies, every, joint_poses(robot, q[None]))])
     return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
-
-
-def _rotation(quaternion: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(quaternion).as_matrix())
 
 
 def _area(motion: LiveMotion, box: Array, ground: float) -> Array:
@@ -295,7 +262,7 @@ def _area(motion: LiveMotion, box: Array, ground: float) -> Array:
     area[0, :2] = np.minimum(area[0, :2], places.min(axis=0) - radius)
     area[1, :2] = np.maximum(area[1, :2], places.max(axis=0) + radius)
     size = float(box[1, 2]) - ground
-    cloud = np.concatenate([area, obstacle_shapes.corners(motion.obstacles, area, ground, size)])
+    cloud = np.concatenate([area, obstacle_corners(motion.obstacles, area, ground, size)])
     return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
 
 

@@ -1,22 +1,28 @@
-"""The bare scene as a page: what films, stills and notebooks show."""
+"""The bare scene as a page, which films, stills and notebooks show; a run as notebooks show it."""
 
 from __future__ import annotations
 
 import base64
-from string import Template
+import re
+import zlib
+from pathlib import PurePath
 
 import numpy as np
+from markupsafe import Markup
 
-from rpctl.view.pages.page import asset, embed, escape, policy
-from rpctl.view.pages.third_party import licences_html, meshcat_script
-from rpctl.view.scene.camera import FIELD_OF_VIEW, fit_camera
-from rpctl.view.scene.scene import Scene
-from rpctl.view.scene.stand_ins import label, note
+from rpctl.errors import RpctlError
+from rpctl.simulation.run.run import Run
+from rpctl.view.pages.page import StandInBadge, asset, embed, policy, render, render_page
+from rpctl.view.pages.third_party import licences, meshcat_script
+from rpctl.view.scene.scene import Scene, build_scene
+from rpctl.view.scene.stage import FIELD_OF_VIEW, fit_camera
 
 HIDDEN_GHOST_DISTANCE = 2e-3  # m, rad: a ghost as near as that is hidden behind its robot
+ASPECT = 16.0 / 9.0  # of the scene in a notebook
+MAX_WIDTH_PX = 960  # pixels, at most
 
 
-def player(scene: Scene, title: str, aspect: float, script: str, controls: str = "") -> str:
+def player(scene: Scene, title: str, aspect: float, script: str, controls: bool = False) -> str:
     """Return a page that shows a scene and nothing else.
 
     Args:
@@ -24,43 +30,68 @@ def player(scene: Scene, title: str, aspect: float, script: str, controls: str =
         title: What it shows.
         aspect: Width over height of the page; the camera is placed for it.
         script: What moves the scene, by ``player.show(time)``.
-        controls: What lies over the scene, as HTML.
+        controls: Whether a timeline lies over the scene.
     """
-    scripts = (meshcat_script(), asset("player.js"), script)
-    return Template(asset("player.html")).substitute(
-        policy=policy(*scripts),
-        title=escape(title),
-        css=asset("player.css"),
-        controls=controls,
-        badge=_badge(scene),
-        licences=licences_html(charts=False),
-        data=_data(scene, aspect),
-        scripts="\n".join(f"<script>{text}</script>" for text in scripts),
-    )
-
-
-def _badge(scene: Scene) -> str:
-    """Return what tells that something stands in for missing meshes, as HTML."""
-    text = label(scene.stand_ins)
-    if not text:
-        return ""
-    more = note(scene.stand_ins, most=len(scene.stand_ins))
-    return f'<p class="badge" title="{escape(more)}">{escape(text)}</p>'
-
-
-def _data(scene: Scene, aspect: float) -> str:
     camera = fit_camera(scene.hull, aspect)
-    placed = {"eye": camera.eye, "target": camera.target}
-    return embed(
-        {
-            "duration": scene.duration,
-            "frames": len(scene.times),
-            "covered": HIDDEN_GHOST_DISTANCE,
-            "camera": {
-                **{key: np.round(place, 4).tolist() for key, place in placed.items()},
-                "depth": camera.depth,
-                "fov": FIELD_OF_VIEW,
-            },
-            "commands": [base64.b64encode(command).decode() for command in scene.commands],
-        }
+    data = {
+        "duration": scene.duration,
+        "frames": len(scene.times),
+        "covered": HIDDEN_GHOST_DISTANCE,
+        "camera": {
+            "eye": np.round(camera.eye, 4).tolist(),
+            "target": np.round(camera.target, 4).tolist(),
+            "depth": camera.depth,
+            "fov": FIELD_OF_VIEW,
+        },
+        "commands": [base64.b64encode(command).decode() for command in scene.commands],
+    }
+    return render_page(
+        "player.html",
+        title=title,
+        styles=["player.css"],
+        scripts=(meshcat_script(), asset("player.js"), script),
+        dark=False,
+        controls=controls,
+        stand_in=StandInBadge.of(scene.stand_ins),
+        licences=licences(charts=False),
+        data=embed(data),
     )
+
+
+def show(run: Run) -> str:
+    """Return a run as HTML for a notebook: one line of text, and its scene with controls.
+
+    Where the robot cannot be loaded any more, the reason stands in the place of the scene.
+    """
+    page, fault, name = "", "", run.robot.name
+    try:
+        scene = build_scene(run.load_robot(), run)
+    except RpctlError as error:
+        fault = str(error)
+    else:
+        page = pack(player(scene, name, ASPECT, asset("notebook.js"), controls=True))
+    shown = {"width": MAX_WIDTH_PX, "aspect": f"{ASPECT:.4f}", "page": page, "fault": fault}
+    return render("notebook.html", summary=_summary_line(run), title=name, **shown)
+
+
+def _summary_line(run: Run) -> str:
+    """Return what the run is, and how well it ended, in one line."""
+    errors = []
+    if run.robot.drive.wheels:
+        errors.append(f"base {1e3 * np.hypot(*run.log.e[-1, :2]):.3g} mm")
+    if run.robot.end_effector is not None:
+        errors.append(
+            f"end effector {1e3 * np.linalg.norm(run.log.ee_ref[-1] - run.log.ee[-1]):.3g} mm"
+        )
+    reference = PurePath(run.config.run.reference).name  # no folder of this machine
+    duration = run.t[-1] - run.t[0]
+    return f"{run.robot.name}, {reference}, {duration:.4g} s; final error: {', '.join(errors)}"
+
+
+def pack(page: str) -> str:
+    """Return a page that unpacks itself, at half the size: notebooks store their outputs."""
+    script = asset("unpack.js")
+    inner = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
+    packed = base64.b64encode(zlib.compress(page.encode(), level=9)).decode()
+    allowed = policy(script, *inner)
+    return render("packed.html", policy=allowed, packed=packed, script=Markup(script))

@@ -10,7 +10,6 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from html import escape
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -75,25 +74,6 @@ def licences(charts: bool) -> tuple[Licence, ...]:
     """
     uplot = Licence(UPLOT, "MIT", asset("uplot/LICENSE"))
     return (*_meshcat_licences(), *((uplot,) if charts else ()))
-
-
-def licences_html(charts: bool) -> str:
-    """Return the licences of what a page carries, folded up.
-
-    Args:
-        charts: Whether it carries uPlot, too.
-
-    Raises:
-        RpctlError: meshcat comes without them.
-    """
-    texts = "".join(
-        f"<h3>{escape(each.work)}: {escape(each.name)}</h3><pre>{escape(each.text)}</pre>"
-        for each in licences(charts)
-    )
-    return (
-        '<details class="licences"><summary>Licences of what this page is drawn with</summary>'
-        f"{texts}</details>"
-    )
 
 
 def _meshcat_file(name: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rpctl.study.attraction import REACH_M, Ending, Fraction, fractions, placement
 from rpctl.view.labels import literal
+from rpctl.view.palette import light, mixed, rgb
 from rpctl.view.plots import style
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT
 
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 PANEL_IN, LEFT_IN, GAP_IN, HEAD_IN, FOOT_IN = 2.1, 0.55, 0.2, 0.72, 0.95  # inches
 PETAL_FRACTION = 0.46  # of the distance between two places: the length of a petal
 FIRST_S, LAST_S = 3.0, 60.0  # of the colours of converging starts: settled so soon, so late
-FAST, SLOW = "#0b6e4f", "#e9f2c4"  # the colours themselves
-FAILED, REFUSED, UNDECIDED = "#c8324a", "#d5d9df", "#f0a202"
+FAST, SLOW = light("settled-early"), light("settled-late")  # the colours themselves
+FAILED, REFUSED, UNDECIDED = light("failed"), light("refused"), light("undecided")
 KEYS = {
     "did not converge, and says so": FAILED,
     "still on its way at the end": UNDECIDED,
@@ -38,7 +39,7 @@ CAPTION = (
     "A petal is a start: it lies where the robot stands, seen from its reference (the arrow),\n"
     "and points where the robot heads."
 )
-EDGE: dict[str, Any] = {"linewidth": 0.3, "edgecolor": "#ffffff"}
+EDGE: dict[str, Any] = {"linewidth": 0.3, "edgecolor": style.PAPER}
 
 
 @style.own_settings()
@@ -112,33 +113,25 @@ def _panel(
         axes.set_xlabel("ahead of its reference, m", fontsize=SMALL_PT, color=style.INK)
 
 
-def _colour(ending: Ending) -> Any:
+def _colour(ending: Ending) -> str:
     if ending.outcome is None:
-        return (*_rgb(REFUSED), 1.0)
+        return REFUSED
     if ending.failed:
-        return (*_rgb(FAILED), 1.0)
-    if ending.settled_at is None:
-        return (*_rgb(UNDECIDED), 1.0)
-    return (*_between(ending.settled_at), 1.0)
+        return FAILED
+    return UNDECIDED if ending.settled_at is None else _between(ending.settled_at)
 
 
-def _between(settled_at: float) -> tuple[float, ...]:
+def _between(settled_at: float) -> str:
     """Return the colour of a converging start by when it settled (s), on a logarithmic scale."""
     part = math.log(max(settled_at, FIRST_S) / FIRST_S) / math.log(LAST_S / FIRST_S)
-    mixed = np.array(_rgb(FAST)) + min(part, 1.0) * np.subtract(_rgb(SLOW), _rgb(FAST))
-    return tuple(mixed.tolist())
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    red, green, blue = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
-    return red, green, blue
+    return mixed(FAST, SLOW, min(part, 1.0))
 
 
 def _key(figure: Figure, width: float, height: float) -> None:
     """Draw what the colours mean: a scale of times, and the words of the others."""
     scale = figure.add_axes((LEFT_IN / width, 0.33 / height, 1.5 / width, 0.09 / height))
     times = np.geomspace(FIRST_S, LAST_S, 64)
-    scale.imshow([[_between(t) for t in times.tolist()]], aspect="auto",
+    scale.imshow([[rgb(_between(t)) for t in times.tolist()]], aspect="auto",
                  extent=(0.0, 1.0, 0.0, 1.0))  # fmt: skip
     ticks = [3, 6, 15, 30, 60]
     places = [math.log(t / FIRST_S) / math.log(LAST_S / FIRST_S) for t in ticks]

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rpctl.arrays import Array
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.writing import write_atomically
-from rpctl.simulation.run import Run
-from rpctl.view.chart import Panel
-from rpctl.view.charts import coloured_joints
+from rpctl.simulation.run.run import Run
+from rpctl.view.chart import ERROR_FLOOR, PANELS, PATHS, Chart, Panel, decades
+from rpctl.view.charts import ALL_SPLITS, charts, coloured_joints, has_base
 from rpctl.view.marks import marked
-from rpctl.view.plots.cells import PanelCell, place_cells
-from rpctl.view.plots.panels import PanelChart, draw_panel, find_panels
+from rpctl.view.plots import style
+from rpctl.view.plots.paths import draw_paths
 from rpctl.view.plots.style import (
     PAPER,
     add_legend,
@@ -29,6 +31,7 @@ from rpctl.view.plots.style import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PAGE_WIDTH_IN, COLUMN_WIDTH_IN = (
@@ -42,6 +45,11 @@ PRINT_DPI = 400  # of a figure for print
 PALETTE_COLOURS = 256  # of the PNG's palette: a third of the size, and the eye sees no difference
 PANEL_LETTERS = "abcdefghijklmnopqrstuvwxyz"
 TRUETYPE = 42  # fonts as publishers ask for them: whole letters that stay text
+PanelChart = tuple[Panel, Chart | None]  # a panel and its chart; None where it shows the paths
+# Margins around the axes of a panel, inches: for ticks of up to seven characters and the label of
+# the values; for half a tick's text; for the title; for ticks and the label of the time.
+LEFT_IN, RIGHT_IN, TOP_IN, BOTTOM_IN = 0.55, 0.1, 0.22, 0.34
+VALUE_LABEL_IN, TIME_LABEL_IN = 0.42, 0.175  # from the axes to the labels
 
 
 def tracking_image(run: Run) -> bytes:
@@ -166,3 +174,108 @@ def to_pdf(figure: Figure) -> bytes:
         # Without a date the same run gives the same file.
         figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
     return buffer.getvalue()
+
+
+def find_panels(run: Run) -> list[PanelChart]:
+    """Return the panels that a run has data for, in the order of ``PANELS``, and their charts."""
+    found: list[PanelChart] = []
+    if has_base(run) or run.log.ee.shape[1]:
+        found.append((PATHS, None))
+    found += [(chart.panel, chart) for chart in charts(run) if chart.panel is not None]
+    return sorted(found, key=lambda each: PANELS.index(each[0].name))
+
+
+def draw_panel(axes: Axes, run: Run, panel: Panel, chart: Chart | None) -> None:
+    """Draw what a panel shows.
+
+    Args:
+        axes: The panel's axes.
+        run: The run.
+        panel: The panel.
+        chart: Its chart; None where it shows the paths.
+    """
+    if chart is None:
+        draw_paths(axes, run)
+    else:
+        _draw_chart(axes, run, panel, chart)
+
+
+def _draw_chart(axes: Axes, run: Run, panel: Panel, chart: Chart) -> None:
+    for limit in chart.limits:
+        axes.axhline(panel.factor * limit, color=style.INK, **style.LIMIT_STYLE)
+    lines = [line for line in (*chart.lines, *panel.more) if line.shown]
+    joints = len(coloured_joints(run)) if panel.legend == "joints" else 0
+    for line in lines:
+        look = style.line_style(line.colour, line.dash, joints)
+        if line.band is not None:
+            _draw_band(axes, run.t, line.band, panel, look["color"])
+        values = np.maximum(np.abs(line.values), ERROR_FLOOR) if chart.errors else line.values
+        label = line.printed if panel.legend == "own" else None
+        axes.plot(run.t, panel.factor * values, label=label, **look)
+    wanted = [line.reference for line in lines if line.reference is not None]
+    for reference in wanted if panel.references else ():
+        axes.plot(run.t, panel.factor * reference, **style.DESIRED_STYLE)
+    if wanted and panel.legend == "own":
+        axes.plot([], [], label="reference", **style.DESIRED_STYLE)
+    span = decades(lines) if chart.errors else panel.span
+    if chart.errors:
+        axes.set_yscale("log")
+    if span is not None:
+        axes.set_ylim(panel.factor * span[0], panel.factor * span[1])
+    axes.set_xlabel("t, s")
+    axes.set_ylabel(panel.axis)
+
+
+def _draw_band(axes: Axes, t: Array, band: tuple[Array, Array], panel: Panel, colour: str) -> None:
+    """Shade what lies between the edges (K,) of a band; one without an end leaves the panel."""
+    end = np.inf if panel.span is None else panel.span[1]
+    low, high = (panel.factor * np.minimum(edge, end) for edge in band)
+    axes.fill_between(t, low, high, label=ALL_SPLITS, color=colour, alpha=0.2, lw=0.0)
+
+
+# Matplotlib's own layouts measure what stands around a panel's axes, several times a panel, which
+# takes longer than to draw it: here the margins are the same everywhere.
+@dataclass(frozen=True, eq=False)
+class PanelCell:
+    """A panel's axes and its place in the figure.
+
+    Attributes:
+        axes: The axes.
+        row: Its row, from the top.
+        columns: Its columns, from the left.
+        height: Of its row, inches.
+        legend: Height of the legend below the panel, inches; 0 where it has none there.
+    """
+
+    axes: Axes
+    row: int
+    columns: slice
+    height: float
+    legend: float
+
+
+def place_cells(figure: Figure, cells: Sequence[PanelCell], columns: int, strip: float) -> None:
+    """Give a figure its height, and each panel its place and those of its labels.
+
+    Args:
+        figure: The figure; its width stays.
+        cells: The panels.
+        columns: Columns of the figure.
+        strip: Height to leave free below the panels, inches.
+    """
+    rows = [0.0] * (1 + max((cell.row for cell in cells), default=-1))
+    for cell in cells:
+        rows[cell.row] = max(rows[cell.row], cell.height + cell.legend)
+    width, height = float(figure.get_figwidth()), sum(rows) + strip
+    figure.set_size_inches(width, height)
+    for cell in cells:
+        x = LEFT_IN + cell.columns.start * width / columns
+        w = (cell.columns.stop - cell.columns.start) * width / columns - LEFT_IN - RIGHT_IN
+        y = strip + sum(rows[cell.row + 1 :]) + BOTTOM_IN + cell.legend
+        h = cell.height - TOP_IN - BOTTOM_IN
+        cell.axes.set_position((x / width, y / height, w / width, h / height))
+        cell.axes.yaxis.set_label_coords(-VALUE_LABEL_IN / w, 0.5)
+        cell.axes.xaxis.set_label_coords(0.5, -TIME_LABEL_IN / h)
+        legend = cell.axes.get_legend()
+        if cell.legend and legend is not None:
+            legend.set_bbox_to_anchor((0.5, (y - BOTTOM_IN) / height), figure.transFigure)

@@ -12,11 +12,11 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.simulation.obstacles import BASE, TIP, AvoidedObstacle, run_obstacles
-from rpctl.simulation.run import Run
+from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, run_obstacles
+from rpctl.simulation.run.run import Run
 from rpctl.view.chart import PATHS
-from rpctl.view.obstacles import near, rims
 from rpctl.view.plots import style
+from rpctl.view.scene.obstacles import near, rims
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,10 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rpctl.study.stress.ladders import Stress
-from rpctl.study.stress.report import StressReport, StressRow
-from rpctl.study.stress.verdict import DEGRADE, FAIL, PASS, REFUSED, VERDICTS, error_text
+from rpctl.study.stress_battery import REFUSED, Stress
+from rpctl.study.stress_report import (
+    DEGRADE,
+    FAIL,
+    PASS,
+    VERDICTS,
+    StressReport,
+    StressRow,
+    error_text,
+)
 from rpctl.view.labels import literal
+from rpctl.view.palette import light
 from rpctl.view.plots import style
 from rpctl.view.plots.figures import to_png
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT, text_width
@@ -24,8 +32,8 @@ ROW_IN, LEVELS_IN, BLOCK_GAP_IN = 0.155, 0.15, 0.07  # heights of a law, its lev
 HEAD_IN, FOOT_IN, NOTE_IN = 0.62, 0.36, 0.15
 FEWEST = 5  # boxes that a panel has room for, at least
 CELL_PT, LEVEL_PT = SMALL_PT - 0.9, SMALL_PT - 1.2
-FILLS = {PASS: "#d7efe0", DEGRADE: "#e8a02c", FAIL: "#8f1d2c", REFUSED: "#ffffff"}
-INKS = {PASS: style.INK, DEGRADE: style.INK, FAIL: "#ffffff", REFUSED: style.DESIRED}
+FILLS = {PASS: light("pass"), DEGRADE: light("degrade"), FAIL: light("fail"), REFUSED: style.PAPER}
+INKS = {PASS: style.INK, DEGRADE: style.INK, FAIL: style.PAPER, REFUSED: style.DESIRED}
 SIGNS = {PASS: "", DEGRADE: "~", FAIL: "×", REFUSED: "–"}
 PAIRS = "two at once: how many"
 NOMINAL = "nominal"  # among the keys
@@ -38,7 +46,7 @@ KEYS = {
     NOMINAL: "nothing stressed",
 }
 NOMINAL_EDGE: dict[str, Any] = {"edgecolor": style.INK, "linewidth": 0.9, "zorder": 3}
-EDGE: dict[str, Any] = {"edgecolor": "#ffffff", "linewidth": 0.8}
+EDGE: dict[str, Any] = {"edgecolor": style.PAPER, "linewidth": 0.8}
 
 
 def stress_image(report: StressReport) -> bytes:

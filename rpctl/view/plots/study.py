@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rpctl.study.benchmark import Row
-from rpctl.study.scenarios import PAPER, LawPair
-from rpctl.study.verdicts import group_rows
+from rpctl.study.compare import PAPER, LawPair, Row, group_rows
 from rpctl.view.labels import literal
+from rpctl.view.palette import light
 from rpctl.view.plots import style
 from rpctl.view.plots.style import (
     COLUMN_GAP_IN,
@@ -29,7 +28,7 @@ LINE_HEIGHT_IN, GAP_IN, HEAD_IN, FOOT_IN = 0.115, 0.16, 0.52, 0.62  # heights, i
 MM_PER_M = 1e3  # mm of a m
 AXIS_MARGIN_RATIO = 1.6  # times the extreme errors: where the axis ends
 NARROW_SPAN_RATIO = 50.0  # times the least value of an axis: up to there 3 is marked, too
-GREY = "#9aa2ad"
+GREY = light("lost")
 TITLE_STYLE: dict[str, Any] = {"fontsize": TEXT_PT, "fontweight": "bold", "color": style.INK}
 Colours = dict[LawPair, str]  # of the two that matter
 BROKEN_LIMIT_STYLE: dict[str, Any] = {"marker": "^", "color": style.INK, "ms": 3.0, "ls": ""}

@@ -1,27 +1,26 @@
-"""The picture of a study: errors over time, the merit's distribution, a map, what matters."""
+"""The picture of a study: the figures of its page, two panels a row, then a row of bars."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rpctl.study.sensitivity import EITHER_SIDE, MONOTONIC, Importance, importances
-from rpctl.study.statistics import LEVELS, envelope
-from rpctl.study.words import (
-    Unit,
-    grouped,
-    merit_words,
-    parameter_words,
-    percent,
-    share_span,
-    unit_of,
-)
+from rpctl.study.words import grouped, merit_words, number, parameter_words, percent, share_span
 from rpctl.view.labels import ELLIPSIS, fold, literal
+from rpctl.view.palette import LINES, RAMP, light
 from rpctl.view.plots import style
 from rpctl.view.plots.figures import to_png
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT, style_axes, text_width
+from rpctl.view.still_chart import Axis, Cells, Mark, StillChart, fitting
+from rpctl.view.study_figures import (
+    ImportanceBars,
+    distribution_chart,
+    envelope_charts,
+    importance_bars,
+    map_chart,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,21 +36,10 @@ SCALE_IN, SCALE_ROOM_IN = 0.1, 0.78  # inches: a colour bar, and what it needs w
 BOLD_RATIO = 1.2  # of the width of bold text to that of plain text, at most
 NAME_IN, NAME_LINES = 2.4, 2  # the most that the name of a parameter takes
 DPI = 200
-MOST_BARS, BINS = 10, 40
-COLOURS = {"base_error": style.BASE, "end_effector_error": style.TIP}
-TITLES = {
-    "base_error": "Base error over time",
-    "end_effector_error": "End effector error over time",
-}
-MEASURES = {
-    "sobol": "share of the variance, with interactions (total Sobol index)",
-    "morris": "mean size of the change over the range (μ* of Morris)",
-    "rank-correlation": "rank correlation",
-}
-WAYS = {MONOTONIC: style.BASE, EITHER_SIDE: style.TIP}
-WAY_WORDS = {MONOTONIC: "of the parameter", EITHER_SIDE: "of its distance from its median"}
-
-Draw = Callable[["Axes"], None]
+MOST_BARS = 10
+BENT = {False: "of the parameter", True: "of its distance from its median"}  # of a correlation
+PX_PER_PT = 96.0 / 72.0
+TICK_ROOM = 40  # characters of the labels below a panel that fit
 
 
 def study_picture(result: StudyResult) -> bytes:
@@ -61,64 +49,63 @@ def study_picture(result: StudyResult) -> bytes:
 
 @style.own_settings()
 def study_runs_figure(result: StudyResult) -> Figure:
-    """Return the figure: two panels a row, then a row of bars; those that there is something for.
-
-    An odd panel is as wide as the figure.
-    """
+    """Return the figure; an odd panel is as wide as it is."""
     from matplotlib.figure import Figure
 
-    panels: list[Draw] = [
-        *(_over_time(result, name) for name in COLOURS if name in result.runs.series),
-        lambda axes: _distribution(axes, result),
-    ]
-    if result.maps:
-        panels.append(lambda axes: _map(axes, result))
+    panels = _panels(result)
     found = result.sensitivity_of(result.merit)
-    bars = importances(found, MOST_BARS) if found is not None else []
-    names = [_clipped(str(parameter_words(each.name).name)) for each in bars]
-    bars_in = sum(BAR_IN + LINE_IN * name.count("\n") for name in names)
-    title = _folded(_title(result), (WIDTH_IN - 0.3) / BOLD_RATIO, TEXT_PT + 1.0)
+    bars = importance_bars(result, found, MOST_BARS) if found is not None else None
+    names = [_clipped(parameter_words(each.name).name) for each in bars.bars] if bars else []
+    rows_in = np.array([BAR_IN + LINE_IN * name.count("\n") for name in names])
+    success = result.success
+    share = f"{percent(success.value)} succeeded (95 % interval {share_span(success)})"
+    title = f"{result.robot}: {grouped(len(result.runs))} runs, {share}"
+    title = _folded(title, (WIDTH_IN - 0.3) / BOLD_RATIO, TEXT_PT + 1.0)
     head = HEAD_IN + 0.14 * (title.count("\n") + 1)
-    rows = -(-len(panels) // 2)
     row_in = ABOVE_IN + PANEL_IN + BELOW_IN
-    bars_row = ABOVE_IN + bars_in + BELOW_IN + LINE_IN if bars else 0.0
-    height = head + rows * row_in + bars_row
+    bars_in = float(rows_in.sum())
+    height = head + -(-len(panels) // 2) * row_in
+    height += ABOVE_IN + bars_in + BELOW_IN + LINE_IN if bars else 0.0
     figure = Figure((WIDTH_IN, height))
     figure.set_facecolor(style.PAPER)
     heading: dict[str, Any] = {"fontsize": TEXT_PT + 1.0, "fontweight": "bold", "color": style.INK}
     figure.text(0.1 / WIDTH_IN, 1.0 - 0.1 / height, literal(title), va="top", **heading)
     half = 0.5 * (WIDTH_IN - LEFT_IN - RIGHT_IN - GAP_IN)
-    for k, draw in enumerate(panels):
+    for k, chart in enumerate(panels):
         row, column = divmod(k, 2)
         wide = k == len(panels) - 1 and not column
         left = LEFT_IN + column * (half + GAP_IN)
         bottom = height - head - row * row_in - ABOVE_IN - PANEL_IN
         width = WIDTH_IN - LEFT_IN - RIGHT_IN if wide else half
-        draw(_axes(figure, left, bottom, width, PANEL_IN))
+        _draw(figure, _axes(figure, left, bottom, width, PANEL_IN), chart, width)
     if bars:
-        left = max(map(text_width_small, names)) + 0.25
+        left = max(text_width(name, SMALL_PT) for name in names) + 0.25
         axes = _axes(figure, left, BELOW_IN, WIDTH_IN - left - RIGHT_IN, bars_in)
-        _importance(axes, result, bars, names)
+        _importance(axes, bars, names, rows_in)
     return figure
 
 
-def text_width_small(text: str) -> float:
-    """Return the width of a text as labels have it, inches."""
-    return text_width(text, SMALL_PT)
+def _panels(result: StudyResult) -> list[StillChart]:
+    """Return the charts that there is something for, under the titles that they have here."""
+    merit, unit = result.merit, result.units.get(result.merit, "")
+    charts = [
+        replace(chart, title=f"{chart.title[:1].upper()}{chart.title[1:]} over time")
+        for chart in envelope_charts(result)
+    ]
+    spread = distribution_chart(merit, result.runs.merits[merit], result.succeeded, unit)
+    if isinstance(spread, StillChart):
+        label = merit_words(merit) + (f" ({spread.x.label})" if spread.x.label else "")
+        title = f"Distribution: {merit_words(merit)}"
+        charts.append(replace(spread, title=title, x=replace(spread.x, label=label)))
+    known = (each for each in result.maps[:1] if np.isfinite(each.median).any())
+    maps = (map_chart(each, unit)[0] for each in known)
+    return charts + [replace(chart, title="Median over what matters most") for chart in maps]
 
 
 def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
     """Return axes at a place of the figure, inches."""
     across, up = figure.get_size_inches()
     return figure.add_axes((left / across, bottom / up, width / across, height / up))
-
-
-def _title(result: StudyResult) -> str:
-    success = result.success
-    return (
-        f"{result.robot}: {grouped(len(result.runs))} runs, {percent(success.value)} succeeded "
-        f"(95 % interval {share_span(success)})"
-    )
 
 
 def _folded(text: str, width: float, size: float = SMALL_PT) -> str:
@@ -129,124 +116,116 @@ def _folded(text: str, width: float, size: float = SMALL_PT) -> str:
     return fold(text, length)
 
 
-def _clipped(name: str) -> str:
-    """Return a parameter's name in the lines that bars have room for."""
-    lines = _folded(name, NAME_IN).split("\n")
+def _clipped(text: str, width: float = NAME_IN, size: float = SMALL_PT) -> str:
+    """Return a text in ``NAME_LINES`` lines at most, each as wide as a place (inches)."""
+    lines = _folded(text, width, size).split("\n")
     if len(lines) > NAME_LINES:
         lines = [*lines[: NAME_LINES - 1], lines[NAME_LINES - 1][:-1] + ELLIPSIS]
     return "\n".join(lines)
 
 
-def _merit(result: StudyResult) -> tuple[str, Unit]:
-    """Return the merit's words with the unit that it is shown in, and that unit."""
-    values = result.runs.merits[result.merit]
-    known = np.abs(values[np.isfinite(values)])
-    unit = unit_of(result.units.get(result.merit, ""), float(known.max()) if len(known) else 0.0)
-    return merit_words(result.merit) + (f" ({unit.name})" if unit.name else ""), unit
+def _draw(figure: Figure, axes: Axes, chart: StillChart, width: float) -> None:
+    """Draw a panel of a width (inches)."""
+    if chart.cells is not None:
+        width -= SCALE_ROOM_IN
+    x = replace(chart.x, label=_clipped(chart.x.label, width))
+    y = replace(chart.y, label=_clipped(chart.y.label, PANEL_IN))
+    draw_still_chart(axes, replace(chart, x=x, y=y))
+    if chart.cells is not None:
+        _scale(figure, axes, chart.cells.label)
+    else:
+        axes.legend(fontsize=style.LEGEND_PT, labelcolor=style.INK, frameon=False,
+                    handlelength=1.4, labelspacing=0.3, loc="best")  # fmt: skip
 
 
-def _over_time(result: StudyResult, name: str) -> Draw:
-    def draw(axes: Axes) -> None:
-        found = envelope(np.asarray(result.runs.series[name], float), LEVELS)
-        finite = found[np.isfinite(found)]
-        unit = unit_of("m", float(finite.max()) if len(finite) else 0.0)
-        top = (
-            1.05 * unit.factor * float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
-        )
-        shown, t, colour = np.minimum(unit.factor * found, 1e3 * top), result.runs.t, COLOURS[name]
-        for low, high, alpha, label in ((0, 4, 0.18, "90 % of runs"), (1, 3, 0.4, "50 % of runs")):
-            axes.fill_between(t, shown[low], shown[high], color=colour, alpha=alpha, lw=0,
-                              label=label)  # fmt: skip
-        axes.plot(t, shown[2], color=colour, lw=style.LINE_WIDTH_PT, label="median")
-        axes.set_ylim(0.0, top)
-        axes.set_xlabel("time (s)")
-        axes.set_ylabel(f"error ({unit.name})")
-        _legend(axes, reverse=True)
-        style_axes(axes, TITLES[name])
-
-    return draw
-
-
-def _legend(axes: Axes, **options: Any) -> None:
-    axes.legend(fontsize=style.LEGEND_PT, labelcolor=style.INK, frameon=False, handlelength=1.4,
-                labelspacing=0.3, loc=options.pop("loc", "upper right"), **options)  # fmt: skip
-
-
-def _distribution(axes: Axes, result: StudyResult) -> None:
-    label, unit = _merit(result)
-    values = unit.factor * result.runs.merits[result.merit]
-    known = np.isfinite(values)
-    groups = [values[known & result.succeeded], values[known & ~result.succeeded]]
-    axes.hist(groups, BINS, stacked=True, color=[style.BASE, style.TIP],
-              label=["succeeded", "did not"])  # fmt: skip
-    axes.set_xlabel(label)
-    axes.set_ylabel("runs")
-    if not result.succeeded.all():
-        _legend(axes)
-    style_axes(axes, literal(f"Distribution: {merit_words(result.merit)}"))
-
-
-def _importance(axes: Axes, result: StudyResult, bars: list[Importance], names: list[str]) -> None:
-    """Draw the bars from the top down, each as high as the lines of its name."""
-    found = result.sensitivity_of(result.merit)
-    assert found is not None
-    factor, label = 1.0, MEASURES[found.method]
-    if found.method == "morris":
-        largest = max(abs(each.value) for each in bars)
-        factor, name = unit_of(result.units.get(result.merit, ""), largest)
-        label += f" ({name})" if name else ""
-    values = factor * np.array([each.value for each in bars])
-    ends = factor * np.array([(each.value - each.low, each.high - each.value) for each in bars])
-    whiskers = np.where(np.isfinite(ends), np.maximum(ends, 0.0), 0.0).T
-    rows_in = np.array([BAR_IN + LINE_IN * name.count("\n") for name in names])
-    y = np.cumsum(rows_in) - 0.5 * rows_in
-    axes.barh(y, values, xerr=whiskers, color=[WAYS.get(each.way, style.BASE) for each in bars],
-              height=0.6 * BAR_IN, ecolor=style.INK, error_kw={"lw": 0.8})  # fmt: skip
-    style_axes(axes, literal(f"What matters: {merit_words(result.merit)}"))
-    axes.set_ylim(float(rows_in.sum()), 0.0)
-    axes.set_yticks(y, [literal(each) for each in names], fontsize=SMALL_PT)
-    axes.grid(False, axis="y")
-    if found.method == "rank-correlation":
-        axes.set_xlim(-1.0 if values.min() < -0.2 else min(-0.05, *(values - whiskers[0])), 1.0)
-        _ways(axes, {each.way for each in bars})
-    axes.axvline(0.0, color=style.INK, lw=0.6)
-    axes.set_xlabel(f"{label}; line: its 95 % interval")
-
-
-def _ways(axes: Axes, shown: set[str]) -> None:
-    """Say below the bars whose correlation their colours stand for."""
-    from matplotlib.patches import Patch
-
-    handles = [Patch(color=WAYS[each], label=WAY_WORDS[each]) for each in WAYS if each in shown]
-    height_in = axes.get_position().height * axes.figure.get_size_inches()[1]  # type: ignore[union-attr]
-    below = -(BELOW_IN - 0.2) / height_in
-    _legend(axes, handles=handles, loc="upper center", ncols=2, bbox_to_anchor=(0.5, below),
-            borderaxespad=0.0)  # fmt: skip
-
-
-def _map(axes: Axes, result: StudyResult) -> None:
-    found, figure = result.maps[0], axes.figure
-    label, unit = _merit(result)
-    box, (width_in, _) = axes.get_position(), figure.get_size_inches()  # type: ignore[union-attr]
+def _scale(figure: Figure, axes: Axes, label: str) -> None:
+    """Add what the colours of a map mean."""
+    box, (width_in, _) = axes.get_position(), figure.get_size_inches()
     room = SCALE_ROOM_IN / width_in
     axes.set_position((box.x0, box.y0, box.width - room, box.height))
-    scale = figure.add_axes(
-        (box.x1 - room + 0.1 / width_in, box.y0, SCALE_IN / width_in, box.height)
-    )
-    shown = np.ma.masked_invalid(unit.factor * found.median)
-    drawn = axes.pcolormesh(found.x_edges, found.y_edges, shown, cmap="cividis")
-    bar = figure.colorbar(drawn, cax=scale)
+    left = box.x1 - room + 0.1 / width_in
+    scale = figure.add_axes((left, box.y0, SCALE_IN / width_in, box.height))
+    bar = figure.colorbar(axes.collections[0], cax=scale)
     bar.outline.set_visible(False)
     scale.tick_params(labelsize=SMALL_PT, colors=style.INK, length=2.0, pad=2)
     scale.set_ylabel(_folded(label, PANEL_IN), fontsize=SMALL_PT, color=style.INK)
-    style_axes(axes, "Median over what matters most")
-    x, y = (str(parameter_words(name)) for name in (found.x, found.y))
-    axes.set_xlabel(literal(_clip_lines(x, width_in * axes.get_position().width)))
-    axes.set_ylabel(literal(_clip_lines(y, PANEL_IN)))
-    axes.grid(False)
 
 
-def _clip_lines(text: str, width: float) -> str:
-    """Return the label of an axis in two lines at most, which are as long as the axis."""
-    lines = _folded(text, width).split("\n")
-    return "\n".join(lines if len(lines) <= 2 else [lines[0], lines[1][:-1] + ELLIPSIS])
+def _importance(
+    axes: Axes, shown: ImportanceBars, names: list[str], rows_in: np.ndarray[Any, Any]
+) -> None:
+    """Draw the bars from the top down, each as high as the lines of its name (inches)."""
+    from matplotlib.patches import Patch
+
+    factor, bars = shown.unit.factor, shown.bars
+    values = factor * np.array([each.value for each in bars])
+    ends = factor * np.array([(each.value - each.low, each.high - each.value) for each in bars])
+    whiskers = np.where(np.isfinite(ends), np.maximum(ends, 0.0), 0.0).T
+    y = np.cumsum(rows_in) - 0.5 * rows_in
+    colours = {False: style.BASE, True: style.TIP}
+    axes.barh(y, values, xerr=whiskers, color=[colours[shown.bent(each)] for each in bars],
+              height=0.6 * BAR_IN, ecolor=style.INK, error_kw={"lw": 0.8})  # fmt: skip
+    style_axes(axes, literal(f"What matters: {shown.title}"))
+    axes.set_xlim(factor * shown.axis.low, factor * shown.axis.high)
+    axes.set_ylim(float(rows_in.sum()), 0.0)
+    axes.set_yticks(y, [literal(each) for each in names], fontsize=SMALL_PT)
+    axes.grid(False, axis="y")
+    axes.axvline(0.0, color=style.INK, lw=0.6)
+    unit = f" ({shown.unit.name})" if shown.unit.name else ""
+    axes.set_xlabel(f"{shown.measure}{unit}; line: its 95 % interval")
+    if shown.rank:
+        kinds = {shown.bent(each) for each in bars}
+        handles = [Patch(color=colours[kind], label=BENT[kind]) for kind in sorted(kinds)]
+        below = -(BELOW_IN - 0.2) / float(rows_in.sum())
+        axes.legend(handles=handles, loc="upper center", ncols=2, bbox_to_anchor=(0.5, below),
+                    borderaxespad=0.0, fontsize=style.LEGEND_PT, labelcolor=style.INK,
+                    frameon=False, handlelength=1.4)  # fmt: skip
+
+
+def draw_still_chart(axes: Axes, chart: StillChart) -> None:
+    """Draw a chart; who wants a legend or a scale of its cells adds it."""
+    if chart.cells is not None:
+        _draw_cells(axes, chart.cells)
+    for mark in chart.marks:
+        _draw_mark(axes, mark, chart.y)
+    style.style_axes(axes, literal(chart.title))
+    axes.set(xscale=_scale_of(chart.x), yscale=_scale_of(chart.y))
+    axes.minorticks_off()
+    across, up = fitting(chart.x.ticks(), TICK_ROOM), chart.y.ticks()
+    axes.set_xticks(across, [number(value) for value in across])
+    axes.set_yticks(up, [number(value) for value in up])
+    axes.set(xlim=(chart.x.low, chart.x.high), ylim=(chart.y.low, chart.y.high))
+    axes.set(xlabel=literal(chart.x.label), ylabel=literal(chart.y.label))
+    if chart.cells is not None:
+        axes.grid(False)
+
+
+def _scale_of(axis: Axis) -> str:
+    return "log" if axis.log else "linear"
+
+
+def _draw_mark(axes: Axes, mark: Mark, axis: Axis) -> None:
+    """Draw a mark; what is beyond its axis is drawn at its end."""
+    y = np.clip(mark.y, axis.low, axis.high)
+    line = mark.colour.removeprefix("c")
+    colour = LINES[int(line)][0] if line.isdigit() else light(mark.colour)
+    look: dict[str, Any] = {"color": colour, "alpha": mark.opacity, "label": mark.label or None}
+    if mark.floor is None:
+        dash = style.LIMIT_STYLE["ls"] if mark.dashed else "-"
+        axes.plot(mark.x, y, lw=mark.width / PX_PER_PT, ls=dash, **look)
+        return
+    floor = np.clip(mark.floor, axis.low, axis.high)
+    if mark.steps:
+        axes.stairs(y, mark.x, baseline=floor, lw=0.0, fill=True, **look)
+    else:
+        axes.fill_between(mark.x, floor, y, lw=0.0, **look)
+
+
+def _draw_cells(axes: Axes, cells: Cells) -> None:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    ramp = LinearSegmentedColormap.from_list("ramp", RAMP).with_extremes(over=light("lost"))
+    lost = np.nextafter(cells.high, np.inf)
+    shown = np.ma.masked_invalid(np.where(np.isposinf(cells.values), lost, cells.values))
+    edges = cells.x_edges, cells.y_edges
+    axes.pcolormesh(*edges, shown, cmap=ramp, vmin=cells.low, vmax=cells.high)

@@ -11,27 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rpctl.simulation.columns import release
-from rpctl.simulation.run import Run
+from rpctl.simulation.run.run import Run
 from rpctl.view.labels import fold, literal, shorten
+from rpctl.view.palette import LINES, light
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PAPER, INK, FAINT = "#ffffff", "#1a1d21", "#e3e6ea"  # background, text, grid
-CYCLE = (  # of lines; after Okabe and Ito, told apart by the colour-blind
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#56B4E9",
-    "#E69F00",
-    "#7A6A53",
-)
-BASE, TIP = CYCLE[:2]
-DESIRED = "#5c6470"
-BASE_OBSTACLE, TIP_OBSTACLE = "#b0325f", "#9a6a00"
+PAPER, INK, FAINT = light("card"), light("ink"), light("line")  # background, text, grid
+CYCLE = tuple(colour for colour, _ in LINES[:7])
+BASE, TIP, DESIRED = light("base"), light("tip"), light("soft")
+BASE_OBSTACLE, TIP_OBSTACLE = light("obstacles-base"), light("obstacles-tip")
 TEXT_PT, SMALL_PT = 7.5, 6.5  # pt
 LEGEND_PT = SMALL_PT - 0.5  # pt
 COLUMN_GAP_IN = 5.0 * LEGEND_PT / 72.0  # inches: a legend's line, and what is between its columns
@@ -63,12 +54,8 @@ def sampled(run: Run) -> Run:
     step = -(-len(run.t) // MAX_POINTS)
     if step == 1:
         return run
-    kept: dict[str, Any] = {}
-    for name, array in vars(run.log).items():
-        if isinstance(array, np.ndarray):
-            kept[name] = array[::step].copy()
-            release(array)
-    return replace(run, log=replace(run.log, **kept))
+    kept = {name: array[::step] for name, array in run.log.arrays().items()}
+    return replace(run, log=run.log.changed(kept))
 
 
 def line_style(colour: int, dash: int = 0, joints: int = 0) -> dict[str, Any]:

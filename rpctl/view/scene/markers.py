@@ -1,9 +1,9 @@
-"""Markers on a robot: link frames, centres of mass, wheel contacts and P."""
+"""A robot that a page moves: its joints as nested nodes, and markers on its links and wheels."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +12,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.description.records import Mimic
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.rolling import contact_point
 from rpctl.libraries import library
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.view.labels import shorten
+from rpctl.view.palette import light, number_of, rgb
 from rpctl.view.scene import threejs
 
 STEEL_DENSITY = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
@@ -27,18 +29,6 @@ CONTACT_RANK = 1e9  # label priority of contacts, above all masses (ranked by kg
 ROLLING_TOLERANCE_RAD = math.radians(
     1.0
 )  # a direction nearer to rolling than this is the rolling direction
-AXIS_COLOURS = (
-    (0.86, 0.20, 0.18),
-    (0.18, 0.62, 0.22),
-    (0.16, 0.42, 0.86),
-)  # x red, y green, z blue
-MASS_COLOUR, TOTAL_MASS_COLOUR, CONTACT_COLOUR, ROLLER_COLOUR, POINT_COLOUR = (
-    0xE8A33D,
-    0x6B3FA0,
-    0x0072B2,
-    0xCC4B9B,
-    0x009E73,
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,11 +218,11 @@ def _materials() -> list[threejs.Json]:
     ball = {"type": "MeshLambertMaterial", "opacity": 0.7, **seen}
     return [
         {"uuid": "marker-axes", "vertexColors": 2, **flat},
-        {"uuid": "marker-mass", "color": MASS_COLOUR, "emissive": 0x503000, **ball},
-        {"uuid": "marker-whole", "color": TOTAL_MASS_COLOUR, "emissive": 0x201040, **ball},
-        {"uuid": "marker-contact", "color": CONTACT_COLOUR, "opacity": 0.85, **flat},
-        {"uuid": "marker-roller", "color": ROLLER_COLOUR, "opacity": 0.85, **flat},
-        {"uuid": "marker-point", "color": POINT_COLOUR, "opacity": 0.85, **flat},
+        {"uuid": "marker-mass", "color": number_of("mass"), "emissive": 0x503000, **ball},
+        {"uuid": "marker-whole", "color": number_of("whole-mass"), "emissive": 0x201040, **ball},
+        {"uuid": "marker-contact", "color": number_of("base"), "opacity": 0.85, **flat},
+        {"uuid": "marker-roller", "color": number_of("roller"), "opacity": 0.85, **flat},
+        {"uuid": "marker-point", "color": number_of("point"), "opacity": 0.85, **flat},
     ]
 
 
@@ -241,13 +231,13 @@ def _axes() -> tuple[dict[str, threejs.Json], NDArray[np.int64]]:
     creation = library("trimesh.creation")
 
     vertices, colours, faces = [], [], []
-    for axis, colour in enumerate(AXIS_COLOURS):
+    for axis, name in enumerate("xyz"):
         edges, middle = np.full(3, 0.05), np.zeros(3)
         edges[axis], middle[axis] = 1.0, 0.5
         box = creation.box(edges)
         faces.append(box.faces + len(box.vertices) * axis)
         vertices.append(box.vertices + middle)
-        colours.append(np.tile(np.rint(255.0 * np.array(colour)), (len(box.vertices), 1)))
+        colours.append(np.tile(rgb(light(name)), (len(box.vertices), 1)))
     attributes = {
         "position": threejs.attribute(np.concatenate(vertices).astype(np.float32)),
         "color": threejs.attribute(np.concatenate(colours).astype(np.uint8), normalized=True),
@@ -275,3 +265,94 @@ def _flat(upper: list[tuple[float, float]]) -> tuple[Array, NDArray[np.int64]]:
         a, b, c, d = k, k + 1, 2 * count - 2 - k, 2 * count - 1 - k
         faces += [(a, b, c), (a, c, d)]
     return np.column_stack([outline, np.zeros(len(outline))]), np.array(faces)
+
+
+def skeleton(
+    robot: Robot, prefix: str, nodes_of: Callable[[int], list[threejs.Json]]
+) -> threejs.Json:
+    """Return the group of the root link, all others nested below it.
+
+    Group ``PREFIX-j`` holds all that joint j moves; its parent group ``PREFIX-seat-j`` holds the
+    joint's fixed placement.
+
+    Args:
+        robot: The robot.
+        prefix: Of the groups' names.
+        nodes_of: Returns what else hangs on a joint, by its index in the model.
+    """
+    model = robot.model
+    groups = {
+        j: threejs.node("Group", f"{prefix}-{j}", children=nodes_of(j))
+        for j in range(ROOT_JOINT, model.njoints)
+    }
+    for j in range(ROOT_JOINT + 1, model.njoints):
+        place = threejs.fixed_matrix(model.jointPlacements[j].homogeneous)
+        seat = threejs.node("Group", f"{prefix}-seat-{j}", children=[groups[j]], **place)
+        groups[model.parents[j]]["children"].append(seat)
+    return groups[ROOT_JOINT]
+
+
+def joints(robot: Robot, q: Array) -> list[dict[str, Any]]:
+    """Return the page's data of each joint after the root, in the model's order.
+
+    Args:
+        robot: The robot.
+        q: Configuration (nq,) at which it stands.
+
+    Returns:
+        ``name``, ``node`` (its index), ``parent`` (index in this list, −1 for the root link),
+        ``place`` (its fixed placement there, see :func:`pose`), ``slides``, ``axis``, ``role``
+        (``"wheel"``, ``"arm"``, ``"mimic"`` or ``"other"``), ``position``, ``lower`` and
+        ``upper`` (rad or m, None where there is none) and, of a mimic joint, ``mimic``
+        (``follows``: index in this list or None where the joint that it follows is locked;
+        ``multiplier``; ``offset``).
+    """
+    names = list(robot.moving_joint_names)
+    wheels, arm = {w.joint for w in robot.drive.wheels}, set(robot.joint_names)
+    mimics = {joint.name for joint in robot.mimics}
+    entries = []
+    for number, name in enumerate(names):
+        joint = robot.description.joint[name]
+        role = "wheel" if name in wheels else "arm" if name in arm else "other"
+        entry: dict[str, Any] = {
+            "name": name,
+            "node": ROOT_JOINT + 1 + number,
+            "parent": robot.model.parents[ROOT_JOINT + 1 + number] - ROOT_JOINT - 1,
+            "place": pose(robot.model.jointPlacements[ROOT_JOINT + 1 + number]),
+            "slides": joint.kind == "prismatic",
+            "axis": joint.axis.tolist(),
+            "role": "mimic" if name in mimics else role,
+            "position": robot.joint_position(q, name),
+            "lower": joint.lower if np.isfinite(joint.lower) else None,
+            "upper": joint.upper if np.isfinite(joint.upper) else None,
+        }
+        if joint.mimic is not None and name in mimics:
+            entry["mimic"] = _followed(joint.mimic, names)
+        entries.append(entry)
+    return entries
+
+
+def _followed(mimic: Mimic, names: Sequence[str]) -> dict[str, Any]:
+    return {
+        "name": mimic.joint,
+        "follows": names.index(mimic.joint) if mimic.joint in names else None,
+        "multiplier": mimic.multiplier,
+        "offset": mimic.offset,
+    }
+
+
+def hand(robot: Robot) -> dict[str, Any] | None:
+    """Return the page's data of the end effector: its joint in :func:`joints`, its place there.
+
+    None for a robot without an arm.
+    """
+    if robot.end_effector is None:
+        return None
+    frame = robot.model.frames[robot.model.getFrameId(robot.end_effector, pin.FrameType.BODY)]
+    joint = frame.parentJoint - ROOT_JOINT - 1
+    return {"link": robot.end_effector, "joint": joint, "place": pose(frame.placement)}
+
+
+def pose(place: pin.SE3) -> dict[str, list[float]]:
+    """Return a placement for the page: ``R``, its rotation row after row, and ``p``, m."""
+    return {"R": place.rotation.ravel().tolist(), "p": place.translation.tolist()}

@@ -9,20 +9,29 @@ from pathlib import PurePath
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description.mesh_files import Surface
-from rpctl.description.mesh_paths import MeshError
-from rpctl.description.mesh_service import start_reader
-from rpctl.description.mesh_shading import ShadedMesh
+from rpctl.description.meshes.jobs import ShadedMesh, shade, simplify
+from rpctl.description.meshes.paths import MeshError
+from rpctl.description.meshes.reading import Surface
+from rpctl.description.meshes.service import ask, start_reader
 from rpctl.description.records import Shape
+from rpctl.libraries import library
+from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
+from rpctl.simulation.run.run import Run
 from rpctl.view.scene import stand_ins
-from rpctl.view.scene.placed_shapes import MeshCache, PlacedSurface, place_shape, sticks
-from rpctl.view.scene.shaded_surfaces import shade_surface
-from rpctl.view.scene.stand_ins import StandIn
+from rpctl.view.scene.stand_ins import MeshCache, PlacedSurface, StandIn, place_shape, sticks
 
 MAX_TRIANGLES = 45_000  # of a whole robot: it stays recognisable, and its report small
 MIN_MESH_TRIANGLES = 300  # triangles that even the smallest mesh keeps
 DEFAULT_RGBA = (0.74, 0.77, 0.81, 1.0)  # where neither the URDF nor the mesh gives a colour
+THINNEST = 0.01  # of a box's longest edge: a thinner one would have no volume
+FARTHEST = 10.0  # of a mesh's reach: collapsed edges may leave its box
+NOTHING_LEFT = "nothing is left of its triangles when they are simplified"
+MARKER_RGBA = (0.45, 0.52, 0.62, 1.0)
+DEFAULT_LENGTH_M = 0.5  # m; of a wedge where no contact tells how large the robot is
+HEIGHT_RATIO = 0.2  # of the wedge's length
+OUTLINE = ((0.6, 0.0), (-0.4, 0.3), (-0.4, -0.3))  # from above, forward along x, of length 1
+TRIANGLES = ((0, 2, 1), (3, 4, 5), (0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4), (2, 0, 3), (2, 3, 5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,3 +201,77 @@ def bounding_corners(bodies: Bodies, joint: int) -> Array | None:
     low = np.min([box[0] for box in boxes], axis=0)
     high = np.max([box[1] for box in boxes], axis=0)
     return np.array([[(low, high)[k >> i & 1][i] for i in range(3)] for k in range(8)])
+
+
+def shade_surface(surface: Surface, triangles: int, foreign: bool) -> tuple[ShadedMesh, str]:
+    """Return a surface as it is drawn, and why it is its box instead, if it is.
+
+    Args:
+        surface: The triangles.
+        triangles: About how many may be left.
+        foreign: Whether a mesh file gives them: then the process that read it works on them.
+    """
+    if not foreign:
+        return _shade(surface, triangles), ""
+    try:
+        shaded, fault = _shade_confined(surface, triangles), NOTHING_LEFT
+    except MeshError as error:
+        shaded, fault = None, str(error)
+    if shaded is not None and len(shaded.faces):
+        return shaded, ""
+    return _shade(_box(surface), triangles), fault
+
+
+def _shade(surface: Surface, triangles: int) -> ShadedMesh:
+    return shade(*simplify(surface.vertices, surface.faces, triangles))
+
+
+def _shade_confined(surface: Surface, triangles: int) -> ShadedMesh:
+    """Return a surface as the confined process shades it.
+
+    Raises:
+        MeshError: It does not, or answers with what is no mesh.
+    """
+    arrays = [surface.vertices, surface.faces.astype("<u4")]
+    answer = ask("shade", {"triangles": triangles}, arrays)[1]
+    kinds = [each.dtype for each in answer], [each.shape[1:] for each in answer]
+    if kinds != ([np.float32, np.int8, np.uint32], [(3,)] * 3):
+        raise MeshError("its reader answered with no mesh")
+    vertices, normals, faces = answer
+    bound = float(np.abs(surface.vertices).max()) * FARTHEST
+    inside = bool((np.abs(vertices) <= bound).all())
+    if not inside or len(normals) != len(vertices) or (faces >= len(vertices)).any():
+        raise MeshError("its reader answered with no mesh")
+    return ShadedMesh(vertices, normals, faces)
+
+
+def _box(surface: Surface) -> Surface:
+    """Return the box around a surface."""
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    edges = np.maximum(high - low, THINNEST * (high - low).max())
+    unit = float(edges.max())  # trimesh drops triangles that are tiny in its own unit
+    box = library("trimesh.creation").box(edges / unit)
+    return Surface(
+        unit * np.asarray(box.vertices) + 0.5 * (low + high), np.asarray(box.faces), None
+    )
+
+
+def base_marker(run: Run, reason: str) -> Bodies:
+    """Return a wedge on the ground, as long as the run's contacts lie apart.
+
+    Args:
+        run: The run.
+        reason: Why its robot cannot be had.
+    """
+    drive = run.robot.drive
+    points = np.array(run.ground.points).reshape(-1, 2)
+    length = float(np.ptp(points, axis=0).max(initial=0.0)) or DEFAULT_LENGTH_M
+    cos, sin = np.cos(drive.heading), np.sin(drive.heading)
+    outline = np.array(OUTLINE) @ np.array([[cos, sin], [-sin, cos]])
+    centre = points.mean(axis=0) if len(points) else np.zeros(2)
+    heights = np.repeat([drive.ground, drive.ground + HEIGHT_RATIO * length], 3)
+    corners = np.column_stack([np.tile(centre + length * outline, (2, 1)), heights])
+    surface = shade(corners, np.array(TRIANGLES))
+    part = BodyPart(ROOT_JOINT, np.eye(4), 0, MARKER_RGBA)
+    note = f"the robot cannot be drawn, and a wedge stands for its base: {reason}"
+    return Bodies((part,), (surface,), (note,), size=length)

@@ -1,24 +1,32 @@
-"""A run as an ordered list of meshcat commands; no server is needed to make or to play them."""
+"""Motions as an ordered list of meshcat commands; no server is needed to make or to play them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
-from rpctl.simulation.obstacles import run_obstacles
-from rpctl.simulation.reload import has_surroundings
-from rpctl.simulation.run import Run
-from rpctl.view.scene import keyframes, materials, obstacle_shapes, threejs, trails
-from rpctl.view.scene.base_marker import base_marker, base_poses
-from rpctl.view.scene.ground import ground_command, lights_command
-from rpctl.view.scene.robot_meshes import MAX_TRIANGLES, Bodies, bounding_corners, build_bodies
+from rpctl.simulation.merits.obstacles import AvoidedObstacle, run_obstacles
+from rpctl.simulation.run.reload import has_surroundings
+from rpctl.simulation.run.run import Run
+from rpctl.view.scene import materials, threejs, trails
+from rpctl.view.scene.motion import base_poses, joint_poses, motion_tracks
+from rpctl.view.scene.obstacles import obstacle_commands, obstacle_corners
+from rpctl.view.scene.robot_meshes import (
+    MAX_TRIANGLES,
+    Bodies,
+    base_marker,
+    bounding_corners,
+    build_bodies,
+)
+from rpctl.view.scene.stage import ground_command, lights_command
 from rpctl.view.scene.stand_ins import StandIn
 
 FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
@@ -27,37 +35,39 @@ TRAIL_STEP_S = 0.1  # s: so near are the points of a trail, while they are no mo
 MAX_BASE_POINTS, MAX_TIP_POINTS = 9000, 3600  # a tube takes five times the room of a ribbon
 DESIRED_S = 180.0  # s of the desired path that are drawn
 ROBOTS_PATH = "/rpctl/robots"
+GHOST_OPACITY = 0.55  # of the robots of all motions but the first
 ACTUAL, REFERENCE = "robot", "reference"  # names of the nodes: robot-1 for joint 1, ...
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a viewer needs to play a run.
+    """What a viewer needs to play a motion, or several over one another.
 
     Attributes:
         commands: meshcat commands, packed, in order: the robots and their animation are the last.
-        times: Times of the frames (n,), s, from 0.
-        lower: Least coordinates of the motion (3,), m.
-        upper: Largest coordinates of the motion (3,), m.
-        hull: Points (n, 3) of which the convex hull holds the motion, m: what a camera frames.
-        start: Least and largest coordinates of the robot at the start (2, 3), m.
+        motions: Times of the frames (n,), s, from 0, of each motion.
+        hull: Points (n, 3) of which the convex hull holds all motion, m: what a camera frames.
+        start: Least and largest coordinates of the first robot at the start (2, 3), m.
         follow: Name of the node that a camera follows.
         origin: Position of that node at the start (3,), m.
-        notes: Where the run is not what was asked for; links whose inertias are estimates; shapes
+        notes: Where a run is not what was asked for; links whose inertias are estimates; shapes
             that are not drawn, and why.
         stand_ins: What is drawn in the place of meshes that are missing.
     """
 
     commands: tuple[bytes, ...]
-    times: Array
-    lower: Array
-    upper: Array
+    motions: tuple[Array, ...]
     hull: Array
     start: Array
     follow: str
     origin: Array
     notes: tuple[str, ...]
     stand_ins: tuple[StandIn, ...] = ()
+
+    @property
+    def times(self) -> Array:
+        """Times of the frames (n,) of the longest motion, s."""
+        return max(self.motions, key=lambda times: float(times[-1]))
 
     @property
     def duration(self) -> float:
@@ -70,6 +80,32 @@ class Scene:
         return len(self.commands[-2])
 
 
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A robot that moves in a scene.
+
+    Attributes:
+        bodies: What is drawn of it.
+        times: Of its frames (n,), s, from 0.
+        poses: Of all joints (n, njoints, 7): position, m, and quaternion x, y, z, w.
+        paths: Of base and end effector, see :func:`rpctl.view.scene.trails.trails_command`.
+        desired: The poses of its reference, which a ghost shows; None: there is no ghost.
+        notes: On its run, before those on its bodies.
+    """
+
+    bodies: Bodies
+    times: Array
+    poses: Array
+    paths: dict[str, Array] = field(default_factory=dict)
+    desired: Array | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def joints(self) -> list[int]:
+        """The joints that carry something."""
+        return sorted({part.joint for part in self.bodies.parts})
+
+
 def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANGLES) -> Scene:
     """Return the scene of a run: robot, reference ghost, trails, ground, lights, animation.
 
@@ -78,53 +114,146 @@ def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANG
         run: The run.
         triangles: About how many the robot may have; large meshes are simplified first.
     """
+    return _compose([_motion_of(robot, run, triangles)], run_obstacles(run), run.robot.drive.ground)
+
+
+def compare_scene(robots: Sequence[Robot | RpctlError], runs: Sequence[Run]) -> Scene:
+    """Return the scene of several runs: the first as it is, the others' robots as ghosts.
+
+    Nodes of run k, from 2, are named ``run2-robot-1``, ``run2-trail-base`` and so on; robots that
+    are alike share their meshes. The obstacles of all are drawn, each once.
+    """
+    motions = [_motion_of(robot, run) for robot, run in zip(robots, runs, strict=True)]
+    obstacles = tuple(dict.fromkeys(each for run in runs for each in run_obstacles(run)))
+    return _compose(motions, obstacles, float(runs[0].robot.drive.ground))
+
+
+@dataclass(frozen=True, eq=False)
+class FreeMotion:
+    """A motion of a robot in space.
+
+    Attributes:
+        times: Of its samples (n,), s, from 0.
+        root: Root link's x, y, z (m) and quaternion x, y, z, w (n, 7).
+        joints: Positions of the moving joints (n,), rad or m, by name.
+    """
+
+    times: Array
+    root: Array
+    joints: Mapping[str, Array]
+
+
+def free_scene(robot: Robot, motions: Sequence[FreeMotion]) -> Scene:
+    """Return the scene of several motions of one robot, the first as it is, others as ghosts.
+
+    Args:
+        robot: The robot.
+        motions: At least one, of two samples or more.
+    """
+    bodies = build_bodies(robot)
+    shown = [
+        Motion(bodies, each.times, _free_poses(robot, each), {"base": _on_ground(each.root, 0.0)})
+        for each in motions
+    ]
+    return _compose(shown, (), 0.0)
+
+
+def _free_poses(robot: Robot, motion: FreeMotion) -> Array:
+    """Return the poses (n, njoints, 7) of all joints in the world, the root link free in space."""
+    count, moving = len(motion.times), motion.joints
+    q = np.array(
+        [
+            robot.configuration(joints={name: float(values[k]) for name, values in moving.items()})
+            for k in range(count)
+        ]
+    )
+    for name, values in moving.items():  # what the engine lets mimics and followers do
+        robot.entries[name].write_all(q, values)
+    poses = joint_poses(robot, q)
+    turns = Rotation.from_quat(motion.root[:, 3:])
+    for joint in range(ROOT_JOINT, poses.shape[1]):
+        poses[:, joint, :3] = turns.apply(poses[:, joint, :3]) + motion.root[:, :3]
+        poses[:, joint, 3:] = (turns * Rotation.from_quat(poses[:, joint, 3:])).as_quat()
+    return poses
+
+
+def _motion_of(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANGLES) -> Motion:
     frames = _frames(run.t)
     if isinstance(robot, RpctlError):
         bodies = base_marker(run, str(robot))
-        poses, ghost = base_poses(run.q[frames]), base_poses(run.q_ref[frames])
+        poses, desired = base_poses(run.q[frames]), base_poses(run.q_ref[frames])
     else:
         bodies = build_bodies(robot, triangles)
         poses = joint_poses(robot, run.q[frames], run.log.root_pose[frames])
-        ghost = joint_poses(robot, run.q_ref[frames])
-    joints = sorted({part.joint for part in bodies.parts})
-    paths = _paths(run, frames)
-    run.log.release()
-    first = part_cloud(bodies, joints, poses[:1])
-    cloud = np.concatenate(
-        [part_cloud(bodies, joints, poses), part_cloud(bodies, joints, ghost), *paths.values()]
-    )
-    obstacles, ground = run_obstacles(run), run.robot.drive.ground
-    size = float(first[:, 2].max()) - ground
-    cloud = np.concatenate([cloud, obstacle_shapes.corners(obstacles, cloud, ground, size)])
+        desired = joint_poses(robot, run.q_ref[frames])
+    times, paths = run.t[frames] - run.t[0], _paths(run, frames)
+    return Motion(bodies, times, poses, paths, desired, _notes(run, times, robot))
+
+
+def _compose(
+    motions: Sequence[Motion], obstacles: Sequence[AvoidedObstacle], ground: float
+) -> Scene:
+    """Return the scene of motions over one another.
+
+    Args:
+        motions: At least one.
+        obstacles: That are drawn.
+        ground: Height of the ground, m.
+    """
+    starts = [part_cloud(each.bodies, each.joints, each.poses[:1]) for each in motions]
+    size = max(float(start[:, 2].max()) for start in starts) - ground
+    cloud = np.concatenate([points for motion in motions for points in _clouds(motion)])
+    cloud = np.concatenate([cloud, obstacle_corners(obstacles, cloud, ground, size)])
     lower, upper = cloud.min(axis=0), cloud.max(axis=0)
     lower[2] = min(lower[2], ground)
-    times = run.t[frames] - run.t[0]
-    commands = (
+    paths = {node_prefix(k): motion.paths for k, motion in enumerate(motions, 1)}
+    first = motions[0]
+    stand_ins = dict.fromkeys(each for motion in motions for each in motion.bodies.stand_ins)
+    return Scene(
+        commands=(
+            *opening_commands(lower, upper, ground),
+            *obstacle_commands(obstacles, lower, upper, ground, size),
+            trails.trails_command(paths, lower, upper),
+            _robots(motions),
+            _animation(motions),
+        ),
+        motions=tuple(motion.times for motion in motions),
+        hull=hull_points(cloud),
+        start=np.stack([starts[0].min(axis=0), starts[0].max(axis=0)]),
+        follow=f"{ACTUAL}-{first.joints[0]}",
+        origin=first.poses[0, first.joints[0], :3],
+        notes=tuple(
+            dict.fromkeys(note for each in motions for note in (*each.notes, *each.bodies.notes))
+        ),
+        stand_ins=tuple(stand_ins),
+    )
+
+
+def _clouds(motion: Motion) -> list[Array]:
+    """Return points (n, 3) around all that a motion shows, m."""
+    shown = [motion.poses] + ([] if motion.desired is None else [motion.desired])
+    bodies = [part_cloud(motion.bodies, motion.joints, poses) for poses in shown]
+    return [*bodies, *motion.paths.values()]
+
+
+def opening_commands(lower: Array, upper: Array, ground: float) -> list[bytes]:
+    """Return the commands that clear meshcat's own scene, and draw ground and lights.
+
+    Args:
+        lower: Least coordinates of what the scene shows (3,), m.
+        upper: Largest coordinates (3,), m.
+        ground: Height of the ground, m.
+    """
+    return [
         *(threejs.delete(path) for path in ("/Grid", "/Axes", "/Lights")),
         threejs.set_property("/Background", "visible", False),
         lights_command(lower, upper),
         ground_command(lower, upper, ground),
-        *obstacle_shapes.commands(obstacles, lower, upper, ground, size),
-        trails.trails_command(paths, lower, upper),
-        _robots(bodies, joints),
-        _animation(joints, times, poses, ghost),
-    )
-    return Scene(
-        commands=commands,
-        times=times,
-        lower=lower,
-        upper=upper,
-        hull=hull_points(cloud),
-        start=np.stack([first.min(axis=0), first.max(axis=0)]),
-        follow=f"{ACTUAL}-{joints[0]}",
-        origin=poses[0, joints[0], :3],
-        notes=_notes(run, times, robot, bodies),
-        stand_ins=bodies.stand_ins,
-    )
+    ]
 
 
 def redrawn(scene: Scene, robot: Robot, run: Run, triangles: int) -> Scene:
-    """Return a scene whose robot has another number of triangles; all else stays as it is.
+    """Return a run's scene whose robot has another number of triangles; else it stays as it is.
 
     Args:
         scene: The scene.
@@ -133,19 +262,18 @@ def redrawn(scene: Scene, robot: Robot, run: Run, triangles: int) -> Scene:
         triangles: About how many the robot may have.
     """
     bodies = build_bodies(robot, triangles)
-    joints = sorted({part.joint for part in bodies.parts})
-    *before, _, motion = scene.commands
+    motion = Motion(bodies, scene.times, np.empty(0), desired=np.empty(0))
+    *before, _, animation = scene.commands
     return replace(
         scene,
-        commands=(*before, _robots(bodies, joints), motion),
-        notes=_notes(run, scene.times, robot, bodies),
+        commands=(*before, _robots([motion]), animation),
+        notes=(*_notes(run, scene.times, robot), *bodies.notes),
     )
 
 
-def _notes(run: Run, times: Array, robot: Robot | RpctlError, bodies: Bodies) -> tuple[str, ...]:
-    """Return the notes of a scene: on the laws, the run, the frames (n,), s, and what is drawn."""
-    said = (*run.law_sentences, *run.notes)
-    return (*said, *_frame_note(times), *_robot_notes(robot), *bodies.notes)
+def _notes(run: Run, times: Array, robot: Robot | RpctlError) -> tuple[str, ...]:
+    """Return the notes of a scene: on the laws, the run, the frames (n,), s, and the robot."""
+    return (*run.law_sentences, *run.notes, *_frame_note(times), *_robot_notes(robot))
 
 
 def _frame_note(times: Array) -> tuple[str, ...]:
@@ -181,32 +309,6 @@ def _frames(t: Array) -> NDArray[np.int64]:
     wanted = int(np.ceil((t[-1] - t[0]) * FRAME_RATE)) + 1
     count = min(max(wanted, 1), MAX_FRAMES, len(t))
     return np.unique(np.rint(np.linspace(0, len(t) - 1, count)).astype(np.int64))
-
-
-def joint_poses(robot: Robot, q: Array, roots: Array | None = None) -> Array:
-    """Return the poses (n, njoints, 7) of all joints at configurations (n, nq).
-
-    A pose is the position in the world, m, and the unit quaternion (x, y, z, w).
-
-    Args:
-        robot: The robot.
-        q: Configurations (n, nq).
-        roots: Poses of the root link (n, 7) over the ground, where it may tilt and hop; (n, 0) or
-            None: it stays level.
-    """
-    tilted = roots is not None and roots.shape[1] > 0
-    data = robot.model.createData()
-    poses = np.empty((len(q), robot.model.njoints, 7))
-    for k, configuration in enumerate(q):
-        pin.forwardKinematics(robot.model, data, configuration)
-        moved = pin.SE3.Identity()
-        if tilted and roots is not None:
-            root = pin.XYZQUATToSE3(roots[k])
-            root.translation[2] += robot.drive.ground
-            moved = root * data.oMi[ROOT_JOINT].inverse()
-        for j, placement in enumerate(data.oMi):
-            poses[k, j] = pin.SE3ToXYZQUAT(moved * placement if j and tilted else placement)
-    return poses
 
 
 def _paths(run: Run, frames: NDArray[np.int64]) -> dict[str, Array]:
@@ -265,7 +367,7 @@ def part_cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
     for joint in joints:
         corners = bounding_corners(bodies, joint)
         if corners is not None:
-            turns = _rotations(poses[:, joint, 3:])
+            turns = Rotation.from_quat(poses[:, joint, 3:]).as_matrix()
             moved = np.einsum("kij,cj->kci", turns, corners) + poses[:, joint, None, :3]
             clouds.append(moved.reshape(-1, 3))
     return np.concatenate(clouds)
@@ -283,57 +385,69 @@ def hull_points(cloud: Array) -> Array:
     return np.asarray(cloud[np.unique(found)])
 
 
-def _rotations(quaternions: Array) -> Array:
-    """Return rotation matrices (n, 3, 3) of unit quaternions (n, 4), (x, y, z, w)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(quaternions).as_matrix())
+def node_prefix(motion: int) -> str:
+    """Return what the names of a motion's nodes begin with; they are counted from 1."""
+    return f"run{motion}-" if motion > 1 else ""
 
 
-def _robots(bodies: Bodies, joints: list[int]) -> bytes:
-    """Return the command that draws the robot and its ghost, which share their meshes.
+def _robots(motions: Sequence[Motion]) -> bytes:
+    """Return the command that draws the robots and ghosts, which share their meshes.
 
     A node stands for a joint and is animated; below it each part keeps a fixed matrix, mirrored
-    or scaled as it may be.
+    or scaled as it may be. The page gives ghosts of later motions the colours of their lines.
     """
-    groups = []
-    for joint in joints:
-        solid, ghost = materials.solid(bodies, joint), materials.ghost(bodies, joint)
-        groups.append(threejs.node("Group", f"{ACTUAL}-{joint}", children=solid))
-        groups.append(threejs.node("Group", f"{REFERENCE}-{joint}", children=ghost))
+    groups: list[threejs.Json] = []
+    geometries: dict[bytes, threejs.Json] = {}  # by what they hold
+    paints: dict[str, threejs.Json] = {}
+    images: dict[str, list[threejs.Json]] = {}
+    for k, motion in enumerate(motions, 1):
+        bodies, prefix = motion.bodies, node_prefix(k)
+        names: dict[str, str] = {}
+        for mesh in materials.geometries(bodies):
+            same = geometries.setdefault(
+                threejs.pack(mesh["data"]), {**mesh, "uuid": f"{prefix}{mesh['uuid']}"}
+            )
+            names[mesh["uuid"]] = same["uuid"]
+        for paint in materials.materials(bodies):
+            paints.setdefault(paint["uuid"], paint)
+        tint = f"{prefix}tint"
+        paints.setdefault(tint, {**paints["tint"], "uuid": tint, "opacity": GHOST_OPACITY})
+        images |= materials.images(bodies)
+        for joint in motion.joints:
+            ghost = _renamed(materials.ghost(bodies, joint), prefix, names, tint)
+            solid = _renamed(materials.solid(bodies, joint), prefix, names, tint)
+            shown = ghost if k > 1 else solid
+            groups.append(threejs.node("Group", f"{prefix}{ACTUAL}-{joint}", children=shown))
+            if motion.desired is not None and k == 1:
+                groups.append(threejs.node("Group", f"{REFERENCE}-{joint}", children=ghost))
     root = threejs.node("Group", "robots", children=groups)
-    return threejs.set_object(
-        ROBOTS_PATH,
-        root,
-        materials.geometries(bodies),
-        materials.materials(bodies),
-        **materials.images(bodies),
-    )
+    meshes = list(geometries.values())
+    return threejs.set_object(ROBOTS_PATH, root, meshes, list(paints.values()), **images)
 
 
-def _animation(joints: list[int], times: Array, poses: Array, ghost: Array) -> bytes:
-    tracks = []
-    for joint in joints:
-        for name, motion in ((f"{ACTUAL}-{joint}", poses), (f"{REFERENCE}-{joint}", ghost)):
-            tracks += motion_tracks(name, times, motion[:, joint])
+def _renamed(
+    parts: Sequence[threejs.Json], prefix: str, geometries: Mapping[str, str], tint: str
+) -> list[threejs.Json]:
+    """Return parts of a motion under its names, with the geometries and the tint that it has."""
+    return [
+        {
+            **part,
+            "uuid": f"{prefix}{part['uuid']}",
+            "name": f"{prefix}{part['name']}",
+            "geometry": geometries[part["geometry"]],
+            "material": tint if part["material"] == "tint" else part["material"],
+        }
+        for part in parts
+    ]
+
+
+def _animation(motions: Sequence[Motion]) -> bytes:
+    tracks: list[threejs.Json] = []
+    for k, motion in enumerate(motions, 1):
+        shown = {f"{node_prefix(k)}{ACTUAL}": motion.poses}
+        if motion.desired is not None and k == 1:
+            shown[REFERENCE] = motion.desired
+        for joint in motion.joints:
+            for name, poses in shown.items():
+                tracks += motion_tracks(f"{name}-{joint}", motion.times, poses[:, joint])
     return threejs.set_animation(f"{ROBOTS_PATH}/<object>", tracks)
-
-
-def node_prefix(run: int) -> str:
-    """Return what the names of a run's nodes begin with; runs are counted from 1."""
-    return f"run{run}-" if run > 1 else ""
-
-
-def motion_tracks(name: str, times: Array, motion: Array) -> list[threejs.Json]:
-    """Return the tracks of a node's position and quaternion.
-
-    Args:
-        name: The node.
-        times: Of the frames (n,), s.
-        motion: Its poses (n, 7): position, m, and quaternion x, y, z, w.
-    """
-    places, turns = motion[:, :3], motion[:, 3:]
-    kept = keyframes.position_keyframes(times, places)
-    tracks = [threejs.track(f"{name}.position", "vector3", times[kept], places[kept])]
-    kept = keyframes.rotation_keyframes(times, turns)
-    return [*tracks, threejs.track(f"{name}.quaternion", "quaternion", times[kept], turns[kept])]

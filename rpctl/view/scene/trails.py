@@ -2,62 +2,76 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.view.palette import number_of
 from rpctl.view.scene import threejs
 
 Faces = NDArray[np.int64]
 Mesh = tuple[Array, Faces]
 
-BASE_COLOUR = 0x0072B2  # Okabe-Ito blue: the base's actual path, in the plots as in the scene
-TIP_COLOUR = 0xD55E00  # vermilion: the end effector's
-DESIRED_COLOUR = 0x6B7480  # neutral: whatever is desired
 TUBE_SIDES, LONG_TUBE_SIDES = 6, 4
 LONG = 2000  # points of a path from which a tube has fewer sides
 DASH_WIDTHS, GAP_WIDTHS = 7.0, 5.0  # in widths of the trail
 MAX_DASHES = 1500  # of a path: laps of a long run that differ a little would be most of its page
 NEAR_PERIODS = 2  # of dashes: what is nearer along the path is no other lap
+LIFT_WIDTHS = 0.3  # of a trail's width that each lies above the one before: none hides another
 MIN_STEP_M = 1e-9  # m: a shorter step has no direction
 
 
-def trails_command(paths: dict[str, Array], lower: Array, upper: Array) -> bytes:
-    """Return the command that draws the paths, the desired ones dashed.
+def trails_command(motions: Mapping[str, dict[str, Array]], lower: Array, upper: Array) -> bytes:
+    """Return the command that draws the paths of motions, the desired ones dashed.
 
-    A viewer that plays the run shows the first part of ``trail-base`` and ``trail-tip``.
+    A viewer that plays a motion shows the first part of its ``trail-base`` and ``trail-tip``. Of
+    later motions a desired path that an earlier one had is left out.
 
     Args:
-        paths: Paths (n, 3) by name, m: ``base``, ``tip`` and their ``-desired``.
+        motions: Paths (n, 3) by name, m: ``base``, ``tip`` and their ``-desired``; of each motion,
+            by what the names of its nodes begin with.
         lower: Least coordinates of what the scene shows (3,), m.
         upper: Largest coordinates (3,), m.
     """
     width = trail_width(lower, upper)
-    geometries, materials, nodes = [], [], []
-
-    def draw(name: str, mesh: Mesh | None, colour: int) -> None:
-        if mesh is None:
-            return
-        vertices, faces = mesh
-        position = {"position": threejs.attribute(vertices.astype(np.float32))}
-        geometries.append(threejs.geometry(name, position, faces))
-        paint = {"uuid": name, "type": "MeshBasicMaterial", "color": colour, "side": 2}
-        materials.append(paint)
-        entries = {"geometry": name, "material": name, "renderOrder": 3}
-        nodes.append(threejs.node("Mesh", f"trail-{name}", frustumCulled=False, **entries))
-
-    for kind, colour in (("base", BASE_COLOUR), ("tip", TIP_COLOUR)):
-        if kind not in paths:
-            continue
-        shape = ribbon if kind == "base" else tube
-        thick = width if kind == "base" else 0.55 * width
-        up = [0.0, 0.0, 0.3 * width if kind == "base" else 0.0]
-        desired, actual = paths[f"{kind}-desired"] + up, paths[kind] + 2 * np.array(up)
-        pieces = [shape(piece, 0.8 * thick) for piece in fresh_dashes(desired, thick)]
-        draw(f"{kind}-desired", join(pieces), DESIRED_COLOUR)
-        draw(kind, shape(actual, thick), colour)
-    root = threejs.node("Group", "trails", children=nodes)
+    drawn: list[tuple[str, str, str, Mesh | None]] = []  # prefix, name, colour, mesh
+    known: dict[str, list[Array]] = {"base": [], "tip": []}
+    for layer, (prefix, paths) in enumerate(motions.items()):
+        for kind, shape, thick in (("base", ribbon, width), ("tip", tube, 0.55 * width)):
+            lift = np.array([0.0, 0.0, LIFT_WIDTHS * width if kind == "base" else 0.0])
+            desired = paths.get(f"{kind}-desired")
+            if desired is not None and not any(_covers(other, desired) for other in known[kind]):
+                known[kind].append(desired)
+                pieces = fresh_dashes(desired + lift, thick)
+                mesh = join([shape(piece, 0.8 * thick) for piece in pieces])
+                drawn.append((prefix, f"{kind}-desired", "desired", mesh))
+            if kind in paths:
+                drawn.append((prefix, kind, kind, shape(paths[kind] + (2 + layer) * lift, thick)))
+    parts = [
+        _trail(f"{prefix}trail-{kind}", f"{prefix}{kind}", colour, mesh)
+        for prefix, kind, colour, mesh in drawn
+        if mesh is not None
+    ]
+    geometries, materials, nodes = zip(*parts, strict=True) if parts else ((), (), ())
+    root = threejs.node("Group", "trails", children=list(nodes))
     return threejs.set_object("/rpctl/trails", root, geometries, materials)
+
+
+def _trail(node_name: str, name: str, colour: str, mesh: Mesh) -> tuple[threejs.Json, ...]:
+    """Return the geometry, the material and the node of a trail."""
+    vertices, faces = mesh
+    position = {"position": threejs.attribute(vertices.astype(np.float32))}
+    paint = {"uuid": name, "type": "MeshBasicMaterial", "color": number_of(colour), "side": 2}
+    entries = {"geometry": name, "material": name, "renderOrder": 3}
+    node = threejs.node("Mesh", node_name, frustumCulled=False, **entries)
+    return threejs.geometry(name, position, faces), paint, node
+
+
+def _covers(path: Array, other: Array) -> bool:
+    """Return whether a path begins with another."""
+    return len(path) >= len(other) and np.allclose(path[: len(other)], other)
 
 
 def trail_width(lower: Array, upper: Array) -> float:

@@ -14,20 +14,16 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.errors import RpctlError, UnknownNameError, is_number
-from rpctl.reference.goal_paths import seen_from
-from rpctl.reference.pose_goal import MAX_DISTANCE, PoseGoal, to_goal
+from rpctl.reference.pose_goal import MAX_DISTANCE, PoseGoal, seen_from, to_goal
 from rpctl.robot.model import Robot
-from rpctl.simulation.closed_loop import WatchedSample
 from rpctl.simulation.config import Config
-from rpctl.simulation.loop import default_duration, simulate
-from rpctl.simulation.run import Run
-from rpctl.simulation.summary import summarize
+from rpctl.simulation.loop.recorder import LoopSample
+from rpctl.simulation.loop.track import default_duration, simulate
+from rpctl.simulation.merits.summary import summarize
+from rpctl.simulation.run.run import Run
 from rpctl.view.pages.robot_page import GoalService, robot_page
-from rpctl.view.serve.events import Stream
-from rpctl.view.serve.live import STOP, Broadcast
-from rpctl.view.serve.live_figures import LiveFigures
-from rpctl.view.serve.server import EVENTS, Action, PageServer
-from rpctl.view.serve.stopping import StopRequest, signals
+from rpctl.view.serve.live import STOP, Broadcast, LiveFigures, StopRequest, signals
+from rpctl.view.serve.server import EVENTS, Action, PageServer, Stream
 
 GO = "go"  # where the page asks for a motion, below its own address
 LOOK_S = 0.1  # s; as often the server looks whether it is to end
@@ -177,7 +173,7 @@ class GoServer:
         self._stream.send("begin", {"duration": duration})
         show = Broadcast(robot, server, self._stream, duration, self._stop, awaits=False)
 
-        def watch(sample: WatchedSample) -> None:
+        def watch(sample: LoopSample) -> None:
             if self._done.is_set():
                 raise KeyboardInterrupt
             show(sample)

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+import math
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.motion import Reference, ReferenceState, end_effector_reference
 from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
-from rpctl.simulation.closed_loop import WatchedSample
-from rpctl.simulation.obstacles import AvoidedObstacle
+from rpctl.simulation.loop.recorder import LoopSample
+from rpctl.simulation.merits.obstacles import AvoidedObstacle
+from rpctl.view.labels import shorten
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
-from rpctl.view.serve.events import Stream
-from rpctl.view.serve.live_figures import LiveFigures
-from rpctl.view.serve.server import EVENTS, PageServer, PageSource
-from rpctl.view.serve.stopping import StopRequest, signals
+from rpctl.view.serve.server import EVENTS, PageServer, PageSource, Stream
 
 FRAME_RATE = 30.0  # Hz of simulated time: what the eye needs
 TIME_TOLERANCE_S = 1e-9  # s; sample times are rounded
@@ -32,6 +34,58 @@ HANDOVER_TIMEOUT_S = 10.0  # s that pages have to fetch the report
 DESIRED_POINTS = 600  # points of the path that is to be followed
 STOP = "stop"  # where a page asks to end the simulation, below its own address
 DECIMALS = 5  # decimals of what is sent: m and rad
+MILLI = 1e3  # errors are shown in mm and mrad
+PERCENT = 100.0
+FIGURE_DECIMALS = 3  # of what is sent
+Handler = Callable[[int, "FrameType | None"], object]
+
+
+@contextmanager
+def signals(handler: Handler) -> Iterator[None]:
+    """Let SIGINT and SIGTERM call a handler inside the ``with`` block."""
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, each in before.items():
+            signal.signal(number, each)
+
+
+class StopRequest:
+    """Whether a simulation is to end: it looks after each sample, so that samples stay whole.
+
+    Attributes:
+        running: Whether a simulation runs that looks.
+    """
+
+    def __init__(self) -> None:
+        self.running = False
+        self._asked = threading.Event()
+
+    @property
+    def asked(self) -> bool:
+        """Whether the simulation is to end."""
+        return self._asked.is_set()
+
+    def begin(self) -> None:
+        """A simulation begins."""
+        self._asked.clear()
+        self.running = True
+
+    def ask(self, _: object = None) -> None:
+        """End the simulation if one runs; called from any thread."""
+        if self.running:
+            self._asked.set()
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """End the simulation; the handler of a signal.
+
+        Raises:
+            KeyboardInterrupt: No simulation runs, or it was asked before and does not end.
+        """
+        if not self.running or self.asked:
+            raise KeyboardInterrupt
+        self._asked.set()
 
 
 def serve(page: PageSource, ready: Callable[[str], object] = print) -> None:
@@ -45,6 +99,77 @@ def serve(page: PageSource, ready: Callable[[str], object] = print) -> None:
     with signals(lambda number, frame: done.set()), PageServer(page) as server:
         ready(server.url)
         done.wait()
+
+
+class LiveFigures:
+    """Errors and efforts of a simulation, gathered between the frames that a page is sent.
+
+    Args:
+        robot: The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._data = robot, robot.model.createData()
+        limits = robot.effort_limits
+        limited = np.isfinite(limits) & (limits > 0.0)
+        # Efforts of N and N m share an axis only as parts of their limits.
+        self._shown = np.flatnonzero(limited) if limited.any() else np.arange(len(limits))
+        self._scale = np.where(limited, PERCENT / np.where(limited, limits, 1.0), 1.0)
+        self._percent = bool(limited.any())
+        self._errors, self._efforts = np.empty(0), np.empty(0)
+
+    def charts(self) -> list[dict[str, Any]]:
+        """Return the charts for the page: title, unit, limits and the names of the lines."""
+        short = shorten([self._robot.actuators[i] for i in self._shown])
+        limits = [-PERCENT, PERCENT] if self._percent else []
+        unit = "% of limit" if self._percent else "N·m or N, no limits"
+        return [
+            {
+                "title": "Errors",
+                "unit": "mm, heading mrad",
+                "limits": [],
+                "lines": self._error_names(),
+            },
+            {
+                "title": "Efforts",
+                "unit": unit,
+                "limits": limits,
+                "lines": list(short.names),
+                "names": short.shared,
+            },
+        ]
+
+    def add(self, sample: LoopSample) -> None:
+        """Take in a sample; of each line the value of largest magnitude counts."""
+        self._errors = _larger(self._errors, self._sample_errors(sample))
+        self._efforts = _larger(self._efforts, (self._scale * sample.tau)[self._shown])
+
+    def take(self) -> list[list[float]]:
+        """Return the lines' values, one list a chart, and begin anew."""
+        taken = [
+            [round(float(value), FIGURE_DECIMALS) for value in values]
+            for values in (self._errors, self._efforts)
+        ]
+        self._errors, self._efforts = np.empty(0), np.empty(0)
+        return taken
+
+    def _error_names(self) -> list[str]:
+        base = ["base", "heading"] if self._robot.drive.base_speeds else []
+        return [*base, *(["end effector"] if self._robot.end_effector is not None else [])]
+
+    def _sample_errors(self, sample: LoopSample) -> Array:
+        errors = []
+        if self._robot.drive.base_speeds:
+            errors += [math.hypot(sample.e[0], sample.e[1]), float(sample.e[2])]
+        if self._robot.end_effector is not None:
+            wanted = end_effector_reference(self._robot, self._data, sample.state).translation
+            actual = self._robot.end_effector_pose(self._data, sample.q).translation
+            errors.append(float(np.linalg.norm(wanted - actual)))
+        return MILLI * np.array(errors)
+
+
+def _larger(kept: Array, values: Array) -> Array:
+    return values if not kept.size else np.where(np.abs(values) > np.abs(kept), values, kept)
 
 
 class Broadcast:
@@ -77,7 +202,7 @@ class Broadcast:
         self._started, self._awaits, self._next = False, awaits, 0.0
         self._origin: float | None = None
 
-    def __call__(self, sample: WatchedSample) -> None:
+    def __call__(self, sample: LoopSample) -> None:
         """Show a moment of the simulation.
 
         Raises:
@@ -120,7 +245,7 @@ class Broadcast:
                 return True
         return False
 
-    def _send(self, sample: WatchedSample) -> None:
+    def _send(self, sample: LoopSample) -> None:
         self._next = sample.t + 1.0 / FRAME_RATE - TIME_TOLERANCE_S
         actual = _coordinates(self._robot, sample.q)
         desired = _coordinates(self._robot, _desired(self._robot, sample.q, sample.state))

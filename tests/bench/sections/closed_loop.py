@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 import rpctl
-from rpctl.control.defaults import default_laws
+from rpctl.control.controller import default_laws
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation.compiled.build import compiled_loop
@@ -43,13 +43,13 @@ def section(quick: bool) -> Section:
         of = reference if bare else "eight"
 
         def run() -> object:
-            return rpctl.track(robot, of, SECONDS, collisions=not bare, backend=backend)
+            return rpctl.track(robot, of, duration=SECONDS, collisions=not bare, backend=backend)
 
         run()
         return cpu_seconds(run, rounds=1 if backend == "pinocchio" else rounds)
 
-    bare = 'rpctl.track(robot, reference, 10.0, collisions=False, backend="{}")'
-    whole = 'rpctl.track(robot, "eight", 10.0)'
+    bare = 'rpctl.track(robot, reference, duration=10.0, collisions=False, backend="{}")'
+    whole = 'rpctl.track(robot, "eight", duration=10.0)'
     rows = (
         row(
             "the loop with its log, compiled",

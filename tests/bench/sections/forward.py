@@ -10,23 +10,22 @@ import numpy as np
 import rpctl
 from rpctl import Robot
 from rpctl.equivalence.mujoco_model import MujocoModel
-from tests.bench.compiled_growth import measure
+from tests.bench.machine_step import step_time
 from tests.bench.rows import Row, Section, cpu_seconds
 from tests.bench.test_speed import DRIVES, floor, naive, projected, state_of
 
 COMMAND = "python -m tests.bench.table --only forward"
 QUICK = ("paper", "swerve", "mecanum", "tiago")
-AGREES = 1e-9  # relative: a peer that computes something else is none
 
 
 def section(quick: bool) -> Section:
-    """Return a step of every drive, of TIAGo beside Drake and MuJoCo, too."""
+    """Return a step of every drive, beside MuJoCo."""
     rows: list[Row] = []
     for name in QUICK if quick else DRIVES:
         rows += _steps(rpctl.load(name), quick)
     note = (
         "The floor is Pinocchio's crba and rnea of the tree alone. The first draft projects with "
-        "NumPy, S and B given; Drake likewise. MuJoCo's `mj_forward` is of the free tree, without "
+        "NumPy, S and B given. MuJoCo's `mj_forward` is of the free tree, without "
         "wheels that roll. A step of 8 lanes is an eighth of the time that 8 take side by side."
     )
     return Section("Forward step", tuple(rows), note)
@@ -44,7 +43,7 @@ def _steps(robot: Robot, quick: bool) -> Iterator[Row]:
 
     state = state_of(robot)
     lowest, python, draft = (least(make(state)) for make in (floor, projected, naive))
-    one, eight = measure(robot).step, measure(robot, 8).step / 8
+    one, eight = step_time(robot, 1), step_time(robot, 8) / 8
     yield row("floor", lowest)
     yield row("first draft in NumPy", draft)
     yield row("`ReducedDynamics.forward`", python, "first draft in NumPy", draft)
@@ -53,8 +52,6 @@ def _steps(robot: Robot, quick: bool) -> Iterator[Row]:
     other = least(_mujoco(robot))
     yield row("MuJoCo `mj_forward`", other)
     yield row("machine code, 1 lane, beside MuJoCo", one, "MuJoCo `mj_forward`", other)
-    if robot.name.startswith("tiago") and robot.drive.type == "differential":
-        yield from _drake(robot, row, least, python)
 
 
 def _mujoco(robot: Robot) -> Callable[[], object]:
@@ -71,38 +68,3 @@ def _mujoco(robot: Robot) -> Callable[[], object]:
         mujoco.mj_forward(model, data)
 
     return run
-
-
-def _drake(
-    robot: Robot,
-    row: Callable[..., Row],
-    least: Callable[[Callable[[], object]], float],
-    python: float,
-) -> Iterator[Row]:
-    """Yield the rows of Drake, if it is installed.
-
-    Args:
-        robot: A robot with fixed wheels.
-        row: Makes a row.
-        least: Times a call, µs.
-        python: What `ReducedDynamics.forward` takes, µs.
-    """
-    from tests.bench.drake_peer import DrakePeer
-
-    try:
-        peer = DrakePeer(robot)
-    except ImportError:
-        return
-    dynamics, q, nu, tau = state_of(robot)
-    q = robot.configuration_at(np.zeros(3), robot.joint_positions(q))
-    still = robot.configuration()
-    run = peer.forward(nu, tau)
-    for place in (q, still):
-        expected = dynamics.forward(place, nu, tau)
-        difference = np.abs(run(peer.positions(place)) - expected).max()
-        if difference > AGREES * np.abs(expected).max():
-            raise ValueError(f"Drake computes something else: it differs by {difference:g}")
-    places = itertools.cycle([peer.positions(q), peer.positions(still)])
-    its = least(lambda: run(next(places)))
-    yield row("Drake", its)
-    yield row("`ReducedDynamics.forward`, beside Drake", python, "Drake", its)

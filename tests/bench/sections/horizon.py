@@ -9,7 +9,7 @@ from rpctl.control.horizon.law import Horizon
 from tests.bench.rows import Row, Section
 from tests.bench.test_horizon import part_seconds
 
-COMMAND = "python -m tests.bench.test_horizon"
+COMMAND = "python -m tests.bench.table --only horizon"
 PARTS = {
     "a sample, whole": "plan",
     "target: time scaling and look-ahead": "_target",

@@ -40,7 +40,7 @@ def section(quick: bool) -> Section:
             where = ["--out", str(Path(out, "run"))] if text.startswith("track") else []
             took = process_seconds(rounds, "-m", "rpctl", *text.split(), *where)
             rows.append(Row(f"`rpctl {text}`", took, "s", f"rpctl {text}", goal=goal))
-    run = rpctl.track(rpctl.load("tiago"), "eight", 10.0)
+    run = rpctl.track(rpctl.load("tiago"), "eight", duration=10.0)
     tracking_image(run)  # imports Matplotlib, finds fonts
     took = cpu_seconds(lambda: tracking_image(run), rounds=rounds)
     command = "rpctl.view.plots.figures.tracking_image(run)"

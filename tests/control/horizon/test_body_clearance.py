@@ -13,13 +13,12 @@ from rpctl.arrays import Array
 from rpctl.control.horizon.body_clearance import (
     FAR,
     RANGE_M,
-    ROWS,
     TIE_M,
     BodyClearance,
     body_clearance,
 )
 from rpctl.control.horizon.prediction import Model, PredictedMotion, make_model
-from rpctl.control.horizon.qp import LinearisedConstraint, stage_indices
+from rpctl.control.horizon.qp import LinearisedConstraint
 from rpctl.control.horizon.target import Sample, Target
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.pose_goal import goal_of_words
@@ -117,23 +116,6 @@ def test_the_rows_are_those_of_the_nearest_joints(robot: Robot) -> None:
         np.testing.assert_allclose(kept, fresh, atol=TIE_M + 1e-4)
 
 
-def test_rows_fit_their_blocks(robot: Robot) -> None:
-    model, rows = rows_of(robot)
-    (block,) = rows.row_blocks(stage_indices(model))
-    found = values(model, rows, postures(model, 1))
-    assert found.value.shape == (len(rows.stages), ROWS) == (len(block.unknowns), block.rows)
-    assert found.jacobian.shape == (len(rows.stages), ROWS, block.unknowns.shape[1])
-
-
-def test_far_from_everything_no_row_asks_anything(robot: Robot) -> None:
-    model, rows = rows_of(robot)
-    at = postures(model, 1)
-    at = sample(model, at.motion.pose - (5.0, 0.0, 0.0), np.tile([-0.5, 0.2, 0.0, 0.05], (7, 1)))
-    found = values(model, rows, at)
-    assert (found.value == FAR).all()
-    assert not found.jacobian.any()
-
-
 CASES = {"ground": ((0.6, 0.9), "the ground"), "own base": ((0.0, 2.9), "itself")}
 
 
@@ -144,7 +126,7 @@ def test_the_arm_stops_before_what_it_would_run_into(case: str, tmp_path: Path) 
     goal = goal_of_words(None, (f"shoulder={shoulder}", f"elbow={elbow}"))
     free, kept = (
         rpctl.track(
-            folding(tmp_path), goal, 6.0, control_period=PERIOD,
+            folding(tmp_path), goal, duration=6.0, control_period=PERIOD,
             kinematic=Horizon(body_clearance=clearance), dynamic=BoundedDynamic(),
         )
         for clearance in (None, MARGIN)
@@ -160,55 +142,3 @@ def test_the_arm_stops_before_what_it_would_run_into(case: str, tmp_path: Path) 
     assert MARGIN - 0.002 < nearest < MARGIN + 0.01
     assert kept.kinematic_report["softened"] == 0
     assert ("the ground is 3" in summary.outcome_sentence) == (thing == "the ground")
-
-
-@pytest.mark.slow
-def test_a_doorway_that_is_too_narrow_ends_as_stuck_in_words(tmp_path: Path) -> None:
-    """The robot is 0.39 m wide, the doorway 0.3 m; a wider one it drives through."""
-    found = []
-    for half, duration in ((0.3, 18.0), (0.6, 9.0)):
-        posts = Disc(2.0, half, 0.15), Disc(2.0, -half, 0.15)
-        law = Horizon(base_obstacles=posts, base_radius=0.05, body_clearance=MARGIN)
-        run = rpctl.track(
-            folding(tmp_path), "line", duration,
-            kinematic=law, dynamic=BoundedDynamic(), control_period=PERIOD,
-        )  # fmt: skip
-        found.append(rpctl.summarize(run))
-    assert [each.outcome for each in found] == ["stuck", "tracked"]
-    assert not found[0].collisions
-    assert "stands " in found[0].outcome_sentence
-    assert "the disc at (2, 0.3) m, radius 0.15 m is 3" in found[0].outcome_sentence
-
-
-@pytest.mark.slow
-def test_an_arm_gives_way_to_a_pillar_that_the_base_passes(tmp_path: Path) -> None:
-    """The hand sticks out over the edge of the base; a disc is avoided by all of the robot."""
-    pillar = Disc(1.5, 0.62, 0.15)
-    outcomes = []
-    for clearance in (None, MARGIN):
-        law = Horizon(base_obstacles=(pillar,), base_radius=0.3, body_clearance=clearance)
-        parts = [
-            urdf.link(
-                "mast",
-                urdf.inertial(0.5, (1e-3, 1e-3, 1e-3)),
-                urdf.shape('box size="0.04 0.5 0.04"', xyz="0 0.25 0"),
-            ),
-            urdf.joint(
-                "mast_joint", "revolute", ("base", "mast"), (0.2, 0, 0.6), "0 0 1",
-                urdf.limit(-3, 3, 20, 2),
-            ),
-        ]  # fmt: skip
-        run = rpctl.track(
-            folding(tmp_path, *parts),
-            "line",
-            9.0,
-            kinematic=law,
-            dynamic=BoundedDynamic(),
-            control_period=PERIOD,
-        )
-        summary = rpctl.summarize(run)
-        outcomes.append(summary.outcome)
-        least = min(each.distance for each in summary.clearances if "disc" in each.to)
-        assert (least > MARGIN - 0.005) == (clearance is not None)
-    assert outcomes[0] == "collided"
-    assert outcomes[1] in ("tracked", "late")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rpctl
-from rpctl import ReducedDynamics, Robot, summarize, track
+from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.bounded import BoundedDynamic
-from rpctl.control.horizon.casters import Casters
 from rpctl.control.horizon.constraints import WheelSpeeds
-from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.prediction import make_model
+from rpctl.control.horizon.prediction import Casters, make_model
 from rpctl.control.horizon.settings import Bounds
 from rpctl.control.horizon.target import Sample, Target
-from rpctl.control.law import DynamicLaw, KinematicLaw
 from tests import random_vehicles
 from tests.robots import write
 from tests.vehicles import vehicle
@@ -61,14 +56,6 @@ def test_casters_turn_as_the_constraints_have_it(
     require_turned(robot, robot.random_configuration(rng), np.array(twist))
 
 
-def test_a_caster_that_turns_on_and_on(robot: Robot, rng: np.random.Generator) -> None:
-    """About a point nearer to its axis than its trail no angle is steady."""
-    (x, y), trail = robot.drive.swivels[1].pivot, robot.drive.swivels[1].trail
-    for omega in (1.5, -2.0):
-        twist = np.array([omega * (y - 0.3 * trail), -omega * x, omega])
-        require_turned(robot, robot.random_configuration(rng), twist)
-
-
 def require_turned(robot: Robot, q: Array, twist: Array) -> None:
     casters = Casters(robot)
     found = casters.follow(casters.read(q), np.tile(twist, (3, 1)), DT)
@@ -104,31 +91,3 @@ def test_wheel_speeds_are_those_of_the_motion(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(found.value[k], [*(rates - 1.0), *(-rates - 1.0)], atol=1e-7)
         positions = turned(robot, q, motion.twist[k], DT)
         q = robot.configuration(joints=dict(zip(names, positions, strict=True)))
-
-
-def with_slow_swivels(velocity: float) -> Robot:
-    robot = rpctl.load("caster_drive")
-    names = [swivel.joint for swivel in robot.drive.swivels]
-    joints = tuple(
-        replace(joint, velocity=velocity) if joint.name in names else joint
-        for joint in robot.description.joints
-    )
-    return replace(robot, description=replace(robot.description, joints=joints))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kinematic", "dynamic"), [(Horizon(), None), (None, BoundedDynamic())], ids=["plan", "bound"]
-)
-def test_swivels_keep_their_speed(
-    kinematic: KinematicLaw | None, dynamic: DynamicLaw | None
-) -> None:
-    """Off to the side, plain laws turn casters too fast; those with limits take their time."""
-    robot, off = with_slow_swivels(4.0), (0.1, 0.4, 0.3)
-    laws = rpctl.UnifiedKinematic(leash=None), rpctl.PaperDynamic()
-    plain = summarize(track(robot, "line", 5.0, off, *laws, control_period=0.01))
-    assert {violation.limit for violation in plain.limits_violated} == {"velocity"}
-    kept = summarize(track(robot, "line", 5.0, off, kinematic, dynamic, control_period=0.01))
-    assert not kept.limits_violated
-    assert kept.final_base_error < 1e-3
-    assert not kept.kinematic_report.get("fallbacks")

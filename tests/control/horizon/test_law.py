@@ -11,7 +11,6 @@ import pytest
 
 import rpctl
 from rpctl import (
-    BoundedDynamic,
     EndEffector,
     IntegralDynamic,
     PaperKinematic,
@@ -22,18 +21,18 @@ from rpctl import (
     Run,
     summarize,
 )
-from rpctl.control.horizon.condensed import CondensedQp
-from rpctl.control.horizon.law import Horizon, HorizonLaw
+from rpctl.control.horizon.law import Horizon
+from rpctl.control.horizon.prediction import Indices
 from rpctl.control.horizon.qp import Linearisation
-from rpctl.control.horizon.solver import Answer, HorizonSolver
+from rpctl.control.horizon.solver import CondensedQp, CondensedSolution
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name
-from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
+from rpctl.reference.sizing import SizingRequest
 from tests.control.tight_limits import limited, tall
 from tests.grids import cells
-from tests.robots import SET_A, ball, four_wheels, platform, write
 
 OFF = (0.3, -0.4, 0.8)
 PERIOD = 0.01  # s
@@ -50,7 +49,14 @@ def track(
     **others: Any,
 ) -> Run:
     return rpctl.track(
-        robot, reference, duration, off, law, control_period=PERIOD, plant_step=PERIOD, **others
+        robot,
+        reference,
+        duration=duration,
+        initial_error=off,
+        kinematic=law,
+        control_period=PERIOD,
+        plant_step=PERIOD,
+        **others,
     )
 
 
@@ -59,7 +65,7 @@ def faster(robot: Robot, name: str, rate: float) -> Reference:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", "mixed_chain"])
+@pytest.mark.parametrize("name", ["mixed_chain"])
 def test_no_limit_is_broken(name: str) -> None:
     """With limits halved, from a start that asks the paper's law for more than there is."""
     usual = rpctl.load(name)
@@ -75,27 +81,7 @@ def test_no_limit_is_broken(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_joints_stop_at_their_limits(paper: Robot) -> None:
-    """A reference beyond a joint's range is followed as far as the range goes."""
-    usual = reference_by_name(paper, "eight")
-    centre = usual.arm.centre.copy()
-    centre[1] = paper.joints[1].upper
-    beyond = replace(usual, arm=replace(usual.arm, centre=centre))
-
-    def softly(t: float) -> ReferenceState:
-        state = beyond(t)
-        home = usual(t).joints
-        return state._replace(joints=home + min(t, 1.0) * (state.joints - home))
-
-    run = track(paper, softly, 6.0, Horizon())
-    upper = paper.joints[1].upper
-    assert run.joints_ref[:, 1].max() > upper + 0.05
-    assert run.log.joints[:, 1].max() <= upper
-    assert run.log.joints[:, 1].max() > upper - 0.01
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("path", "rate"), [("eight", 1.0), ("line", 2.5)])
+@pytest.mark.parametrize(("path", "rate"), [("eight", 1.0)])
 def test_an_aggressive_reference_slows_down_instead_of_tipping(
     tmp_path: Path, path: str, rate: float
 ) -> None:
@@ -115,17 +101,7 @@ def test_an_aggressive_reference_slows_down_instead_of_tipping(
         assert gaps.max() < 0.15
 
 
-@pytest.mark.slow
-def test_what_was_late_is_made_up_for(tmp_path: Path) -> None:
-    """A start that no wheel can follow: the reference waits, then the robot catches up."""
-    robot = tall(tmp_path)
-    run = track(robot, faster(robot, "line", 2.5), 8.0, Horizon())
-    assert summarize(run).kinematic_report["largest_lag"] > 0.05
-    assert np.abs(run.log.e[:, 0]).max() > 0.1
-    assert np.abs(run.log.e[-1]).max() < 1e-3
-
-
-@pytest.mark.parametrize("y", cells((0.2, 0.0, -0.4), slow={0.2, 0.0}))
+@pytest.mark.parametrize("y", cells((0.2, 0.0, -0.4), slow={0.2}))
 def test_the_base_drives_round_a_disc(paper: Robot, y: float) -> None:
     disc = Disc(1.2, y, 0.3)
     law = Horizon(base_obstacles=(disc,), base_radius=0.3)
@@ -136,19 +112,9 @@ def test_the_base_drives_round_a_disc(paper: Robot, y: float) -> None:
     assert summarize(run).final_base_error < 0.3
 
 
-@pytest.mark.slow
-def test_the_base_stops_before_a_wall(paper: Robot) -> None:
-    wall = HalfPlane(-1.0, 0.0, -1.0)  # x ≤ 1
-    law = Horizon(base_obstacles=(wall,), base_radius=0.2)
-    run = track(paper, "line", 7.0, law, collisions=False)  # a base smaller than the hull
-    assert run.base_ref[-1, 0] > 1.5
-    assert run.log.base[-1, 0] > 0.8 - 0.02
-    assert run.log.base[:, 0].max() < 0.8 + CLOSE
-
-
-@pytest.mark.parametrize("obstacle", cells((PILLAR, WALL), slow={PILLAR, WALL}))
+@pytest.mark.parametrize("obstacle", cells((PILLAR, WALL), slow={PILLAR}))
 def test_the_end_effector_keeps_clear(paper: Robot, obstacle: Disc | HalfPlane) -> None:
-    quick = reference_by_name(paper, "eight", speed=0.72)
+    quick = reference_by_name(paper, "eight", SizingRequest(speed=0.72))
     free, kept = (
         track(paper, quick, 4.0, Horizon(end_effector_obstacles=obstacles))
         for obstacles in ((), (obstacle,))
@@ -157,39 +123,18 @@ def test_the_end_effector_keeps_clear(paper: Robot, obstacle: Disc | HalfPlane) 
     assert obstacle.distance(kept.log.ee[:, :2]).min() > 0.05 - CLOSE
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["fixed", "mecanum", "skid_steer", "no arm", "unbalanced"])
-def test_every_kind_of_robot(tmp_path: Path, kind: str) -> None:
-    if kind == "fixed":
-        robot = rpctl.load("panda")
-    elif kind == "no arm":
-        robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.9))))
-    elif kind == "unbalanced":  # its wheels are all behind its centre of mass
-        robot = four_wheels(tmp_path, "mecanum")
-    else:
-        robot = rpctl.load(kind)
-    off = (0.1, -0.1, 0.2) if kind != "fixed" else (0.0, 0.0, 0.0)
-    run = track(robot, "eight", 4.0, Horizon(), off)
-    figures = summarize(run)
-    assert figures.final_base_error < 0.02
-    assert np.abs(run.log.e[-1, 3:]).max(initial=0.0) < 0.01
-    assert not figures.limits_violated
-    assert figures.kinematic_report["fallbacks"] == 0
-
-
 def test_a_failed_solve_falls_back_and_is_counted(
     paper: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solve = HorizonSolver.solve
+    solve = CondensedQp.solve
     failing = [3, 4, 9]  # of the solves
     count = iter(range(1000))
 
-    def sometimes(self: HorizonSolver, values: Linearisation, qp: CondensedQp | None) -> Answer:
-        k = next(count)
+    def sometimes(self: CondensedQp, values: Linearisation, guess: Indices) -> CondensedSolution:
         # The first sample takes three passes.
-        return solve(self, values, qp)._replace(solved=k not in failing)
+        return solve(self, values, guess)._replace(solved=next(count) not in failing)
 
-    monkeypatch.setattr(HorizonSolver, "solve", sometimes)
+    monkeypatch.setattr(CondensedQp, "solve", sometimes)
     called: list[float] = []
     inner = PaperKinematic()
 
@@ -249,18 +194,6 @@ def test_contradicting_bounds_give_way(paper: Robot) -> None:
     assert report["softened"] == report["solves"]
 
 
-def test_a_run_starts_anew(paper: Robot) -> None:
-    """One settings object serves many runs; the law of a run may also be started by hand."""
-    law, reference = Horizon(), reference_by_name(paper, "eight")
-    first, second = (track(paper, "eight", 0.2, law, OFF) for _ in range(2))
-    np.testing.assert_array_equal(first.log.nu_d, second.log.nu_d)
-    dynamics = ReducedDynamics(paper)
-    run: HorizonLaw = law.start(dynamics, PERIOD)
-    for k in range(len(first.t)):
-        command = run(dynamics, reference, float(first.t[k]), first.q[k], first.nu[k])
-        np.testing.assert_array_equal(command.nu_d, first.log.nu_d[k])
-
-
 def test_command_and_rate_agree(paper: Robot) -> None:
     reference, dynamics = reference_by_name(paper, "eight"), ReducedDynamics(paper)
     law = Horizon().start(dynamics, PERIOD)
@@ -285,20 +218,19 @@ def test_a_plan_goes_on_from_the_last(paper: Robot) -> None:
     np.testing.assert_allclose(asked - planned, 0.25 * push, atol=1e-5)
 
 
-@pytest.mark.slow
-def test_a_detour_stays_within_the_grip(tiago: Robot) -> None:
-    """Round a pillar on the eight the front casters unload a wheel; rows are linear, so 1.2."""
-    law = Horizon(base_obstacles=(Disc(1.0, 1.1, 0.15), HalfPlane(0.0, 1.0, -0.95)))
-    run = rpctl.track(tiago, "eight", 20.0, (0.0, 0.0, 0.0), law, BoundedDynamic())
-    assert run.log.slip_ratio.max() < 1.2
-    assert np.mean(run.log.slip_ratio > 1.0) < 0.005
-
-
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_efforts_that_come_late_do_not_make_light_joints_run_away(tiago: Robot) -> None:
     """20 ms: where two axes of TIAGo's wrist align, .003 kg m² are all that resists a motion."""
     law, plant = EndEffector(), Plant(delay=0.02)
-    run = rpctl.track(tiago, "spin", 10.0, (0.1, -0.1, 0.1), law, IntegralDynamic(), plant=plant)
+    run = rpctl.track(
+        tiago,
+        "spin",
+        duration=10.0,
+        initial_error=(0.1, -0.1, 0.1),
+        kinematic=law,
+        dynamic=IntegralDynamic(),
+        plant=plant,
+    )
     assert summarize(run).limits_violated == ()
 
 

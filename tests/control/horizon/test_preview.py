@@ -8,8 +8,9 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics
 from rpctl.arrays import Array
+from rpctl.control.horizon import pace
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.preview import Memory, Preview
+from rpctl.control.horizon.pace import Preview
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.named import reference_by_name
 
@@ -30,14 +31,14 @@ def plans(name: str, reference: Reference, off: Array, count: int) -> list[Array
     return found
 
 
-@pytest.mark.parametrize("name", ["paper", pytest.param("casters", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["paper", pytest.param("casters", marks=pytest.mark.thorough)])
 def test_plans_are_those_of_a_law_that_remembers_nothing(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reference = reference_by_name(rpctl.load(name), "eight")
     off = np.array([-0.4, 0.2, 0.1])  # beyond the leash: the time is scaled
     remembering = plans(name, reference, off, 8)
-    monkeypatch.setattr(Memory, "__call__", lambda self, key, compute: compute(key))
+    monkeypatch.setattr(pace, "MAX_REMEMBERED", 0)
     forgetful = plans(name, reference, off, 8)
     np.testing.assert_allclose(remembering, forgetful, rtol=0.0, atol=1e-12)
 
@@ -66,14 +67,3 @@ def test_another_reference_is_read_anew() -> None:
         assert read.follow(reference)
         assert not read.follow(reference)
         np.testing.assert_array_equal(read(3.0).state.pose, reference(3.0).pose)
-
-
-def test_memory_is_bounded_and_drops_the_oldest() -> None:
-    computed, memory = list[int](), Memory[int, int](2)
-
-    def compute(key: int) -> int:
-        computed.append(key)
-        return 2 * key
-
-    assert [memory(key, compute) for key in (1, 2, 1, 3, 2, 1)] == [2, 4, 2, 6, 4, 2]
-    assert computed == [1, 2, 3, 1]

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from rpctl.engines.installed import installed_engines
+from rpctl.engines.engine import installed_engines
 from rpctl.engines.words import line, turn_line
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 DEMO = Path(__file__).parents[3] / "demos" / "referee_threads.py"
 WORDS = {  # in the sentence: what the engine does, and the setting that mends it
     "four_wheels": ("a velocity motor holds each joint still", "VELOCITY_CONTROL, force=0"),

@@ -11,12 +11,12 @@ import pytest
 import rpctl
 from rpctl import Robot, Run, track
 from rpctl.arrays import Array
-from rpctl.simulation.compiled.machine.interpreted import Interpreted
-from rpctl.simulation.compiled.machine.program import Buffer, Program, Read, Rows, RowStream
-from rpctl.simulation.compiled.merit_fold import FIRST, FoldedSample, merit_fold, spans_of
+from rpctl.kernels.program import Buffer, Program, Read, Rows, RowStream
+from rpctl.simulation.compiled.merit_fold import FIRST, merit_fold, spans_of
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
-from rpctl.simulation.merits import SampleMeasures, Totals, fold, measures, merits_of
-from rpctl.simulation.outcome import ON_PATH_M
+from rpctl.simulation.merits.measures import SampleMeasures, Totals, fold, measures, merits_of
+from rpctl.simulation.merits.outcome import ON_PATH_M
+from tests.kernels.interpreted import Interpreted
 
 FIELDS = ("q", "nu", "e", "tau")
 
@@ -29,8 +29,8 @@ def folded(robot: Robot, run: Run, limits: Array) -> tuple[Array, Array]:
     logged["count"] = np.arange(1.0, count + 1.0)[:, None]
     buffers = {name: Buffer(name, values.shape[1]) for name, values in logged.items()}
     streams = {name: RowStream(name, b.size, laned=False) for name, b in buffers.items()}
-    at = FoldedSample(p=Buffer("p", dynamics.p.numel()), **buffers)
-    found = merit_fold(dynamics, at)
+    sample = [buffers[name] for name in (*FIELDS, "limits")]
+    found = merit_fold(dynamics, sample, Buffer("p", dynamics.p.numel()), buffers["count"])
     reads = tuple(Read(streams[name], buffers[name]) for name in logged)
     program = Program((*reads, *found.statements))
     kernel = Interpreted(program, 1)
@@ -52,13 +52,13 @@ def folded(robot: Robot, run: Run, limits: Array) -> tuple[Array, Array]:
 def test_folding_is_the_batch(name: str) -> None:
     """Random states whose distances cross the threshold, with and without an arm and steering."""
     robot = rpctl.load(name)
-    run, rng = track(robot, "eight", 0.1, collisions=False), np.random.default_rng(1)
+    run, rng = track(robot, "eight", duration=0.1, collisions=False), np.random.default_rng(1)
     count = len(run.t)
     e = rng.normal(size=run.log.e.shape) * 0.05
     tau = run.log.tau + rng.normal(size=run.tau.shape)
     limits = (rng.random((count, 3)) < 0.1).astype(float)
     wanted = run.log.ee_ref + rng.normal(size=run.log.ee_ref.shape) * 0.05
-    log = dataclasses.replace(run.log, e=e, tau=tau, active_limits=limits, ee_ref=wanted)
+    log = run.log.changed({"e": e, "tau": tau, "active_limits": limits, "ee_ref": wanted})
     changed = dataclasses.replace(run, log=log)
     expected = measures(changed)
     totals, seen = folded(robot, changed, limits)

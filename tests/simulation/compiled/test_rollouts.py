@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 import rpctl
+from rpctl.kernels.machine_code import native_lanes
 from rpctl.robot.model import Robot
-from rpctl.simulation.closed_loop import start_configuration
-from rpctl.simulation.compiled.lane_inputs import LaneInputs
-from rpctl.simulation.compiled.laws.law_settings import settings_of
+from rpctl.simulation.compiled.lanes import LaneInputs
+from rpctl.simulation.compiled.laws.tracking import settings_of
 from rpctl.simulation.compiled.loop import FAR
-from rpctl.simulation.compiled.machine.code import native_lanes
 from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
-from rpctl.simulation.compiled.symbols.parameters import NOTHING
+from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop import simulate
-from rpctl.simulation.merits import Totals, fold, measures
-from rpctl.simulation.noise import Sensors
+from rpctl.simulation.loop.closed_loop import start_configuration
+from rpctl.simulation.loop.track import simulate
+from rpctl.simulation.merits.measures import Totals, fold, measures
+from rpctl.simulation.plants.sensors import Sensors
 
 STRIDE = 7
 SAME = 1e-9
@@ -29,9 +29,8 @@ SAME = 1e-9
 def runner(robot: Robot, config: Config) -> LaneRunner:
     count = round((config.run.duration or 0.0) / config.run.control_period) + 1
     reference = config.run.load_reference(robot)
-    return LaneRunner(
-        robot, robot, NOTHING, config, reference, count, STRIDE, noisy=True, delayed=True
-    )
+    scattered = "plant.noise.heading", "plant.delay"
+    return LaneRunner(robot, SymbolicDynamics(robot), config, scattered, reference, count)
 
 
 def inputs(
@@ -47,7 +46,6 @@ def inputs(
     count = len(errors)
     return LaneInputs(
         q,
-        np.array(errors),
         rest,
         np.zeros_like(rest),
         np.zeros((count, 0)),
@@ -62,8 +60,7 @@ def inputs(
 
 def equal(one: LaneResults, other: LaneResults, rows: Sequence[int]) -> bool:
     return all(
-        np.array_equal(getattr(one, name)[list(rows)], getattr(other, name), equal_nan=True)
-        for name in ("totals", "energy", "measures", "trouble", "trouble_at")
+        np.array_equal(a[list(rows)], b, equal_nan=True) for a, b in zip(one, other, strict=True)
     )
 
 
@@ -84,10 +81,10 @@ def test_a_run_is_the_same_whichever_run_beside_it(
     drawn[2] *= 1e8  # one goes astray
     errors = [tuple(row) for row in drawn.tolist()]
     given = inputs(paper, config, errors)
-    together = lanes.run(given)
+    together = lanes.run(given, STRIDE)
     order = np.random.default_rng(1).permutation(len(errors))
-    assert equal(together, lanes.run(given.rows(order)), order.tolist())
-    assert equal(together, lanes.run(given.rows(slice(4, 5))), [4])
+    assert equal(together, lanes.run(given.rows(order), STRIDE), order.tolist())
+    assert equal(together, lanes.run(given.rows(slice(4, 5)), STRIDE), [4])
 
 
 @pytest.mark.slow
@@ -96,14 +93,14 @@ def test_a_run_is_the_same_on_every_processor(
     paper: Robot, config: Config, lanes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = inputs(paper, config, [(0.1, 0.0, 0.0), (0.4, 0.3, -0.5), (-0.2, 0.1, 0.3)])
-    expected = runner(paper, config).run(given)
+    expected = runner(paper, config).run(given, STRIDE)
     monkeypatch.setattr("rpctl.simulation.compiled.rollouts.native_lanes", lambda: lanes)
-    assert equal(expected, runner(paper, config).run(given), range(3))
+    assert equal(expected, runner(paper, config).run(given, STRIDE), range(3))
 
 
 def test_a_run_is_what_python_makes_of_it(paper: Robot, config: Config, lanes: LaneRunner) -> None:
     errors = [(0.1, -0.1, 0.1), (0.4, 0.3, -0.5)]
-    results = lanes.run(inputs(paper, config, errors))
+    results = lanes.run(inputs(paper, config, errors), STRIDE)
     for row, error in enumerate(errors):
         run = simulate(
             paper, config.with_run(initial_error=error), collisions=False, backend="pinocchio"
@@ -122,7 +119,7 @@ def test_a_run_that_goes_astray_is_told_from_those_beside_it(
 ) -> None:
     given = inputs(paper, config, [(0.1, 0.0, 0.0)] * 3)
     given.settings[1] = np.nan
-    results = lanes.run(given)
+    results = lanes.run(given, STRIDE)
     assert results.trouble[1] != 0.0
     assert results.trouble[[0, 2]].tolist() == [0.0, 0.0]
     assert np.isfinite(results.totals[[0, 2]]).all()
@@ -134,9 +131,9 @@ def test_a_base_that_gets_far_again_is_left_to_python() -> None:
     config = Config(run=RunSettings("eight", 2.0))
     given = inputs(robot, config, [(0.0, 0.0, 0.0), (0.8, -0.6, 1.2)])
     lanes = runner(robot, config)
-    results = lanes.run(given)
+    results = lanes.run(given, STRIDE)
     assert results.trouble.tolist() == [0.0, 0.0]  # the way up brings the second there
     given.bias[0] = 300.0
-    results = lanes.run(given)
+    results = lanes.run(given, STRIDE)
     assert results.trouble.tolist() == [FAR, 0.0]
     assert results.trouble_at[0] > 0

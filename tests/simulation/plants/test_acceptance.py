@@ -11,7 +11,8 @@ import rpctl
 from rpctl import Plant, Robot
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.robot.vary import without_losses
-from rpctl.simulation.plants.carried_load import CarriedLoad
+from rpctl.simulation.plants.settings import CarriedLoad
+from tests.grids import cells
 
 pytest.importorskip("mujoco")
 CONTACT = Plant(kind="contact", contact=ContactSettings(wheel_width=0.03))
@@ -19,22 +20,21 @@ CONTACT = Plant(kind="contact", contact=ContactSettings(wheel_width=0.03))
 
 def settled(robot: Robot, plant: Plant, duration: float = 20.0) -> tuple[float, float]:
     """Return the rms errors of base and end effector over the second half of a run, mm."""
-    log = rpctl.track(robot, "eight", duration, plant=plant, collisions=False).log
+    log = rpctl.track(robot, "eight", duration=duration, plant=plant, collisions=False).log
     half = slice(len(log.t) // 2, None)
     base = np.hypot(*log.e[half, :2].T)
     tip = np.linalg.norm(log.ee[half] - log.ee_ref[half], axis=1)
     return 1e3 * float(np.sqrt(np.mean(base**2))), 1e3 * float(np.sqrt(np.mean(tip**2)))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_without_losses(tiago: Robot) -> None:
     base, tip = settled(without_losses(tiago), CONTACT)
     assert 0.5 < base < 3.0  # an ideal plant leaves .01: contact it is
     assert tip < 3.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("known", cells([True, False], slow=[False]))
 def test_with_the_losses_of_the_file(tiago: Robot, known: bool) -> None:
     model = None if known else without_losses(tiago)
     base, tip = settled(tiago, replace(CONTACT, controller_model=model))
@@ -42,17 +42,17 @@ def test_with_the_losses_of_the_file(tiago: Robot, known: bool) -> None:
     assert tip < 8.0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_with_a_payload_of_a_kilogram_that_the_controller_does_not_know(tiago: Robot) -> None:
     base, tip = settled(tiago, replace(CONTACT, payload=CarriedLoad(mass=1.0)))
     assert base < 10.0
     assert tip < 10.0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_minute_without_drift(tiago: Robot) -> None:
     """The last quarter of the minute is no worse than the third, by more than the path's own."""
-    run = rpctl.track(tiago, "eight", 60.0, plant=CONTACT, collisions=False)
+    run = rpctl.track(tiago, "eight", duration=60.0, plant=CONTACT, collisions=False)
     error = np.hypot(*run.log.e[:, :2].T)
     third, last = (error[(run.t >= a) & (run.t < a + 15.0)] for a in (30.0, 45.0))
     assert np.sqrt(np.mean(last**2)) < 1.25 * np.sqrt(np.mean(third**2))

@@ -13,21 +13,11 @@ import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.errors import UnknownNameError
-from rpctl.simulation.plants.actuators import Actuators
-from rpctl.simulation.plants.backlash import ROTOR_SHARE, Backlash, rotor_inertias
+from rpctl.simulation.plants.actuators import ROTOR_SHARE, Actuators, Backlash, rotor_inertias
 from tests.robots import SET_A, platform, write
 
 STILL = SimpleNamespace(q=np.zeros(8), nu=np.zeros(4))
 PERIOD = 0.002
-
-
-def test_without_anything_they_exert_what_they_are_commanded(paper: Robot) -> None:
-    command = 10.0 * paper.effort_limits
-    actuators = Actuators(paper, Plant(), PERIOD, np.zeros(4))
-    ((duration, tau),) = actuators.true_efforts(command, STILL, PERIOD)
-    assert duration == PERIOD
-    np.testing.assert_array_equal(tau, command)
-    np.testing.assert_array_equal(actuators.at(command), command)
 
 
 def test_they_saturate_at_their_share_of_the_limits(paper: Robot) -> None:
@@ -52,14 +42,6 @@ def test_a_lag_s_step_response(paper: Robot) -> None:
     np.testing.assert_allclose(actuators.at(command), command + left * (start - command))
     expected = command * t - (command - start) * lag * (1.0 - left)
     np.testing.assert_allclose(impulse, expected, rtol=1e-12)
-
-
-def test_a_lag_stays_within_saturation(paper: Robot) -> None:
-    plant = Plant(effort_lag=0.001, effort=0.2)
-    actuators = Actuators(paper, plant, PERIOD, np.zeros(4))
-    pieces = list(actuators.true_efforts(paper.effort_limits, STILL, 0.05))
-    largest = np.max([tau for _, tau in pieces], axis=0)
-    np.testing.assert_allclose(largest, 0.2 * paper.effort_limits, rtol=1e-9)
 
 
 class Gap:

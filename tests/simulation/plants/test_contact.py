@@ -20,7 +20,8 @@ from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.errors import DivergedError
 from rpctl.robot.vary import add_losses, set_limits, without_losses
 from rpctl.simulation.plants.contact import MujocoMotion
-from rpctl.simulation.plants.wrench import Wrench
+from rpctl.simulation.plants.settings import Wrench
+from tests.grids import cells
 from tests.robots import SET_A, ball, platform, write
 
 pytest.importorskip("mujoco")
@@ -40,13 +41,6 @@ def start(robot: Robot, settings: ContactSettings = CROWNED, friction: float = M
 def cart(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     """The platform on a ball; of set A, 32 kg."""
     return rpctl.load(write(tmp_path_factory.mktemp("cart"), platform(SET_A, extra=ball(0.5))))
-
-
-@pytest.mark.slow
-def test_a_heavy_robot_does_not_lean_on_its_casters() -> None:
-    """All wheels of its file end at one height; casters that are light are no softer for it."""
-    motion = start(rpctl.load("tiago_dual"), ContactSettings())
-    assert 2.0 * math.hypot(*motion.pose[3:5]) < math.radians(0.1)
 
 
 def test_it_stands_where_it_is_put_and_the_ground_bears_its_weight(paper: Robot) -> None:
@@ -170,17 +164,6 @@ def test_friction_holds_a_joint_and_damping_bounds_its_rate(paper: Robot) -> Non
         assert step.lost == pytest.approx(force * rate * PERIOD, rel=0.05, abs=2e-5)
 
 
-def test_a_stretch_need_not_be_a_multiple_of_the_timestep(cart: Robot) -> None:
-    tau, ends = np.ones(2), []
-    for pieces in ((0.2,), (0.0503, 0.0497, 0.1), (1 / 300,) * 60):
-        motion = start(cart)
-        for piece in pieces:
-            motion.advance(tau, piece)
-        ends.append([*cart.base_pose(motion.q), *motion.nu])
-    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-3, atol=1e-5)
-    np.testing.assert_allclose(ends[2], ends[0], rtol=1e-3, atol=1e-5)
-
-
 def test_a_robot_that_falls_is_refused(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_A)))
     with pytest.raises(RpctlError, match=r"falls over.*left_joint, right_joint.*caster"):
@@ -291,18 +274,17 @@ BANDS = {  # m and rad after 1.5 s, .22 to .35 m from the start
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", BANDS)
+ALL = (*BANDS, "skid_steer", "bicycle", "tiago_no_hand", "tiago_dual", "tiago_pro")
+
+
+@pytest.mark.parametrize("name", cells(BANDS, slow=("tiago", "swerve", "mecanum")))
 def test_gentle_motion_of_every_drive_is_the_reduced_models(name: str) -> None:
     distance, turn = gap(without_losses(rpctl.load(name)), CROWNED, 1.5)
     assert distance < BANDS[name][0]
     assert turn < BANDS[name][1]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [*BANDS, "skid_steer", "bicycle", "tiago_no_hand", "tiago_dual", "tiago_pro"]
-)
+@pytest.mark.parametrize("name", cells(ALL, slow=("tiago", "bicycle")))
 def test_every_robot_stands_still(name: str) -> None:
     """Its wheels braked and its arm held by the reduced model's efforts, for 2 s."""
     robot = rpctl.load(name)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpctl.dynamics.stance import loads, make_stance
-from rpctl.simulation.plants.contact_loads import NO_CONTACTS, make_split, share_load
+from rpctl.simulation.plants.free_tree import NO_CONTACTS, make_split, share_load
 
 RIM = 1e-6  # m from the polygon's edge: nearer, rounding decides whether it tips
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Plant, ReducedDynamics, Robot, RpctlError, track
+from rpctl import Plant, ReducedDynamics, Robot, RpctlError
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.errors import UnknownNameError
 from rpctl.robot.vary import add_losses
-from rpctl.simulation.plants.carried_load import CarriedLoad
-from tests.robots import SET_A, ball, cargo, platform, write
+from rpctl.simulation.plants.settings import CarriedLoad
+from tests.robots import SET_A, ball, platform, write
 
 G = 9.81
 MASS = SET_A["m_c"] + 2.0 * SET_A["m_w"]
@@ -62,19 +62,6 @@ def test_a_payload_is_on_a_link(standing: Robot) -> None:
         CarriedLoad("base", -1.0)
     with pytest.raises(RpctlError, match=r"com is .*; give x, y, z in m"):
         CarriedLoad("base", 1.0, (0.0, 0.0))  # type: ignore[arg-type]
-
-
-def test_a_payload_counts_as_if_the_file_had_it(standing: Robot, tmp_path: Path) -> None:
-    loaded = Plant(payload=CarriedLoad("base", 4.0, (0.3, 0.2, 0.5))).simulated_robot(standing)
-    casters = ball(0.8) + ball(-0.4, name="hind") + cargo(4.0, 0.3, 0.2, 0.5)
-    other = rpctl.load(write(tmp_path, platform(SET_A, extra=casters), "other.urdf"))
-    one, two = (ReducedDynamics(robot) for robot in (loaded, other))
-    q, nu, tau = one.robot.configuration(theta=0.3), np.array([0.4, 0.7]), np.array([2.0, -1.0])
-    np.testing.assert_allclose(one.forward(q, nu, tau), two.forward(q, nu, tau), rtol=1e-12)
-    ours, theirs = (
-        ground_reaction(d, c, q, nu, tau).load for d in (one, two) if (c := find_contacts(d))
-    )
-    np.testing.assert_allclose(ours, theirs, rtol=1e-9)
 
 
 def test_losses_are_scaled_but_not_those_that_the_plant_adds(paper: Robot) -> None:
@@ -132,15 +119,6 @@ def test_a_robot_rolls_down_a_slope(standing: Robot) -> None:
     assert found[0] == pytest.approx(-MASS * G * math.sin(0.2) / inertia)
     before, after = (dynamics.energy(standing.configuration(x), np.zeros(2)) for x in (0.0, 2.0))
     assert after - before == pytest.approx(MASS * G * 2.0 * math.sin(0.2))
-
-
-@pytest.mark.slow
-def test_a_run_on_a_slope_keeps_its_energy(paper: Robot) -> None:
-    run = track(
-        paper, "eight", 0.3, (0.05, 0.0, 0.0), plant=Plant(slope=(0.1, 0.05)), collisions=False
-    )
-    assert rpctl.summarize(run).energy_residual < 1e-6
-    assert run.log.work[-1] > 0.0
 
 
 def test_a_slope_is_one(paper: Robot) -> None:

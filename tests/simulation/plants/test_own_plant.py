@@ -9,11 +9,10 @@ import pytest
 
 import rpctl
 from rpctl import ControllerOutput, Plant, ReducedDynamics, Rest, Robot, RpctlError
-from rpctl.simulation.noise import Noise
-from rpctl.simulation.plants.named import PLANTS, plant_by_name
 from rpctl.simulation.plants.protocol import PlantSample
 from rpctl.simulation.plants.rolling import RollingMotion
-from rpctl.simulation.plants.wrench import Wrench
+from rpctl.simulation.plants.settings import Noise
+from rpctl.simulation.plants.starting import PLANTS, plant_by_name
 
 
 class Mine:
@@ -36,8 +35,12 @@ class Mine:
 def test_own_simulator_gets_the_efforts_and_gives_the_measurements(paper: Robot) -> None:
     mine = Mine()
     start = (0.1, -0.05, 0.2)
-    run = rpctl.track(paper, "circle", 0.2, start, plant=mine, collisions=False)
-    same = rpctl.track(paper, "circle", 0.2, start, collisions=False, backend="pinocchio")
+    run = rpctl.track(
+        paper, "circle", duration=0.2, initial_error=start, plant=mine, collisions=False
+    )
+    same = rpctl.track(
+        paper, "circle", duration=0.2, initial_error=start, collisions=False, backend="pinocchio"
+    )
     np.testing.assert_allclose(run.q, same.q, atol=1e-12)
     np.testing.assert_allclose(run.tau, same.tau, atol=1e-9)
     np.testing.assert_array_equal(mine.commanded, run.tau[:-1, 0])
@@ -45,7 +48,7 @@ def test_own_simulator_gets_the_efforts_and_gives_the_measurements(paper: Robot)
     assert not rpctl.summarize(run).nominal
     assert run.config.plant == Plant(kind="own")  # what a file can say
     with pytest.raises(RpctlError, match="which no file can hold"):
-        rpctl.track(paper, "circle", 0.2, plant=run.config.plant, collisions=False)
+        rpctl.track(paper, "circle", duration=0.2, plant=run.config.plant, collisions=False)
 
 
 def test_a_simulator_that_does_not_go_on_is_refused(paper: Robot) -> None:
@@ -54,16 +57,16 @@ def test_a_simulator_that_does_not_go_on_is_refused(paper: Robot) -> None:
             return super().step(command, 0.5 * dt)
 
     with pytest.raises(RpctlError, match=r"measures at t = 0\.001 s, where it was to be"):
-        rpctl.track(paper, "circle", 0.1, plant=Late(), collisions=False)
+        rpctl.track(paper, "circle", duration=0.1, plant=Late(), collisions=False)
 
 
 def test_what_is_no_plant_is_refused(paper: Robot) -> None:
     with pytest.raises(RpctlError, match="give ideal, perturbed, slipping, contact, a Plant, or"):
-        rpctl.track(paper, "circle", 0.1, plant=3)  # type: ignore[arg-type]
+        rpctl.track(paper, "circle", duration=0.1, plant=3)  # type: ignore[arg-type]
     with pytest.raises(RpctlError, match="plant 'contakt' is not known; did you mean contact"):
-        rpctl.track(paper, "circle", 0.1, plant="contakt")
+        rpctl.track(paper, "circle", duration=0.1, plant="contakt")
     with pytest.raises(RpctlError, match="the slipping plant takes efforts"):
-        rpctl.track(paper, "circle", 0.1, plant="slipping", output="velocity")
+        rpctl.track(paper, "circle", duration=0.1, plant="slipping", output="velocity")
 
 
 def test_plants_by_name(paper: Robot) -> None:
@@ -75,25 +78,18 @@ def test_plants_by_name(paper: Robot) -> None:
     assert plant_by_name("slipping", paper, given) == Plant(delay=0.01, kind="slipping")
 
 
-def test_a_push_moves_a_rolling_robot_by_its_impulse(paper: Robot) -> None:
-    """Without efforts, along the free direction: p = F t, to second order in the turning."""
-    dynamics = ReducedDynamics(paper)
-    motion = RollingMotion(dynamics, paper.configuration(), 0.001)
-    root = paper.description.root
-    step = motion.advance(np.zeros(len(paper.actuators)), 0.01, [Wrench(root, (10.0, 0.0, 0.0))])
-    expected = dynamics.forward(paper.configuration(), np.zeros(paper.dof), np.zeros(paper.dof))
-    jacobian = dynamics.jacobian(paper.configuration(), root)
-    M = dynamics.inertia(paper.configuration())
-    change = 0.01 * (expected + np.linalg.solve(M, jacobian.T @ [10.0, 0, 0, 0, 0, 0]))
-    np.testing.assert_allclose(step.nu, change, rtol=1e-3, atol=1e-5)
-    assert motion.pose[2] == pytest.approx(-paper.drive.ground)
-
-
 def test_notes_are_those_of_the_end(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a motion only finds out on its way is told."""
     late = property(lambda motion: ("it slid",) if motion.nu.any() else ())
     monkeypatch.setattr(RollingMotion, "notes", late)
-    run = rpctl.track(paper, "circle", 0.02, (0.1, 0.0, 0.0), collisions=False, backend="pinocchio")
+    run = rpctl.track(
+        paper,
+        "circle",
+        duration=0.02,
+        initial_error=(0.1, 0.0, 0.0),
+        collisions=False,
+        backend="pinocchio",
+    )
     assert "it slid" in run.notes
 
 
@@ -101,7 +97,9 @@ def test_notes_are_those_of_the_end(paper: Robot, monkeypatch: pytest.MonkeyPatc
 def test_a_plant_stepped_by_hand_is_that_of_track(paper: Robot, kind: str) -> None:
     """The same controller in a loop of ten lines, with noise and a delay of two periods."""
     plant = replace(plant_by_name(kind, paper), delay=0.004, noise=Noise(position=1e-3), seed=3)
-    run = rpctl.track(paper, "circle", 0.1, plant=plant, collisions=False, backend="pinocchio")
+    run = rpctl.track(
+        paper, "circle", duration=0.1, plant=plant, collisions=False, backend="pinocchio"
+    )
     stepped = rpctl.start_plant(paper, plant, run.q[0])
     controller = rpctl.Controller(paper, "circle", rest=stepped.rest)
     for row in run.q[1:]:

@@ -12,13 +12,14 @@ import rpctl
 from rpctl import PaperDynamic, Plant, ReducedDynamics, Robot, RpctlError, summarize, track
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.dynamics.many_states import ManyStates
-from rpctl.dynamics.outside import outside_at
+from rpctl.dynamics.pushes import outside_at
 from rpctl.dynamics.reduced import OutsideForce
 from rpctl.errors import UnknownNameError
 from rpctl.robot.vary import add_losses
+from rpctl.simulation.plants.interfaces import pushes
 from rpctl.simulation.plants.rolling import RollingMotion
-from rpctl.simulation.plants.slipping import Slipping, SlippingMotion
-from rpctl.simulation.plants.wrench import Wrench, pushes
+from rpctl.simulation.plants.settings import Slipping, Wrench
+from rpctl.simulation.plants.slipping import SlippingMotion
 from tests.robots import SET_A, ball, platform, write
 
 MASS = SET_A["m_c"] + 2.0 * SET_A["m_w"]
@@ -116,7 +117,8 @@ def test_the_work_of_a_push_enters_the_balance(paper: Robot, lossy: bool) -> Non
     plant = Plant(wrenches=(Wrench(tool, (20.0, -10.0, -15.0), (0.0, 0.0, 1.0), 0.05, 0.1013),))
     law = PaperDynamic()
     run, plain = (
-        track(robot, "line", 0.16, plant=p, dynamic=law, collisions=False) for p in (plant, None)
+        track(robot, "line", duration=0.16, plant=p, dynamic=law, collisions=False)
+        for p in (plant, None)
     )
     assert summarize(run).energy_residual < (1e-4 if lossy else 1e-6)
     assert run.log.work[-1] > plain.log.work[-1] + 0.005
@@ -144,4 +146,6 @@ def test_a_push_is_on_a_link_and_ends_after_it_begins(paper: Robot) -> None:
     with pytest.raises(RpctlError, match="the force on a is"):
         Wrench("a", (math.inf, 0.0, 0.0))
     with pytest.raises(UnknownNameError, match="link 'hook' is not known"):
-        track(paper, "line", 0.01, plant=Plant(wrenches=(Wrench("hook"),)), collisions=False)
+        track(
+            paper, "line", duration=0.01, plant=Plant(wrenches=(Wrench("hook"),)), collisions=False
+        )

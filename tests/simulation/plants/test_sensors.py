@@ -9,10 +9,13 @@ import pytest
 
 import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError
-from rpctl.simulation.noise import Noise, NoiseStream, Sensors, random_stream
-from rpctl.simulation.plants.encoders import Encoders
-from rpctl.simulation.plants.sensor_settings import SensorBias
-from rpctl.simulation.plants.sensors import MOST_JITTER, Measurement, sample_times
+from rpctl.simulation.plants.sensors import (
+    MOST_JITTER,
+    Encoders,
+    Measurement,
+    sample_times,
+)
+from rpctl.simulation.plants.settings import SensorBias
 
 BITS, TURN = 10, 2.0 * math.pi
 
@@ -86,19 +89,6 @@ def test_constant_errors_add(paper: Robot) -> None:
     assert not SensorBias()
     with pytest.raises(RpctlError, match="sensor_bias of speed is nan"):
         SensorBias(speed=math.nan)
-
-
-def test_errors_move_no_noise(paper: Robot) -> None:
-    """Rows of noise are what they were before there was anything else to draw."""
-    plant = Plant(noise=Noise(speed=0.1), sensor_bias=SensorBias(speed=1.0), jitter=1e-4, seed=5)
-    measure, sensors = Measurement(paper, plant), Sensors(paper)
-    q, nu = paper.state()
-    first = np.random.Generator(np.random.Philox(key=5)).standard_normal(sensors.width)
-    np.testing.assert_array_equal(NoiseStream(sensors.width, 5).rows(1)[0], first)
-    assert measure(q, nu, 0.0)[1][0] == pytest.approx(1.0 + 0.1 * first[sensors.width - 4])
-    other = random_stream(5, 1).standard_normal(4096)
-    both = np.corrcoef(other, random_stream(5).standard_normal(4096))
-    assert abs(both[0, 1]) < 0.06
 
 
 def test_samples_jitter_in_order() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,13 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rpctl
 from rpctl import Robot
 from rpctl.reference.pose_goal import PoseGoal, goal_of_words, read_goal
 from rpctl.view.pages.robot_page import robot_page
 from tests.view.chromium import changed, opened, picture
 from tests.view.readers import embedded
-from tests.view.samples import write_cart
 
 VIEWER = "rpctl.scene.viewer"
 TOLERANCE_PX = 1.0
@@ -90,6 +87,7 @@ def test_hand_follows_the_pointer(page: Any, tiago: Robot) -> None:
     assert page.evaluate("rpctl.values") == [*values.values()]
 
 
+@pytest.mark.thorough
 def test_goal_is_a_ghost_that_is_dragged(page: Any, tiago: Robot) -> None:
     assert not page.evaluate("rpctl.scene.node('reference-1').visible")
     assert not page.locator("#goal").is_visible()
@@ -125,6 +123,7 @@ def told(page: Any) -> list[str]:
     return shlex.split(page.locator("#goal-command").inner_text())
 
 
+@pytest.mark.slow
 def test_command_goes_from_where_the_robot_stands(page: Any, tiago: Robot) -> None:
     """A static page has no Go; its command is read back here, the goal seen from P at the start."""
     page.evaluate(
@@ -153,46 +152,6 @@ def test_command_goes_from_where_the_robot_stands(page: Any, tiago: Robot) -> No
         assert (
             tiago.description.joint[name].lower <= position <= tiago.description.joint[name].upper
         )
-
-
-def test_robot_without_an_arm_has_a_base_goal_only(browser: Any, tmp_path: Path) -> None:
-    with opened(browser, write(rpctl.load(write_cart(tmp_path)), tmp_path)) as page:
-        assert page.evaluate("rpctl.goal.grips().length") == 0
-        page.get_by_role("button", name="Set a goal").click()
-        assert page.evaluate("rpctl.goal.grips().length") == 2
-        page.evaluate("rpctl.goal.drag('base', [1.5, -0.25, 0])")
-        pose = np.array([float(v) for v in told(page)[told(page).index("--goal") + 1].split(",")])
-        assert goal(page)["pose"][:2] == [1.5, -0.25]
-        assert np.isfinite(pose).all()
-        assert "--arm-goal" not in told(page)
-
-
-def test_fixed_base_has_an_arm_goal_only(browser: Any, ur5: Robot, tmp_path: Path) -> None:
-    with opened(browser, write(ur5, tmp_path)) as page:
-        page.get_by_role("button", name="Set a goal").click()
-        assert page.evaluate("rpctl.goal.grips().length") == 1
-        assert not page.get_by_label("heading, °").is_visible()
-        drag(page, 0, 30.0, 30.0)
-        assert re.search(r"--arm-goal \S+=-?\d", page.locator("#goal-command").inner_text())
-        assert "--goal" not in told(page)
-
-
-def test_finger_drags_as_a_pointer_does(browser: Any, tiago: Robot, tmp_path: Path) -> None:
-    url = write(tiago, tmp_path)
-    phone = {"viewport": {"width": 400, "height": 800}, "has_touch": True}
-    with opened(browser, url, **phone) as page:
-        page.locator("#scene").scroll_into_view_if_needed()
-        x, y = where(page, 0)
-        touch = page.context.new_cdp_session(page)
-
-        def send(kind: str, *points: dict[str, float]) -> None:
-            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [*points]})
-
-        send("touchStart", {"x": x + 12, "y": y - 12})  # a finger is less exact
-        for k in range(1, 7):
-            send("touchMove", {"x": x + 12 - 4 * k, "y": y - 12 + 2 * k})
-        send("touchEnd")
-        assert where(page, 0) == pytest.approx((x - 24, y + 12), abs=TOLERANCE_PX)
 
 
 def test_page_has_all_of_the_goal_but_no_server(paper: Robot) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl import Robot, Run
-from rpctl.view.pages.forces import contact_forces, overlay
+from rpctl.view.pages.motion_data import contact_forces, overlay
 from tests import golden as made
 from tests.golden import COUNT, TIMES, part
 from tests.runs import vary

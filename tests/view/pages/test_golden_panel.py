@@ -14,17 +14,23 @@ import rpctl
 from rpctl import Run, summarize
 from rpctl.control.unregistered import Unregistered
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.noise import Noise
-from rpctl.simulation.plant import Plant
-from rpctl.simulation.plants.carried_load import CarriedLoad
-from rpctl.simulation.plants.sensor_settings import SensorBias
-from rpctl.simulation.plants.wrench import Wrench
-from rpctl.simulation.texts import length
-from rpctl.view.pages.compare import compare_legend, compare_panel
-from rpctl.view.pages.plant_texts import variation_texts
-from rpctl.view.pages.summary_panel import headline, legend, panel, residual, subtitle
+from rpctl.simulation.plants.plant import Plant
+from rpctl.simulation.plants.settings import CarriedLoad, Noise, SensorBias, Wrench
+from rpctl.view.pages.page import Badge, LegendEntry
+from rpctl.view.pages.panel import (
+    compare_legend,
+    compare_panel,
+    headline_badges,
+    headline_rows,
+    legend,
+    panel,
+    residual,
+    subtitle,
+)
+from rpctl.view.pages.settings import variation_texts
 from tests.golden import COUNT, beside_its_path
 from tests.runs import vary
+from tests.view.readers import legend_text, panel_text
 from tests.view.samples import DISC, PILLAR, with_obstacles
 
 CHECK = {"name": "M", "against": "G", "residual": 3e-14, "limit": 1e-12, "passed": True}
@@ -44,10 +50,15 @@ def badges(page: str) -> list[tuple[str, str]]:
     return re.findall(r'<span class="badge (good|bad)">(.*?)</span>', page)
 
 
-def entries(page: str) -> list[tuple[str, bool, str]]:
+def entries(shown: list[LegendEntry]) -> list[tuple[str, bool, str]]:
     """Return layer, whether it is shown, and name of the entries of a legend."""
-    found = re.findall(r'data-layer="(.*?)" aria-pressed="(.*?)"><i .*?</i>(.*?)</button>', page)
-    return [(layer, shown == "true", unescape(text)) for layer, shown, text in found]
+    return [(each.layer, each.shown, each.text) for each in shown]
+
+
+def compared(runs: list[Run]) -> str:
+    """Return the panel of several runs."""
+    names = [f"run {k}" for k in range(len(runs))]
+    return panel_text(compare_panel(runs, names, [summarize(run) for run in runs], ()))
 
 
 def test_panel_of_a_run(golden: Run) -> None:
@@ -60,7 +71,7 @@ def test_panel_of_a_run(golden: Run) -> None:
     )
     run = vary(golden, certificate=CERTIFICATE, config=config, locked={"a": 1.0})
     run = beside_its_path(run)
-    page = panel(run, summarize(run), ["a note"])
+    page = panel_text(panel(run, summarize(run), ["a note"]))
     setting_rows = rows(page)
     expected = {
         "Base, rms": "2.06 m",
@@ -112,36 +123,28 @@ def test_rms_lengths_come_from_paper(golden: Run) -> None:
 
 def test_headline_of_a_run(golden: Run) -> None:
     run = beside_its_path(replace(golden, certificate=CERTIFICATE))
-    page = headline(run, summarize(run))
-    assert rows(page) == {
+    assert dict(headline_rows(run, summarize(run))) == {
         "Base, rms": "2.06 m", "Base off its path, rms": "20 mm", "End effector, rms": "314 mm",
         "Effort / limit": "80 %",
     }  # fmt: skip
-    fine = [("good", "tracked"), ("good", "dynamics verified"), ("good", "within limits")]
-    assert badges(page) == fine
+    fine = [Badge(True, text) for text in ("tracked", "dynamics verified", "within limits")]
+    assert headline_badges(run, summarize(run)) == fine
     tau = np.array(golden.tau)
     tau[2, 0] = -50.0
     broken = vary(golden, tau=tau, certificate={**CERTIFICATE, "passed": False})
-    page = headline(broken, summarize(broken))
-    assert rows(page)["Effort / limit"] == "125 %"
-    assert badges(page) == [
-        ("good", "tracked"), ("bad", "not equivalent"), ("bad", "limits broken"),
-    ]  # fmt: skip
+    assert dict(headline_rows(broken, summarize(broken)))["Effort / limit"] == "125 %"
+    not_fine = [Badge(False, "not equivalent"), Badge(False, "limits broken")]
+    assert headline_badges(broken, summarize(broken)) == [fine[0], *not_fine]
     lost = summarize(vary(golden, base=np.full((COUNT, 3), np.nan)))
-    assert badges(headline(broken, lost))[0] == ("bad", "diverging")
-    page = panel(broken, summarize(broken), ())
+    assert headline_badges(broken, lost)[0] == Badge(False, "diverging")
+    page = panel_text(panel(broken, summarize(broken), ()))
     assert "left_wheel_joint: effort 50, allowed 40, from 0.20 s" in page
-    assert badges(page) == [
-        ("good", "tracked"), ("bad", "limits broken"), ("bad", "not equivalent"),
-    ]  # fmt: skip
-    assert badges(headline(golden, summarize(golden))) == [fine[0], fine[2]]
     perturbed = replace(golden, controller_model="another")
-    assert "The model follows itself" not in panel(perturbed, summarize(perturbed), ())
+    assert "The model follows itself" not in panel_text(panel(perturbed, summarize(perturbed), ()))
     arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"))
-    assert not any(label.startswith("Base") for label in rows(headline(arm, summarize(arm))))
+    assert not any(label.startswith("Base") for label, _ in headline_rows(arm, summarize(arm)))
     late = vary(golden, t=golden.t + 3.0)
-    setting_rows = "reference: eight · 4 quasi-velocities · 5 actuators · 0.5 s"
-    assert subtitle(late) == setting_rows
+    assert subtitle(late) == "reference: eight · 4 quasi-velocities · 5 actuators · 0.5 s"
 
 
 @pytest.mark.parametrize(
@@ -150,15 +153,7 @@ def test_headline_of_a_run(golden: Run) -> None:
      (np.inf, 1e-6, False, "∞ > 1e-06 ✗"), (None, 1e-6, False, "∞ > 1e-06 ✗")],
 )  # fmt: skip
 def test_residuals(value: float | None, limit: float, passed: bool, text: str) -> None:
-    assert residual({"residual": value, "limit": limit, "passed": passed}) == text
-
-
-@pytest.mark.parametrize(
-    ("metres", "text"),
-    [(1.0, "1 m"), (0.9994, "999 mm"), (-0.25, "-250 mm"), (1e-3, "1 mm"), (2.5e-4, "250 µm")],
-)
-def test_lengths_in_their_units(metres: float, text: str) -> None:
-    assert length(metres) == text
+    assert residual(passed, value, limit) == text
 
 
 def test_legend_names_what_is_drawn(golden: Run) -> None:
@@ -173,7 +168,12 @@ def test_legend_names_what_is_drawn(golden: Run) -> None:
     ]
     none = np.empty((COUNT, 0))
     bare = vary(golden, tip_margin=none, ee=none, effort_limits=(np.inf,) * 5)
-    assert [layer for layer, *_ in entries(legend(bare))] == ["base", "desired", "ghost", "effort"]
+    assert [layer for layer, *_ in entries(legend(bare))] == [
+        "base",
+        "desired",
+        "ghost",
+        "effort",
+    ]
     unloaded = entries(legend(vary(golden, contact_load=none)))
     assert [layer for layer, *_ in unloaded][-2:] == ["effort", "zmp"]
     assert entries(legend(with_obstacles(golden, DISC, tip=(PILLAR,))))[-2:] == [
@@ -189,7 +189,7 @@ def test_legend_names_what_is_drawn(golden: Run) -> None:
 def test_scale_of_efforts_is_hidden_until_efforts_are_shown(
     golden: Run, limits: tuple[float, ...], end: str
 ) -> None:
-    page = legend(vary(golden, effort_limits=limits))
+    page = legend_text(legend(vary(golden, effort_limits=limits)))
     (scale,) = re.findall(r'<li class="ramp" data-key="effort"(.*?)</li>', page)
     assert "hidden>" in scale
     assert re.findall(r"<b>(.*?)</b>", scale) == ["0", "50 %", end]
@@ -200,7 +200,9 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     half = vary(golden, e=0.1 * golden.log.e, tau=tau, certificate=CERTIFICATE)
     bare = vary(half, end_effector=None, ee=none, ee_ref=none, effort_limits=(np.inf,) * 5)
     runs = [golden, half, bare]
-    page = compare_panel(runs, ["one", "two", "three"], [summarize(run) for run in runs], ())
+    page = panel_text(
+        compare_panel(runs, ["one", "two", "three"], [summarize(run) for run in runs], ())
+    )
     table = {
         unescape(label): [unescape(cell) for cell in re.findall(r"<td>(.*?)</td>", cells)]
         for label, cells in re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page)
@@ -219,7 +221,7 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     assert table["Dynamics"][0] == "–"
     assert badges(table["Dynamics"][1]) == [("good", "verified")]
     arms = [vary(run, end_effector=None, ee=none, ee_ref=none) for run in runs]
-    page = compare_panel(arms, ["a", "b", "c"], [summarize(run) for run in arms], ())
+    page = compared(arms)
     assert "End effector" not in page
     assert entries(compare_legend(runs, ["one", "two", "three"])) == [
         ("run-1", True, "one (solid)"),
@@ -238,14 +240,18 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     ):
         layers = [layer for layer, *_ in entries(compare_legend(shown, ["x"] * len(shown)))]
         assert ("desired" in layers) == expected
-    colours = re.findall(r"color: var\(--c(\d+)\)", compare_legend([golden] * 13, ["x"] * 13))
+    colours = re.findall(
+        r"color: var\(--c(\d+)\)", legend_text(compare_legend([golden] * 13, ["x"] * 13))
+    )
     assert colours == [*map(str, range(12)), "0"]
 
 
 def test_settings_that_differ_come_first(golden: Run) -> None:
     others = {**vars(rpctl.UnifiedKinematic()), "period": 0.5}
     other = replace(golden, config=Config(Unregistered("UnifiedKinematic", others)))
-    page = compare_panel([golden, other], ["a", "b"], [summarize(golden), summarize(other)], ())
+    page = panel_text(
+        compare_panel([golden, other], ["a", "b"], [summarize(golden), summarize(other)], ())
+    )
     settings = page.partition("<h2>Settings</h2>")[2]
     labels = re.findall(r'<th scope="row">(.*?)</th>', settings)
     assert labels[0] == "Time from solve to solve, s"
@@ -267,7 +273,9 @@ def test_what_the_plant_varies_is_told_with_units(golden: Run) -> None:
                   Wrench("aft", moment=(0.0, 0.0, 3.0), end=2.0)),
     )  # fmt: skip
     joints = {"joint_names": ("turns", "slides"), "units": ("rad", "m")}
-    page = panel(vary(golden, config=Config(plant=plant), **joints), summarize(golden), [])
+    page = panel_text(
+        panel(vary(golden, config=Config(plant=plant), **joints), summarize(golden), [])
+    )
     expected = {
         "Mass of fore*": "1.1 times the model's",
         "Centre of mass of fore*": "moved by (0.01, 0, -0.02) m",
@@ -299,13 +307,15 @@ def test_what_the_plant_varies_is_told_with_units(golden: Run) -> None:
     }
     told = rows(page)
     assert {label: told.get(label) for label in expected} == expected
-    plain = rows(panel(golden, summarize(golden), []))
+    plain = rows(panel_text(panel(golden, summarize(golden), [])))
     assert not plain.keys() & (expected.keys() - {"Track"})
 
 
 def test_damping_of_wheels_and_a_plain_track(golden: Run) -> None:
     wheel = golden.robot.drive.wheels[0].joint
-    run = vary(golden, joint_names=("slides",), units=("m",), steering_names=())
+    one = {"joint_names": ("slides",), "units": ("m",), "lower_limits": (0.0,)}
+    none = {"steering_names": (), "steering_limits": ()}
+    run = replace(golden, robot=replace(golden.robot, **one, **none, upper_limits=(1.0,)))  # type: ignore[arg-type]
     assert variation_texts(Plant(damping={wheel: 0.5}), run.robot) == {
         f"Damping of {wheel}": "0.5 N·m·s/rad more"
     }

@@ -12,12 +12,12 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
-from rpctl.reference.arm import Arm
+from rpctl.reference.planned.arm import Arm
 from rpctl.view.pages.robot_page import robot_page
 from tests.view.chromium import opened
 from tests.view.samples import write_gripper
 
-ROBOTS = ("paper", "tiago", "ur5", "gripper")
+ROBOTS = (pytest.param("tiago", marks=pytest.mark.slow), "ur5", "gripper")
 SAMPLES, SEED = 6, 3
 Base = tuple[float, float, float]
 

@@ -12,13 +12,12 @@ import pytest
 
 from rpctl import Robot, Run
 from rpctl.equivalence.certificate import Certificate
-from rpctl.view import notebook
+from rpctl.view.pages import scene_page as notebook
 from rpctl.view.pages.certificate import write_certificate
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.robot_page import robot_page
 from rpctl.view.scene.scene import build_scene
-from rpctl.view.serve.events import Stream
-from rpctl.view.serve.server import PageServer
+from rpctl.view.serve.server import PageServer, Stream
 from tests.view.chromium import WINDOW, wait
 from tests.view.pages.pages import bare_scene, goal_page, waiting_page
 
@@ -134,6 +133,7 @@ def attacked(page: str) -> str:
     return f"{before}{ATTACK}{tag}{after}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_gets_into_a_page_does_nothing_there(
     visit: Visit, pages: dict[str, str], kind: str, tmp_path: Path
@@ -155,6 +155,7 @@ def test_what_gets_into_a_page_does_nothing_there(
         wait(visit.page, "window.rpctl && window.rpctl.ready")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", ["script-src", "connect-src", "base-uri", "form-action"])
 def test_each_rule_holds_off_what_no_other_one_does(
     visit: Visit, cart: Robot, rule: str, tmp_path: Path
@@ -172,6 +173,7 @@ def test_each_rule_holds_off_what_no_other_one_does(
     assert [name for name, passed in through.items() if passed] == [rule]
 
 
+@pytest.mark.slow
 def test_a_served_page_cannot_be_framed(visit: Visit, cart: Robot, tmp_path: Path) -> None:
     with PageServer(robot_page(cart).encode) as server:
         outer = tmp_path / "outer.html"

@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 import umsgpack
 
-from rpctl.engines.causes import Cause, Trace
 from rpctl.engines.comparison import compare
+from rpctl.engines.engine import Switch
 from rpctl.engines.recording import EngineRecording
-from rpctl.engines.referee import EngineVerdict
-from rpctl.engines.switches import Switch
+from rpctl.engines.referee import Cause, EngineVerdict, Trace
 from rpctl.view.pages.referee import referee_page, write_referee_page
 from tests.engines.test_comparison import arc, known, longer
 from tests.view.chromium import opened
@@ -91,7 +90,7 @@ def test_charts_tell_how_far_each_is_off() -> None:
 def test_the_page_tells_causes_and_mends_as_text() -> None:
     text = page()
     assert "its wheels &lt;scrub&gt;" in text and "<scrub>" not in text
-    assert "set &lt;geom friction=&quot;0.5&quot;/&gt;" in text
+    assert "set &lt;geom friction=&#34;0.5&#34;/&gt;" in text
     assert "Not explained: drives 50 % too short" in text
     assert "it &lt;b&gt;diverges&lt;/b&gt;" in text
     assert text.count(">agrees</span>") == 1 and "disagrees, not traced" in text

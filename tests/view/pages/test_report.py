@@ -8,7 +8,6 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
-import lxml.html
 import numpy as np
 import pytest
 
@@ -23,18 +22,17 @@ from rpctl import (
 )
 from rpctl.control.unregistered import Unregistered
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.plant import Plant
-from rpctl.simulation.summary import Violation, summarize
-from rpctl.simulation.texts import length
+from rpctl.simulation.merits.summary import summarize
+from rpctl.simulation.plants.plant import Plant
 from rpctl.view.pages.page import embed
+from rpctl.view.pages.panel import panel
 from rpctl.view.pages.report import write_report
-from rpctl.view.pages.robot_page import robot_page
-from rpctl.view.pages.summary_panel import legend, panel, setting_text, setting_texts
+from rpctl.view.pages.settings import setting_texts
 from tests.runs import vary
+from tests.view.readers import panel_text
 from tests.view.samples import (
     BOX,
     DISC,
-    PILLAR,
     WALL,
     mesh_visual,
     short_run,
@@ -86,15 +84,6 @@ def test_nothing_is_fetched(page: str) -> None:
     assert not re.findall(r"https?://|@import|url\(|fetch\(|XMLHttpRequest|WebSocket", own)
 
 
-def test_no_control_lies_over_the_scene(page: str, paper: Robot) -> None:
-    for text, camera in ((page, "camera-home"), (robot_page(paper), "camera-robot")):
-        tree = lxml.html.fromstring(text)
-        (scene,) = tree.find_class("view")
-        assert scene.get_element_by_id("scene") is not None
-        assert tree.get_element_by_id(camera) is not None
-        assert not scene.xpath(".//button | .//input | .//select | .//label | .//ul")
-
-
 def test_only_the_scripts_of_the_report_may_run(page: str) -> None:
     tags = Tags(page)
     (policy,) = (a["content"] for _, a in tags.found if "Content-Security-Policy" in a.values())
@@ -123,7 +112,7 @@ def test_names_from_files_cannot_become_markup(
 ) -> None:
     evil = vary(
         paper_run,
-        robot=EVIL,
+        name=EVIL,
         end_effector=EVIL,
         quasi_velocities=(*paper_run.robot.quasi_velocities[:-1], EVIL),
         config=Config(Unregistered(EVIL, {EVIL: 1.0}), run=RunSettings(EVIL)),
@@ -165,15 +154,6 @@ def test_fixed_base_has_no_base_error(ur5: Robot, ur5_run: Run, tmp_path: Path) 
     assert 'data-layer="base"' not in text
 
 
-def test_robot_without_arm_or_ground_loads(cart: Robot, tmp_path: Path) -> None:
-    path = write_report(short_run(cart, 0.3), tmp_path / "report.html", robot=cart)
-    text = path.read_text(encoding="utf-8")
-    for layer in ("tip", "loads", "zmp"):
-        assert f'data-layer="{layer}"' not in text
-    assert "End effector, rms" not in text
-    assert "<b>peak</b>" in text
-
-
 def test_comparison_names_its_runs_and_what_differs(
     paper_run: Run, paper: Robot, tmp_path: Path
 ) -> None:
@@ -191,7 +171,7 @@ def test_comparison_names_its_runs_and_what_differs(
 
 def test_runs_are_called_by_what_differs(paper: Robot, tmp_path: Path) -> None:
     laws = [UnifiedKinematic(), PaperKinematic(), PaperKinematic()]
-    runs = [rpctl.track(paper, "line", 0.1, kinematic=law) for law in laws]
+    runs = [rpctl.track(paper, "line", duration=0.1, kinematic=law) for law in laws]
     text = rpctl.write_report(runs[:2], tmp_path / "two.html").read_text(encoding="utf-8")
     assert "2 runs: UnifiedKinematic · PaperKinematic" in text
     text = rpctl.write_report(runs, tmp_path / "three.html").read_text(encoding="utf-8")
@@ -219,51 +199,17 @@ def test_folder_that_is_not_there_is_named(paper: Robot, paper_run: Run, tmp_pat
         write_report(paper_run, tmp_path / "none" / "report.html", robot=paper)
 
 
-def test_panel_tells_what_failed(paper_run: Run) -> None:
-    checks = [
-        {"name": "inertia", "against": "G", "residual": 1e-15, "limit": 1e-12, "passed": True},
-        {"name": "bias", "against": "G", "residual": 2e-3, "limit": 1e-12, "passed": False},
-    ]
-    skipped = [{"name": "bias", "against": "MuJoCo", "note": "not installed"}]
-    certificate = {"passed": False, "samples": 10, "seed": 3, "checks": checks, "skipped": skipped}
-    summary = replace(
-        summarize(paper_run),
-        rms_base_error=0.0123,
-        max_effort_ratio=1.2,
-        rms_end_effector_error=None,
-        limits_violated=(Violation("elbow", "effort", 12.0, 10.0, 1.5, 0.1),),
-    )
-    text = panel(replace(paper_run, certificate=certificate), summary, ["a note"])
-    for expected in ("not equivalent", "2.0e-03 &gt; 1e-12", "12.3 mm", "120 %", "limits broken"):
-        assert expected in text
-    assert "elbow: effort 12, allowed 10, from 1.50 s" in text
-    assert "a note" in text
-
-
 def test_panel_without_certificate_or_notes(paper_run: Run) -> None:
     summary = replace(summarize(paper_run), rms_base_error=np.nan)
-    text = panel(replace(paper_run, certificate=None), summary, ())
+    text = panel_text(panel(replace(paper_run, certificate=None), summary, ()))
     assert "Dynamics" not in text
     assert "Notes" not in text
     assert "nan" not in text
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(1.5, "1.5 m"), (0.0123, "12.3 mm"), (4.56e-5, "45.6 µm"), (1e-9, "0.001 µm"), (0, "0 m")],
-)
-def test_lengths_are_in_units_that_suit_them(value: float, text: str) -> None:
-    assert length(value) == text
-
-
-def test_settings_as_text() -> None:
-    assert setting_text([0.1, 2, True]) == "0.1, 2, yes"
-    assert setting_text("/home/someone/path.csv") == "path.csv"
-
-
 def test_a_sentence_on_the_joints_stands_below_the_settings(paper_run: Run) -> None:
     said = replace(paper_run, law_sentences=("joints: 5 Hz <b>",))
-    text = panel(said, summarize(said), ())
+    text = panel_text(panel(said, summarize(said), ()))
     assert '</dl><p class="quiet">Joints: 5 Hz &lt;b&gt;</p>' in text
     assert "<dt>Joints</dt>" not in text
 
@@ -305,10 +251,3 @@ def test_obstacles_are_told_in_words(paper_run: Run) -> None:
     assert not any("obstacles" in label.lower() for label in rows.keys() - {"Base obstacles"})
     assert "[]" not in rows.values()
     assert "" not in rows.values()
-
-
-def test_legend_names_the_obstacles_that_there_are(paper_run: Run) -> None:
-    assert "obstacles" not in legend(paper_run)
-    assert "Base obstacles" in legend(with_obstacles(paper_run, DISC))
-    assert "Base obstacles" not in legend(with_obstacles(paper_run, tip=(PILLAR,)))
-    assert "End-effector obstacles" in legend(with_obstacles(paper_run, tip=(PILLAR,)))

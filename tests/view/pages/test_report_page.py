@@ -58,6 +58,7 @@ def show(page: Any, name: str, visible: bool) -> None:
     page.evaluate(script)
 
 
+@pytest.mark.slow
 def test_robot_is_drawn_and_moves(page: Any, paper_run: Run) -> None:
     middle = 0.5 * float(paper_run.t[-1])
     show(page, "trails", False)
@@ -82,6 +83,7 @@ def test_animation_puts_the_robot_where_the_run_says(page: Any, paper_run: Run) 
         assert position[:2] == pytest.approx(paper_run.q[sample, :2], abs=2e-3)
 
 
+@pytest.mark.slow
 def test_trail_of_the_base_grows(page: Any, paper_run: Run) -> None:
     def drawn(time: float) -> float:
         page.evaluate("(time) => rpctl.seek(time)", time)
@@ -96,6 +98,7 @@ def test_trail_of_the_base_grows(page: Any, paper_run: Run) -> None:
     assert 0.4 < drawn(0.5 * end) / drawn(end) < 0.6
 
 
+@pytest.mark.slow
 def test_scrubber_keys_and_play(page: Any, paper_run: Run) -> None:
     end = float(paper_run.t[-1])
     page.locator("#scrubber").evaluate(
@@ -115,38 +118,6 @@ def test_scrubber_keys_and_play(page: Any, paper_run: Run) -> None:
     assert not page.evaluate("rpctl.playing()")
 
 
-def test_it_plays_by_itself(browser: Any, report: Path) -> None:
-    with opened(browser, report.as_uri()) as page:
-        wait(page, "rpctl.time() > 0.1")
-        assert page.get_by_role("button", name="Pause").is_visible()
-
-
-def test_still_for_those_who_ask_for_it(browser: Any, report: Path) -> None:
-    with opened(browser, report.as_uri(), reduced_motion="reduce") as page:
-        assert not page.evaluate("rpctl.playing()")
-
-
-def test_speed(page: Any) -> None:
-    """Frames that are drawn by hand, 0.4 s apart: at a quarter of the speed, 0.1 s of the run."""
-    speed = page.get_by_label("Speed", exact=True)
-    speed.select_option("0.1")
-    assert speed.evaluate("choice => choice.value") == "0.1"
-    page.locator("h1").click()
-    page.keyboard.press("+")
-    assert speed.evaluate("choice => choice.value") == "0.25"
-    page.evaluate(
-        "window.next = window.requestAnimationFrame;"
-        "window.requestAnimationFrame = (draw) => { window.draw = draw; }"
-    )
-    wait(page, "window.draw")
-    page.keyboard.press("Space")
-    times = page.evaluate("[1000, 1400, 1800].map((now) => { draw(now); return rpctl.time(); })")
-    page.keyboard.press("Space")
-    page.evaluate("window.requestAnimationFrame = next; requestAnimationFrame(draw)")
-    speed.select_option("1")
-    assert np.diff(times) == pytest.approx(0.1)
-
-
 def over(page: Any, title: str, share: float) -> tuple[float, float, float]:
     """Return where (x, y) a plot's share of the width is, px, after scrolling there; its time."""
     plot = page.locator(".chart", has=page.get_by_role("heading", name=title)).locator(".u-over")
@@ -161,6 +132,7 @@ def over(page: Any, title: str, share: float) -> tuple[float, float, float]:
     return box["x"] + share * box["width"], box["y"] + 0.5 * box["height"], float(time)
 
 
+@pytest.mark.slow
 def test_click_on_a_plot_seeks_the_scene(page: Any, paper_run: Run) -> None:
     before = picture_at(page, 0.0)
     x, y, time = over(page, "End-effector error", 0.6)
@@ -175,6 +147,7 @@ def test_click_on_a_plot_seeks_the_scene(page: Any, paper_run: Run) -> None:
     assert all(abs(mark - x) < 3.0 for mark in marks)
 
 
+@pytest.mark.slow
 def test_hover_tells_values_in_every_plot(page: Any, paper_run: Run) -> None:
     lateral = page.locator(".key", has_text="lateral").locator("b")
     x, y, time = over(page, "Base error", 0.5)
@@ -189,6 +162,7 @@ def test_hover_tells_values_in_every_plot(page: Any, paper_run: Run) -> None:
     assert float(lateral.inner_text().split()[0].replace("−", "-")) == pytest.approx(200, abs=1)
 
 
+@pytest.mark.slow
 def test_drag_zooms_all_plots_and_does_not_seek(page: Any, paper_run: Run) -> None:
     page.evaluate("rpctl.seek(0.25)")
     shown = "rpctl.charts.map((c) => [c.plot.scales.x.min, c.plot.scales.x.max])"
@@ -206,24 +180,7 @@ def test_drag_zooms_all_plots_and_does_not_seek(page: Any, paper_run: Run) -> No
     assert all(pair == [0, paper_run.t[-1]] for pair in page.evaluate(shown))
 
 
-def test_legend_entries_toggle_lines(page: Any) -> None:
-    page.evaluate("rpctl.seek(1)")
-    ink = """() => { const { ctx } = rpctl.charts[0].plot;
-        const { data } = ctx.getImageData(0, 0, ctx.canvas.width, ctx.canvas.height);
-        let count = 0;
-        for (let k = 0; k < data.length; k += 4)
-          count += data[k + 3] > 128 && data[k] > data[k + 2] + 60;
-        return count; }"""  # of vermilion, the colour of the lateral error
-    lateral = page.get_by_role("button", name="lateral")
-    assert page.evaluate(ink) > 50
-    lateral.click()
-    assert lateral.get_attribute("aria-pressed") == "false"
-    page.mouse.move(5, 5)
-    wait(page, f"({ink})() === 0")
-    lateral.click()
-    wait(page, f"({ink})() > 50")
-
-
+@pytest.mark.slow
 def test_scene_legend_hides_what_it_names(page: Any) -> None:
     page.evaluate("rpctl.seek(1)")
     for name, node in (
@@ -242,6 +199,7 @@ def test_scene_legend_hides_what_it_names(page: Any) -> None:
         assert page.evaluate(visible)
 
 
+@pytest.mark.slow
 def test_efforts_colour_the_joints(page: Any, paper: Robot, paper_run: Run) -> None:
     shares = np.abs(paper_run.tau) / np.array(paper_run.robot.effort_limits)
     shares[paper_run.t < 0.5] = 0.0  # the efforts of the first moments last less than a frame
@@ -269,6 +227,7 @@ def test_efforts_colour_the_joints(page: Any, paper: Robot, paper_run: Run) -> N
     np.testing.assert_allclose(coloured, own + part * (amber - own), atol=0.02)
 
 
+@pytest.mark.slow
 def test_ground_reactions_stand_at_the_contacts(page: Any, paper_run: Run) -> None:
     sample = len(paper_run.t) // 2
     bases, lengths = page.evaluate(
@@ -328,16 +287,7 @@ def test_what_is_an_interval_is_shaded_and_told(
         assert within[0] > within[2]  # the line's orange, not the grid's grey
 
 
-def test_logarithmic_axis_can_be_left(page: Any) -> None:
-    button = page.get_by_role("button", name="Logarithmic axis of Base error")
-    assert page.evaluate("rpctl.charts[0].plot.scales.y.distr") == 3
-    button.click()
-    assert page.evaluate("rpctl.charts[0].plot.scales.y.distr") == 1
-    assert page.evaluate("rpctl.charts[0].plot.scales.y.min < 0")
-    button.click()
-    assert page.evaluate("rpctl.charts[0].plot.scales.y.distr") == 3
-
-
+@pytest.mark.slow
 def test_light_and_dark(browser: Any, report: Path) -> None:
     paper = "getComputedStyle(document.body).backgroundColor"
     trail = "rpctl.viewer.scene.getObjectByName('trail-base').material.color.getHexString()"
@@ -355,6 +305,7 @@ def test_light_and_dark(browser: Any, report: Path) -> None:
     assert all(a != b for a, b in zip(light, dark, strict=True))
 
 
+@pytest.mark.slow
 def test_details_are_a_tab_away(page: Any) -> None:
     page.get_by_role("tab", name="Plots").focus()
     page.keyboard.press("ArrowRight")
@@ -365,6 +316,7 @@ def test_details_are_a_tab_away(page: Any) -> None:
     assert page.locator(".chart").first.is_visible()
 
 
+@pytest.mark.slow
 def test_controls_have_names(page: Any) -> None:
     unnamed = page.evaluate(
         """[...document.querySelectorAll("button, select, input, [role=img]")]
@@ -374,6 +326,7 @@ def test_controls_have_names(page: Any) -> None:
     assert unnamed == []
 
 
+@pytest.mark.slow
 def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
     with opened(browser, comparison.as_uri()) as page:
         show(page, "trails", False)
@@ -410,16 +363,10 @@ def test_obstacles_are_in_the_scene(
         assert len({*light, *page.evaluate(colours)}) == 4
 
 
-def test_no_obstacles_where_there_are_none(page: Any) -> None:
-    assert page.evaluate("rpctl.viewer.scene.getObjectByName('trails') !== undefined")
-    assert page.evaluate("rpctl.viewer.scene.getObjectByName('obstacles') === undefined")
-    assert page.get_by_role("button", name="obstacles").count() == 0
-
-
-@pytest.mark.parametrize("view", ["home", "top", "follow"])
-def test_every_camera_shows_the_whole_robot(page: Any, view: str) -> None:
+@pytest.mark.slow
+def test_a_camera_that_goes_along_shows_the_whole_robot(page: Any) -> None:
     page.evaluate("rpctl.seek(1.0)")
-    page.evaluate(f"rpctl.camera('{view}')")
+    page.evaluate("rpctl.camera('follow')")
     outside = page.evaluate(
         """() => { const { viewer } = rpctl; viewer.render();
         const point = new MeshCat.THREE.Vector3();
@@ -437,7 +384,7 @@ def test_every_camera_shows_the_whole_robot(page: Any, view: str) -> None:
     assert 0.2 < outside < 1.0
 
 
-@pytest.mark.parametrize("width", [1280, 400, 320])
+@pytest.mark.parametrize("width", [1280, pytest.param(400, marks=pytest.mark.slow), 320])
 def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
     with opened(browser, report.as_uri(), viewport={"width": width, "height": 844}) as page:
         page.get_by_role("button", name="Effort as colour").click()

@@ -16,36 +16,31 @@ import pytest
 import rpctl
 from rpctl.arrays import Array
 from rpctl.study.design import Design
+from rpctl.study.experiment import RunTable
 from rpctl.study.merits import MERITS
-from rpctl.study.optimum_words import BETTER, UNCLEAR, WORSE, optimum_sentence
+from rpctl.study.optimise import BETTER, UNCLEAR, WORSE, optimum_sentence
 from rpctl.study.sensitivity import (
-    EITHER_SIDE,
-    Importance,
     ParameterMap,
     Sensitivity,
     parameter_map,
 )
 from rpctl.study.statistics import Interval, describe, share
-from rpctl.study.store import RunTable
 from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, WorstRun
 from rpctl.study.words import Unit, number, unit_of
 from rpctl.view.pages import study
+from rpctl.view.pages.page import SIDE, ramp_colour, still_chart
 from rpctl.view.pages.report import report_policy
-from rpctl.view.pages.study_charts import (
-    SIDE,
-    ChartAxis,
-    axis_over,
-    band,
-    envelope_chart,
-    fitting,
-    histogram,
-    interval_bars,
-    line,
-)
-from rpctl.view.pages.study_map import RAMP, map_chart, ramp_colour
+from rpctl.view.palette import RAMP
 from rpctl.view.plots.study_runs import study_runs_figure
+from rpctl.view.still_chart import Axis, Mark, StillChart, axis_over, fitting
+from rpctl.view.study_figures import (
+    distribution_chart,
+    envelope_charts,
+    importance_bars,
+    map_chart,
+)
 from tests.view.chromium import chromium
 
 HOSTILE = "plant.<script>alert(1)</script>"
@@ -72,11 +67,12 @@ def test_short_lengths_are_in_millimetres() -> None:
 
 
 def test_axes() -> None:
-    linear = ChartAxis(0.0, 2.0)
+    linear = Axis(0.0, 2.0)
     np.testing.assert_allclose(linear.at(np.array([-1.0, 0.5, 2.0, np.inf])), [0, 0.25, 1, 1])
     np.testing.assert_allclose(linear.ticks(), [0.0, 0.5, 1.0, 1.5, 2.0])
-    log = ChartAxis(1.0, 100.0, log=True)
+    log = Axis(1.0, 100.0, log=True)
     np.testing.assert_allclose(log.at(np.array([0.0, 1.0, 10.0, 1e3])), [0, 0, 0.5, 1])
+    np.testing.assert_allclose(log.value(np.array([0.0, 0.5])), [1.0, 10.0])
     np.testing.assert_allclose(log.ticks(), [1.0, 3.0, 10.0, 30.0, 100.0])
 
 
@@ -89,57 +85,60 @@ def test_an_axis_is_logarithmic_over_decades_only() -> None:
 
 
 def test_lines_and_bands_go_through_their_points() -> None:
-    x = np.array([0.0, 1.0])
-    assert line(x, np.array([0.0, 0.25])) == f"M0.0 {SIDE}.0L{SIDE}.0 750.0"
-    around = band(x, np.array([0.0, 0.0]), np.array([1.0, 0.5]))
-    assert around == f"M0.0 0.0L{SIDE}.0 500.0L{SIDE}.0 {SIDE}.0L0.0 {SIDE}.0Z"
+    x, axis = np.array([0.0, 2.0]), Axis(0.0, 4.0)
+    line = Mark(x, np.array([0.0, 1.0]), "base")
+    band = Mark(x, np.array([4.0, np.inf]), "tip", floor=np.zeros(2))
+    steps = Mark(np.array([0.0, 1.0, 2.0]), np.array([1.0, 0.0]), "c3", floor=np.zeros(2))
+    chart = StillChart("a", Axis(0.0, 2.0, "<t>"), axis, (line, band, steps), summary="said")
+    page = still_chart(chart)
+    lines, bands, bars = re.findall(r'style="(?:fill|stroke)[^"]*" d="([^"]*)"', page)
+    assert lines == f"M0.0 {SIDE}.0L{SIDE}.0 750.0"
+    assert bands == f"M0.0 0.0L{SIDE}.0 0.0L{SIDE}.0 {SIDE}.0L0.0 {SIDE}.0Z"
+    assert bars == f"M0.0 {SIDE}.0L0.0 750.0L500.0 750.0L500.0 {SIDE}.0Z"
+    assert "stroke:var(--base)" in page and "fill:var(--c3)" in page
+    assert "&lt;t&gt;" in page and 'aria-label="said"' in page
 
 
-def test_envelopes_draw_runs_that_ended_at_the_top() -> None:
-    quantiles = np.array([[0.1], [0.2], [0.3], [0.4], [np.inf]]) * np.ones(3)
-    drawn = envelope_chart(np.array([0.0, 1.0, 2.0]), quantiles, "m", "errors")
-    assert "error (mm)" in drawn
-    top = ChartAxis(0.0, 416.0)
-    at = f"{SIDE * (1 - 300.0 / top.high):.1f}"
-    assert f'class="median" d="M0.0 {at}' in drawn
-    assert 'class="outer" d="M0.0 0.0L500.0 0.0' in drawn
-
-
-def heights(drawn: str, kind: str) -> list[float]:
-    path = re.search(rf'class="{kind}" d="([^"]*)"', drawn)
-    assert path is not None
-    return [float(a) - float(b) for a, b in re.findall(r"M[\d.]+ ([\d.]+)V([\d.]+)", path[1])]
+def test_envelopes_are_the_quantiles_of_all_runs() -> None:
+    (chart,) = envelope_charts(result())
+    outer, inner, median = chart.marks
+    values = np.sort(1e3 * result().runs.series["base_error"][:, 0])
+    assert chart.y.label == "error (mm)"
+    assert values[18] < median.y[0] < values[21]  # of 40 runs
+    assert outer.floor is not None and inner.floor is not None
+    for low, high in ((outer.floor, inner.floor), (inner.floor, median.y), (median.y, inner.y)):
+        assert (low < high).all()
 
 
 def test_histograms_stack_runs_that_failed_on_those_that_did_not() -> None:
     values = np.array([1.0, 1.0, 1.0, 2.0, np.inf])
     good = np.array([True, True, False, False, False])
-    drawn = histogram(values, good, "J", bins=2)
-    one = SIDE / (1.05 * 3)  # the height of a run
-    np.testing.assert_allclose(heights(drawn, "done"), [2 * one], atol=0.2)
-    np.testing.assert_allclose(heights(drawn, "failed"), [one, one], atol=0.2)
-    assert "Distribution over 4 runs, median 1 J" in drawn
+    chart = distribution_chart("work", values, good, "J")
+    assert isinstance(chart, StillChart)
+    done, failed, median = chart.marks
+    assert (done.y.sum(), failed.y.sum(), done.y.max(), failed.y.max()) == (2, 4, 2, 3)
+    np.testing.assert_array_equal(failed.floor, done.y)
+    assert median.x.tolist() == [1.0, 1.0]
+    assert chart.summary == "Distribution over 4 runs, median 1 J"
 
 
 def test_a_merit_that_all_runs_share_is_a_sentence() -> None:
     good = np.array([True, False])
-    assert "−0.18 rad in 2 of 2 runs" in histogram(np.array([-0.18, -0.18]), good, "rad")
-    assert "No run has it" in histogram(np.array([np.inf, np.nan]), good, "rad")
+    told = distribution_chart("a", np.array([-0.18, -0.18]), good, "rad")
+    assert told == "−0.18 rad in 2 of 2 runs"
+    assert distribution_chart("a", np.array([np.inf, np.nan]), good, "rad") == "No run has it."
 
 
 def test_bars_and_their_intervals() -> None:
-    bars = [Importance("a<b", -0.5, -0.75, 0.0), Importance("c", 0.5, math.nan, math.nan)]
-    drawn = interval_bars(bars, True, Unit(1.0, ""), "what matters")
-    assert "a&lt;b" in drawn
-    assert 'class="bar" style="left:25.00%;width:25.00%"' in drawn
-    assert 'class="whisker" style="left:12.50%;width:37.50%"' in drawn
-    assert drawn.count("whisker") == 1
-    bent = interval_bars([Importance("plant.delay", 0.5, 0.4, 0.6, EITHER_SIDE)], True,
-                         Unit(1.0, ""), "")  # fmt: skip
-    assert ">delay<small>either side of its median</small>" in bent
-    assert 'class="bar either"' in bent
-    unsigned = interval_bars([Importance("c", 0.2, 0.1, 0.4)], False, Unit(1.0, ""), "")
-    assert 'class="bar" style="left:0.00%;width:50.00%"' in unsigned
+    found = result().sensitivities[0]
+    bars = importance_bars(result(), found, 1)
+    assert (bars.axis.low, bars.axis.high, bars.left_out, bars.rank) == (-1.0, 1.0, 1, True)
+    page = study.study_page(result()).decode()
+    assert 'class="bar" style="left:50.0%;width:40.0%"' in page
+    assert 'class="whisker" style="left:85.0%;width:10.0%"' in page
+    assert 'class="bar either" style="left:50.0%;width:30.0%"' in page
+    shares = replace(found, method="sobol", measures={"total": found.measures["from_middle"]})
+    assert importance_bars(result(), shares, 2).axis == Axis(0.0, 0.7)
 
 
 def test_the_ramp_grows_lighter() -> None:
@@ -157,7 +156,9 @@ def test_a_map_says_what_each_cell_holds() -> None:
         "rms_base_error", "p", "q", np.array([0.0, 1.0, 3.0]), np.array([0.0, 1.0]),
         np.array([[0.01, np.inf]]), np.array([[7, 9]]),
     )  # fmt: skip
-    drawn = map_chart(found, "m")
+    chart, unit = map_chart(found, "m")
+    drawn = still_chart(chart)
+    assert unit == Unit(1e3, "mm")
     assert "p 0 to 1, q 0 to 1: 10 mm, 7 runs" in drawn
     assert "p 1 to 3, q 0 to 1: ∞, 9 runs" in drawn
     boxes = re.findall(r'<rect x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"', drawn)
@@ -269,7 +270,7 @@ def test_a_study_of_one_setting_and_one_kind_of_run_has_a_page() -> None:
 def test_the_worst_run_is_animated_in_a_frame_that_may_run_its_scripts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(study, "worst_scene", lambda worst, robot: '<iframe srcdoc=""></iframe>')
+    monkeypatch.setattr(study, "worst_scene", lambda worst, robot: ("a", "b"))
     page = study.study_page(result(), robot=object()).decode()  # type: ignore[arg-type]
     policies = re.findall(r'content="(default-src[^"]*)"', page)
     assert policies == [report_policy()]

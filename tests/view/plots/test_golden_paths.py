@@ -139,56 +139,7 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
     assert top > 1.625
 
 
-def test_how_near_is_told_where_it_is_drawn(golden: Run) -> None:
-    """Without contacts the base has no radius; the end effector's is 0.05 m all the same."""
-    disc, post = rpctl.Disc(1.0, -0.75, 0.25), rpctl.Disc(0.5, 1.5, 0.125)
-    bare = vary(golden, contact_points=())
-    for run, expected in (
-        (with_obstacles(bare, disc), False),
-        (with_obstacles(bare, disc, tip=(post,)), True),
-    ):
-        named = panel(run, "paths").get_legend_handles_labels()[1]
-        assert ("as near as its centre may come" in named) == expected
-
-
 def test_other_tables_of_a_law_are_no_obstacles(golden: Run) -> None:
     law = Unregistered("Mine", {"targets": (rpctl.Disc(1.0, 0.0, 0.2),)})
     named = panel(replace(golden, config=Config(law)), "paths")
     assert "obstacle of the base" not in named.get_legend_handles_labels()[1]
-
-
-def test_feet_of_walls_come_into_view(golden: Run) -> None:
-    """A wall is framed where its body comes nearest: P to the base's, the tip to its own."""
-    tip = np.column_stack([np.full(COUNT, 0.5), 0.2 * np.arange(COUNT), np.ones(COUNT)])
-    run = vary(straight(golden, 2.0), ee=tip)  # P goes from (2, -0.1) m, the tip from (0.5, 0)
-    plain = panel(run, "paths").dataLim
-    assert plain.y0 > -0.75
-    for x, y in ((2.0, -0.1), (0.5, 0.0)):  # 1 m away from each start: 0.6 x + 0.8 y ≥ offset
-        wall = rpctl.HalfPlane(0.6, 0.8, 0.6 * x + 0.8 * y - 1.0)
-        shown = with_obstacles(run, wall) if x == 2.0 else with_obstacles(run, tip=(wall,))
-        view = panel(shown, "paths").dataLim
-        assert view.y0 == pytest.approx(y - 0.8)
-        assert view.x0 == pytest.approx(min(plain.x0, x - 0.6))
-        assert (view.x1, view.y1) == pytest.approx((plain.x1, plain.y1))
-    ahead = rpctl.HalfPlane(-0.6, -0.8, -(0.6 * 2.0 + 0.8 * 1.9) - 1.5)  # of P's end, (2, 1.9) m
-    view = panel(with_obstacles(run, ahead), "paths").dataLim
-    assert (view.x1, view.y1) == pytest.approx((max(plain.x1, 2.9), 1.9 + 0.8 * 1.5))
-    away = panel(with_obstacles(run, rpctl.HalfPlane(0.6, 0.8, -90.0)), "paths").dataLim
-    assert away.get_points() == pytest.approx(plain.get_points())
-
-
-def test_a_wall_goes_on_beyond_the_picture(golden: Run) -> None:
-    """Twenty times the diagonal of what is drawn, on both sides of its middle."""
-    wall = rpctl.HalfPlane(0.6, 0.8, -1.0)
-    plain = panel(golden, "paths").dataLim
-    axes = panel(with_obstacles(golden, wall), "paths")
-    drawn: list[Any] = [*axes.artists, *axes.patches]
-    (corners,) = (p.get_xy()[:-1] for p in drawn if len(getattr(p, "xy", ())) == 5)
-    middle = 0.5 * plain.get_points().sum(axis=0)
-    far = 20.0 * float(np.hypot(plain.width, plain.height))
-    along = np.array([-0.8, 0.6])
-    assert wall.distance(corners) == pytest.approx([0.0, 0.0, -far, -far], abs=1e-9)
-    assert sorted((corners - middle) @ along) == pytest.approx([-far, -far, far, far])
-    (kept,) = curves(axes, style.BASE_OBSTACLE)
-    assert wall.distance(kept) == pytest.approx([0.8, 0.8])
-    assert sorted((kept - middle) @ along) == pytest.approx([-far, far])

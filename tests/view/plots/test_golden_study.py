@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from rpctl.study.benchmark import Cell, Figures, Row
-from rpctl.study.scenarios import PAPER, PROPOSED, LawPair
+from rpctl.study.compare import PAPER, PROPOSED, Cell, Figures, LawPair, Row
 from rpctl.view.plots import style
 from rpctl.view.plots.study import GREY, study_figure
 

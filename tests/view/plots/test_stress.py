@@ -11,10 +11,9 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
-from rpctl.study.stress.report import report_of
-from rpctl.study.stress.verdict import VERDICTS
+from rpctl.study.stress_report import VERDICTS, report_of
 from rpctl.view.plots.stress import FILLS, SIGNS, stress_figure
-from tests.study.stress.samples import GOOD, battery, made_up
+from tests.study.stress_samples import GOOD, battery, made_up
 
 
 def picture(**more: Any) -> tuple[Any, Any]:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpctl.view.scene import ground, trails
+from rpctl.view.scene import stage as ground
+from rpctl.view.scene import trails
 from rpctl.view.scene.trails import dashes, fresh_dashes
 from tests.view.samples import numbers, unpack
 
@@ -73,31 +74,6 @@ def test_a_tube_is_round_about_its_path(lead: tuple[float, float, float]) -> Non
         assert used.max() == (k + 2) * trails.TUBE_SIDES - 1
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_straight_tube_along_any_axis(axis: int, sign: float) -> None:
-    path = np.zeros((3, 3))
-    path[:, axis] = sign * np.arange(3)
-    mesh = trails.tube(path, 0.1)
-    assert mesh is not None
-    spokes = mesh[0].reshape(3, -1, 3) - path[:, None]
-    assert np.linalg.norm(spokes, axis=2) == pytest.approx(0.05)
-    assert spokes[1:] == pytest.approx(spokes[:-1])
-
-
-def test_a_tube_turns_back_where_its_path_does() -> None:
-    bend = [[0, 0, 0], [1, 0, 0], [1, 1, 1], [1, 2, 2]]
-    for path in (
-        np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [1, 0, 0]], float),
-        np.array(bend, float),
-    ):
-        mesh = trails.tube(path, 0.1)
-        assert mesh is not None
-        assert np.isfinite(mesh[0]).all()
-        spokes = np.linalg.norm(mesh[0].reshape(4, -1, 3) - path[:, None], axis=2)
-        assert spokes == pytest.approx(0.05)
-
-
 def test_dashes_cover_seven_of_twelve_widths() -> None:
     """A way of 2.5 m, dashes of 0.7 m and gaps of 0.5 m: from 0, 1.2 and 2.4 m on."""
     path = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1.5, 0]], float)
@@ -113,19 +89,6 @@ def test_dashes_cover_seven_of_twelve_widths() -> None:
         pytest.approx([1.0, 0.0, 0.0]),  # a dash goes round the corner
         pytest.approx([1.0, 0.4, 0.0]),
     ]
-
-
-def test_meshes_joined_keep_their_triangles() -> None:
-    one = trails.ribbon(np.array([[0, 0, 0], [1, 0, 0]], float), 0.1)
-    two = trails.ribbon(np.array([[5, 0, 0], [5, 1, 0], [5, 2, 0]], float), 0.1)
-    assert one is not None
-    assert two is not None
-    joined = trails.join([one, None, two])
-    assert joined is not None
-    vertices, faces = joined
-    corners = np.concatenate([mesh[0][mesh[1]] for mesh in (one, two)])
-    assert vertices[faces] == pytest.approx(corners)
-    assert trails.join([None]) is None
 
 
 def test_grid_lies_on_whole_steps_and_fades_out() -> None:
@@ -147,35 +110,6 @@ def test_grid_lies_on_whole_steps_and_fades_out() -> None:
     assert set(np.round(lines[~level]).astype(int)) == set(range(-8, 1))  # and of -4
 
 
-@pytest.mark.parametrize(
-    ("size", "width", "radius"), [(0.3, 0.006, 1.225), (5.0, 0.03, 4.75), (40.0, 0.05, 31.0)]
-)
-def test_trails_and_ground_suit_the_size_of_the_motion(
-    size: float, width: float, radius: float
-) -> None:
-    lower = np.array([1.0, 2.0, -5.0])
-    upper = lower + np.array([0.6 * size, 0.8 * size, 100.0])
-    assert trails.trail_width(lower, upper) == pytest.approx(width)
-    centre, reach = ground.ground_disc(lower, upper)
-    assert centre == pytest.approx([1.0 + 0.3 * size, 2.0 + 0.4 * size])
-    assert reach == pytest.approx(radius)
-    drawn = unpack(ground.ground_command(lower, upper, 0.5))["object"]
-    grid, plane = drawn["geometries"]
-    assert plane["width"] == plane["height"] == pytest.approx(2.0 * radius)
-    points = numbers(grid["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
-    assert set(points[:, 2]) == {0.5}
-    shadow = np.array(drawn["object"]["children"][1]["matrix"]).reshape(4, 4).T
-    assert shadow[:3, 3] == pytest.approx([*centre, 0.5])
-    step = np.diff(
-        np.unique(np.round(points[0::2][np.isclose(*points[:, 0].reshape(-1, 2).T)][:, 0], 4))
-    )
-    least = {1.225: 0.25, 4.75: 0.5, 31.0: 2.0}[radius]  # 16 steps at most, of half or whole metres
-    assert step.min() == pytest.approx(least)
-    colours = np.frombuffer(grid["data"]["attributes"]["color"]["array"].data, "u1").reshape(-1, 4)
-    assert {tuple(c) for c in colours[:, :3]} == {(0x80, 0x88, 0x90)}
-    assert 100 < colours[:, 3].max() <= 150
-
-
 def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
     path = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
     paths = {
@@ -185,7 +119,7 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
         "tip-desired": path,
     }
     lower, upper = np.zeros(3), np.array([3.0, 4.0, 1.0])  # a trail of 30 mm
-    drawn = unpack(trails.trails_command(paths, lower, upper))["object"]
+    drawn = unpack(trails.trails_command({"": paths}, lower, upper))["object"]
     heights, widths = {}, {}
     for item in drawn["geometries"]:
         points = numbers(item["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
@@ -198,13 +132,15 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
     assert widths["base-desired"] == pytest.approx(0.8 * 0.03)
     for name, width in (("tip", 0.55 * 0.03), ("tip-desired", 0.8 * 0.55 * 0.03)):
         assert np.sqrt(0.75) * width * 0.999 < widths[name] <= width * 1.001
-    only = unpack(trails.trails_command({"tip": path, "tip-desired": path}, lower, upper))["object"]
+    only = unpack(trails.trails_command({"": {"tip": path, "tip-desired": path}}, lower, upper))[
+        "object"
+    ]
     assert [node["name"] for node in only["object"]["children"]] == [
         "trail-tip-desired",
         "trail-tip",
     ]
     still = {"base": path[:1], "base-desired": path}
-    only = unpack(trails.trails_command(still, lower, upper))["object"]
+    only = unpack(trails.trails_command({"": still}, lower, upper))["object"]
     assert [node["name"] for node in only["object"]["children"]] == ["trail-base-desired"]
 
 

@@ -11,7 +11,7 @@ import rpctl
 from rpctl import Disc, HalfPlane, Robot, Run
 from rpctl.control.unregistered import Unregistered
 from rpctl.simulation.config import Config
-from rpctl.simulation.obstacles import (
+from rpctl.simulation.merits.obstacles import (
     BASE,
     TIP,
     AvoidedObstacle,
@@ -19,10 +19,16 @@ from rpctl.simulation.obstacles import (
     run_obstacles,
     shape_text,
 )
-from rpctl.view.obstacles import near
-from rpctl.view.obstacles import obstacle_texts as obstacle_texts
-from rpctl.view.scene import obstacle_shapes
-from rpctl.view.scene.obstacle_shapes import OBSTACLES_PATH, clip, column, corners, wall
+from rpctl.view.scene.obstacles import (
+    OBSTACLES_PATH,
+    clip,
+    column,
+    near,
+    obstacle_commands,
+    obstacle_corners,
+    obstacle_texts,
+    wall,
+)
 from rpctl.view.scene.scene import build_scene
 from tests.view.samples import DISC, PILLAR, WALL, numbers, unpack, with_obstacles
 
@@ -124,16 +130,14 @@ def test_only_what_is_near_is_framed() -> None:
 
 def test_cameras_frame_discs_but_no_half_plane(paper: Robot, paper_run: Run) -> None:
     plain = build_scene(paper, paper_run)
-    disc = Disc(float(plain.upper[0]) + 0.5, 0.0, 0.3)
+    disc = Disc(float(plain.hull[:, 0].max()) + 0.5, 0.0, 0.3)
     ground, height = paper.drive.ground, float(plain.start[1, 2]) - paper.drive.ground
     framed = build_scene(paper, with_obstacles(paper_run, disc, WALL, Disc(80.0, 0.0, 1.0)))
-    assert framed.upper[0] == pytest.approx(disc.x + 0.3)
     assert framed.hull[:, 0].max() == pytest.approx(disc.x + 0.3, abs=0.05)
     walled = build_scene(paper, with_obstacles(paper_run, WALL))
     np.testing.assert_array_equal(walled.hull, plain.hull)
-    np.testing.assert_array_equal(walled.lower, plain.lower)
     tops = [
-        corners([AvoidedObstacle(b, DISC, 0.0)], plain.hull, ground, height)[:, 2]
+        obstacle_corners([AvoidedObstacle(b, DISC, 0.0)], plain.hull, ground, height)[:, 2]
         for b in (BASE, TIP)
     ]
     assert ground < tops[0].max() < ground + height < tops[1].max()
@@ -159,4 +163,4 @@ def test_scene_has_one_mesh_for_each_body(paper: Robot, paper_run: Run) -> None:
 def test_wall_that_the_ground_does_not_reach_is_not_drawn() -> None:
     far = AvoidedObstacle(BASE, HalfPlane(0.0, 1.0, -90.0), 0.0)
     lower, upper = -np.ones(3), np.ones(3)
-    assert obstacle_shapes.commands([far], lower, upper, 0.0, 1.0) == []
+    assert obstacle_commands([far], lower, upper, 0.0, 1.0) == []

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rpctl.description.mesh_shading import shade, simplify, weld
-from rpctl.view.scene import ground, trails
+from rpctl.description.meshes.jobs import shade, simplify, weld
+from rpctl.view.scene import trails
 
 
 def test_edges_of_a_box_stay_sharp() -> None:
@@ -76,12 +76,3 @@ def test_standing_still_draws_nothing(count: int) -> None:
     assert trails.ribbon(still, 0.1) is None
     assert trails.tube(still, 0.1) is None
     assert trails.join([trails.ribbon(piece, 0.1) for piece in trails.dashes(still, 0.1)]) is None
-
-
-def test_grid_lies_on_multiples_of_its_step() -> None:
-    points, opacity = ground.grid_lines(np.array([3.3, -1.2, 0.0]), 4.0, 0.5, 0.1)
-    ends = points.reshape(-1, 2, 3)
-    constant = np.where(ends[:, 0] == ends[:, 1], ends[:, 0], np.nan)[:, :2]
-    assert np.nanmax(np.abs(np.round(2 * constant) - 2 * constant)) < 1e-9
-    assert points[:, 2] == pytest.approx(0.1)
-    assert opacity.max() > 0.9

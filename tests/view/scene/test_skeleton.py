@@ -10,7 +10,7 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.description.records import rotation
-from rpctl.view.scene.skeleton import joints, skeleton
+from rpctl.view.scene.markers import joints, skeleton
 from tests.view.samples import write_gripper
 
 Pose = np.ndarray[Any, Any]

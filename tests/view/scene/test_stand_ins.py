@@ -17,7 +17,7 @@ from rpctl import Robot
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.robot_page import robot_page
 from rpctl.view.pages.scene_page import player
-from rpctl.view.scene import hatching
+from rpctl.view.scene import materials
 from rpctl.view.scene.robot_meshes import Bodies, build_bodies
 from rpctl.view.scene.scene import build_scene
 from rpctl.view.scene.stand_ins import StandIn, inertia_box, label, note, robot_size
@@ -54,7 +54,7 @@ def edges_of(points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return np.asarray(np.ptp(points, axis=0))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(4))
 def test_inertia_box_has_the_inertia_that_it_was_made_of(seed: int) -> None:
     random = np.random.default_rng(seed)
     mass, edges = random.uniform(0.1, 20.0), random.uniform(0.02, 1.5, 3)
@@ -173,7 +173,7 @@ def test_hatches_are_equally_wide_on_every_scale(tmp_path: Path) -> None:
     points = numbers(attributes["position"]["array"]).reshape(-1, 3)
     along = numbers(attributes["uv"]["array"]).reshape(-1, 2)[:, 0]
     assert edges_of(points) == pytest.approx([0.2, 0.1, 0.05], rel=1e-5)
-    stripes = 0.35 / np.sqrt(3.0) / (hatching.STRIPE_RATIO * robot_size(robot))
+    stripes = 0.35 / np.sqrt(3.0) / (materials.STRIPE_RATIO * robot_size(robot))
     assert np.ptp(along) == pytest.approx(stripes, rel=1e-5)  # from one corner to the opposite one
     (material,) = (m for m in scene["materials"] if m["uuid"] == node["material"])
     (texture,), (image,) = scene["textures"], scene["images"]
@@ -181,8 +181,8 @@ def test_hatches_are_equally_wide_on_every_scale(tmp_path: Path) -> None:
     pixels = numbers(image["url"]["data"], "uint8").reshape(-1, 4)
     assert len(pixels) == image["url"]["width"] * image["url"]["height"]
     assert {tuple(pixels[0, :3]), tuple(pixels[len(pixels) // 2, :3])} == {
-        hatching.LIGHT,
-        hatching.DARK,
+        (240, 241, 244),
+        (139, 150, 164),
     }
 
 
@@ -218,7 +218,7 @@ def test_what_stands_in_moves_with_the_robot_and_can_be_hidden(
     path = write_report(run, tmp_path / "report.html", robot=robot)
     found = "rpctl.viewer.scene.getObjectByName('robot-1').children.find((n) => n.material.map)"
     with opened(browser, path.as_uri()) as page:
-        assert page.evaluate(f"{found}.material.map.image.width") == hatching.TEXELS
+        assert page.evaluate(f"{found}.material.map.image.width") == materials.TEXELS
         places = []
         for time in (0.0, 2.0):
             page.evaluate("(time) => { rpctl.pause(); rpctl.seek(time); }", time)

@@ -154,7 +154,7 @@ def test_goal_that_cannot_be_is_told_on_the_page() -> None:
 
 def test_ending_says_how_near_it_came(paper: Robot) -> None:
     """The base ends 30 mm and 40 mrad short of a goal elsewhere: the figures of the sentence."""
-    run = rpctl.track(paper, "goal 0,0,0 arm_revolute_joint=0.001", 0.01)
+    run = rpctl.track(paper, "goal 0,0,0 arm_revolute_joint=0.001", duration=0.01)
     away = {**FINE, "start": [0, 0, 0], "goal": [0.018, -0.024, 0.04]}
     near = {**FINE, "start": [0, 0, 0], "goal": [0.0, 0.01, 0.0]}
     text = ending(run, read_request(paper, away))

@@ -7,13 +7,10 @@ import pytest
 
 from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
-from rpctl.simulation.closed_loop import WatchedSample
-from rpctl.view.pages.robot_page import LiveMotion, robot_page
-from rpctl.view.serve.events import Stream
-from rpctl.view.serve.live import Broadcast, broadcast
-from tests.view.readers import embedded, path_distances, trails
+from rpctl.simulation.loop.recorder import LoopSample
+from rpctl.view.serve.live import Broadcast
+from rpctl.view.serve.server import Stream
 from tests.view.serve.test_live import Unopened, frames
-from tests.view.serve.test_server import ask
 
 
 def bend(curvature: float) -> ReferenceState:
@@ -35,7 +32,7 @@ def test_live_page_is_told_of_robot_and_reference(
 ) -> None:
     """P is 0.8 m behind the front wheel: in a bend that one steers by atan(0.8 κ)."""
     stream = Stream()
-    sample = WatchedSample(0.0, golden.q[5], golden.log.e[5], golden.tau[5], bend(curvature))
+    sample = LoopSample(0.0, golden.q[5], golden.log.e[5], golden.tau[5], bend(curvature))
     Broadcast(tricycle, Unopened(), stream, 1.0)(sample)
     ((t, count, *rest),) = frames(stream)
     names = ("x", "y", "heading", *list(tricycle.model.names)[2:])
@@ -52,46 +49,3 @@ def test_live_page_is_told_of_robot_and_reference(
     x, y = 1.0 + 0.1 * np.cos(0.4), 2.0 + 0.1 * np.sin(0.4)  # the root link is ahead of P
     expected = {"x": x, "y": y, "heading": 0.4, **arm, **wheels}
     assert ghost == pytest.approx(expected, abs=1e-5)
-
-
-def test_simulation_is_announced_where_it_starts(tricycle: Robot) -> None:
-    """Its page has the whole path, and the robot as the reference has it at the start."""
-
-    def reference(t: float) -> ReferenceState:
-        state = bend(0.5 - 0.1 * t)
-        return state._replace(pose=np.array([1.0 + 0.5 * t, 2.0, 0.4]), joints=np.array([t, 0.2]))
-
-    pages: list[str] = []
-
-    def say(text: str) -> None:
-        pages.append(ask(text.split()[0])[1].decode())
-
-    with broadcast(tricycle, reference, 4.0, say):
-        pass
-    data = embedded(pages[0])
-    shown = {joint["name"]: joint["position"] for joint in data["joints"]}
-    assert shown["steer_joint"] == pytest.approx(np.arctan(0.8 * 0.5))
-    assert (shown["swing_joint"], shown["slide_joint"]) == pytest.approx((0.0, 0.2))
-    start = [1.0 + 0.1 * np.cos(0.4), 2.0 + 0.1 * np.sin(0.4), 0.4]
-    assert data["start"] == pytest.approx(start)
-    assert data["live"]["duration"] == 4.0
-    dashes = trails(data["commands"])["trail-base-desired"]
-    assert [dashes[:, 0].min(), dashes[:, 0].max()] == pytest.approx([1.0, 3.0], abs=0.3)
-
-
-def test_live_page_has_the_desired_path_and_room_for_it(tricycle: Robot, golden: Run) -> None:
-    show = LiveMotion("events", golden.q[1], golden.base_ref, 0.5)
-    data = embedded(robot_page(tricycle, show))
-    found = trails(data["commands"])
-    assert [*found] == ["trail-base-desired"]  # the actual one grows in the page
-    flat = golden.base_ref * [1.0, 1.0, 0.0]
-    assert path_distances(found["trail-base-desired"] * [1.0, 1.0, 0.0], flat).max() < data["trail"]
-    assert data["point"] == pytest.approx([-0.1, 0.0])
-    assert data["start"] == pytest.approx([0.2, 0.03, 0.3])
-    assert data["live"]["duration"] == 0.5
-    low, high = np.array(data["area"])[:, :2]
-    assert (low < golden.base_ref[:, :2].min(axis=0) - 0.5).all()
-    assert (high > golden.base_ref[:, :2].max(axis=0) + 0.5).all()
-    shown = {joint["name"]: joint["position"] for joint in data["joints"]}
-    assert shown["steer_joint"] == pytest.approx(0.1)
-    assert shown["slide_joint"] == pytest.approx(0.05)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import re
@@ -25,20 +24,18 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
-from rpctl.simulation import closed_loop
-from rpctl.simulation.closed_loop import WatchedSample
-from rpctl.simulation.config import Config, RunSettings, write_config
-from rpctl.simulation.loop import simulate
+from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.loop import closed_loop
+from rpctl.simulation.loop.recorder import LoopSample
+from rpctl.simulation.loop.track import simulate
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
-from rpctl.view.scene import obstacle_shapes
-from rpctl.view.serve import events as streams
 from rpctl.view.serve import live
-from rpctl.view.serve.events import Stream
+from rpctl.view.serve import server as streams
 from rpctl.view.serve.live import Broadcast
-from rpctl.view.serve.server import EVENTS, PageServer
+from rpctl.view.serve.server import EVENTS, PageServer, Stream
 from tests.grids import cells
 from tests.view.chromium import changed, opened, picture, wait
-from tests.view.samples import unpack, write_cart, write_gripper
+from tests.view.samples import write_cart, write_gripper
 from tests.view.serve.test_server import ask, listen, post
 
 PATIENCE = 120  # s; the machine may have much else to do
@@ -91,7 +88,7 @@ def are_gone(numbers: list[str]) -> bool:
     return True
 
 
-@pytest.mark.parametrize(("what", "number"), cells(VIEWS, QUICK_VIEWS, VIEWS))
+@pytest.mark.parametrize(("what", "number"), cells(VIEWS, (), QUICK_VIEWS))
 def test_signals_end_a_view(
     number: signal.Signals, what: str, paper_run: Run, tmp_path: Path
 ) -> None:
@@ -109,7 +106,7 @@ def test_signals_end_a_view(
         ask(url)
 
 
-@pytest.mark.parametrize("number", cells(SIGNALS, {signal.SIGINT}, {signal.SIGTERM}))
+@pytest.mark.parametrize("number", cells(SIGNALS, (), {signal.SIGINT}))
 def test_signals_end_a_simulation_that_is_watched(number: signal.Signals, tmp_path: Path) -> None:
     words = ("track", "paper", "--live", "--samples", "0", "--duration", "600", "--out", "out")
     with command(*words, folder=tmp_path) as (process, url):
@@ -198,22 +195,6 @@ def test_simulation_is_seen_and_leaves_its_run(browser: Any, tmp_path: Path) -> 
     assert Run.load(tmp_path / "out/run.npz").t[-1] == pytest.approx(12.0)
 
 
-@pytest.mark.slow
-def test_simulation_is_seen_among_its_obstacles(tmp_path: Path) -> None:
-    """They are known before it starts: of the law that is the base's within another one, here."""
-    law = rpctl.EndEffector(base=rpctl.Horizon(base_obstacles=(rpctl.Disc(4.0, 0.5, 0.2),)))
-    write_config(Config(kinematic=law), tmp_path / "run.toml")
-    words = ("track", "paper", "--live", "--samples", "0", "--config", "run.toml")
-    with command(*words, "--reference", "line", "--out", "out", folder=tmp_path) as (_, url):
-        page = ask(url)[1].decode()
-    found = re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)
-    assert found is not None
-    data = json.loads(found.group(1))
-    drawn = [unpack(base64.b64decode(each)) for each in data["commands"]]
-    assert [c["path"] for c in drawn].count(obstacle_shapes.OBSTACLES_PATH) == 1
-    assert data["area"][1][0] > 4.2
-
-
 class Unopened(PageServer):
     """A server whose page nobody opens, and for which nobody has to wait."""
 
@@ -271,7 +252,7 @@ def test_page_draws_robot_ghost_and_trail_where_they_are(
         twist = np.array([0.5, 0.0, -0.1])  # P is 0.8 m behind the wheel that steers
         pose, joints = golden.base_ref[k], golden.joints_ref[k]
         state = ReferenceState(pose, twist, np.zeros(3), joints, still, still)
-        watcher(WatchedSample(t, golden.q[k], golden.log.e[k], golden.tau[k], state))
+        watcher(LoopSample(t, golden.q[k], golden.log.e[k], golden.tau[k], state))
     text = robot_page(tricycle, LiveMotion(EVENTS, golden.q[0], golden.base_ref, 0.5)).encode()
     joints = [tricycle.model.getJointId(f"{name}_joint") for name in ("steer", "swing", "slide")]
     with PageServer(lambda: text, stream) as server, opened(browser, server.url) as page:
@@ -319,15 +300,15 @@ def test_simulation_that_is_watched_keeps_to_real_time(
     watcher = Broadcast(paper, Unopened(), stream, 10.0)
     q, e, tau = paper.configuration(), np.zeros(5), np.zeros(4)
     for t in (0.0, 0.1):
-        watcher(WatchedSample(t, q, e, tau, state))
+        watcher(LoopSample(t, q, e, tau, state))
     assert clock[0] == 100.0  # nobody watches
     with stream.reading():
         for t in (0.2, 0.3, 0.5):
-            watcher(WatchedSample(t, q, e, tau, state))
+            watcher(LoopSample(t, q, e, tau, state))
         assert clock[0] == pytest.approx(100.3)
         clock[0] += 5.0  # the simulation was slow: it does not hurry afterwards
         for t in (0.6, 0.7):
-            watcher(WatchedSample(t, q, e, tau, state))
+            watcher(LoopSample(t, q, e, tau, state))
         assert clock[0] == pytest.approx(105.4)
 
 
@@ -346,7 +327,7 @@ def test_rounding_never_asks_for_a_negative_pause(
     q, e, tau = paper.configuration(), np.zeros(5), np.zeros(4)
     with stream.reading():
         for t in 100.0 + np.cumsum(rng.uniform(0.04, 0.05, 200)):  # the page was opened late
-            watcher(WatchedSample(t, q, e, tau, state))
+            watcher(LoopSample(t, q, e, tau, state))
             clock[0] += rng.uniform(0.05, 0.06)  # slower than real time: the pause is 0, rounded
     assert len(pauses) == 200
     assert min(pauses) >= 0.0
@@ -361,5 +342,5 @@ def test_what_a_watcher_takes_is_not_counted_as_simulation(
     def watch(t: float, q: object, state: object) -> None:
         clock[0] += 0.25
 
-    assert rpctl.track(paper, "line", 0.01, watch=watch).wall_time == 0.0
+    assert rpctl.track(paper, "line", duration=0.01, watch=watch).wall_time == 0.0
     assert clock[0] == 100.0 + 6 * 0.25

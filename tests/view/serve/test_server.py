@@ -12,9 +12,8 @@ from urllib.parse import urlsplit
 import pytest
 
 from rpctl.errors import RpctlError
-from rpctl.view.serve import events as streams
-from rpctl.view.serve.events import Stream
-from rpctl.view.serve.server import EVENTS, PageServer
+from rpctl.view.serve import server as streams
+from rpctl.view.serve.server import EVENTS, PageServer, Stream
 
 
 @pytest.fixture

@@ -10,14 +10,16 @@ left of what carries the next body ([KD04]).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.kernels.scalars import ROUNDING, Rotation, cleaned, exact
 from rpctl.robot.coordinates import ROOT_JOINT, JointEntry
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.symbols.scalars import ROUNDING, Rotation, cleaned, exact
+from rpctl.robot.variation import pseudo_inertia
 
 STRAIGHT = (1.0, 0.0)
 ON_AXIS_M = 1e-12  # m: an origin so near to an axis is on it
@@ -224,3 +226,49 @@ def pose_of(R: Array, p: Array) -> Array:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = R, p
     return pose
+
+
+NUMBERS = 10  # of a body's inertia
+M, MX, MY, MZ, XX, YY, ZZ, XY, XZ, YZ = range(NUMBERS)
+UNFELT_BY_ROOT = (MZ, XX, YY, XY, XZ, YZ)  # it is planar
+
+
+def inertias_of(robot: Robot) -> Array:
+    """Return the pseudo-inertias (n, 4, 4) of the bodies in the axes of Pinocchio's joints.
+
+    :mod:`rpctl.robot.variation` says what these are.
+    """
+    return np.array([pseudo_inertia(each) for each in list(robot.model.inertias)[ROOT_JOINT:]])
+
+
+def felt(bodies: Sequence[MovingBody], inertias: Array) -> Array:
+    """Return the ten numbers of each body (..., n, 10) that motion and forces tell apart.
+
+    Args:
+        bodies: The bodies.
+        inertias: Pseudo-inertias (..., n, 4, 4) in the axes of Pinocchio's joints.
+    """
+    from_frames = np.linalg.inv([body.frame for body in bodies])
+    found = from_frames @ inertias @ np.swapaxes(from_frames, 1, 2)
+    for i in reversed(range(1, len(bodies))):
+        body, own = bodies[i], found[..., i, :, :]
+        unfelt = np.zeros(own.shape)
+        if body.slides:
+            unfelt[..., :3, :3] = own[..., :3, :3]
+        else:
+            unfelt[..., 2:, 2:] = own[..., 2:, 2:]
+            unfelt[..., 2, 2] += own[..., 0, 0]  # so that it has the inertia I_yy
+        found[..., i, :, :] = own - unfelt
+        found[..., body.parent, :, :] += body.pose @ unfelt @ body.pose.T
+    numbers = _ten_numbers(found)
+    numbers[..., 0, UNFELT_BY_ROOT] = 0.0
+    return numbers
+
+
+def _ten_numbers(inertias: Array) -> Array:
+    """Return the ten numbers (..., 10) of pseudo-inertias (..., 4, 4)."""
+    xx, yy, zz = (inertias[..., k, k] for k in range(3))
+    moments = [yy + zz, xx + zz, xx + yy]
+    products = [-inertias[..., i, j] for i, j in ((0, 1), (0, 2), (1, 2))]
+    first = [inertias[..., k, 3] for k in (3, 0, 1, 2)]
+    return np.stack([*first, *moments, *products], axis=-1)

@@ -15,23 +15,8 @@ from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import UnknownNameError
-from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.model import BASE_NV, Robot
-from rpctl.simulation.compiled.symbols.bodies import moving_bodies
-from rpctl.simulation.compiled.symbols.configuration import SymbolicConfiguration, integrated
-from rpctl.simulation.compiled.symbols.linear import solve_positive
-from rpctl.simulation.compiled.symbols.parameters import NOTHING, Parameters, Varied
-from rpctl.simulation.compiled.symbols.projection import SymbolicProjection
-from rpctl.simulation.compiled.symbols.rigid_body import (
-    MovingTree,
-    crba,
-    joint_motions,
-    moving_tree,
-    rnea,
-)
-from rpctl.simulation.compiled.symbols.robot_numbers import RobotNumbers
-from rpctl.simulation.compiled.symbols.rolling import SymbolicBasis
-from rpctl.simulation.compiled.symbols.scalars import (
+from rpctl.kernels.linear import solve_positive
+from rpctl.kernels.scalars import (
     Scalar,
     as_scalar,
     cleaned,
@@ -44,6 +29,23 @@ from rpctl.simulation.compiled.symbols.scalars import (
     times,
     total,
     transposed,
+)
+from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.model import BASE_NV, Robot
+from rpctl.simulation.compiled.symbols.basis import (
+    SymbolicBasis,
+    SymbolicConfiguration,
+    SymbolicProjection,
+    integrated,
+)
+from rpctl.simulation.compiled.symbols.bodies import moving_bodies
+from rpctl.simulation.compiled.symbols.numbers import NOTHING, Parameters, RobotNumbers, Varied
+from rpctl.simulation.compiled.symbols.rigid_body import (
+    MovingTree,
+    crba,
+    joint_motions,
+    moving_tree,
+    rnea,
 )
 
 NO_NUMBERS: Mapping[str, Array] = MappingProxyType({})
@@ -98,7 +100,7 @@ class SymbolicDynamics:
         Args:
             variant: What they have in common.
             inertias: Pseudo-inertias of the bodies (..., n, 4, 4), as of
-                :meth:`rpctl.robot.link_inertias.LinkInertias.bodies`.
+                :meth:`rpctl.robot.variation.LinkInertias.bodies`.
             numbers: What else they differ in, in stacks: ``damping`` and ``friction`` (..., nv),
                 and what :func:`rolling_numbers` names.
 
@@ -106,11 +108,6 @@ class SymbolicDynamics:
             RpctlError: They differ in more than what is varied.
         """
         return self._parameters.values({**self._numbers.of(variant, inertias), **numbers})
-
-    @property
-    def constant(self) -> bool:
-        """Whether S is the same at every q."""
-        return self._projector.constant is not None
 
     @property
     def lossy(self) -> bool:

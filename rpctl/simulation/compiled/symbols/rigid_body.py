@@ -13,10 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from rpctl.simulation.compiled.symbols.bodies import MovingBody
-from rpctl.simulation.compiled.symbols.configuration import SymbolicConfiguration
-from rpctl.simulation.compiled.symbols.inertias import MX, MZ, XX, XY, XZ, YY, YZ, ZZ, M
-from rpctl.simulation.compiled.symbols.scalars import (
+from rpctl.kernels.scalars import (
     Scalar,
     Vector,
     cross,
@@ -28,6 +25,8 @@ from rpctl.simulation.compiled.symbols.scalars import (
     total,
     turned,
 )
+from rpctl.simulation.compiled.symbols.basis import SymbolicConfiguration
+from rpctl.simulation.compiled.symbols.bodies import MX, MZ, XX, XY, XZ, YY, YZ, ZZ, M, MovingBody
 
 Pair = tuple[int, int]
 

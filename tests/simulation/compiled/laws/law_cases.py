@@ -12,14 +12,13 @@ import pinocchio as pin
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.law import Command, Rest, as_efforts
+from rpctl.kernels.program import Program
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.table import tabulate
-from rpctl.simulation.compiled.laws.law_fragment import LawFragment
-from rpctl.simulation.compiled.laws.law_settings import settings_of
 from rpctl.simulation.compiled.laws.supported import law_fragment
-from rpctl.simulation.compiled.machine.interpreted import Interpreted
-from rpctl.simulation.compiled.machine.program import Program
+from rpctl.simulation.compiled.laws.tracking import settings_of
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
+from tests.kernels.interpreted import Interpreted
 
 PERIOD = 0.002
 NEAR, FAR = 1e-3, 3.0  # rad or m: within the series of the leash, and round by more than a turn
@@ -152,8 +151,3 @@ class RunningLaws:
         kinematic, dynamic = self.laws[lane]
         command = kinematic(self.dynamics, lambda t: sample.state, 0.0, sample.q, sample.nu)
         return command, as_efforts(dynamic(self.dynamics, sample.q, sample.nu, command))
-
-
-def buffers_of(fragment: LawFragment) -> tuple[Any, ...]:
-    """Return the buffers of e, ν_d, ν̇_d and τ."""
-    return fragment.e, fragment.nu_d, fragment.nu_d_dot, fragment.tau

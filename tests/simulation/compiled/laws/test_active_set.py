@@ -8,8 +8,8 @@ import casadi
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.soft_bound_qp import COMPLIANCE, PRIMAL_TOLERANCE, shortest
-from rpctl.simulation.compiled.laws.active_set import BoundedRows, DualState, dual_step
+from rpctl.control.bounded import COMPLIANCE, PRIMAL_TOLERANCE, shortest
+from rpctl.simulation.compiled.laws.limits import BoundedRows, DualState, dual_step
 
 SOFT, HARD, N = 4, 3, 4
 ROWS = SOFT + HARD
@@ -89,17 +89,6 @@ def test_the_conditions_of_a_minimum_hold(rng: np.random.Generator) -> None:
         assert not multipliers[active == 0.0].any()
         bound += int(np.count_nonzero(active))
     assert bound > 40
-
-
-def test_from_the_solution_one_step_is_enough(rng: np.random.Generator) -> None:
-    for kind in range(20):
-        G, bounds = random_problem(rng, kind)
-        active, multipliers, x, steps = search(G, bounds, np.zeros(ROWS))
-        again = search(G, bounds, multipliers)
-        assert again[3] == 1
-        assert steps >= 1 + np.count_nonzero(active)
-        np.testing.assert_array_equal(again[0], active)
-        np.testing.assert_allclose(again[2], x, rtol=0.0, atol=1e-12 * (1.0 + np.abs(x).max()))
 
 
 def test_what_is_done_stays_as_it_is(rng: np.random.Generator) -> None:

@@ -9,7 +9,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics
 from rpctl.control.joint_limits import JointLimits
-from rpctl.simulation.compiled.laws.joint_bounds import SymbolicJointLimits
+from rpctl.simulation.compiled.laws.dynamic import SymbolicJointLimits
 
 HORIZON, PERIOD = 0.15, 0.002
 

@@ -16,9 +16,8 @@ from rpctl.control.feedback_linearization import FeedbackLinearization
 from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.errors import UnfitLawError
-from rpctl.simulation.compiled.laws.command import symbolic_command
-from rpctl.simulation.compiled.laws.law_settings import settings_of, symbols_of
-from rpctl.simulation.compiled.laws.tracking import reference_width
+from rpctl.simulation.compiled.laws.kinematic import symbolic_command
+from rpctl.simulation.compiled.laws.tracking import reference_width, settings_of, symbols_of
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from tests.grids import cells
 from tests.robots import write
@@ -37,11 +36,12 @@ LAWS = {
 }
 ROBOTS = ["paper", "mecanum", "tricycle", "swerve", "tiago", "car", "bicycle", "omni"]
 ROBOTS += ["caster_drive", "arm", "skid_steer", "twin_casters", "casters", "mixed_chain"]
-QUICK_VEHICLES = ["parallel", "steered"]
-SLOW_VEHICLES = ["car-like", "tricycle", "bicycle", "twin", "omni", "powered"]
+KINDS = ["parallel", "steered", "car-like", "tricycle", "bicycle", "twin", "omni", "powered"]
 GRID = [(robot, law) for robot in ROBOTS for law in LAWS]
 QUICK = {("paper", law) for law in ("paper", "unified", "kanayama", "linearizing")}
 QUICK |= {("mecanum", "unified"), ("tricycle", "smoothed")}
+SLOW = {("swerve", "unified"), ("car", "linearizing"), ("tiago", "kanayama")}
+SLOW |= {("omni", "smoothed"), ("bicycle", "paper"), ("arm", "unified")}
 
 
 def compiled(law: Any, robot: Robot) -> Any:
@@ -80,7 +80,7 @@ def compare(law: Any, robot: Robot, rng: np.random.Generator, count: int = 30) -
     cells(
         GRID,
         QUICK,
-        [cell for cell in GRID if cell not in QUICK],
+        SLOW,
     ),
 )
 def test_own_robots(name: str, law: str, rng: np.random.Generator) -> None:
@@ -88,9 +88,7 @@ def test_own_robots(name: str, law: str, rng: np.random.Generator) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*")
-@pytest.mark.parametrize(
-    "kind", cells(QUICK_VEHICLES + SLOW_VEHICLES, QUICK_VEHICLES, SLOW_VEHICLES)
-)
+@pytest.mark.parametrize("kind", cells(KINDS, {"parallel"}, {"steered", "twin"}))
 def test_vehicles(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
     """Wheels that mimic one another, and contacts off the steering axis."""
     compare(LAWS["unified"], rpctl.load(write(tmp_path, vehicle(kind))), rng)

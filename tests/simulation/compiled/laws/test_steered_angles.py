@@ -10,7 +10,7 @@ import pytest
 
 from rpctl import Robot
 from rpctl.drive.steering import steer
-from rpctl.simulation.compiled.laws.steered_angles import steered_angles
+from rpctl.simulation.compiled.laws.steering import steered_angles
 
 
 @pytest.mark.parametrize("trail", [0.0, 0.04, -0.3])

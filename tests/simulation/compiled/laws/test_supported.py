@@ -17,7 +17,6 @@ from rpctl import (
     PaperDynamic,
     ReducedDynamics,
     Robot,
-    RpctlError,
     UnifiedKinematic,
 )
 from rpctl.control.approach import Approach
@@ -25,10 +24,10 @@ from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import FunctionLaw
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
-from rpctl.simulation.compiled.laws.law_fragment import LawFragment
-from rpctl.simulation.compiled.laws.law_settings import settings_of
+from rpctl.kernels.program import Call, Program
+from rpctl.simulation.compiled.laws.fragment import LawFragment
 from rpctl.simulation.compiled.laws.supported import law_fragment, unsupported
-from rpctl.simulation.compiled.machine.program import Call, Program
+from rpctl.simulation.compiled.laws.tracking import settings_of
 from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from tests.simulation.compiled.laws.law_cases import PERIOD
 
@@ -119,20 +118,3 @@ def functions(fragment: LawFragment) -> list[str]:
     """Return the functions of a fragment as texts."""
     statements = Program((*fragment.start, *fragment.body, *fragment.remember)).statements()
     return [s.function.serialize() for s in statements if isinstance(s, Call)]
-
-
-def test_settings_that_do_not_fit_are_refused_as_ever(paper: Robot) -> None:
-    known = ReducedDynamics(paper)
-    with pytest.raises(RpctlError, match="quasi-velocity 'nobody'"):
-        settings_of(UnifiedKinematic(), BoundedDynamic(weights={"nobody": 1.0}), known, PERIOD)
-    with pytest.raises(RpctlError, match="too large for a control period"):
-        settings_of(UnifiedKinematic(), IntegralDynamic(gain=600.0), known, PERIOD)
-
-
-def test_weights_are_settings(paper: Robot) -> None:
-    law = BoundedDynamic(weights={"omega": 4.0})
-    names, values = settings_of(UnifiedKinematic(), law, ReducedDynamics(paper), PERIOD)
-    found = dict(zip(names, values.tolist(), strict=True))
-    assert found["root_weight.omega"] == 2.0
-    assert found["root_weight.v"] == 1.0
-    assert found["root_weight.arm_revolute_joint"] == pytest.approx(1e-2)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
+from rpctl.kernels.scalars import exact
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.simulation.compiled.symbols.bodies import (
     along_z,
@@ -20,7 +21,6 @@ from rpctl.simulation.compiled.symbols.bodies import (
     pose_of,
     rotation,
 )
-from rpctl.simulation.compiled.symbols.scalars import exact
 from tests import random_vehicles
 from tests.random_robots import random_robot
 from tests.robots import write

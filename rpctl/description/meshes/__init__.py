@@ -1,0 +1,1 @@
+"""Mesh files: found, read and measured in confined processes."""

@@ -1,0 +1,113 @@
+"""Where mesh files lie: where the URDF points, and only below the folders that it may use."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from rpctl.description.packages import DECLARE, find_packages, forget, inside
+from rpctl.errors import RpctlError
+
+EXTENSIONS = (".stl", ".dae", ".obj", ".ply", ".glb")
+PACKAGE, FILE = "package://", "file://"
+MAX_NAME = 1024  # characters of a file's name; systems take 4096 with the folder's
+
+
+class MeshError(RpctlError):
+    """A mesh that was refused, was not found, or could not be read."""
+
+
+class MissingPackageError(MeshError):
+    """A package that was not found.
+
+    Attributes:
+        package: Its name.
+        fix: What to do.
+    """
+
+    def __init__(self, package: str, fix: str) -> None:
+        super().__init__(f'package "{package}" was not found; {fix}')
+        self.package, self.fix = package, fix
+
+
+class MeshPaths:
+    """Finds the files that one URDF names.
+
+    A file, symlinks followed, lies in a folder that the URDF may use
+    (:class:`rpctl.description.packages.Packages`), or in the package that ``package://`` names.
+
+    Args:
+        urdf: The URDF.
+        package_dirs: Folders that the user declares: packages, or folders that hold packages.
+
+    Attributes:
+        stalled: Names of the meshes that took too long to read.
+    """
+
+    def __init__(self, urdf: Path, package_dirs: Sequence[Path] = ()) -> None:
+        self._folder = str(urdf.absolute().parent)
+        self._known = find_packages(urdf, package_dirs)
+        self._packages: dict[str, tuple[str, ...]] = {}
+        self.stalled: set[str] = set()
+
+    def resolve(self, name: str) -> Path:
+        """Return the file of a mesh.
+
+        Args:
+            name: ``package://NAME/rest``, or a path from the URDF's folder, or an absolute one,
+                with or without ``file://``.
+
+        Raises:
+            MeshError: The name is refused, or there is no such file.
+        """
+        if len(name) > MAX_NAME or not name.isprintable():
+            raise MeshError("refused: no file has such a name")
+        confined = []
+        for path, package in self._candidates(name):
+            file = os.path.realpath(path)
+            if self._known.allow(file) if package is None else inside(file, (package,)):
+                confined.append(file)
+        if not confined:
+            raise MeshError(
+                "refused: it lies outside the folders that the URDF may use (its own, its "
+                "package's, those of package://); move it there, or declare its folder with "
+                "--package-dir"
+            )
+        if os.path.splitext(confined[0])[1].lower() not in EXTENSIONS:  # noqa: PTH122 - speed
+            raise MeshError(f"refused: a mesh ends in {', '.join(EXTENSIONS)}")
+        for file in confined:
+            if os.path.isfile(file):  # noqa: PTH113 - speed; a robot has 100 meshes
+                return Path(file)
+        raise MeshError("no such file; put it there, or correct the name")
+
+    def leaves(self, name: str, folder: Path) -> bool:
+        """Whether a file that a mesh in ``folder`` names lies outside all the robot's folders."""
+        if len(name) > MAX_NAME or not name.isprintable() or ":" in name:
+            return True
+        found = [folder for folders in self._packages.values() for folder in folders]
+        file = os.path.realpath(name if name[:1] == "/" else f"{folder}/{name}")
+        return not (inside(file, found) or self._known.allow(file))
+
+    def _candidates(self, name: str) -> list[tuple[str, str | None]]:
+        """Return the paths that a name may mean, each with the package that confines it."""
+        if not name.startswith(PACKAGE):
+            path = name.removeprefix(FILE) if name.startswith(f"{FILE}/") else name
+            if ":" in path:
+                raise MeshError(
+                    "refused: only package:// and paths from the URDF's folder are read; "
+                    "write one of these"
+                )
+            whole = path if path[0] == "/" else f"{self._folder}/{path}"
+            return [(whole, None)]
+        package, _, rest = name.removeprefix(PACKAGE).partition("/")
+        if package in ("", ".", ".."):
+            raise MeshError("refused: package:// without the name of a package; name it")
+        folders = self._packages.get(package)
+        if folders is None:
+            folders = self._packages[package] = self._known.find(package)
+        if not folders:
+            fix = DECLARE + self._known.remark
+            forget()  # somebody may put it there before the next try
+            raise MissingPackageError(package, fix)
+        return [(f"{folder}/{rest}", folder) for folder in folders]

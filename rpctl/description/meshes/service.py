@@ -1,0 +1,180 @@
+"""Confined processes for all meshes: started when one is read, ended when none is any more."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+from rpctl.description.meshes.paths import MeshError
+from rpctl.description.urdf.findings import excerpt
+from rpctl.files.array_messages import pack, unpack
+from rpctl.files.caps import cap, how_to_raise
+from rpctl.files.worker import Worker, WorkerError
+
+MODULES = {  # which process does a job
+    "read": "rpctl.description.meshes.worker",
+    "shade": "rpctl.description.meshes.worker",
+    "primitive": "rpctl.description.meshes.worker",
+    "solid": "rpctl.description.meshes.solid_worker",
+    "hull": "rpctl.description.meshes.solid_worker",
+}
+LIFE_S = 3600.0  # s of processor time of one process, however many meshes it reads
+IDLE_S = 10.0  # s after which a process that nobody asks ends: it holds .1 GB
+TRIANGLE_BYTES = 3 * 24 + 12  # of an answer: three vertices and their numbers
+MORE_BYTES = 2**20  # of an answer, whatever the mesh
+MAX_FAULT = 400  # characters of a fault
+
+Answer = tuple[dict[str, Any], list[Any]]
+INHERITED: list[dict[str, MeshService]] = []  # of a parent process: not ours to ask or to end
+
+
+class StalledMeshError(MeshError):
+    """A mesh that took too long, or ended the process that reads meshes."""
+
+
+class MeshService:
+    """Asks a process, and starts another one when a mesh has ended it.
+
+    Args:
+        module: What the process runs.
+    """
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+        self._lock = threading.Lock()
+        self._worker: Worker | None = None
+        self._asked = 0.0  # when it was last asked, s
+
+    def ask(self, job: str, head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
+        """Return the answer to a job.
+
+        Raises:
+            StalledMeshError: It took too long, or ended the process.
+            MeshError: The mesh is refused, or there is no process to read it.
+        """
+        request = pack({"job": job, **head}, arrays)
+        most = cap("MAX_MESH_TRIANGLES") * TRIANGLE_BYTES + MORE_BYTES
+        with self._lock:
+            try:
+                answer, rest = unpack(self._ask(request, most))
+            except ValueError:
+                self.close()
+                raise StalledMeshError("not readable: its reader broke off") from None
+            except BaseException:
+                self.close()  # half of an answer may be under way
+                raise
+        if "fault" in answer:
+            raise MeshError(_one_line(answer["fault"]))
+        return answer, rest
+
+    def _ask(self, request: bytes, most: int) -> bytes:
+        """Return the process's answer; one that was idle may have ended, and is replaced."""
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            try:
+                return self._ask_worker(worker, request, most)
+            except StalledMeshError:
+                if time.monotonic() - self._asked >= cap("MAX_MESH_SECONDS"):
+                    raise
+        return self._ask_worker(self._start(), request, most)
+
+    def _ask_worker(self, worker: Worker, request: bytes, most: int) -> bytes:
+        """Return one process's answer; without one it is ended."""
+        self._asked = time.monotonic()
+        seconds = cap("MAX_MESH_SECONDS")
+        try:
+            worker.grant(seconds)
+            worker.send(request)
+            answer = worker.receive(most)
+            worker.grant(IDLE_S)
+        except WorkerError as error:
+            worker.close()
+            if error.late:
+                fault = f"refused: it takes over {seconds} s; {how_to_raise('MAX_MESH_SECONDS')}"
+            else:
+                fault = (
+                    f"refused: it ends its reader ({excerpt(str(error))}), for lack of memory "
+                    f"perhaps; {how_to_raise('MAX_MESH_MEMORY')}"
+                )
+            raise StalledMeshError(fault) from None
+        except BaseException:
+            worker.close()
+            raise
+        self._worker = worker
+        return answer
+
+    def _start(self) -> Worker:
+        try:
+            return Worker(self._module, cap("MAX_MESH_MEMORY"), LIFE_S)
+        except WorkerError as error:
+            raise MeshError(f"not read: {excerpt(str(error))}; meshes need a process") from None
+
+    def start(self) -> None:
+        """Start the process if there is none, for it is soon asked; do not wait for it."""
+        with self._lock:
+            if self._worker is None:
+                with suppress(MeshError):  # who asks it will be told
+                    self._worker = self._start()
+                    self._worker.grant(IDLE_S)
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.close()
+
+
+def _one_line(text: object) -> str:
+    """Return a fault that the process tells; it is foreign text, too."""
+    return "".join(filter(str.isprintable, str(text)))[:MAX_FAULT]
+
+
+def _services() -> dict[str, MeshService]:
+    return {module: MeshService(module) for module in set(MODULES.values())}
+
+
+SERVICES = _services()
+
+
+def ask(job: str, head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
+    """Return the answer to a job of the process that does it (:meth:`MeshService.ask`).
+
+    Args:
+        job: One of ``MODULES``.
+
+    Raises:
+        MeshError: There is none.
+    """
+    return SERVICES[MODULES[job]].ask(job, head, arrays)
+
+
+def start_reader() -> None:
+    """Start the process that reads meshes, while there is something else to do."""
+    SERVICES[MODULES["read"]].start()
+
+
+def start_hulls() -> None:
+    """Start the process that computes hulls, which takes a second, while something else is done."""
+    SERVICES[MODULES["hull"]].start()
+
+
+def close_all() -> None:
+    """End all processes."""
+    for service in SERVICES.values():
+        service.close()
+
+
+def _forget() -> None:
+    global SERVICES
+    INHERITED.append(SERVICES)
+    SERVICES = _services()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)
+atexit.register(close_all)

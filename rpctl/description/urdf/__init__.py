@@ -1,0 +1,1 @@
+"""A URDF's bytes, read strictly."""

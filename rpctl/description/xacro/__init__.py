@@ -1,0 +1,1 @@
+"""xacro, expanded by its own package in a process of its own."""

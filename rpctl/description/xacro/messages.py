@@ -1,0 +1,292 @@
+"""What is said of an expansion: missing packages, arguments and variables, and what is left out."""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from rpctl.description.packages import DECLARE, find_packages
+from rpctl.description.records import ReadSettings
+from rpctl.description.urdf.findings import excerpt
+from rpctl.description.xacro.files import ENVIRONMENT, Answer
+from rpctl.errors import Finding, RpctlError, format_finding
+
+WARNING_PREFIX = "warning: "  # how xacro begins one; the lines after it tell the place
+RUN_IT = "correct it, or run `xacro` on the file yourself"
+IGNORE = "or leave out what comes from them with --ignore-missing-packages"
+MAX_CHOICES = 20  # values of an argument that a message lists
+MAX_LISTED = 1000  # names in a folder that are looked at
+OLD_XACRO = "this is xacro from before ROS Jade, whose own elements had no prefix"
+
+Place = tuple[str, int | None]  # a file and a line
+
+
+class ExpansionError(RpctlError):
+    """A file of xacro that cannot be expanded."""
+
+
+def refusal(path: Path | str, fault: str, line: int | None = None) -> ExpansionError:
+    """Return the error that says one fault.
+
+    Args:
+        fault: What is wrong, and how to mend it.
+    """
+    return ExpansionError(format_finding(str(path), Finding("error", line, fault)))
+
+
+def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
+    """Raise what an answer says to be wrong, missing packages all at once.
+
+    Raises:
+        ExpansionError: Something is wrong.
+    """
+    wants = [w for w in answer["wants"] if w[3] != "text"]
+    lines = []
+    if wants and not settings.ignore_missing_packages:
+        lines += _missing_packages(path, answer, settings)
+    if "argument" in answer:
+        lines += missing_argument(path, answer)
+    elif "variable" in answer:
+        lines += missing_variable(path, answer)
+    elif "error" in answer and not lines:
+        lines += _fault(path, answer)
+    elif not lines:
+        lines += unused_arguments(path, answer, settings)
+    if lines:
+        raise ExpansionError("\n".join(lines))
+
+
+def findings_of(path: Path, answer: Answer, settings: ReadSettings) -> tuple[Finding, ...]:
+    """Return what else an answer says: xacro's warnings, what was left out, odd declarations."""
+    told = answer["told"].splitlines()
+    said = [
+        f"xacro: {line.removeprefix(WARNING_PREFIX)}"
+        for line in told
+        if line.startswith(WARNING_PREFIX)
+    ]
+    said += [
+        f"{_short(file, path)} does not declare the prefix xacro; "
+        'add xmlns:xacro="http://www.ros.org/wiki/xacro" to <robot>'
+        for file in answer["undeclared"]
+    ]
+    said += _left_out(path, answer)
+    said += [answer["open"]] if answer["open"] else []
+    warnings = [Finding("warning", None, text) for text in said]
+    texts = [w for w in answer["wants"] if w[3] == "text"]
+    notes = [
+        f'argument "{name}" is used before it is declared; its default is taken'
+        for name in answer["early"]
+    ]
+    ours = {*os.environ}  # looked up by text: no variable has any name that a file may ask for
+    notes += [
+        f'environment variable "{name}" is not shown to the file; '
+        f"add {ENVIRONMENT}{name}:=VALUE if it needs it"
+        for name in answer["asked"]
+        if name in ours and ENVIRONMENT + name not in settings.xacro_args
+    ]
+    notes += [
+        f'package "{package}" was not found; only texts name it ({_places(places, path)})'
+        for package, places in _by_package(texts).items()
+    ]
+    notes += [
+        f'"{path}" is not there, before its package is installed; taken from {place}'
+        for path, place in dict.fromkeys(map(tuple, answer["moved"]))
+    ]
+    return (*warnings, *(Finding("info", None, text) for text in notes))
+
+
+def _left_out(path: Path, answer: Answer) -> list[str]:
+    """Return, in sentences, what is missing for want of packages."""
+    wants = [w for w in answer["wants"] if w[3] == "include"]
+    said = [
+        f'left out, for package "{package}" was not found: the includes of {_places(places, path)}'
+        for package, places in _by_package(wants).items()
+    ]
+    calls: dict[str, list[Place]] = defaultdict(list)
+    for file, line, tag in answer["left_out"]:
+        calls[tag].append((file, line))
+    said += [
+        f"left out: <{tag}>, a macro that was not found ({_places(places, path)})"
+        for tag, places in calls.items()
+    ]
+    return said + [f"left out: {phrase}" for phrase in answer["dropped"]]
+
+
+def _missing_packages(path: Path, answer: Answer, settings: ReadSettings) -> list[str]:
+    """Return the lines of the message that lists all packages that were not found."""
+    needed = _by_package(w for w in answer["wants"] if w[3] != "text")
+    texts = _by_package(w for w in answer["wants"] if w[3] == "text" and w[0] not in needed)
+    names = ", ".join([*needed, *texts])
+    count = len(needed) + len(texts)
+    what, fix = "a package was", DECLARE
+    if count > 1:
+        what, fix = f"{count} packages were", DECLARE.replace("above it", "above them")
+    remark = find_packages(path, settings.package_dirs).remark
+    fault = f"{what} not found: {names}; {fix}{remark}, {IGNORE}"
+    lines = [format_finding(str(path), Finding("error", None, fault))]
+    for packages, use in ((needed, "needs"), (texts, "names")):
+        for package, places in packages.items():
+            for file, line in places:
+                said = Finding("info", line, f'{use} package "{package}"')
+                lines.append(format_finding(file, said))
+    return lines
+
+
+def _fault(path: Path, answer: Answer) -> list[str]:
+    """Return the message on what xacro refuses."""
+    if answer["old"]:
+        file, tag, line = answer["old"][0]
+        fault = f"{OLD_XACRO}: write <xacro:{tag}> for <{tag}>, and so for all, its calls, too"
+        return [format_finding(file, Finding("error", line, fault))]
+    macros, wants = answer.get("macros"), [w[0] for w in answer["wants"] if w[3] != "text"]
+    within = f' (in macro "{excerpt(macros[-1])}")' if macros else ""
+    after = f" (without {', '.join(dict.fromkeys(wants))}, not found)" if wants else ""
+    fault = f"xacro: {answer['error']}{within}{after}; {RUN_IT}"
+    place = str(answer.get("file") or path)
+    lines = [format_finding(place, Finding("error", answer.get("line"), fault))]
+    return lines + _choosing(answer)
+
+
+def _choosing(answer: Answer) -> list[str]:
+    """Return lines on the arguments whose defaults are part of the path of a missing file."""
+    path = Path(answer.get("no_file", ""))
+    lines = []
+    for each in declared_arguments(answer):
+        at = next((k for k, part in enumerate(path.parts) if _stem(part) == each.default), None)
+        if at is not None:
+            (line,), choices = listed([each]), _choices(path, at)
+            lines.append(line + (f"; there are {', '.join(choices)}" if choices else ""))
+    return lines
+
+
+def _choices(path: Path, at: int) -> list[str]:
+    """Return what a part of a path may be so that there is a file, at most MAX_CHOICES of it.
+
+    Args:
+        path: The path, where there is none.
+    """
+    folder, rest = Path(*path.parts[:at]), path.parts[at + 1 :]
+    try:
+        names = sorted(each.name for each in islice(folder.iterdir(), MAX_LISTED))
+    except OSError:
+        return []
+    if rest:
+        return [name for name in names if Path(folder, name, *rest).is_file()][:MAX_CHOICES]
+    alike = [name for name in names if Path(name).suffixes == path.suffixes]
+    return [_stem(name) for name in alike][:MAX_CHOICES]
+
+
+def _stem(name: str) -> str:
+    """Return a file's name up to its first dot."""
+    return name.partition(".")[0]
+
+
+def _by_package(wants: Iterable[Any]) -> dict[str, list[Place]]:
+    """Return the places that want each package."""
+    found: dict[str, list[Place]] = defaultdict(list)
+    for package, file, line, _ in wants:
+        found[package].append((file, line))
+    return found
+
+
+def _places(places: Iterable[Place], path: Path) -> str:
+    """Return places in few words; files are named without their folders."""
+    said = (f"{_short(file, path)}:{line}" if line else _short(file, path) for file, line in places)
+    return ", ".join(dict.fromkeys(said))
+
+
+def _short(file: str, path: Path) -> str:
+    return Path(file or path).name
+
+
+@dataclass(frozen=True)
+class XacroArgument:
+    """An argument that a file of xacro declares.
+
+    Attributes:
+        name: Its name.
+        default: What it is if nobody gives it, as it is written; None: somebody has to.
+        file: The file that declares it.
+        line: The line there.
+    """
+
+    name: str
+    default: str | None
+    file: str
+    line: int
+
+
+def declared_arguments(answer: Answer) -> tuple[XacroArgument, ...]:
+    """Return the arguments that an answer tells; of one declared twice, the first counts."""
+    found: dict[str, XacroArgument] = {}
+    for each in answer["arguments"]:
+        found.setdefault(each[0], XacroArgument(*each))
+    return tuple(found.values())
+
+
+def missing_argument(path: Path, answer: Answer) -> list[str]:
+    """Return the lines of the message on an argument that nobody gives, with those declared."""
+    name, declared = answer["argument"], declared_arguments(answer)
+    names = [each.name for each in declared]
+    hint = _nearest(name, names) if name not in names else ", for it is declared too late"
+    fault = f'xacro: argument "{excerpt(name)}" has no value; add {name}:=VALUE{hint}'
+    place = str(answer.get("file") or path)
+    lines = [format_finding(place, Finding("error", answer["line"], fault))]
+    return lines + listed(declared)
+
+
+def missing_variable(path: Path, answer: Answer) -> list[str]:
+    """Return the message on a variable of the environment that nobody gives."""
+    name = excerpt(answer["variable"])
+    fault = f'xacro: environment variable "{name}" has no value, for a file sees none of yours'
+    finding = Finding("error", answer.get("line"), f"{fault}; add {ENVIRONMENT}{name}:=VALUE")
+    return [format_finding(str(answer.get("file") or path), finding)]
+
+
+def unused_arguments(path: Path, answer: Answer, settings: ReadSettings) -> list[str]:
+    """Return the lines of the message on given arguments that nothing declares or looks up."""
+    declared = declared_arguments(answer)
+    names = [each.name for each in declared]
+    variables = [name for name in settings.xacro_args if name.startswith(ENVIRONMENT)]
+    strange = [name for name in variables if name.removeprefix(ENVIRONMENT) not in answer["asked"]]
+    unknown = [name for name in answer["unused"] if name not in names]
+    lines = [
+        format_finding(
+            str(path),
+            Finding("error", None, f'no file declares the argument "{excerpt(name)}"'
+                    f"{_nearest(name, names) or '; leave it out'}"),
+        )
+        for name in unknown
+    ]  # fmt: skip
+    lines += [] if lines == [] else listed(declared)
+    for name in strange:
+        fault = f'no expression asks for "{excerpt(name)}"'
+        fault += (
+            _nearest(name, [ENVIRONMENT + each for each in answer["asked"]]) or "; leave it out"
+        )
+        lines.append(format_finding(str(path), Finding("error", None, fault)))
+    return lines
+
+
+def listed(declared: Iterable[XacroArgument]) -> list[str]:
+    """Return a line for each argument that is declared."""
+    return [
+        format_finding(
+            each.file,
+            Finding("info", each.line, f"declares {each.name}, " + (
+                "without a default" if each.default is None
+                else f'which is "{excerpt(each.default)}" by default')),
+        )
+        for each in declared
+    ]  # fmt: skip
+
+
+def _nearest(name: str, names: Iterable[str]) -> str:
+    near = get_close_matches(name, list(names), n=1, cutoff=0.5)
+    return f"; did you mean {near[0]}?" if near else ""

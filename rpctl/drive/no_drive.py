@@ -1,0 +1,229 @@
+"""Why a robot has no detectable drive, which joints are almost wheels, and what to write."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
+from rpctl.description.records import Joint, Shape
+from rpctl.drive.drive import POWERED_CASTERS
+from rpctl.drive.drive_file import suggest
+from rpctl.drive.evidence import Evidence
+from rpctl.drive.leftovers import MAX_LISTED, lock_option
+from rpctl.drive.wheel_size import round_parts
+from rpctl.drive.wheels import (
+    WheelCandidate,
+    ground_tolerance,
+    is_named_wheel,
+    mostly_left,
+    parallel,
+)
+
+NEEDS = {
+    "differential": "one pair of wheels on one axle, held by the root link, and none steered",
+    "skid-steer": "two or more pairs of wheels, held by the root link, and none steered",
+    "mecanum": "two pairs of wheels, held by the root link, and none steered",
+    "omni": "three or more wheels, held by the root link, and none steered",
+    "bicycle": "a wheel that the root link holds, and a steered one",
+    "tricycle": "a pair of wheels that the root link holds, and a steered wheel",
+    "car-like": "wheels that the root link holds, and two or more steered ones",
+    "steered": "two or more steered wheels, and none that the root link holds",
+    POWERED_CASTERS: "wheels that all trail upright joints, and none that the root link holds",
+}
+UNSTEERED = ("differential", "skid-steer", "mecanum", "omni")
+
+
+def explain_no_drive(evidence: Evidence, kind: str | None) -> str:
+    """Return why no drive was found, and what to write to have one.
+
+    Args:
+        kind: Type of the drive that was asked for, or None.
+    """
+    grounded = evidence.grounded
+    message = f"{evidence.description.path}: no {kind or 'known'} drive: "
+    if kind is not None:
+        message += f"it takes {NEEDS[kind]}; "
+    if evidence.pairs or evidence.swivels:
+        message += _counts(evidence)
+    elif grounded.wheels:
+        message += (
+            f"no two wheels share one axle; joints on a level axis: {_wheel_places(evidence)}"
+        )
+    else:
+        message += "no joint could carry a wheel"
+    message += "".join(f"; {reason}" for reason in grounded.rejected) + _ways_out(evidence, kind)
+    return message
+
+
+def _ways_out(evidence: Evidence, kind: str | None) -> str:
+    """Return what to write to have a drive, as the end of the message."""
+    message, grounded = "", evidence.grounded
+    fix = _fixes(evidence)
+    if fix:
+        arm = "" if grounded.wheels else "; or say --drive fixed for an arm"
+        return f"{message}; {fix}{arm}"
+    if not grounded.wheels:
+        return (
+            f"{message}; it needs continuous joints about level axles that reach the ground, held "
+            f'by the root link "{evidence.description.root}"; make the wheels\' joints '
+            'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
+        )
+    if kind in UNSTEERED and evidence.steered:
+        names = [swivel.joint.name for swivel in evidence.steered]
+        message += f"; {lock_option(evidence.tree, names)} holds what steers"
+    if kind is None and evidence.trailing:
+        message += (
+            "; all of them trail, and nothing tells that motors drive them: say --drive "
+            f"{POWERED_CASTERS} if motors do"
+        )
+    if kind is None and len(evidence.pairs) > 1 and not evidence.steered:
+        message += "; nothing in a URDF tells skid-steer from mecanum wheels"
+    return (
+        f"{message}; say which it is, a drive file to start from (--drive FILE):\n"
+        + _drive_file_draft(evidence, kind)
+    )
+
+
+def _counts(evidence: Evidence) -> str:
+    """Return the pairs and the swivels, in words."""
+    pairs = evidence.pairs
+    listed = "; ".join(" + ".join(w.joint.name for w in pair) for pair in pairs[:MAX_LISTED])
+    axles = f"{len(pairs)} pair{'s' * (len(pairs) != 1)} of wheels on one axle"
+    axles += f" ({listed})" if pairs else ""
+    lone = [line[0].joint.name for line in evidence.lines if len(line) == 1]
+    axles += f", on their own: {', '.join(lone[:MAX_LISTED])}" if lone else ""
+    turning = [f"{s.joint.name} ({s.role})" for s in evidence.swivels[:MAX_LISTED]]
+    return axles + (f", wheels on swivels: {', '.join(turning)}" if turning else "")
+
+
+def _wheel_places(evidence: Evidence) -> str:
+    return ", ".join(
+        f'"{c.joint.name}" (line {c.joint.line}, axle {(np.round(c.axle, 3) + 0.0).tolist()} '
+        f"at {(np.round(c.origin, 3) + 0.0).tolist()})"
+        for c in evidence.grounded.wheels[:MAX_LISTED]
+    )
+
+
+def _fixes(evidence: Evidence) -> str:
+    """Return changes to the URDF or the options that would let a drive be detected, or nothing."""
+    ways = _turned_axes(evidence.fixed) if not evidence.pairs else []
+    still = [] if evidence.pairs else wheels_on_fixed_joints(evidence.tree)
+    if still:
+        ways.append(f"wheels are held by fixed joints; make {'; '.join(still)}")
+    left = evidence.leftovers
+    ways += [f'"{each.joint.name}" {each.why}; {each.edit}' for each in left if each.edit]
+    holding = dict.fromkeys(name for each in left for name in each.hold)
+    if holding:
+        hanging = ", ".join(each.joint.name for each in left if each.hold)
+        ways.append(
+            f"{hanging} hang on joints that can move; hold these: "
+            f"{lock_option(evidence.tree, list(holding))}"
+        )
+    return "; ".join(ways)
+
+
+def _turned_axes(candidates: tuple[WheelCandidate, ...]) -> list[str]:
+    """Return what to write where the axles of two wheels lie across the line that joins them."""
+    advice = []
+    for a, b in combinations(candidates, 2):
+        line = a.origin - b.origin
+        line = line / (np.linalg.norm(line) or 1.0)
+        if parallel(a, b) and max(abs(float(a.axle @ line)), abs(line[2])) < MAX_TILT_SINE:
+            left = line if mostly_left(line) > 0 else -line
+            axes = (
+                f'"{c.joint.name}" <axis xyz="{format_vector(c.frame.T @ left)}"/>' for c in (a, b)
+            )
+            advice.append(
+                f"their axles lie across the line that joins them: give {', '.join(axes)}"
+            )
+    return advice
+
+
+def _drive_file_draft(evidence: Evidence, kind: str | None) -> str:
+    """Return a drive file of what was found."""
+    roles = {swivel.joint.name: swivel.role for swivel in evidence.swivels}
+    guess = "skid-steer" if len(evidence.pairs) > 1 else "differential"
+    swivelling = POWERED_CASTERS if evidence.trailing else "steered"
+    guess = guess if evidence.pairs else swivelling
+    wheels = {wheel.joint.name: wheel.radius for wheel in evidence.grounded.wheels}
+    return suggest(kind or guess, wheels, roles)
+
+
+def wheels_on_fixed_joints(tree: FrozenTree) -> list[str]:
+    """Return the change that turns each wheel on a fixed joint into a continuous joint.
+
+    Such a wheel is a leaf of the tree that the root link holds, rigidly or by upright joints: a
+    level cylinder on the ground, or meshes that a name calls a wheel.
+    """
+    advice = []
+    floor = tree.floor
+    for joint in tree.description.joints:
+        if joint.kind != "fixed" or tree.description.child_joints[joint.child]:
+            continue
+        if not all(map(tree.is_upright, tree.free_joints(joint.parent))):
+            continue
+        pose = tree.pose(joint.child)
+        axle = _level_cylinder(_shapes(tree, joint), pose, floor)
+        if axle is not None:
+            left = axle if mostly_left(axle) > 0 else -axle
+            axis = f'<axis xyz="{format_vector(pose[:3, :3].T @ left)}"/>'
+        elif is_named_wheel(joint) and _only_meshes(_shapes(tree, joint)):
+            axis = "its axle as <axis>"
+        else:
+            continue
+        advice.append(f'"{joint.name}" (line {joint.line}) type="continuous" with {axis}')
+    return advice
+
+
+def misaligned_axes(tree: FrozenTree, candidates: tuple[WheelCandidate, ...]) -> list[str]:
+    """Return a corrected <axis> for each wheel whose joint axis lies across its cylinder's axis.
+
+    A URDF without an <axis> has (1 0 0), wherever the wheel points.
+    """
+    advice = []
+    for candidate in candidates:
+        joint = candidate.joint
+        if round_parts(tree, joint):
+            continue
+        for shape in _shapes(tree, joint):
+            axle = candidate.frame @ shape.origin[:3, 2]
+            tilt = max(abs(float(axle @ candidate.axle)), abs(axle[2]))
+            if shape.kind == "cylinder" and tilt <= MAX_TILT_SINE:
+                left = axle if mostly_left(axle) > 0 else -axle
+                axis = format_vector(candidate.frame.T @ left)
+                advice.append(f'"{joint.name}" (line {joint.line}) <axis xyz="{axis}"/>')
+                break
+    return advice
+
+
+def format_vector(vector: Array) -> str:
+    """Return a vector (3,) as a URDF has it."""
+    return " ".join(f"{value:.6g}" for value in np.round(vector, 6) + 0.0)
+
+
+def _shapes(tree: FrozenTree, joint: Joint) -> tuple[Shape, ...]:
+    link = tree.description.link[joint.child]
+    return link.collisions + link.visuals
+
+
+def _only_meshes(shapes: tuple[Shape, ...]) -> bool:
+    return bool(shapes) and all(shape.kind == "mesh" for shape in shapes)
+
+
+def _level_cylinder(shapes: tuple[Shape, ...], pose: Array, floor: float) -> Array | None:
+    """Return the axle (3,) of the level cylinder that reaches the floor (m), or None.
+
+    ``pose`` (4, 4) is the link's whose shapes they are.
+    """
+    for shape in shapes:
+        place = pose @ shape.origin
+        axle = np.asarray(place[:3, 2])
+        if shape.kind != "cylinder" or abs(axle[2]) > MAX_TILT_SINE:
+            continue
+        radius = shape.size[0]
+        if float(place[2, 3]) - radius - floor <= ground_tolerance(radius):
+            return axle
+    return None

@@ -1,0 +1,349 @@
+"""PyBullet as the referee asks it: what it loads, by default and mended."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.arrays import Array
+from rpctl.dynamics.stance import find_supports
+from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_shapes
+from rpctl.engines.engine import EngineFault, EngineMissing, LinkMotion, Switch, Switches
+from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
+from rpctl.equivalence.contact.shapes import Tyre
+from rpctl.libraries import library
+from rpctl.robot.coordinates import read_root
+from rpctl.robot.model import Robot
+
+OUT, ERR = 1, 2  # descriptors
+DEFAULT_STEP = 1.0 / 240.0  # s
+MENDED_STEP = DEFAULT_STEP / 8.0  # s
+SOLVER_ITERATIONS = 500  # a step; 50 by default
+RESIDUAL = 1e-12  # at which the solver stops
+SINK_M = 1e-4  # by which a mended contact yields under its part of the weight
+GEAR_ERP = 0.5  # share of a mimic joint's error that a step takes away
+GEAR_FORCE = 1e4  # N·m or N: a mimic joint gives way above it
+PLANE_FRICTION = 1.0  # of plane.urdf; PyBullet multiplies the coefficients of a pair
+DIALECT = Dialect(
+    name="PyBullet",
+    meshes=(".stl", ".obj", ".dae"),
+    crowned=lambda tread: _sphere(tread),
+    massless='<inertial><mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
+    "</inertial>",
+)
+
+
+@contextmanager
+def captured() -> Iterator[list[str]]:
+    """Let nothing reach the descriptors of stdout and stderr; the lines are in the list at the end.
+
+    Python's own writing is flushed before and after, so that it is neither lost nor moved.
+    """
+    lines: list[str] = []
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    kept = {number: os.dup(number) for number in (OUT, ERR)}
+    with tempfile.TemporaryFile() as file:
+        try:
+            for number in kept:
+                os.dup2(file.fileno(), number)
+            yield lines
+        finally:
+            for number, old in kept.items():
+                os.dup2(old, number)
+                os.close(old)
+            file.seek(0)
+            lines += file.read().decode(errors="replace").splitlines()
+
+
+def load_pybullet() -> Any:
+    """Return a client of PyBullet with a world of its own.
+
+    Raises:
+        EngineMissing: It is not installed.
+    """
+    try:
+        with captured():  # it prints when it was built
+            clients = library("pybullet_utils.bullet_client")
+            return clients.BulletClient(library("pybullet").DIRECT)
+    except ImportError as error:
+        raise EngineMissing(f"PyBullet: {error}; pip install 'rpctl[bullet]'") from error
+
+
+class BulletRun(UrdfRun):
+    """A client of PyBullet with a plane and one robot, from its start on.
+
+    Args:
+        robot: The robot.
+        q: Configuration (nq,).
+        switches: What is mended.
+        friction: Between wheels and ground, where ``friction`` is mended.
+
+    Raises:
+        EngineFault: PyBullet refuses the robot.
+    """
+
+    engine = "PyBullet"
+
+    def __init__(self, robot: Robot, q: Array, switches: Switches, friction: float) -> None:
+        step = MENDED_STEP if switches.mended("timestep") else DEFAULT_STEP
+        super().__init__(robot, q, switches, step)
+        self._p = p = load_pybullet()
+        p.setTimeStep(step)
+        p.setGravity(*robot.model.gravity.linear.tolist())
+        p.setPhysicsEngineParameter(enableConeFriction=int(not switches.mended("cone")))
+        if switches.mended("softness"):
+            p.setPhysicsEngineParameter(
+                solverResidualThreshold=RESIDUAL, numSolverIterations=SOLVER_ITERATIONS
+            )
+        self._plane = p.createMultiBody(0.0, p.createCollisionShape(p.GEOM_PLANE))
+        p.changeDynamics(self._plane, -1, lateralFriction=PLANE_FRICTION)
+        self._body = self._load(q, switches)
+        self._links = {p.getBodyInfo(self._body)[0].decode(): -1}
+        self._numbers: dict[str, int] = {}
+        for number in range(p.getNumJoints(self._body)):
+            info = p.getJointInfo(self._body, number)
+            self._links[info[12].decode()] = number
+            if info[2] != p.JOINT_FIXED:
+                self._numbers[info[1].decode()] = number
+        for name in robot.entries:
+            p.resetJointState(self._body, self._numbers[name], robot.joint_position(q, name))
+        self._mend(switches, friction)
+
+    def _load(self, q: Array, switches: Switches) -> int:
+        edited = edit_urdf(self.robot, switches, DIALECT)
+        self.notes = edited.notes
+        flags = self._p.URDF_USE_INERTIA_FROM_FILE if switches.mended("inertia") else 0
+        x, y, theta = read_root(q)
+        turn = (0.0, 0.0, math.sin(0.5 * theta), math.cos(0.5 * theta))
+        place, refusal = (x, y, -self.robot.drive.ground), None
+        with tempfile.TemporaryDirectory() as folder, captured() as printed:
+            path = Path(folder) / "robot.urdf"
+            path.write_text(edited.text, encoding="utf-8")
+            try:
+                return int(self._p.loadURDF(str(path), place, turn, flags=flags))
+            except self._p.error as error:
+                refusal = error
+        raise EngineFault(f"PyBullet refuses {self.robot.name}: {' '.join(printed) or refusal}")
+
+    def _set(self, links: Iterable[int], **values: float) -> None:
+        for link in links:
+            self._p.changeDynamics(self._body, link, **values)
+
+    def _mend(self, switches: Switches, friction: float) -> None:
+        p, robot, every = self._p, self.robot, (*self._links.values(),)
+        none = {"spinningFriction": 0.0, "rollingFriction": 0.0}
+        if switches.mended("friction"):
+            self._set(every, lateralFriction=friction / PLANE_FRICTION, **none)
+        if switches.mended("caster"):
+            supports = [self._links[link] for link in self._named.carriers]
+            self._set(supports, lateralFriction=0.0, **none)
+        if switches.mended("softness"):
+            part = robot.mass / len(self.contacts)
+            stiffness = part * float(np.linalg.norm(robot.model.gravity.linear)) / SINK_M
+            damping = 2.0 * math.sqrt(stiffness * part)
+            self._set(every, contactStiffness=stiffness, contactDamping=damping)
+        if switches.mended("losses"):
+            self._set(every, linearDamping=0.0, angularDamping=0.0)
+            for name in robot.entries:
+                losses, k, number = robot.losses, robot.velocity_index(name), self._numbers[name]
+                self._set(
+                    [number], jointDamping=0.0 if losses is None else float(losses.damping[k])
+                )
+                dry = 0.0 if losses is None else float(losses.friction[k])
+                p.setJointMotorControl2(
+                    self._body, number, p.VELOCITY_CONTROL, targetVelocity=0.0, force=dry
+                )
+        if switches.mended("mimic"):
+            self._gear()
+
+    def _gear(self) -> None:
+        """Tie mimic joints to those that they follow."""
+        p, numbers, origin = self._p, self._numbers, (0.0, 0.0, 0.0)
+        for joint in self.robot.mimics:
+            if joint.mimic is None or joint.mimic.joint not in numbers:
+                continue
+            ends = self._body, numbers[joint.name], self._body, numbers[joint.mimic.joint]
+            gear = p.createConstraint(*ends, p.JOINT_GEAR, (0.0, 0.0, 1.0), origin, origin)
+            p.changeConstraint(
+                gear,
+                gearRatio=-joint.mimic.multiplier,
+                relativePositionTarget=joint.mimic.offset,
+                erp=GEAR_ERP,
+                maxForce=GEAR_FORCE,
+            )
+
+    def stride(self, dt: float) -> float:
+        """Return for how long efforts may hold in ``dt`` (s): PyBullet forgets them."""
+        return self.step
+
+    def exert(self, efforts: Mapping[str, float]) -> None:
+        """Go on to ``t`` under efforts (N·m or N, by joint)."""
+        numbers, forces = [self._numbers[name] for name in efforts], list(efforts.values())
+        self._p.setJointMotorControlArray(
+            self._body, numbers, self._p.TORQUE_CONTROL, forces=forces
+        )
+        self._p.stepSimulation()
+
+    def joints(self) -> dict[str, tuple[float, float]]:
+        """Return position and rate of the moving joints."""
+        names = list(self.robot.entries)
+        rows = self._p.getJointStates(self._body, [self._numbers[name] for name in names])
+        return {name: (row[0], row[1]) for name, row in zip(names, rows, strict=True)}
+
+    def _inertial(self, number: int) -> tuple[LinkMotion, float, Array, Array, Array]:
+        """Return how a link's inertial frame moves, its mass, moments (3,), and pose in the link.
+
+        That is the place (3,) of the centre of mass and the principal axes (3, 3).
+        """
+        p = self._p
+        if number < 0:
+            place, turn = p.getBasePositionAndOrientation(self._body)
+            velocity, omega = p.getBaseVelocity(self._body)
+        else:
+            row = p.getLinkState(self._body, number, 1, 1)
+            place, turn, velocity, omega = row[0], row[1], row[6], row[7]
+        motion = LinkMotion(_rotation(turn), np.array(place), np.array(velocity), np.array(omega))
+        info = p.getDynamicsInfo(self._body, number)
+        return motion, float(info[0]), np.array(info[2]), np.array(info[3]), _rotation(info[4])
+
+    def motion(self, link: str) -> LinkMotion:
+        """Return how a link's frame moves; PyBullet tells of its centre of mass."""
+        of, _, _, centre, axes = self._inertial(self._links[link])
+        rotation = of.rotation @ axes.T
+        arm = -rotation @ centre
+        velocity = of.velocity + np.cross(of.omega, arm)
+        return LinkMotion(rotation, of.origin + arm, velocity, of.omega)
+
+    def points(self) -> list[Point]:
+        """Return the contacts with the ground."""
+        names = {number: name for name, number in self._links.items()}
+        rows = self._p.getContactPoints(self._body, self._plane)
+        return [(names[row[3]], np.array(row[6]), row[9] * row[7][2]) for row in rows]
+
+    def energy(self) -> float:
+        """Return kinetic and potential energy, J."""
+        gravity, total = self.robot.model.gravity.linear, 0.0
+        for number in self._links.values():
+            of, mass, moments, _, _ = self._inertial(number)
+            turning = moments @ (of.rotation.T @ of.omega) ** 2
+            total += 0.5 * (mass * of.velocity @ of.velocity + turning) - mass * gravity @ of.origin
+        return float(total)
+
+
+def _rotation(turn: Sequence[float]) -> Array:
+    """Return the rotation (3, 3) of a quaternion (4,) x, y, z, w."""
+    return np.asarray(pin.Quaternion(np.array(turn)).matrix())
+
+
+def _sphere(tread: Tyre) -> str:
+    return f'<sphere radius="{tread.radius!r}"/>'
+
+
+def bullet_switches(robot: Robot) -> tuple[Switch, ...]:
+    """Return the switches that mean something in PyBullet, of a robot."""
+    found = [*_material(robot), *_solver()]
+    if edged_wheels(robot):
+        fault = "its wheels meet the plane with their width, and scrub"
+        setting = "give the wheels <sphere> as <collision>, of the wheels' radius"
+        found.append(Switch("wheel", fault, setting))
+    if find_supports(robot).parts:
+        fault = "its supports hold the ground with friction"
+        found.append(
+            Switch("caster", fault, "call changeDynamics(body, support, lateralFriction=0)")
+        )
+    if robot.mimics or robot.drive.followers:
+        fault = "it leaves mimic joints and tie rods loose"
+        setting = "call createConstraint(…, jointType=JOINT_GEAR) and changeConstraint(gearRatio=…)"
+        found.append(Switch("mimic", fault, setting))
+    if other_shapes(robot):
+        fault = "shapes besides wheels and supports can touch the plane"
+        setting = "call setCollisionFilterPair(body, plane, link, -1, 0) for them"
+        found.append(Switch("collisions", fault, setting))
+    return tuple(found)
+
+
+def _material(robot: Robot) -> list[Switch]:
+    """Return what concerns friction, inertia and losses."""
+    massless = [link.name for link in robot.description.links if link.mass is None]
+    root = robot.description.link[robot.description.root]
+    guess = "it guesses inertias from collision shapes"
+    if massless:
+        guess += f", lets {massless[0]}, which has none, weigh 1 kg"
+    if root.mass == 0.0:
+        guess += f", nails the robot to the world since {root.name} weighs nothing"
+    setting = "load it with flags=URDF_USE_INERTIA_FROM_FILE"
+    if massless or root.mass == 0.0:
+        setting += ", the root's own mass in <inertial>, and mass 0 where a fixed link has none"
+    return [
+        Switch(
+            "losses",
+            "a velocity motor holds each joint still, and the bodies of all links are braked by"
+            " damping .04",
+            "call setJointMotorControl2(body, joint, VELOCITY_CONTROL, force=0) and"
+            " changeDynamics(body, link, linearDamping=0, angularDamping=0)",
+        ),
+        Switch("inertia", guess, setting),
+        Switch(
+            "friction",
+            "its coefficient of friction is .5",
+            "call changeDynamics(body, wheel, lateralFriction=MU)",
+        ),
+    ]
+
+
+def _solver() -> list[Switch]:
+    """Return what concerns steps and the solver.
+
+    The pyramid that stands for the cone lies along the world's axes: it is right while nothing
+    slips, and steers what slips towards them.
+    """
+    return [
+        Switch(
+            "cone",
+            "its implicit friction cone lets the wheels of an axle push against each other until"
+            " they slip",
+            "call setPhysicsEngineParameter(enableConeFriction=0)",
+        ),
+        Switch(
+            "timestep",
+            f"its step is {1e3 * DEFAULT_STEP:.2g} ms",
+            f"call setTimeStep(1/{round(1.0 / MENDED_STEP)})",
+        ),
+        Switch(
+            "softness",
+            "its solver stops after 50 iterations",
+            f"call setPhysicsEngineParameter(numSolverIterations={SOLVER_ITERATIONS},"
+            " solverResidualThreshold=1e-12)",
+        ),
+    ]
+
+
+@dataclass(frozen=True)
+class BulletEngine(UrdfEngine):
+    """PyBullet, as ``loadURDF`` with its defaults leaves a robot."""
+
+    name: str = "PyBullet"
+    tick: float = DEFAULT_STEP
+    module: str = "pybullet"
+    distribution: str = "pybullet"
+    extra: str = "bullet"
+
+    def switches(self, robot: Robot) -> tuple[Switch, ...]:
+        """Return the switches that mean something here, of this robot."""
+        return bullet_switches(robot)
+
+    def run(self, robot: Robot, q: Array, switches: Switches, friction: float) -> BulletRun:
+        """Return the robot at rest at q (nq,), whatever its wheels are."""
+        return BulletRun(robot, q, switches, friction)

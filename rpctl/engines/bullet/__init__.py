@@ -1,1 +1,0 @@
-"""PyBullet as an engine of the referee."""

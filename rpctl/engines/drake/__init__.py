@@ -1,1 +1,0 @@
-"""Drake as an engine of the referee."""

@@ -1,0 +1,163 @@
+"""What an exported file says of itself: what it was made of, what it means, what was compared.
+
+It stands in the file as custom texts: short ones for readers, and all of it once, as JSON that is
+compressed and written in base64. It tells an accident from the original; it is no signature, for
+who edits a file can also write a new certificate.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+import re
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from rpctl.engines.mujoco.equations import Witness, as_plain, from_plain
+from rpctl.engines.mujoco.mjcf_reader import Table
+from rpctl.engines.mujoco.mjcf_writer import Part
+from rpctl.errors import InputError
+from rpctl.files.strict_json import read_json
+
+SCHEMA = 1
+TEXT = "rpctl_certificate"
+UNSAVED = re.compile("[\"'<>&]")  # signs of texts that MuJoCo saves so that it cannot read them
+MAX_CERTIFICATE_BYTES = 64 * 2**20  # of its JSON; TIAGo's has 150 kB
+
+
+@dataclass(frozen=True)
+class MjcfCertificate:
+    """The certificate of an exported file.
+
+    Attributes:
+        robot: Name of the robot.
+        source: What it was loaded from.
+        urdf: Digest of its URDF.
+        model: Digest of its model's numbers.
+        made_with: Versions of what wrote the file.
+        settings: Friction, and how the wheels meet the ground.
+        checks: The rows that passed when the file was written.
+        verified: Digest and size of the certificate of :func:`rpctl.verify`.
+        table: What the file means, element by element.
+        witness: The reduced model's numbers.
+        facts: How to load the robot again; empty where nobody gave them.
+    """
+
+    robot: str
+    source: str
+    urdf: str
+    model: str
+    made_with: Mapping[str, str]
+    settings: Mapping[str, Any]
+    checks: tuple[Mapping[str, Any], ...]
+    verified: Mapping[str, Any]
+    table: Table = field(repr=False)
+    witness: Witness = field(repr=False)
+    facts: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def digest(self) -> str:
+        """Digest of all of it."""
+        return hashlib.sha256(self._json()).hexdigest()
+
+    @property
+    def content(self) -> str:
+        """Digest of what the file means."""
+        return hashlib.sha256(json.dumps(self.table, separators=(",", ":")).encode()).hexdigest()
+
+    def _json(self) -> bytes:
+        plain = {**vars(self), "schema": SCHEMA, "witness": as_plain(self.witness)}
+        return json.dumps(plain, separators=(",", ":"), sort_keys=False).encode()
+
+    def parts(self, how: str) -> list[Part]:
+        """Return the custom texts of the file.
+
+        Args:
+            how: How the sensors make the controller's state, in words.
+        """
+        texts = {
+            "rpctl_robot": self.robot,
+            "rpctl_version": ", ".join(f"{name} {is_}" for name, is_ in self.made_with.items()),
+            "rpctl_urdf_sha256": self.urdf,
+            "rpctl_model": self.model,
+            "rpctl_content_sha256": self.content,
+            "rpctl_certificate_sha256": self.digest,
+            "rpctl_settings": ", ".join(f"{name} {is_}" for name, is_ in self.settings.items()),
+            "rpctl_sensors": how,
+            TEXT: base64.b64encode(zlib.compress(self._json(), 9)).decode(),
+        }
+        return [
+            Part("text", {"name": name, "data": UNSAVED.sub("_", text) or "_"})
+            for name, text in texts.items()
+        ]
+
+
+def find_certificate(texts: Mapping[str, str], path: object) -> MjcfCertificate:
+    """Return the certificate among the custom texts of a file.
+
+    Raises:
+        InputError: There is none, or it is damaged.
+    """
+    packed = texts.get(TEXT)
+    if packed is None:
+        raise InputError(
+            path,
+            "no certificate of rpctl is in it: it was not written by `rpctl export`, or its "
+            "<custom> was removed; export the robot again",
+        )
+    try:
+        data = _unpacked(packed)
+        plain = read_json(data.decode("utf-8"))
+        certificate = _from_plain(plain)
+    except (ValueError, KeyError, TypeError, AttributeError, zlib.error, binascii.Error) as fault:
+        raise InputError(path, f"its certificate is damaged ({fault}); export again") from None
+    told = texts.get("rpctl_certificate_sha256")
+    if told != hashlib.sha256(data).hexdigest():
+        raise InputError(path, "its certificate was edited: its digest is another; export again")
+    return certificate
+
+
+def _unpacked(packed: str) -> bytes:
+    """Return the bytes of a packed text.
+
+    Raises:
+        ValueError: They are too many.
+    """
+    unpacker = zlib.decompressobj()
+    data = unpacker.decompress(base64.b64decode(packed, validate=True), MAX_CERTIFICATE_BYTES)
+    if unpacker.unconsumed_tail or not unpacker.eof:
+        raise ValueError("it is cut off or too long")
+    return data
+
+
+def _from_plain(plain: Any) -> MjcfCertificate:
+    if plain.pop("schema") != SCHEMA:
+        raise ValueError("it is of another version of rpctl")
+    _require_table(plain["table"])
+    plain["witness"] = from_plain(plain["witness"])
+    plain["checks"] = tuple(dict(check) for check in plain["checks"])
+    for name in ("made_with", "settings", "verified", "facts"):
+        plain[name] = dict(plain[name])
+    for name in ("robot", "source", "urdf", "model"):
+        if not isinstance(plain[name], str):
+            raise TypeError(f"{name} is no text")
+    return MjcfCertificate(**plain)
+
+
+def _require_table(table: Any) -> None:
+    """Refuse what is no table.
+
+    Raises:
+        TypeError: It is none.
+    """
+    for kind in table.values():
+        for fields in kind.values():
+            for value in fields.values():
+                if not isinstance(value, str) and not (
+                    isinstance(value, list) and all(isinstance(v, float | int | str) for v in value)
+                ):
+                    raise TypeError("its table holds what is no value")

@@ -1,0 +1,385 @@
+"""What MuJoCo does with a robot's file by default, and what mends it, in a spec and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from rpctl.arrays import Array
+from rpctl.description.records import Shape
+from rpctl.drive.drive import Wheel
+from rpctl.drive.steering import follower_positions
+from rpctl.dynamics.stance import find_supports
+from rpctl.engines.engine import Switch, Switches
+from rpctl.engines.mujoco.bodies import (
+    body_inertia,
+    head_link,
+    link_fault,
+    place_in_body,
+    set_inertia,
+)
+from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.engines.mujoco.user_load import GROUND, PREFIX, geom_name
+from rpctl.equivalence.contact.model import IMPRATIO, SOLIMP, SOLREF, STEP_S
+from rpctl.equivalence.contact.mujoco_body import one_directional, quaternion
+from rpctl.equivalence.contact.shapes import geom_size, support_shapes, tyre
+from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.model import Robot
+
+MAX_TIED = 0.35  # rad of a leader: the referee steers by .3
+SELF, FLOOR = 1, 2  # bits of contype and conaffinity: the robot's own shapes, and the ground
+MAX_NAMED = 3  # names in a sentence
+SOLREF_WORDS = " ".join(f"{value:g}" for value in SOLREF)
+SOLIMP_WORDS = " ".join(f"{value:g}" for value in SOLIMP[:3])
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """What of a robot meets the ground in MuJoCo.
+
+    Attributes:
+        contacts: Names of the contacts, as ``Contacts.names``.
+        owner: Name of the contact of each geom, by the geom's name.
+        crowned: Name of the geom of each wheel that touches at one point, by its joint.
+        tied: Whether swivels follow another one by an equality.
+    """
+
+    contacts: tuple[str, ...]
+    owner: dict[str, str]
+    crowned: dict[str, str]
+    tied: bool
+
+
+def mend(spec: Any, robot: Robot, switches: Switches, friction: float) -> Touching:
+    """Mend what the switches say, and return what then meets the ground.
+
+    Args:
+        spec: The ``MjSpec``, of :func:`rpctl.engines.mujoco.user_load.load_as_user`.
+        robot: The robot.
+        switches: What is mended.
+        friction: Coefficient between the robot and the ground.
+    """
+    mender = _Mender(spec, robot, switches)
+    supports = list(support_shapes(robot, find_supports(robot)))
+    tied = switches.mended("mimic") and mender.tie()
+    mender.open_to_all()
+    for wheel in robot.drive.wheels:
+        mender.take_wheel(wheel)
+    for name, link, shape in supports:
+        mender.take_support(name, link, shape)
+    if switches.mended("collisions"):
+        mender.close()
+    mender.set_contacts(friction)
+    if switches.mended("inertia"):
+        mender.give_inertias()
+    wheels = [wheel.joint for wheel in robot.drive.wheels]
+    contacts = (*wheels, *(name for name, _, _ in supports))
+    return Touching(contacts, mender.owner, mender.crowned, tied)
+
+
+class _Mender:
+    """Edits the spec of a robot that a user loaded."""
+
+    def __init__(self, spec: Any, robot: Robot, switches: Switches) -> None:
+        self._spec, self._robot, self._switches = spec, robot, switches
+        self._mujoco = mujoco_library()
+        self.owner: dict[str, str] = {}
+        self.crowned: dict[str, str] = {}
+
+    def tie(self) -> bool:
+        """Tie swivels to the one that they follow; return whether there is one."""
+        ties = tie_polynomials(self._robot)
+        for name, coefficients in ties.items():
+            tie = self._spec.add_equality(name1=name, name2=self._robot.drive.steered[0].joint)
+            tie.type = self._mujoco.mjtEq.mjEQ_JOINT
+            tie.objtype = self._mujoco.mjtObj.mjOBJ_JOINT
+            tie.data[:5] = coefficients
+        return bool(ties)
+
+    def open_to_all(self) -> None:
+        """Let everything meet everything, as by default, with bits that can be told apart."""
+        for geom in self._spec.geoms:
+            geom.contype, geom.conaffinity = SELF, SELF | FLOOR
+        ground = self._spec.geom(GROUND)
+        ground.contype, ground.conaffinity = FLOOR, 0
+
+    def take_wheel(self, wheel: Wheel) -> None:
+        """Find the geoms of a wheel; where that is mended, give it a crown instead."""
+        robot = self._robot
+        drawn = [
+            geom_name(link, k)
+            for link in links_below(robot, robot.description.joint[wheel.joint].child)
+            for k in range(len(robot.description.link[link].collisions))
+        ]
+        # A ball that slides belongs to the casters.
+        crowned = self._switches.mended("caster" if wheel.slides else "wheel")
+        self._take(drawn, wheel.joint, replaced=crowned)
+        if crowned:
+            tread = tyre(robot, wheel)
+            size = [tread.radius, tread.radius, tread.half_width]
+            geom = self._touch(tread.link, wheel.joint, "ellipsoid", size, tread.pose)
+            self.crowned[wheel.joint] = geom.name
+
+    def take_support(self, name: str, link: str, shape: Shape) -> None:
+        """Find the geoms of a support; where that is mended, let another one slide instead."""
+        shapes, sliding = (
+            self._robot.description.link[link].collisions,
+            self._switches.mended("caster"),
+        )
+        drawn = [geom_name(link, k) for k, one in enumerate(shapes) if one.line == shape.line]
+        self._take(drawn, name, replaced=sliding)
+        if sliding:
+            self._touch(link, name, shape.kind, geom_size(shape), shape.origin).condim = 1
+
+    def _take(self, names: list[str], contact: str, *, replaced: bool) -> None:
+        """Make geoms the contact's, or keep them off the ground."""
+        for geom in filter(None, map(self._spec.geom, names)):
+            if replaced:
+                geom.conaffinity = SELF
+            else:
+                self.owner[geom.name] = contact
+
+    def _touch(self, link: str, name: str, kind: str, size: list[float], pose: Array) -> Any:
+        """Add a geom of a contact that meets the ground and nothing else, and weighs nothing."""
+        # On the body that moves: MuJoCo 3.14 misplaces what is added to links that it fuses.
+        head, place = place_in_body(self._robot, link)
+        pose, body = place @ pose, self._spec.body(PREFIX + head)
+        number = getattr(self._mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")
+        geom = body.add_geom(name=PREFIX + name, type=number, size=size)
+        geom.pos, geom.quat, geom.mass = pose[:3, 3], quaternion(pose), 0.0
+        geom.contype, geom.conaffinity, geom.priority = 0, FLOOR, 1
+        self.owner[geom.name] = name
+        return geom
+
+    def close(self) -> None:
+        """Let wheels and supports alone meet the ground, and nothing meet the robot."""
+        for geom in self._spec.geoms:
+            if geom.name != GROUND:
+                geom.contype = 0
+                geom.conaffinity = geom.conaffinity & FLOOR if geom.name in self.owner else 0
+
+    def set_contacts(self, friction: float) -> None:
+        """Set the cone, the friction, the softness and the step."""
+        spec, switches, option = self._spec, self._switches, self._spec.option
+        if switches.mended("cone"):
+            option.cone = self._mujoco.mjtCone.mjCONE_ELLIPTIC
+        if switches.mended("timestep"):
+            option.timestep = STEP_S
+        if switches.mended("softness"):
+            option.impratio = IMPRATIO
+            for soft in (*spec.geoms, *spec.equalities):
+                soft.solref, soft.solimp = SOLREF, SOLIMP
+            for joint in spec.joints:
+                joint.solref_friction = SOLREF
+        if switches.mended("friction"):
+            for geom in spec.geoms:
+                geom.friction[0] = friction
+        if switches.mended("mimic"):
+            for tie in spec.equalities:
+                tie.solref, tie.solimp = SOLREF, SOLIMP
+        option.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_ISLAND)  # contacts are edited
+
+    def give_inertias(self) -> None:
+        """Give each moving body the robot's inertia, those fixed to it none, joints rotors."""
+        spec, robot, compiler = self._spec, self._robot, self._spec.compiler
+        compiler.fusestatic = False  # nothing is left to fuse: what is fixed weighs nothing
+        compiler.balanceinertia, compiler.boundmass, compiler.boundinertia = False, 0.0, 0.0
+        compiler.inertiafromgeom = self._mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        for link in robot.description.links:
+            body = spec.body(PREFIX + link.name)
+            body.mass, body.ipos, body.inertia = 0.0, np.zeros(3), np.zeros(3)
+            body.fullinertia, body.explicitinertial = np.full(6, np.nan), True
+        for index in range(ROOT_JOINT, robot.model.njoints):
+            inertia, _ = body_inertia(robot, index)
+            set_inertia(spec.body(PREFIX + head_link(robot, index)), inertia)
+        for name in robot.moving_joint_names:
+            spec.joint(name).armature = float(robot.armature[robot.velocity_index(name)])
+
+
+def tie_polynomials(robot: Robot) -> dict[str, Array]:
+    """Return, by the joint of each swivel that follows a single one, MuJoCo's polycoef (5,).
+
+    Its angle is a polynomial of the leader's, within what the referee steers.
+    """
+    drive = robot.drive
+    if len(drive.steered) != 1:
+        return {}
+    leader = drive.steered[0].joint
+    grid = np.linspace(-MAX_TIED, MAX_TIED, 81)
+    places = [follower_positions(drive, {leader: angle}) for angle in grid.tolist()]
+    return {
+        swivel.joint: np.asarray(
+            polynomial.polyfit(grid, [place[swivel.joint] for place in places], 4), float
+        )
+        for swivel in drive.followers
+    }
+
+
+def links_below(robot: Robot, link: str) -> Iterator[str]:
+    """Yield a link and all that it carries."""
+    yield link
+    for joint in robot.description.child_joints[link]:
+        yield from links_below(robot, joint.child)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return a few names in words."""
+    more = len(names) - MAX_NAMED
+    shown = names if more < 1 else [*names[:MAX_NAMED], f"{more} more"]
+    *rest, last = shown
+    return f"{', '.join(rest)} and {last}" if rest else last
+
+
+def mujoco_switches(robot: Robot) -> Iterator[Switch]:
+    """Yield the switches that mean something in MuJoCo of a robot."""
+    yield _wheel(robot)
+    yield from _caster(robot)
+    yield Switch(
+        "cone",
+        "friction is a pyramid, stronger along some directions than along others",
+        'set <option cone="elliptic"/>',
+    )
+    yield Switch(
+        "friction",
+        "friction is MuJoCo's own coefficient, 1",
+        'set <geom friction="MU 0.005 0.0001"/> on the wheels and the ground',
+    )
+    yield from _inertia(robot)
+    yield Switch(
+        "softness",
+        "contacts are soft (solref 0.02 s): wheels sink and creep",
+        f'set <geom solref="{SOLREF_WORDS}" solimp="{SOLIMP_WORDS}"/> and <option impratio="0.1"/>',
+    )
+    yield Switch("timestep", "a step takes 2 ms", f'set <option timestep="{STEP_S:g}"/>')
+    yield from _mimic(robot)
+    yield from _losses(robot)
+    yield Switch(
+        "collisions",
+        "links that overlap push each other apart, or rest on the ground",
+        'set contype="0" conaffinity="0" on all but wheels and supports, or <contact><exclude/>',
+    )
+
+
+def _wheel(robot: Robot) -> Switch:
+    """Return the switch of the wheels' shape."""
+    wheels = [wheel for wheel in robot.drive.wheels if not wheel.slides]
+    treads = [tyre(robot, wheel) for wheel in wheels]
+    radius = max((tread.radius for tread in treads), default=0.0)
+    half = max((tread.half_width for tread in treads), default=0.0)
+    setting = (
+        f'make them <geom type="ellipsoid" size="{radius:.4g} {radius:.4g} {half:.4g}"/>, z along '
+        "the axle: crowned, they touch at one point"
+    )
+    bare = [wheel.joint for wheel in wheels if not _shapes(robot, wheel.joint)]
+    if bare:
+        return Switch("wheel", f"{listed(bare)} have no <collision> to roll on", setting)
+    if any(one_directional(robot, wheel) for wheel in wheels):
+        return Switch(
+            "wheel",
+            "solid wheels hold sideways where rollers would run",
+            "model each roller as a body on its own hinge, or turn the contact's frame between "
+            "mj_step1 and mj_step2",
+        )
+    kinds = sorted({kind for wheel in wheels for kind in _shapes(robot, wheel.joint)})
+    drawn = (
+        "hulls of meshes" if kinds == ["mesh"] else " and ".join(_plural(kind) for kind in kinds)
+    )
+    fault = f"wheels are {drawn} {2e3 * half:.3g} mm wide, which touch along a line and scrub"
+    return Switch("wheel", fault, setting)
+
+
+def _shapes(robot: Robot, joint: str) -> list[str]:
+    """Return the kinds of the shapes that a wheel's joint carries."""
+    links = links_below(robot, robot.description.joint[joint].child)
+    return [shape.kind for name in links for shape in robot.description.link[name].collisions]
+
+
+def _plural(kind: str) -> str:
+    return f"{kind}es" if kind.endswith(("x", "h")) else f"{kind}s"
+
+
+def _caster(robot: Robot) -> Iterator[Switch]:
+    """Yield the switch of what slides over the ground."""
+    parts = find_supports(robot).parts
+    names = [part.name for part in parts]
+    names += [wheel.joint for wheel in robot.drive.wheels if wheel.slides]
+    if not names:
+        return
+    bare = [
+        part.name
+        for part in parts
+        if all(s.line != part.line for s in robot.description.link[part.link].collisions)
+    ]
+    fault = f"{listed(names)} {'drag' if len(names) > 1 else 'drags'} with friction"
+    setting = 'set <geom condim="1" priority="1"/> there: they slide'
+    if bare:
+        have = "have" if len(bare) > 1 else "has"
+        fault = f"{listed(bare)} {have} no <collision>, so nothing bears there"
+        setting = f"draw them for collisions, too, and {setting.removesuffix(' there: they slide')}"
+    yield Switch("caster", fault, setting)
+
+
+def _inertia(robot: Robot) -> Iterator[Switch]:
+    links = robot.description.links
+    guessed = [link.name for link in links if link.mass is None and link.collisions]
+    unphysical = [link.name for link in links if link_fault(link)]
+    faults, settings = [], []
+    if guessed:
+        faults.append(f"{listed(guessed)} have no <inertial> and weigh 1000 kg/m³")
+        settings.append('set <compiler inertiafromgeom="false"/>')
+    if unphysical:
+        faults.append(f"the inertias of {listed(unphysical)} are unphysical and get changed")
+        settings.append("give the sum of the links fixed together to the body that moves")
+    if robot.armature.any():
+        faults.append("rotors have no inertia")
+        settings.append('set <joint armature="..."/> to that of the <transmission>')
+    if faults:
+        yield Switch("inertia", "; ".join(faults), "; ".join(settings))
+
+
+def _mimic(robot: Robot) -> Iterator[Switch]:
+    followers = [swivel.joint for swivel in robot.drive.followers]
+    if followers:
+        yield Switch(
+            "mimic",
+            f"nothing holds {listed(followers)} to the common centre of rotation",
+            _tie_setting(robot),
+        )
+    elif robot.mimics:
+        yield Switch(
+            "mimic",
+            f"{listed([joint.name for joint in robot.mimics])} follow softly",
+            f'set <equality><joint solref="{SOLREF_WORDS}" solimp="{SOLIMP_WORDS}"/></equality>',
+        )
+
+
+def _tie_setting(robot: Robot) -> str:
+    """Return how followers are tied: by MuJoCo's equality, where it can."""
+    ties = [
+        f'<joint joint1="{name}" joint2="{robot.drive.steered[0].joint}" '
+        f'polycoef="{" ".join(f"{c:.4g}" for c in polynomial)}"/>'
+        for name, polynomial in tie_polynomials(robot).items()
+    ]
+    if ties:
+        return f"set <equality>{''.join(ties)}</equality>"
+    return "pull them by stiff springs to the angles that the others fix"
+
+
+def _losses(robot: Robot) -> Iterator[Switch]:
+    given = any(joint.damping or joint.friction for joint in robot.description.joints)
+    if robot.losses is None and given:
+        yield Switch(
+            "losses",
+            "joints lose by the file's <dynamics>, which the model leaves out",
+            'set <joint damping="0" frictionloss="0"/>, or let the model lose as much',
+        )
+    elif robot.losses is not None:
+        yield Switch(
+            "losses",
+            "joints lose by the file's <dynamics>, or nothing",
+            'set <joint damping="..." frictionloss="..."/> to those of the model',
+        )

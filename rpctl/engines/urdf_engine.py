@@ -1,0 +1,246 @@
+"""What engines that read a URDF share: one shell, of which Drake and PyBullet are backends."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from importlib.util import find_spec
+
+import numpy as np
+import pinocchio as pin
+
+from rpctl.arrays import Array
+from rpctl.dynamics.stance import find_supports
+from rpctl.engines.engine import (
+    EngineFault,
+    EngineMissing,
+    EngineState,
+    LinkMotion,
+    Switch,
+    Switches,
+    wheel_slip,
+)
+from rpctl.equivalence.contact.mujoco_body import one_directional, tie_rod_efforts
+from rpctl.equivalence.contact.shapes import support_shapes
+from rpctl.robot.model import Robot
+
+NEAR_M = 0.02  # m: how far off the edge of a support's shape its contact may lie
+BANDWIDTH = 200.0  # rad/s of tie rods, against the inertia of the swivel that each turns
+STABLE = 0.2  # bandwidth times the step at which a spring that is pulled once a step stays stable
+MAX_SPEED = 1e4  # m/s: faster is no motion
+Point = tuple[str, Array, float]  # link that touches the ground, where (3,), upward force N
+
+
+class NamedContacts:
+    """The contacts of a robot by name, and which of them an engine's point belongs to.
+
+    Attributes:
+        names: The wheels' joints, then the supports, as ``Contacts.names``.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        wheels = [wheel.joint for wheel in robot.drive.wheels]
+        supports = find_supports(robot)
+        self.names = (*wheels, *(part.name for part in supports.parts))
+        self._wheel_of = {
+            link: wheels.index(joint)
+            for joint in wheels
+            for link, _ in robot.tree.rigid_links(robot.description.joint[joint].child)
+        }
+        self._supports_of: dict[str, list[tuple[int, Array, float]]] = {}
+        for name, link, shape in support_shapes(robot, supports):
+            row = (self.names.index(name), shape.origin[:3, 3], max(shape.size) + NEAR_M)
+            self._supports_of.setdefault(link, []).append(row)
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """Links that carry supports."""
+        return tuple(self._supports_of)
+
+    def loads(self, points: Iterable[Point], motions: Mapping[str, LinkMotion]) -> Array:
+        """Return the load of each contact (n,), N; what touches elsewhere is nobody's."""
+        load = np.zeros(len(self.names))
+        for link, place, force in points:
+            index = self._wheel_of.get(link)
+            if index is None:
+                index = self._support(link, place, motions)
+            if index is not None:
+                load[index] += force
+        return load
+
+    def _support(self, link: str, place: Array, motions: Mapping[str, LinkMotion]) -> int | None:
+        """Return the support of a link that is nearest to a point, if one is near."""
+        nearest, index = math.inf, None
+        for k, centre, reach in self._supports_of.get(link, ()):
+            motion = motions[link]
+            distance = math.dist((motion.rotation @ centre + motion.origin)[:2], place[:2])
+            if distance < min(nearest, reach):
+                nearest, index = distance, k
+        return index
+
+
+class UrdfRun(ABC):
+    """A robot in an engine, from its start on; an :class:`~rpctl.engines.engine.EngineRun`.
+
+    Args:
+        robot: The robot.
+        q: Where it starts (nq,).
+        switches: What is left as the engine's default, and what is mended.
+        step: Of the engine, s.
+
+    Attributes:
+        engine: Its name.
+        notes: What was left out, in sentences.
+    """
+
+    engine = ""
+    notes: tuple[str, ...] = ()
+
+    def __init__(self, robot: Robot, q: Array, switches: Switches, step: float) -> None:
+        self.robot, self.step, self.t = robot, step, 0.0
+        self._named = NamedContacts(robot)
+        self.contacts = self._named.names
+        tied = switches.mended("mimic") and robot.drive.followers
+        self.rods = follower_inertia(robot, q) if tied else {}  # of tie rods: what they turn
+
+    @abstractmethod
+    def joints(self) -> dict[str, tuple[float, float]]:
+        """Return position and rate of the moving joints."""
+
+    @abstractmethod
+    def motion(self, link: str) -> LinkMotion:
+        """Return how a link's frame moves."""
+
+    @abstractmethod
+    def points(self) -> list[Point]:
+        """Return the contacts with the ground."""
+
+    @abstractmethod
+    def energy(self) -> float:
+        """Return kinetic and potential energy, J."""
+
+    @abstractmethod
+    def exert(self, efforts: Mapping[str, float]) -> None:
+        """Go on to ``t`` under efforts (N·m or N, by joint)."""
+
+    def stride(self, dt: float) -> float:
+        """Return for how long efforts may hold in ``dt`` (s), where no rod pulls."""
+        return dt
+
+    def measured(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """Return positions (n,), rad or m, and rates (n,) of joints."""
+        joints = self.joints()
+        both = np.array([joints[name] for name in names]).reshape(-1, 2)
+        return both[:, 0], both[:, 1]
+
+    def advance(self, tau: Array, dt: float) -> None:
+        """Hold efforts (n_act,), N·m or N, for ``dt`` (s).
+
+        Raises:
+            EngineFault: The motion diverges.
+        """
+        efforts = dict(zip(self.robot.actuators, tau.tolist(), strict=True))
+        stride = self.step if self.rods else self.stride(dt)
+        for _ in range(round(dt / stride)):
+            self.t += stride
+            self.exert(self._with_rods(efforts))
+        if not np.linalg.norm(self.motion(self.robot.description.root).velocity) < MAX_SPEED:
+            raise EngineFault(f"{self.engine}'s motion of {self.robot.name} diverges")
+
+    def _with_rods(self, efforts: dict[str, float]) -> dict[str, float]:
+        """Return efforts and those of the rods, which pull anew in each step."""
+        if not self.rods:
+            return efforts
+        bandwidth = min(BANDWIDTH, STABLE / self.step)
+        rods = tie_rod_efforts(self.robot.drive, self.joints(), self.rods, bandwidth)
+        return efforts | {name: efforts.get(name, 0.0) + rod for name, rod in rods.items()}
+
+    def state(self) -> EngineState:
+        """Return the state now; loads are those of the last step."""
+        robot = self.robot
+        children = [robot.description.joint[wheel.joint].child for wheel in robot.drive.wheels]
+        links = (robot.description.root, *children, *self._named.carriers)
+        motions = {link: self.motion(link) for link in dict.fromkeys(links)}
+        root = motions[robot.description.root]
+        slip = [
+            wheel_slip(robot, wheel, motions[child])
+            for wheel, child in zip(robot.drive.wheels, children, strict=True)
+        ]
+        return EngineState(
+            t=self.t,
+            pose=np.array([*root.origin, *pin.Quaternion(root.rotation).coeffs()]),
+            joints=self.joints(),
+            load=self._named.loads(self.points(), motions),
+            slip=np.array(slip).reshape(-1, 2),
+            energy=self.energy(),
+        )
+
+
+@dataclass(frozen=True)
+class UrdfEngine(ABC):
+    """An engine that reads a URDF; :class:`rpctl.engines.engine.Engine` has the methods.
+
+    Attributes:
+        name: As its makers write it.
+        tick: How long efforts are held, s.
+        module: What is imported of it, when it starts.
+        distribution: The name of its package.
+        extra: What installs it.
+
+    Raises:
+        EngineMissing: It is not installed.
+    """
+
+    name: str
+    tick: float
+    module: str
+    distribution: str
+    extra: str
+
+    def __post_init__(self) -> None:
+        """Refuse where it is not installed; its library is imported when it starts."""
+        if find_spec(self.module) is None:
+            raise EngineMissing(f"{self.name} is not installed; pip install 'rpctl[{self.extra}]'")
+
+    @property
+    def version(self) -> str:
+        """The package's version."""
+        return version(self.distribution)
+
+    @abstractmethod
+    def switches(self, robot: Robot) -> tuple[Switch, ...]:
+        """Return the switches that mean something here, of this robot."""
+
+    @abstractmethod
+    def run(self, robot: Robot, q: Array, switches: Switches, friction: float) -> UrdfRun:
+        """Return the robot at rest at q (nq,), whatever its wheels are."""
+
+    def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> UrdfRun:
+        """Return the robot at rest at q (nq,), its wheels at the height of the ground.
+
+        Args:
+            robot: The robot.
+            q: Configuration (nq,).
+            switches: What is left as the engine's default, and what is mended.
+            friction: Coefficient between wheels and ground where ``friction`` is mended.
+
+        Raises:
+            EngineFault: The engine refuses the robot, or has nothing that rolls like its wheels:
+                its friction is the same in all directions.
+        """
+        held = [wheel for wheel in robot.drive.wheels if one_directional(robot, wheel)]
+        if switches.mended("wheel") and held:
+            sliding = f"wheel that slides sideways, as {held[0].joint} does"
+            what = "rollers" if robot.drive.type in ("mecanum", "omni") else sliding
+            raise EngineFault(f"{robot.name} is not compared in {self.name}: it has no {what}")
+        return self.run(robot, q, switches, friction)
+
+
+def follower_inertia(robot: Robot, q: Array) -> dict[str, float]:
+    """Return the inertia of each follower about its axis at q (nq,), kg·m²."""
+    M = pin.crba(robot.model, robot.model.createData(), q)
+    index = {swivel.joint: robot.velocity_index(swivel.joint) for swivel in robot.drive.followers}
+    return {name: float(M[i, i]) for name, i in index.items()}

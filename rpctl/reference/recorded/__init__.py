@@ -1,0 +1,1 @@
+"""References from a table of poses: splines in time through its rows, or near them."""

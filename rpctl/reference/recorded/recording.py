@@ -1,0 +1,268 @@
+"""A reference through a table's poses, and what became of the table on the way to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.reference.limits import Limits
+from rpctl.reference.path_reference import TimedPath, still
+from rpctl.reference.paths import Path
+from rpctl.reference.planned.curve import Goal
+from rpctl.reference.planned.reach import plan_reach
+from rpctl.reference.recorded.base import fit_base, spline_path, travel_direction
+from rpctl.reference.recorded.demands import Demand, Retimed, find_demands, retimed
+from rpctl.reference.recorded.row_fit import (
+    METRES_PER_RADIAN,
+    FittedSpline,
+    RowFit,
+    SmoothedColumns,
+    fit_spline,
+)
+from rpctl.reference.recorded.smoothing import Smoothed, on_knots
+from rpctl.reference.recorded.speeds import Jump, find_jumps, speed_faults
+from rpctl.reference.recorded.table_file import (
+    BASE_COLUMNS,
+    EE_COLUMNS,
+    HEADING,
+    POSE_COLUMNS,
+    QUATERNION,
+    Table,
+)
+from rpctl.reference.sizing import robot_length
+from rpctl.reference.splines import Curves
+from rpctl.reference.time_law import EDGE_TIME, EdgeTimeLaw
+from rpctl.robot.model import Robot
+
+MOST_TOLD = 3  # demands, and jumps, that are told in full
+
+
+def reference_from_table(
+    robot: Robot,
+    table: Table,
+    limits: Limits,
+    smooth: float | str | None = None,
+    retime: bool = False,
+) -> TimedPath:
+    """Return the reference through a table's rows, or near them; the first is at time zero.
+
+    Its ``recording`` says what was changed of the rows, and what it asks beyond the robot's limits.
+
+    If the table has no end effector, joints that it does not name stay at home. An end effector
+    beside a base moves the arm by inverse kinematics; for one alone a base path is planned.
+    """
+    _check_columns(robot, table)
+    rows, fits = RowFit(table, smooth), []
+    if smooth is None:
+        _check_rows(robot, table)
+    path: Path | None = None if robot.drive.base_speeds else still(np.zeros(3))
+    direction = goal = joints = None
+    if BASE_COLUMNS[0] in table.columns:
+        fits.append(fit_base(robot, rows))
+        path = spline_path(fits[-1].spline)
+        direction = travel_direction(robot, fits[-1], table.t)
+    if EE_COLUMNS[0] in table.columns:
+        goal, found = _goal(rows)
+    else:
+        found = _fit_joints(robot, rows)
+        joints = found.spline
+    fits.append(found)
+    if smooth is not None:
+        _check_rows(robot, rows.changed_table())
+    if goal is not None:
+        path, joints = plan_reach(robot, goal, limits, path)
+    end = float(table.t[-1])
+    starts, ends = any(k.starts_moving for k in fits), any(k.ends_moving for k in fits)
+    time_law = EdgeTimeLaw(end, starts, ends, min(EDGE_TIME, 0.4 * end))
+    reference = TimedPath(path or still(np.zeros(3)), Curves(joints), time_law, direction)
+    return _with_recording(robot, reference, rows, retime)
+
+
+def _with_recording(robot: Robot, reference: TimedPath, rows: RowFit, retime: bool) -> TimedPath:
+    """Return a reference, slowed down where it is wanted, that tells what became of its rows."""
+    dynamics, told = ReducedDynamics(robot), None
+    if retime:
+        reference, told = retimed(dynamics, reference, rows.table)
+    recording = Recording(
+        rows.wish,
+        tuple(rows.changes),
+        told,
+        tuple(find_jumps(robot, rows.table)),
+        tuple(find_demands(dynamics, reference, rows.table)),
+    )
+    return RecordedPath(
+        reference.path,
+        reference.arm,
+        reference.time_law,
+        reference.travel_direction,
+        recording=recording,
+    )
+
+
+def _check_columns(robot: Robot, table: Table) -> None:
+    """Refuse columns that a robot has no use for.
+
+    Raises:
+        DescriptionError: Naming them.
+    """
+    faults = []
+    if BASE_COLUMNS[0] in table.columns and not robot.drive.base_speeds:
+        faults.append(
+            f"{robot.name} has a fixed base; leave out {', '.join((*BASE_COLUMNS, HEADING))}"
+        )
+    if EE_COLUMNS[0] in table.columns:
+        if robot.end_effector is None:
+            faults.append(f"{robot.name} has no arm, so no end effector; leave out its columns")
+        if named := [name for name in table.columns if name not in POSE_COLUMNS]:
+            faults.append(
+                f"{EE_COLUMNS[0]} and {named[0]} both say where the arm is; leave one of them out"
+            )
+    if faults:
+        raise table.refuse([(table.header, fault) for fault in faults])
+
+
+def _check_rows(robot: Robot, table: Table) -> None:
+    """Refuse rows that are out of a robot's reach: joints beyond their limits, absurd speeds.
+
+    Raises:
+        DescriptionError: Naming each.
+    """
+    beyond = [
+        (
+            table.lines[row],
+            f"{joint.name} is {values[row]:g}, outside its limits {joint.lower:g} to "
+            f"{joint.upper:g}; keep it within",
+        )
+        for joint in robot.joints
+        if (values := table.columns.get(joint.name)) is not None
+        for row in np.flatnonzero((values < joint.lower) | (values > joint.upper))
+    ]
+    beyond += speed_faults(robot, table)
+    if beyond:
+        raise table.refuse(sorted(beyond))
+
+
+def _fit_joints(robot: Robot, rows: RowFit) -> FittedSpline:
+    table, given, found = rows.table, {}, {}
+    for joint in robot.joints:
+        values = table.columns.get(joint.name)
+        if values is not None:
+            unit, lever = ("m", 1.0) if joint.kind == "prismatic" else ("rad", robot_length(robot))
+            given[joint.name] = np.unwrap(values) if joint.kind == "continuous" else values
+            smoothed = rows.smoothed(given[joint.name][:, None], lever)
+            if smoothed is not None:
+                spline = smoothed.problem.spline(smoothed.coefficients)
+                rows.keep(joint.name, unit, given[joint.name][:, None], spline, smoothed)
+                found[joint.name] = smoothed
+    columns = [
+        given.get(joint.name, np.full(len(table.t), home))
+        for joint, home in zip(robot.joints, robot.home, strict=True)
+    ]
+    values = np.column_stack(columns) if columns else np.empty((len(table.t), 0))
+    if not found:
+        return fit_spline(table.t, values)
+    return _as_one_spline(table.t, values, [found.get(name) for name in robot.joint_names])
+
+
+def _as_one_spline(t: Array, values: Array, found: Sequence[Smoothed | None]) -> FittedSpline:
+    """Return the splines of columns as one.
+
+    Args:
+        values: The rows (K, n).
+        found: Each column smoothed on its own; None: without noise.
+    """
+    dense = any(each is not None and each.problem.spacing == 0.0 for each in found)
+    same = [
+        on_knots(each, t, column[:, None], dense)
+        for each, column in zip(found, values.T, strict=True)
+    ]
+    spline = same[0].problem.spline(np.hstack([each.coefficients for each in same]))
+    starts, ends = (not all(rests) for rests in zip(*(each.rests for each in same), strict=True))
+    return FittedSpline(spline, starts, ends)
+
+
+def _goal(rows: RowFit) -> tuple[Goal, FittedSpline]:
+    table = rows.table
+    found = rows.fit(", ".join(EE_COLUMNS), table.stack(EE_COLUMNS), "m")
+    turn = None
+    if QUATERNION[0] in table.columns:
+        turns = table.stack(QUATERNION)
+        turns *= np.cumprod(np.where(_same_hemisphere(turns), 1.0, -1.0))[:, None]
+        turn = rows.fit_inside(", ".join(QUATERNION), turns, "", 2.0 * METRES_PER_RADIAN)
+    return Goal(found.spline, turn, 0.0, float(table.t[-1]), True), found
+
+
+def _same_hemisphere(turns: Array) -> Array:
+    """Return whether each quaternion (K, 4) has its predecessor's sign: q and −q turn alike."""
+    return np.concatenate([[True], np.einsum("ki,ki->k", turns[1:], turns[:-1]) >= 0.0])
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A table as it is tracked.
+
+    Attributes:
+        smooth: What was asked of smoothing: metres, ``auto`` or None.
+        smoothed: What that changed; empty where the rows have no noise.
+        retimed: How it was slowed down; None where it was not asked for.
+        jumps: Rows that lie far from those about them.
+        demands: What it asks beyond the robot's limits, the worst first.
+    """
+
+    smooth: float | str | None
+    smoothed: tuple[SmoothedColumns, ...]
+    retimed: Retimed | None
+    jumps: tuple[Jump, ...]
+    demands: tuple[Demand, ...]
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """What was changed of the rows, a sentence each."""
+        found = [f"smoothed {each.sentence}" for each in self.smoothed]
+        if self.smooth is not None and not self.smoothed:
+            found.append("not smoothed: its rows have no noise, or more than that was not allowed")
+        if self.retimed is not None:
+            found.append(self.retimed.sentence)
+        return tuple(found)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What it asks beyond the robot's limits, a sentence each, and what to do."""
+        found = [each.sentence for each in self.jumps[:MOST_TOLD]]
+        found += [each.sentence for each in self.demands[:MOST_TOLD]]
+        more = max(len(self.jumps) - MOST_TOLD, 0), max(len(self.demands) - MOST_TOLD, 0)
+        found += [f"{more[0]} more jumps"] if more[0] else []
+        found += [f"{more[1]} more limits are exceeded"] if more[1] else []
+        ways = []
+        if self.smooth is None:
+            ways.append("smoothing (--smooth auto) takes the noise out of the rows")
+        if self.retimed is None:
+            ways.append("retiming (--retime) slows the motion down where limits bind")
+        return (*found, "; ".join(ways)) if found and ways else tuple(found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as JSON says it."""
+        return {
+            "smooth": self.smooth,
+            "smoothed": [each.to_dict() for each in self.smoothed],
+            "retimed": None if self.retimed is None else self.retimed.to_dict(),
+            "jumps": [each.to_dict() for each in self.jumps],
+            "demands": [each.to_dict() for each in self.demands],
+            "sentence": "; ".join((*self.changes, *self.warnings)),
+        }
+
+
+@dataclass(frozen=True)
+class RecordedPath(TimedPath):
+    """A reference from a table.
+
+    Attributes:
+        recording: What became of the table on the way to it.
+    """
+
+    recording: Recording | None = None

@@ -1,1 +1,0 @@
-"""Programs that run in lanes, an interpreter of them, and their machine code."""

@@ -1,1 +1,0 @@
-"""Steps of the plant as statements of a program."""

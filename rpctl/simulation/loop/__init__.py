@@ -1,0 +1,1 @@
+"""The closed loop of a run: laws, plant, samples."""

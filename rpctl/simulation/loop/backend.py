@@ -1,0 +1,186 @@
+"""Which backend closes a loop: machine code where it can and where that pays, else Pinocchio."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable
+
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import UnknownNameError
+from rpctl.reference.motion import Reference
+from rpctl.robot.model import Robot
+from rpctl.simulation.config import Config
+from rpctl.simulation.loop.closed_loop import LoopRecord, Watcher, close_loop
+from rpctl.simulation.loop.recorder import LoopSample, Recorder
+from rpctl.simulation.plants.plant import Plant
+
+BACKENDS = ("auto", "compiled", "pinocchio")
+MOST_DOF = 30  # quasi-velocities; to build a loop of more takes longer than most runs in Python
+UNCOMPILED = {  # fields of a plant that only Python simulates, and why
+    "dropped": "samples are dropped",
+    "effort_lag": "efforts lag",
+    "backlash": "joints have backlash",
+    "encoder_bits": "encoders know whole steps only",
+    "jitter": "the moments of sampling jitter",
+    "wrenches": "the robot is pushed from outside",
+}
+# s: what a sample takes in Python, and what a loop takes to build, by quasi-velocities. Half of
+# the latter counts: the next run finds the code on disk.
+SAMPLE_S, BUILD_S, BUILD_EXPONENT = 3e-4, 2e-3, 2.7
+
+
+def run_loop(
+    dynamics: ReducedDynamics,
+    config: Config,
+    reference: Reference,
+    steps: int,
+    recorder: Recorder | None,
+    record: LoopRecord,
+    progress: Callable[[int, int], object] | None = None,
+    watch: Watcher | None = None,
+    backend: str = "auto",
+) -> None:
+    """Close the loop for a number of control periods, by one backend or the other.
+
+    The numbers of both agree to rounding. What machine code cannot do is done in Python, and said.
+
+    Args:
+        dynamics: Of the simulated robot, without what the plant adds.
+        config: Laws, circumstances and plant; its limits are the robot's already.
+        reference: What is tracked.
+        steps: Number of control periods.
+        recorder: Gets every sample; None keeps no log.
+        record: Filled when the loop ends, early or not.
+        progress: Called with the samples done and their total.
+        watch: Called with every sample, which only Python's loop does.
+        backend: ``"auto"``, ``"compiled"`` or ``"pinocchio"``.
+
+    Raises:
+        DivergedError: The motion left the finite numbers.
+        UnknownNameError: There is no such backend.
+    """
+    require_backend(backend)
+    python = backend == "pinocchio" or (backend == "auto" and not pays(dynamics.robot, steps))
+    reason = None if python else refusal(dynamics.robot, config, watch is not None)
+    recorded, expected = 0, backend == "auto"  # to `auto` it is no news what has no machine code
+    if not python and reason is None:
+        reason, recorded = _compiled(dynamics, config, reference, steps, recorder, record, progress)
+        if reason is None:
+            return
+        expected = False
+    if reason is not None and not expected:
+        record.remarks = (f"the loop was closed in Python: {reason}",)
+    take = None if recorder is None else _from(recorded, recorder.add)
+    close_loop(dynamics, config, reference, steps, take, record, progress, watch)
+
+
+def require_backend(name: str) -> None:
+    """Refuse what is no backend.
+
+    Raises:
+        UnknownNameError: Those that there are are named.
+    """
+    if name not in BACKENDS:
+        raise UnknownNameError("backend", name, BACKENDS)
+
+
+def pays(robot: Robot, steps: int) -> bool:
+    """Return whether so many samples are worth the time that building the loop takes.
+
+    Args:
+        robot: The robot.
+        steps: Number of control periods.
+    """
+    return SAMPLE_S * steps >= 0.5 * BUILD_S * robot.dof**BUILD_EXPONENT
+
+
+def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
+    """Return why machine code cannot close a loop, a clause; None if it can.
+
+    Args:
+        robot: The robot.
+        config: Laws and plant.
+        watched: Whether somebody sees every sample when it is computed.
+    """
+    from rpctl.simulation.compiled.laws.supported import unsupported
+
+    plant = config.plant
+    if watched:
+        return "every sample is watched when it is computed"
+    if config.output is not None:
+        return "the robot takes speeds"
+    if plant.own is not None:
+        return "a simulator of the user's moves the robot"
+    if plant.kind != "rolling":
+        return f"the plant is {plant.kind}"
+    if plant.computing_time:
+        return "computing takes simulated time"
+    if reason := plant_refusal(plant):
+        return reason
+    if plant.lag is not None or plant.lags or plant.dead_time is not None:
+        return "the plant has a lag or a dead time"
+    if robot.dof > MOST_DOF:
+        return (
+            f"it has {robot.dof} quasi-velocities, and beyond {MOST_DOF} a loop takes long to build"
+        )
+    return unsupported(config.kinematic, config.dynamic, robot)
+
+
+def plant_refusal(plant: Plant, scattered: Iterable[str] = ()) -> str | None:
+    """Return what of a plant has no machine code, a clause; None if all of it has.
+
+    Args:
+        plant: The plant.
+        scattered: Paths of settings that differ from run to run, as ``plant.jitter``.
+    """
+    default = Plant()
+    fields = {path.split(".")[1] for path in scattered if path.startswith("plant.")}
+    for name, reason in UNCOMPILED.items():
+        if name in fields or getattr(plant, name) != getattr(default, name):
+            return reason
+    return None
+
+
+def _compiled(
+    dynamics: ReducedDynamics,
+    config: Config,
+    reference: Reference,
+    steps: int,
+    recorder: Recorder | None,
+    record: LoopRecord,
+    progress: Callable[[int, int], object] | None,
+) -> tuple[str | None, int]:
+    """Close the loop as machine code; return why not to the end, and the samples recorded.
+
+    Args:
+        dynamics: Of the simulated robot, without what the plant adds.
+        config: Laws, circumstances and plant.
+        reference: What is tracked.
+        steps: Number of control periods.
+        recorder: Gets every sample.
+        record: Filled when the loop ends.
+        progress: Called with the samples done and their total.
+    """
+    from rpctl.simulation.compiled.build import DiffersError
+    from rpctl.simulation.compiled.tracking_loop import NeedsPython, close_compiled_loop
+
+    try:
+        close_compiled_loop(dynamics, config, reference, steps, recorder, record, progress)
+    except DiffersError as error:
+        return str(error), 0
+    except NeedsPython as error:
+        return error.reason, error.samples
+    return None, steps + 1
+
+
+def _from(first: int, take: Watcher) -> Watcher:
+    """Return what takes the samples of a loop that begins anew, from one of them on."""
+    if not first:
+        return take
+    numbers = itertools.count()
+
+    def later(sample: LoopSample) -> None:
+        if next(numbers) >= first:
+            take(sample)
+
+    return later

@@ -1,0 +1,399 @@
+"""A run: the closed loop from configuration to log, for as long as the reference asks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypedDict
+
+from rpctl.arrays import Array
+from rpctl.control.controller import default_laws
+from rpctl.control.fallback import require_callable
+from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
+from rpctl.control.law_sentences import law_sentences
+from rpctl.control.velocity_output import VelocityOutput, as_output
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.equivalence.certificate import Certificate
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.files.records import fields_of
+from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.path_reference import DEFAULT_DURATION
+from rpctl.reference.recorded.recording import Recording
+from rpctl.reference.sizing import WISHES, SizingRequest
+from rpctl.robot.model import Robot
+from rpctl.simulation.config import CONFIG_TABLES, Config, LimitOverrides, RunSettings
+from rpctl.simulation.loop.backend import run_loop
+from rpctl.simulation.loop.budget import Budget, find_budget
+from rpctl.simulation.loop.closed_loop import LoopRecord, Watcher, start_configuration
+from rpctl.simulation.loop.periods import delay_note, duration_note, log_note
+from rpctl.simulation.loop.recorder import Recorder
+from rpctl.simulation.loop.watching import Watching
+from rpctl.simulation.merits.collision_facts import NOT_LOOKED_FOR
+from rpctl.simulation.merits.collisions import (
+    Surroundings,
+    find_collisions,
+    require_clear_start,
+    surroundings,
+)
+from rpctl.simulation.merits.obstacles import find_obstacles
+from rpctl.simulation.plants.plant import Plant
+from rpctl.simulation.plants.protocol import PlantModel
+from rpctl.simulation.plants.starting import PLANTS, plant_by_name
+from rpctl.simulation.run.derived import Derivation
+from rpctl.simulation.run.facts import ground_facts, robot_facts
+from rpctl.simulation.run.header import Header, recorded
+from rpctl.simulation.run.log import MIN_SAMPLES
+from rpctl.simulation.run.part import PartWriter
+from rpctl.simulation.run.run import Run, run_of
+
+if TYPE_CHECKING:
+    from typing import Unpack  # of Python 3.11; never imported when it runs
+
+SETTLING_S = 1.0  # s, after the end of one that has it
+
+
+class TrackSettings(TypedDict, total=False):
+    """What keywords of :func:`track` may say: names of :class:`~rpctl.Config` and of its run."""
+
+    kinematic: KinematicLaw | KinematicFunction | None
+    dynamic: DynamicLaw | DynamicFunction | None
+    plant: str | Plant | PlantModel | None
+    output: str | VelocityOutput | None
+    limits: LimitOverrides
+    run: RunSettings
+    duration: float | None
+    initial_error: Sequence[float]
+    control_period: float
+    plant_step: float
+    friction: float
+    size: float | None
+    speed: float | None
+    laps: float | None
+    log_every: int | None
+    smooth: float | str | None
+    retime: bool
+    name: str | None
+    collisions: bool
+
+
+def track(
+    robot: Robot,
+    reference: str | Reference | None = None,
+    config: Config | None = None,
+    *,
+    certificate: Certificate | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    watch: Callable[[float, Array, ReferenceState], object] | None = None,
+    backend: str = "auto",
+    **settings: Unpack[TrackSettings],
+) -> Run:
+    """Simulate a robot that tracks a reference, from rest.
+
+    Args:
+        robot: The robot.
+        reference: A reference, the name of one (``line``, ``reverse``, ``spin``, ``circle``,
+            ``eight``, ``waypoints``, ``ee-square``), or a file (CSV, TOML); None: the config's.
+        config: Laws, plant and circumstances; None: the robot's default.
+        certificate: A certificate to keep with the run.
+        progress: Called with the samples done and their total. If it or ``watch`` fails, it is not
+            called again, and a note of the run tells it.
+        watch: Called with the time (s), q (nq,) and the reference at every sample.
+        backend: ``"compiled"``: the loop as machine code; ``"pinocchio"``: in Python; ``"auto"``:
+            the quicker one. Their numbers agree to rounding.
+        **settings: Names of :class:`Config` and of its ``run``, which win over the config:
+            ``duration=20``, ``initial_error=(0.1, 0, 0)``, ``kinematic=rpctl.Horizon()``,
+            ``plant="slipping"`` (or ``"perturbed"``, ``"contact"``, a :class:`Plant`, a simulator
+            of one's own), ``output="velocity"``; besides, ``name`` is what the log calls the
+            reference, and ``collisions=False`` looks for none.
+
+    Returns:
+        What was logged.
+
+    Raises:
+        DivergedError: The motion left the finite numbers.
+        RpctlError: A setting is out of range, or the reference does not fit the robot.
+    """
+    config = _configured(robot, reference, config, {**settings})
+    run = config.run
+    own = None if isinstance(reference, str) else reference
+    if own is not None:
+        SizingRequest(run.size, run.speed, run.laps).refuse(
+            "the reference is a function, with its own pace", *WISHES
+        )
+    watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
+    collisions = settings.get("collisions", True)
+    return simulate(
+        robot, config, own, certificate, progress, watcher, collisions=collisions, backend=backend
+    )
+
+
+def _configured(
+    robot: Robot, reference: str | Reference | None, config: Config | None, given: dict[str, Any]
+) -> Config:
+    """Return a configuration with a reference and with settings by their names."""
+    for what, value in {**given, "reference": reference}.items():
+        if what not in TrackSettings.__annotations__ and what != "reference":
+            raise UnknownNameError("setting", what, TrackSettings.__annotations__)
+        called = what == "reference" and not isinstance(value, str)
+        if value is not None and (called or what in ("kinematic", "dynamic")):
+            require_callable(what, value)
+    config = config or Config(*default_laws(robot))
+    run = {name: given[name] for name in fields_of(RunSettings) if name in given}
+    if "initial_error" in run:
+        run["initial_error"] = tuple(run["initial_error"])
+    if reference is not None:
+        called_so = reference if isinstance(reference, str) else _called(reference)
+        run["reference"] = given.get("name") or called_so
+    tables = {name: given[name] for name in CONFIG_TABLES if given.get(name) is not None}
+    if "plant" in tables:
+        tables["plant"] = _as_plant(tables["plant"], robot)
+    if "output" in tables:
+        tables["output"] = as_output(tables["output"])
+    tables["run"] = replace(tables.get("run", config.run), **run)
+    return replace(config, **tables)
+
+
+def simulate(
+    robot: Robot,
+    config: Config,
+    reference: Reference | None = None,
+    certificate: Certificate | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    watch: Watcher | None = None,
+    ended: Callable[[Run], object] | None = None,
+    part: PartWriter | None = None,
+    collisions: bool = True,
+    backend: str = "auto",
+) -> Run:
+    """Simulate a robot as a configuration says, from rest.
+
+    Args:
+        robot: The robot, before the configuration's limits.
+        config: Laws, limits, circumstances and plant.
+        reference: What the configuration's reference is; None loads it by its name.
+        certificate: A certificate to keep with the run.
+        progress: Called with the samples done and their total.
+        watch: Called with every sample; what it takes is not counted as the simulation's. If it or
+            ``progress`` fails, it is not called again, and a note of the run tells it.
+        ended: Called with what was simulated if an error or Ctrl-C ends the loop early and there
+            is a motion to keep; the exception is raised afterwards.
+        part: Where the samples are written while they are simulated; :meth:`Run.load` reads its
+            folder, also after the process was killed. None: nowhere.
+        collisions: Whether to look for collisions of its links afterwards.
+        backend: What closes the loop, as of :func:`track`.
+
+    Raises:
+        DivergedError: The motion left the finite numbers.
+        RpctlError: A setting is out of range, the run is beyond the caps of time or of its log,
+            the reference does not fit the robot, or the robot starts inside an obstacle.
+    """
+    robot = config.limits.apply(robot)
+    if reference is None:
+        reference = config.run.load_reference(robot, collisions)
+    around = _surroundings(robot, config, reference) if collisions else None
+    steps = require_affordable(robot, config, reference).periods
+    config = config.with_run(log_every=config.run.log_step(steps))
+    dynamics = ReducedDynamics(robot)
+    derivation = Derivation(dynamics, config)
+    told = _Told(robot, config, reference, certificate, derivation)
+    loop = LoopRecord()
+    recorder = Recorder(derivation, steps, config.run.log_every or 1, part, loop.known)
+    watching = None if watch is None else Watching("what watched the simulation", watch)
+    showing = Watching("what showed its progress", progress)
+
+    def notes() -> tuple[str, ...]:
+        watched = () if watching is None else watching.notes
+        return (*loop.notes, *watched, *showing.notes, *(() if part is None else part.notes))
+
+    if part is not None:
+        part.begin(told.header(loop, steps, notes()))
+    try:
+        run_loop(dynamics, config, reference, steps, recorder, loop, showing, watching, backend)
+        recorder.flush(ends=True)
+        log, bodies = recorder.log(), None
+        if around is not None:
+            bodies = find_collisions(around, log.t, log.q)
+    except BaseException as error:
+        if ended is not None:
+            with suppress(RpctlError):  # what is sound of the last batch is logged
+                recorder.flush(ends=True)
+            if recorder.rows >= MIN_SAMPLES:
+                log = recorder.log()
+                note = _end_note(error, float(log.t[-1]), steps * config.run.control_period)
+                missed = (NOT_LOOKED_FOR,) if around is not None else ()
+                header = told.header(loop, recorder.steps, (*notes(), *missed, note), whole=False)
+                ended(run_of(replace(header, bound_limits=log.bound_limits), log, robot))
+        raise
+    header = told.header(loop, recorder.steps, notes())
+    return run_of(replace(header, bound_limits=log.bound_limits, collisions=bodies), log, robot)
+
+
+class _Told:
+    """What there is to say of a run besides its samples.
+
+    Args:
+        robot: The robot, with the configuration's limits.
+        config: Laws, circumstances and plant.
+        reference: What is tracked.
+        certificate: A certificate to keep with the run.
+        derivation: Knows how the simulated robot stands.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        config: Config,
+        reference: Reference,
+        certificate: Certificate | None,
+        derivation: Derivation,
+    ) -> None:
+        self._config, self._certificate = config, certificate
+        self._robot, self._reference = robot_facts(robot), reference
+        self._ground = ground_facts(derivation.contacts, config.run.friction)
+        known = ReducedDynamics(config.plant.known_robot(robot))
+        dynamic = config.dynamic if config.output is None else None
+        self._sentences = law_sentences(known, config.kinematic, dynamic, config.run.control_period)
+
+    def header(
+        self, loop: LoopRecord, steps: int, notes: tuple[str, ...], whole: bool = True
+    ) -> Header:
+        """Return the header of a run.
+
+        Args:
+            loop: What the loop has left so far.
+            steps: Number of control periods that it covers.
+            notes: What became of the loop and of those who watched it, in sentences.
+            whole: Whether it was not ended early.
+        """
+        config, period = self._config, self._config.run.control_period
+        asked = config.run.duration if whole else None
+        model = config.plant.controller_model
+        recording: Recording | None = getattr(self._reference, "recording", None)
+        return Header(
+            robot=self._robot,
+            ground=self._ground,
+            config=recorded(config, steps),
+            controller_model=None if model is None else model.name,
+            kinematic_report=loop.report,
+            notes=(
+                *(() if asked is None else duration_note(asked, period)),
+                *delay_note(config.plant.delay, period),
+                *velocity_note(config),
+                *log_note(config.run.log_every or 1, period),
+                *plant_note(config),
+                *notes,
+            ),
+            certificate=None if self._certificate is None else self._certificate.to_dict(),
+            wall_time=loop.wall_time,
+            sizing=getattr(self._reference, "sizing", None),
+            recording=None if recording is None else recording.to_dict(),
+            law_sentences=self._sentences,
+        )
+
+
+def _surroundings(robot: Robot, config: Config, reference: Reference) -> Surroundings | None:
+    """Return what its links may run into, if there is anything; it may not start inside of it."""
+    obstacles = find_obstacles(config)
+    if not obstacles and not robot.joints:
+        return None
+    around = surroundings(robot, obstacles)
+    if obstacles:
+        start = start_configuration(robot, reference(0.0), config.run.initial_error)
+        require_clear_start(around, start)
+    return around
+
+
+def require_affordable(robot: Robot, config: Config, reference: Reference) -> Budget:
+    """Return what a run will cost; refuse it beyond the caps.
+
+    Args:
+        robot: The robot.
+        config: How it is simulated.
+        reference: What is tracked.
+
+    Raises:
+        RpctlError: It would take too long, log too much, or never see its plant's delay pass.
+    """
+    duration = config.run.duration or default_duration(reference)
+    budget = find_budget(robot, config.run, duration)
+    budget.require_within_caps()
+    if config.plant.delay > duration:
+        raise RpctlError(late(config.plant.delay, duration))
+    return budget
+
+
+def late(delay: float, duration: float) -> str:
+    """Return that a delay (s) is longer than the run (s), in words."""
+    return f"delay is {delay:g} s, longer than the run of {duration:g} s"
+
+
+def plant_note(config: Config) -> tuple[str, ...]:
+    """Return the note that something else than rolling wheels moves the robot, or none."""
+    plant, friction = config.plant, f"friction {config.run.friction:g}"
+    if plant.own is not None:
+        return (f"a simulator of the user's, {type(plant.own).__name__}, moved the robot",)
+    known = {
+        "slipping": f"the robot moved on tyres that slip, {friction}",
+        "contact": f"MuJoCo moved the robot: its wheels meet the ground in contacts, {friction}",
+    }
+    return (known[plant.kind],) if plant.kind in known else ()
+
+
+def velocity_note(config: Config) -> tuple[str, ...]:
+    """Return the note that the robot of a run takes speeds, and how it follows them, or none."""
+    output = config.output
+    if output is None:
+        return ()
+    truth = config.plant.velocity_interface(output)
+    note = (
+        f"the controller sends speeds, which the robot follows {_lateness(truth)}; the efforts are "
+        "those that this motion takes"
+    )
+    if (truth.lag, truth.lags, truth.dead_time) == (output.lag, output.lags, output.dead_time):
+        return (note,)
+    return (f"{note}; the controller takes them to be followed {_lateness(output)}",)
+
+
+def _lateness(output: VelocityOutput) -> str:
+    """Return how late speeds are followed, in words."""
+    lags = "".join(f" ({lag:g} s of {name})" for name, lag in output.lags.items())
+    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s"
+
+
+def _end_note(error: BaseException, t: float, duration: float) -> str:
+    """Return the sentence that says when (s) and why a run ended early."""
+    reason = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
+    reason = reason or type(error).__name__
+    return f"ended at {t:.4g} of {duration:.4g} s ({reason}); what was simulated is kept"
+
+
+def _as_plant(plant: str | Plant | PlantModel, robot: Robot) -> Plant:
+    """Return the plant that is meant."""
+    if isinstance(plant, str):
+        return plant_by_name(plant, robot)
+    if isinstance(plant, Plant):
+        return plant
+    if not isinstance(plant, PlantModel):
+        raise RpctlError(
+            f"the plant is {plant!r}; give {', '.join(PLANTS)}, a Plant, or an object with "
+            "start(robot, rest)"
+        )
+    return Plant(kind="own", own=plant)
+
+
+def _called(reference: Reference) -> str:
+    """Return what a log calls a reference of the user's."""
+    return str(getattr(reference, "__name__", type(reference).__name__))
+
+
+def default_duration(reference: Reference) -> float:
+    """Return how long (s) to track a reference if nobody says.
+
+    A named one says it; one with an end is tracked a second longer than it moves, others 20 s.
+    """
+    if hasattr(reference, "default_duration"):
+        return float(reference.default_duration)
+    if hasattr(reference, "duration"):
+        return float(reference.duration) + SETTLING_S
+    return DEFAULT_DURATION

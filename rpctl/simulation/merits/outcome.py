@@ -1,0 +1,188 @@
+"""The outcome of a run in one word: tracked, late, stuck, diverging or collided.
+
+Each is told from what was logged: where a point of the robot was, where its reference was, and how
+far the point was from the reference's path (``path_error.py``). Means are over the
+last quarter of the run unless said.
+
+- **collided**: a link ran into an obstacle, the ground or another link
+  (:mod:`rpctl.simulation.merits.collisions`), or the body that a law guards into an obstacle;
+- **diverging**: the mean path error grew beyond what it was in the first half, and the point still
+  moves in the last tenth of the run; or it is not finite;
+- **stuck**: the point stands while its reference moves on or is elsewhere, or it moves along beside
+  the path and its error stays;
+- **late**: it is on its path and behind its reference, or still on its way to that path after the
+  time in which the error of a start dies;
+- **tracked**: it is at its reference, or on its path and less than that behind it, or the run was
+  too short to tell.
+
+The worst of base and end effector counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.simulation.merits.collision_facts import Collision
+from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, shape_text
+from rpctl.simulation.merits.path_error import PathTrace, trace_path
+from rpctl.simulation.merits.texts import length
+
+TRACKED, LATE, STUCK, DIVERGING, COLLIDED = "tracked", "late", "stuck", "diverging", "collided"
+OUTCOMES = (TRACKED, LATE, STUCK, DIVERGING, COLLIDED)  # from good to bad
+SUCCESSES = (TRACKED, LATE)  # a law that slows down to keep limits is late, and does well
+
+ON_PATH_M = 0.05  # m: at its reference, or on its path; what is left beside a robot in a doorway
+LATE_S = 0.5  # s: more than the laws' horizons, .4 s, within which a lag is the law's own
+GROWTH_RATIO = 1.5  # of the largest path error of the first half: beyond it the error has grown
+FALL_RATIO = 0.9  # of the mean path error of the second quarter: below it the error falls
+STANDING_RATIO = 0.05  # of the way that there was to go: a point that moves less stands
+EVIDENCE_S = 2.0  # s: starting from rest takes about one, so a shorter run shows nothing steady
+DECAY_S = 5.0  # s: references start softly for 3 s, and the error of a start dies in two more
+TOUCH_M = 0.005  # m: the horizon law keeps clear at its steps and along straight lines, to 5 mm
+TURNING_ARM_M = 0.5  # m from P: where the heading of a base that turns on the spot is looked at
+HEADING = "heading"  # beside BASE and TIP
+POINT_NAMES = {
+    BASE: "base",
+    TIP: "end effector",
+    HEADING: f"heading, {TURNING_ARM_M:g} m from P,",
+}
+
+
+class Outcome(NamedTuple):
+    """What became of a run: one of ``OUTCOMES``, and why, in words."""
+
+    name: str
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class TracedPoint:
+    """A point of the robot that has a reference.
+
+    Attributes:
+        name: What it is called.
+        actual: Where it was (K, d), m.
+        reference: Where its reference was (K, d), m.
+        trace: Its motion beside the path of the reference.
+    """
+
+    name: str
+    actual: Array
+    reference: Array
+    trace: PathTrace
+
+
+def trace_points(
+    t: Array, base: Array, base_ref: Array, ee: Array, ee_ref: Array
+) -> dict[str, TracedPoint]:
+    """Return the points of a robot that have a reference, by name: P and the end effector.
+
+    Where all that is asked of the base is to turn on the spot, its heading counts too, as a point
+    that turns about P.
+
+    Args:
+        t: Time (K,), s.
+        base: Pose of P (K, 3): x, y in m, heading in rad.
+        base_ref: Its reference (K, 3).
+        ee: Position of the end effector (K, 3), m; (K, 0) where there is none.
+        ee_ref: Its reference, likewise.
+    """
+    moved = {BASE: (base[:, :2], base_ref[:, :2])}
+    if ee.shape[1]:
+        moved[TIP] = ee, ee_ref
+    if np.ptp(base_ref[:, :2], axis=0).max() <= ON_PATH_M:
+        moved[HEADING] = TURNING_ARM_M * base[:, 2:], TURNING_ARM_M * base_ref[:, 2:]
+    return {key: TracedPoint(POINT_NAMES[key], *pair, trace_path(t, *pair))
+            for key, pair in moved.items()}  # fmt: skip
+
+
+def outcome(
+    t: Array,
+    points: Mapping[str, TracedPoint],
+    obstacles: Iterable[AvoidedObstacle] = (),
+    collisions: Sequence[Collision] = (),
+) -> Outcome:
+    """Return the outcome of a motion.
+
+    Args:
+        t: Time (K,), s.
+        points: The points of the robot that have a reference.
+        obstacles: What they should keep clear of.
+        collisions: What its links ran into, the deepest first.
+    """
+    if collisions:
+        more = f"; {len(collisions) - 1} more did" if len(collisions) > 1 else ""
+        return Outcome(COLLIDED, collisions[0].sentence + more)
+    collision = _collision(t, points, obstacles)
+    if collision is not None:
+        return collision
+    found = [_outcome_of(t, point) for point in points.values()]
+    return max(found, key=lambda each: OUTCOMES.index(each.name))  # the first of the worst
+
+
+def _collision(
+    t: Array, points: Mapping[str, TracedPoint], obstacles: Iterable[AvoidedObstacle]
+) -> Outcome | None:
+    """Return the outcome of a motion into an obstacle: that which it went deepest into."""
+    deepest, found = -TOUCH_M, None
+    for obstacle in obstacles:
+        if obstacle.body not in points:
+            continue  # the end effector's, of a robot without one
+        clearance = obstacle.clearance(points[obstacle.body].actual)
+        least = float(np.fmin.reduce(clearance))
+        if least < deepest:
+            when = float(t[int(np.argmax(clearance < -TOUCH_M))])
+            text = f"{POINT_NAMES[obstacle.body]} ran into the {shape_text(obstacle.shape)}"
+            text += f" at {when:.3g} s, {length(-least)} deep at worst"
+            deepest, found = least, Outcome(COLLIDED, text)
+    return found
+
+
+def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
+    """Return the outcome of one point."""
+    count, name, off = len(t), point.name, point.trace.error
+    ahead = np.linalg.norm(point.reference - point.actual, axis=1)
+    if not np.isfinite(off).all():
+        return Outcome(DIVERGING, f"{name} left the finite numbers")
+    last = slice(3 * count // 4, None)
+    error, beside = float(ahead[last].mean()), float(off[last].mean())
+    lag, gap = (
+        float(np.median(values[last])) for values in (point.trace.lag, point.trace.lag_distance)
+    )
+    start = float(off[: max(count // 2, 1)].max())
+    to_go = max(_reach(point.reference[last]), float(ahead[last].max()))
+    stands = _reach(point.actual[last]) <= STANDING_RATIO * to_go
+    rests = _reach(point.actual[9 * count // 10 :]) <= STANDING_RATIO * to_go
+    grown = beside > max(ON_PATH_M, GROWTH_RATIO * start)
+    if grown and not rests:
+        return Outcome(DIVERGING, f"{name} is {length(beside)} off its path in the end, "
+                       f"and was {length(start)} at most in the first half")  # fmt: skip
+    if error <= ON_PATH_M:
+        return Outcome(TRACKED, f"{name} is {length(error)} from its reference in the end")
+    run = float(t[-1] - t[0])
+    short = Outcome(TRACKED, f"too short a run to tell: {name} is {length(error)} from its "
+                    "reference in the end")  # fmt: skip
+    if run < EVIDENCE_S:
+        return short
+    if stands or grown:
+        return Outcome(STUCK, f"{name} stands {length(error)} from its reference in the end")
+    falls = beside < FALL_RATIO * float(off[count // 4 : count // 2].mean())
+    if beside > ON_PATH_M and not falls:
+        return short if run < DECAY_S else Outcome(
+            STUCK, f"{name} moves along {length(beside)} off its path in the end, "
+            "and the error stays")  # fmt: skip
+    where = "on its path" if beside <= ON_PATH_M else f"{length(beside)} off its path and nearing"
+    when = f"{abs(lag):.2g} s ({length(abs(gap))}) {'behind' if lag >= 0.0 else 'ahead of'}"
+    under_way = beside > ON_PATH_M and run >= DECAY_S
+    return Outcome(LATE if lag > LATE_S or under_way else TRACKED,
+                   f"{name} is {where}, {when} its reference in the end")  # fmt: skip
+
+
+def _reach(places: Array) -> float:
+    """Return how far (m) places (K, d) lead from the first of them."""
+    return float(np.linalg.norm(places - places[0], axis=1).max())

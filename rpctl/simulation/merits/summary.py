@@ -1,0 +1,347 @@
+"""Figures of merit of a run: how well it tracked, and whether it stayed within the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.reference.sizing import Sizing
+from rpctl.simulation.merits.collision_facts import Collision, LinkClearance
+from rpctl.simulation.merits.felt_ground import FeltGround, felt_ground
+from rpctl.simulation.merits.obstacles import BASE, TIP, run_obstacles
+from rpctl.simulation.merits.outcome import STUCK, SUCCESSES, outcome, trace_points
+from rpctl.simulation.merits.path_error import PathFigures, path_figures
+from rpctl.simulation.merits.slip_and_tip import GroundFigures, ground
+from rpctl.simulation.plants.plant import Plant
+from rpctl.simulation.run.run import Run
+
+LIMIT_NAMES = {"lower": "lower position", "upper": "upper position"}  # in words
+LIMIT_TOLERANCE = 1e-9  # of a limit: touching it is not breaking it
+
+
+@dataclass(frozen=True)
+class JointError:
+    """How far a joint was from its reference, in its unit; ``settled`` as of a :class:`Summary`."""
+
+    joint: str
+    unit: str
+    rms: float
+    final: float
+    settled: float
+
+
+@dataclass(frozen=True)
+class EffortPeak:
+    """The largest effort of an actuator, and its limit, N·m or N; inf where there is none."""
+
+    actuator: str
+    peak: float
+    limit: float
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A limit of the URDF that a run broke.
+
+    Attributes:
+        joint: The joint.
+        limit: ``"effort"``, ``"velocity"``, ``"lower"`` or ``"upper"``.
+        value: The furthest beyond the limit: of a lower limit the least position; of efforts and
+            rates the largest size.
+        allowed: The limit, in the same unit.
+        first_time: When it was broken first, s.
+        duration: For how long in all, s.
+    """
+
+    joint: str
+    limit: str
+    value: float
+    allowed: float
+    first_time: float
+    duration: float
+
+
+@dataclass(frozen=True)
+class BindingLimit:
+    """A limit that bound the efforts.
+
+    Attributes:
+        joint: The joint.
+        limit: ``"effort"``, ``"velocity"``, ``"lower"`` or ``"upper"``.
+        first_time: When it bound first, s.
+        first_place: Where P was then (x, y), m.
+        duration: For how long in all, s.
+    """
+
+    joint: str
+    limit: str
+    first_time: float
+    first_place: tuple[float, float]
+    duration: float
+
+    @property
+    def sentence(self) -> str:
+        """All of it in one sentence."""
+        x, y = self.first_place
+        return (
+            f"{self.joint} {LIMIT_NAMES.get(self.limit, self.limit)} limit bound from "
+            f"{self.first_time:.3g} s, at ({x:.2f}, {y:.2f}) m, {self.duration:.2g} s in all"
+        )
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The figures of merit of a run; ``settled`` figures are the largest over its second half.
+
+    Attributes:
+        outcome: What became of the run, in a word of :mod:`rpctl.simulation.merits.outcome`.
+        outcome_sentence: Why, in words.
+        nominal: Whether the simulated robot is the controller's model and nothing disturbs it.
+        duration: Time simulated, s.
+        rms_base_error: Root mean square of P's distance from its reference, m.
+        final_base_error: That distance at the end, m.
+        settled_base_error: Its largest over the second half, m.
+        final_lateral_error: Its lateral part at the end, m.
+        base_path: How far P was from its reference's path, and how far behind on it.
+        joint_errors: Of each joint of the arm.
+        rms_end_effector_error: Root mean square of the end effector's distance from its
+            reference, m; None for a robot without an arm, as are the three that follow.
+        final_end_effector_error: That distance at the end, m.
+        settled_end_effector_error: Its largest over the second half, m.
+        end_effector_path: How far it was from its reference's path, and how far behind on it.
+        efforts: Of each actuator.
+        max_effort_ratio: Largest effort over its limit; None without effort limits.
+        max_effort_joint: The actuator whose ratio that is.
+        limits_violated: Every limit of the URDF that was broken.
+        limits_bound: Every limit that the dynamic law had to heed.
+        ground: What the ground does.
+        kinematic_report: What the kinematic law counts, by name; empty for one that counts nothing.
+        work: What the actuators did in all, J.
+        lost: What damping and friction in the joints took of it, J.
+        energy_residual: Largest gap between energy and work less losses, relative to the work's
+            swing.
+        constraint_residual: Largest entry of |A v|; m/s, rad/s.
+        wall_time: What the simulation took, s.
+        realtime_factor: Time simulated per time taken.
+        sizing: How large and fast the named reference is, and why; None of others.
+        recording: What became of the rows of its table, and what they ask beyond the limits.
+        log_every: One sample of so many was logged, and so seen by these figures.
+        clearances: How near its links came to the ground, to each obstacle, and to each other.
+        collisions: What its links ran into, the deepest first.
+        collision_notes: Which links may touch, and what stands in for what, in sentences.
+    """
+
+    outcome: str
+    outcome_sentence: str
+    nominal: bool
+    duration: float
+    rms_base_error: float
+    final_base_error: float
+    settled_base_error: float
+    final_lateral_error: float
+    base_path: PathFigures
+    joint_errors: tuple[JointError, ...]
+    rms_end_effector_error: float | None
+    final_end_effector_error: float | None
+    settled_end_effector_error: float | None
+    end_effector_path: PathFigures | None
+    efforts: tuple[EffortPeak, ...]
+    max_effort_ratio: float | None
+    max_effort_joint: str | None
+    limits_violated: tuple[Violation, ...]
+    limits_bound: tuple[BindingLimit, ...]
+    ground: GroundFigures
+    kinematic_report: Mapping[str, float]
+    work: float
+    lost: float
+    energy_residual: float
+    constraint_residual: float
+    wall_time: float
+    realtime_factor: float
+    sizing: Sizing | None = None
+    recording: Mapping[str, Any] | None = None
+    log_every: int = 1
+    clearances: tuple[LinkClearance, ...] = ()
+    collisions: tuple[Collision, ...] = ()
+    collision_notes: tuple[str, ...] = ()
+    felt_ground: FeltGround | None = None
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the robot tracked its reference, late or not, within the limits."""
+        return self.outcome in SUCCESSES and not self.limits_violated
+
+    @property
+    def energy_sentence(self) -> str | None:
+        """What became of the actuators' work, in words; None where nothing was lost."""
+        if not self.lost:
+            return None
+        return (
+            f"the actuators did {self.work:.3g} J of work, of which damping and friction took "
+            f"{self.lost:.3g} J"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures as JSON says them: flat, those of the ground among the others."""
+        found: dict[str, Any] = {}
+        for name, value in asdict(self).items():
+            if name == "ground":
+                found |= {"ground" if key == "sentence" else key: v for key, v in value.items()}
+            else:
+                found[name] = value
+        found["sizing"] = None if self.sizing is None else self.sizing.to_dict()
+        if self.felt_ground is not None:
+            found["felt_ground"]["sentence"] = self.felt_ground.sentence
+        found["kinematic_report"] = self.kinematic_report or None
+        found["collisions"] = [{**asdict(c), "sentence": c.sentence} for c in self.collisions]
+        found["limits_bound"] = [{**asdict(b), "told": b.sentence} for b in self.limits_bound]
+        return found
+
+
+def summarize(run: Run) -> Summary:
+    """Return the figures of merit of a run."""
+    log, robot = run.log, run.robot
+    base = np.hypot(*log.e[:, :2].T)
+    arm = np.linalg.norm(log.ee - log.ee_ref, axis=1) if robot.end_effector else None
+    points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
+    bodies = run.collisions
+    collisions = () if bodies is None else bodies.collisions
+    name, sentence = outcome(run.t, points, run_obstacles(run), collisions)
+    if name == STUCK and bodies is not None and bodies.ahead:
+        sentence += f"; {' and '.join(bodies.ahead)}"
+    paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
+    half = len(run.t) // 2
+    tau = np.abs(run.tau).max(axis=0)
+    limited = np.isfinite(robot.effort_limits)
+    peaks = np.where(limited, tau / np.array(robot.effort_limits), -1.0)  # -1: never the largest
+    duration = float(run.t[-1])
+    return Summary(
+        outcome=name,
+        outcome_sentence=sentence,
+        nominal=run.controller_model is None and replace(run.config.plant, seed=0) == Plant(),
+        duration=duration,
+        rms_base_error=_rms(base),
+        final_base_error=float(base[-1]),
+        settled_base_error=float(base[half:].max()),
+        final_lateral_error=float(abs(log.e[-1, 1])),
+        base_path=paths[BASE],
+        joint_errors=_joint_errors(run, half),
+        rms_end_effector_error=None if arm is None else _rms(arm),
+        final_end_effector_error=None if arm is None else float(arm[-1]),
+        settled_end_effector_error=None if arm is None else float(arm[half:].max()),
+        end_effector_path=paths.get(TIP),
+        efforts=tuple(
+            EffortPeak(name, peak, limit, peak / limit)
+            for name, peak, limit in zip(
+                robot.actuators, tau.tolist(), robot.effort_limits, strict=True
+            )
+        ),
+        max_effort_ratio=float(peaks.max()) if limited.any() else None,
+        max_effort_joint=robot.actuators[int(peaks.argmax())] if limited.any() else None,
+        limits_violated=violations(run),
+        limits_bound=binding_limits(run),
+        ground=ground(run),
+        kinematic_report=run.kinematic_report,
+        work=float(log.work[-1]),
+        lost=float(log.lost[-1]),
+        energy_residual=_energy_residual(run),
+        constraint_residual=float(log.constraint_residual.max()),
+        wall_time=run.wall_time,
+        realtime_factor=duration / run.wall_time,
+        sizing=run.sizing,
+        recording=run.recording,
+        log_every=run.config.run.log_every or 1,
+        clearances=() if bodies is None else bodies.clearances,
+        collisions=collisions,
+        collision_notes=() if bodies is None else bodies.remarks,
+        felt_ground=felt_ground(run),
+    )
+
+
+def violations(run: Run) -> tuple[Violation, ...]:
+    """Return the limits of the URDF that a run broke."""
+    log, robot = run.log, run.robot
+    found: list[Violation] = []
+    for name, tau, rate, effort_limit, velocity_limit in zip(
+        robot.actuators,
+        run.tau.T,
+        log.rates.T,
+        robot.effort_limits,
+        robot.velocity_limits,
+        strict=True,
+    ):
+        found += _violation(run, name, "effort", np.abs(tau), effort_limit)
+        found += _violation(run, name, "velocity", np.abs(rate), velocity_limit)
+    for name, position, lower, upper in zip(
+        robot.joint_names, log.joints.T, robot.lower_limits, robot.upper_limits, strict=True
+    ):
+        found += _position_violations(run, name, position, lower, upper)
+    for name, position, (lower, upper) in zip(
+        robot.steering_names, log.steering.T, robot.steering_limits, strict=True
+    ):
+        found += _position_violations(run, name, position, lower, upper)
+    for name, position, rate, (lower, upper, fastest) in zip(
+        robot.other_names,
+        log.others.T,
+        log.other_rates.T,
+        robot.other_limits,
+        strict=True,
+    ):
+        if name not in robot.actuators:
+            found += _violation(run, name, "velocity", np.abs(rate), fastest)
+        if name not in robot.steering_names:
+            found += _position_violations(run, name, position, lower, upper)
+    return tuple(found)
+
+
+def binding_limits(run: Run) -> tuple[BindingLimit, ...]:
+    """Return the limits that bound the efforts."""
+    found = []
+    for (joint, kind), active in zip(run.log.bound_limits, run.log.active_limits.T, strict=True):
+        first, duration = int(np.argmax(active)), float(active.mean() * run.t[-1])
+        x, y = run.log.base[first, :2].tolist()
+        found.append(BindingLimit(joint, kind, float(run.t[first]), (x, y), duration))
+    return tuple(found)
+
+
+def _position_violations(
+    run: Run, joint: str, position: Array, lower: float, upper: float
+) -> list[Violation]:
+    """Return the position limits that a joint broke."""
+    below = [  # found as an upper limit of the negative, kept as the joint counts
+        replace(broken, value=-broken.value, allowed=-broken.allowed)
+        for broken in _violation(run, joint, "lower", -position, -lower)
+    ]
+    return [*below, *_violation(run, joint, "upper", position, upper)]
+
+
+def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> list[Violation]:
+    broken = value > limit + LIMIT_TOLERANCE * max(abs(limit), 1.0)
+    if not broken.any():
+        return []
+    first, duration = float(run.t[int(np.argmax(broken))]), float(broken.mean() * run.t[-1])
+    return [Violation(joint, kind, float(value.max()), float(limit), first, duration)]
+
+
+def _joint_errors(run: Run, half: int) -> tuple[JointError, ...]:
+    sizes = map(np.abs, run.log.e[:, 3:].T)
+    rows = zip(run.robot.joint_names, run.robot.units, sizes, strict=True)
+    return tuple(
+        JointError(name, unit, _rms(size), float(size[-1]), float(size[half:].max()))
+        for name, unit, size in rows
+    )
+
+
+def _energy_residual(run: Run) -> float:
+    """Return the largest gap between energy, work and loss, relative to the work's swing."""
+    gap = run.log.energy - run.log.energy[0] - run.log.work + run.log.lost
+    return float(np.abs(gap).max() / max(float(np.ptp(run.log.work)), 1e-12))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,340 @@
+"""The plant of a run: what moves the robot, and how that differs from the controller's model."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.control.velocity_output import DEAD_TIME, LAG, VelocityOutput
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.errors import LARGEST, RpctlError, UnknownNameError
+from rpctl.files.records import (
+    IN_PYTHON,
+    NOT_NEGATIVE,
+    POSITIVE,
+    SHARE,
+    WITHIN,
+    OneOf,
+    Range,
+    Setting,
+)
+from rpctl.robot.model import Robot
+from rpctl.robot.patterns import by_pattern
+from rpctl.robot.variation import Slope, Variation, on_slope, require_slope, vary
+from rpctl.robot.vary import add_losses, scale_losses
+from rpctl.simulation.loop.periods import delay_periods
+from rpctl.simulation.plants.protocol import PlantModel
+from rpctl.simulation.plants.settings import (
+    MAX_BITS,
+    CarriedLoad,
+    Noise,
+    SensorBias,
+    Slipping,
+    Wrench,
+)
+
+SIMULATED = ("rolling", "slipping", "contact")  # kinds that rpctl simulates itself
+PLANT_KINDS = (*SIMULATED, "own")
+
+
+MAX_SEED = 2**63 - 1  # a file's largest whole number
+
+
+@dataclass(frozen=True)
+class Plant(Variation):
+    """Differences between the simulated robot and the controller's model."""
+
+    tau_bias: Annotated[
+        Mapping[str, float],
+        WITHIN,
+        Setting(
+            "N·m or N",
+            "",
+            "Efforts that push besides the controller's, by pattern of the names of "
+            "actuators; the last that matches counts.",
+        ),
+    ] = field(default_factory=dict)
+    delay: Annotated[
+        float,
+        Range(0.0, LARGEST, "a time in s, 0 or more"),
+        Setting(
+            "s",
+            "Delay",
+            "Time from a measurement to the efforts it leads to; the nearest whole number "
+            "of control periods is simulated, halves up, and logged.",
+        ),
+    ] = 0.0
+    controller_model: Annotated[Robot | None, IN_PYTHON] = None
+    joint_friction: Annotated[
+        Mapping[str, float],
+        Range(0.0, LARGEST, "an effort of 0 or more"),
+        Setting(
+            "N·m or N",
+            "",
+            "Dry friction, which the simulated robot has besides what the controller "
+            "knows, by pattern of the names of actuators; the last that matches counts.",
+        ),
+    ] = field(default_factory=dict)
+    dropped: Annotated[
+        float,
+        SHARE,
+        Setting(
+            "",
+            "Samples dropped, of 1",
+            "Share of the samples that never reach the controller. Which ones is drawn, "
+            "and the same in every run of one seed; the first one arrives.",
+        ),
+    ] = 0.0
+    computing_time: Annotated[
+        float | str,
+        Range(0.0, LARGEST, "a time in s, 0 or more"),
+        Setting(
+            "s",
+            "Computing time",
+            "Time that computing takes, or measured: the processor's time. The efforts of "
+            "a sample come as much later, and what would be sampled meanwhile is missed. "
+            "A stated time is that of a plan, for a law that plans now and then, or else "
+            "of a sample.",
+        ),
+    ] = 0.0
+    lag: Annotated[
+        float | None,
+        LAG,
+        Setting(
+            "s",
+            "Lag",
+            "Of a robot that takes speeds, the lag with which it follows them; as the "
+            "controller knows it if not given.",
+        ),
+    ] = None
+    lags: Annotated[
+        Mapping[str, float],
+        LAG,
+        Setting("s", "", "Lag by name of the quasi-velocity, where it differs."),
+    ] = field(default_factory=dict)
+    dead_time: Annotated[
+        float | None,
+        DEAD_TIME,
+        Setting(
+            "s",
+            "Dead time",
+            "Time until such a robot begins to follow; as the controller knows it if not given.",
+        ),
+    ] = None
+    payload: Annotated[
+        CarriedLoad, Setting("", "Payload", "A load that the simulated robot carries.")
+    ] = field(default_factory=CarriedLoad)
+    losses: Annotated[
+        float,
+        NOT_NEGATIVE,
+        Setting(
+            "",
+            "",
+            "Scale of the damping and dry friction of the simulated robot's own joints, "
+            "without those that the plant adds.",
+        ),
+    ] = 1.0
+    effort: Annotated[
+        float,
+        POSITIVE,
+        Setting("", "", "Scale of the effort limits at which the true actuators saturate."),
+    ] = 1.0
+    effort_lag: Annotated[
+        float,
+        NOT_NEGATIVE,
+        Setting("s", "Lag of efforts", "First-order lag between commanded and true efforts."),
+    ] = 0.0
+    backlash: Annotated[
+        Mapping[str, float],
+        NOT_NEGATIVE,
+        Setting(
+            "rad or m",
+            "Backlash",
+            "Width of the gap between actuator and joint, by pattern of the names of actuators.",
+        ),
+    ] = field(default_factory=dict)
+    encoder_bits: Annotated[
+        int,
+        Range(0, MAX_BITS, f"a whole number from 0 to {MAX_BITS}"),
+        Setting("", "", "Bits of the joints' encoders; 0: exact."),
+    ] = 0
+    sensor_bias: Annotated[
+        SensorBias, Setting("", "", "Constant errors of what the controller measures.")
+    ] = field(default_factory=SensorBias)
+    jitter: Annotated[
+        float,
+        NOT_NEGATIVE,
+        Setting(
+            "s",
+            "",
+            "Standard deviation of the moments at which the controller samples; none is "
+            "farther off than .45 of a control period, so they stay in order.",
+        ),
+    ] = 0.0
+    slope: Annotated[
+        Slope,
+        Setting(
+            "rad",
+            "Slope",
+            "Angles by which the ground rises along the x and the y axis of the world; "
+            "the world's frame stays that of the ground.",
+        ),
+    ] = (0.0, 0.0)
+    wrenches: Annotated[
+        tuple[Wrench, ...],
+        Setting("", "", "What pushes and pulls the simulated robot from outside."),
+    ] = ()
+    noise: Annotated[
+        Noise, Setting("", "", "Standard deviations of what the controller measures.")
+    ] = field(default_factory=Noise)
+    seed: Annotated[
+        int,
+        Range(0, MAX_SEED, "a whole number, 0 or more"),
+        Setting("", "", "Of all that is drawn at random."),
+    ] = 0
+    kind: Annotated[
+        str,
+        OneOf(PLANT_KINDS),
+        Setting(
+            "",
+            "",
+            "What moves it: rolling, wheels that roll without slipping, as the "
+            "controller's model has it; slipping, tyres; contact, MuJoCo; own, a "
+            "simulator of the user's. The coefficient of friction is the run's.",
+        ),
+    ] = "rolling"
+    slipping: Annotated[Slipping, Setting("", "", "The tyres of a slipping one.")] = field(
+        default_factory=Slipping
+    )
+    contact: Annotated[
+        ContactSettings, Setting("", "", "How a robot in MuJoCo meets the ground.")
+    ] = field(default_factory=ContactSettings)
+    own: Annotated[PlantModel | None, IN_PYTHON] = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no plant."""
+        super().__post_init__()
+        if isinstance(self.computing_time, str) and self.computing_time != "measured":
+            raise RpctlError(
+                f'computing_time is {self.computing_time!r}; give seconds, or "measured"'
+            )
+        if type(self.encoder_bits) is not int:
+            raise RpctlError(
+                f"encoder_bits is {self.encoder_bits}; give a whole number from 0 to {MAX_BITS}"
+            )
+        require_slope(self.slope)
+
+    def velocity_interface(self, output: VelocityOutput) -> VelocityOutput:
+        """Return how the simulated robot follows speeds.
+
+        Args:
+            output: How the controller knows it.
+        """
+        lags = self.lags if self.lag is not None or self.lags else output.lags
+        return replace(
+            output,
+            lag=output.lag if self.lag is None else self.lag,
+            lags=lags,
+            dead_time=output.dead_time if self.dead_time is None else self.dead_time,
+        )
+
+    def bias(self, robot: Robot) -> Array:
+        """Return the efforts (n_act,) that push besides the controller's.
+
+        Raises:
+            UnknownNameError: One is of no actuator.
+        """
+        found = by_pattern(self.tau_bias, robot.actuators, "actuator")
+        return np.array([found.get(name, 0.0) for name in robot.actuators])
+
+    def saturation(self, robot: Robot) -> Array:
+        """Return the efforts (n_act,) beyond which the true actuators have none, N·m or N.
+
+        An effort scale of 1 leaves commands as they are, even beyond the limits of the robot's
+        file: there the summary of a run tells what was exceeded.
+
+        Args:
+            robot: The robot, with the limits that its controller knows.
+        """
+        limits = robot.effort_limits
+        return np.full(len(limits), math.inf) if self.effort == 1.0 else self.effort * limits
+
+    def simulated_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
+        """Return the dynamics of the simulated robot.
+
+        Args:
+            dynamics: Those of the robot that varies.
+
+        Raises:
+            UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
+            RpctlError: A wheel would not reach the ground, or there would be no dynamics.
+        """
+        robot = self.simulated_robot(dynamics.robot)
+        return dynamics if robot is dynamics.robot else ReducedDynamics(robot)
+
+    def simulated_robot(self, robot: Robot) -> Robot:
+        """Return the robot that is simulated, which the controller takes for another.
+
+        Args:
+            robot: The one that varies; itself where nothing does.
+
+        Raises:
+            UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
+            RpctlError: A wheel would not reach the ground, or there would be no dynamics.
+        """
+        for each in self.wrenches:
+            if not robot.model.existBodyName(each.link):
+                raise UnknownNameError("link", each.link, robot.description.link)
+        friction = by_pattern(self.joint_friction, robot.actuators, "actuator")
+        varied = vary(scale_losses(robot, self.losses), self)
+        return on_slope(self.payload.on(add_losses(varied, {}, friction)), self.slope)
+
+    def known_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
+        """Return the dynamics that the controller computes with.
+
+        Args:
+            dynamics: Of the simulated robot, without what the plant adds.
+
+        Raises:
+            RpctlError: The controller's model has other coordinates than the simulated robot.
+        """
+        robot = self.known_robot(dynamics.robot)
+        return dynamics if robot is dynamics.robot else ReducedDynamics(robot)
+
+    def known_robot(self, robot: Robot) -> Robot:
+        """Return the robot that the controller computes with.
+
+        Args:
+            robot: The simulated robot.
+
+        Raises:
+            RpctlError: The controller's model has other coordinates than the simulated robot.
+        """
+        model = self.controller_model
+        if model is None:
+            return robot
+        for names in ("quasi_velocities", "actuators"):
+            if getattr(model, names) != getattr(robot, names):
+                raise RpctlError(
+                    f"the controller's model, {model.name}, has other {names} than {robot.name}; "
+                    "vary its masses or limits only"
+                )
+        return model
+
+    def arrives(self, samples: int) -> NDArray[np.bool_]:
+        """Return of each sample (samples,) whether it reaches the controller."""
+        arrives = np.random.default_rng(self.seed).random(samples) >= self.dropped
+        arrives[:1] = True
+        return np.asarray(arrives)
+
+    def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
+        """Return the efforts on their way at the start: those that hold the robot still."""
+        return deque([hold] * delay_periods(self.delay, control_period))

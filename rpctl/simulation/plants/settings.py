@@ -1,0 +1,195 @@
+"""What a simulated robot carries, feels and measures wrongly: settings of a plant."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass
+from typing import Annotated
+
+from rpctl.errors import LARGEST, RpctlError, require_within
+from rpctl.files.records import POSITIVE, WITHIN, Range, Record, Setting
+from rpctl.robot.model import Robot
+from rpctl.robot.vary import with_payload
+
+TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
+Vector = tuple[float, float, float]
+MAX_OFFSET_M = 1e3  # m: no load is farther off than this
+OFFSET = Range(-MAX_OFFSET_M, MAX_OFFSET_M)
+MAX_BITS = 32  # of an encoder
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """A force and a moment that act on a link for a while.
+
+    Attributes:
+        link: The link.
+        force: At the origin of its frame (3,), world axes, N.
+        moment: (3,), world axes, N·m.
+        start: When they begin, s.
+        end: When they end, s; None: not before the run.
+    """
+
+    link: str
+    force: Vector = (0.0, 0.0, 0.0)
+    moment: Vector = (0.0, 0.0, 0.0)
+    start: float = 0.0
+    end: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no force, and what ends before it begins."""
+        require_within(f"the force on {self.link}", self.force)
+        require_within(f"the moment on {self.link}", self.moment)
+        require_within(f"the start of the push on {self.link}", [self.start])
+        if not 0.0 <= self.start < self.until:
+            raise RpctlError(
+                f"the push on {self.link} lasts from {self.start:g} to {self.until:g} s; give a "
+                "start of 0 or more, and an end after it"
+            )
+
+    def acts(self, t: float) -> bool:
+        """Return whether they act at a time (s)."""
+        return self.start - TIME_ROUNDING <= t < self.until - TIME_ROUNDING
+
+    @property
+    def until(self) -> float:
+        """When they end, s; infinite if that is not before the run."""
+        return math.inf if self.end is None else self.end
+
+
+@dataclass(frozen=True)
+class CarriedLoad(Record):
+    """A point mass fixed to a link of the simulated robot."""
+
+    of = "the payload's "
+    link: Annotated[str, Setting("", "", "The link; empty for that of the end effector.")] = ""
+    mass: Annotated[
+        float, Range(0.0, LARGEST, "0 or more, in kg"), Setting("kg", "", "0: none.")
+    ] = 0.0
+    com: Annotated[Vector, OFFSET, Setting("m", "", "Its place (x, y, z) in the link's frame.")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is no load."""
+        super().__post_init__()
+        if len(self.com) != 3:
+            raise RpctlError(f"the payload's com is {self.com}; give x, y, z in m")
+
+    def link_of(self, robot: Robot) -> str:
+        """Return the link that carries it.
+
+        Raises:
+            RpctlError: None is named, and the robot has no end effector.
+        """
+        if self.link:
+            return self.link
+        if robot.end_effector is None:
+            raise RpctlError(
+                f"{robot.name} has no end effector to carry the payload; name a link in "
+                "[plant.payload]"
+            )
+        return robot.end_effector
+
+    def on(self, robot: Robot) -> Robot:
+        """Return a robot that carries it; itself where there is none.
+
+        Raises:
+            UnknownNameError: The link is not known.
+            RpctlError: None is named, and the robot has no end effector.
+        """
+        if not self.mass:
+            return robot
+        return with_payload(robot, self.link_of(robot), self.mass, self.com)
+
+
+@dataclass(frozen=True)
+class SensorNumbers(Record):
+    """A number for each quantity that the controller measures."""
+
+    position: Annotated[
+        float, WITHIN, Setting("m", "position, x and y", "Of x and of y of the root link.")
+    ] = 0.0
+    heading: Annotated[float, WITHIN, Setting("rad", "heading", "Of the root link.")] = 0.0
+    joints: Annotated[
+        float,
+        WITHIN,
+        Setting(
+            "rad or m",
+            "joints' positions",
+            "Of the positions of the arm's joints and of those that are steered.",
+        ),
+    ] = 0.0
+    speed: Annotated[float, WITHIN, Setting("m/s", "speed", "Of the base's speeds.")] = 0.0
+    turn_rate: Annotated[
+        float, WITHIN, Setting("rad/s", "turning rate", "Of the base's turning rate.")
+    ] = 0.0
+    joint_rates: Annotated[
+        float, WITHIN, Setting("rad/s or m/s", "joints' rates", "Of the rates of the same joints.")
+    ] = 0.0
+
+    def __bool__(self) -> bool:
+        """Return whether there is any."""
+        return any(astuple(self))
+
+
+@dataclass(frozen=True)
+class SensorBias(SensorNumbers):
+    """Constant errors of what the controller measures; it measures so much more than there is."""
+
+    of = "sensor_bias of "
+
+
+@dataclass(frozen=True)
+class Noise(SensorNumbers):
+    """Standard deviations of what the controller measures. Samples are independent."""
+
+    of = "noise of "
+
+    def __post_init__(self) -> None:
+        """Refuse what is no deviation."""
+        super().__post_init__()
+        for name, value in vars(self).items():
+            if value < 0.0:
+                raise RpctlError(f"noise of {name} is {value:g}; give a deviation of 0 or more")
+
+
+@dataclass(frozen=True)
+class Slipping(Record):
+    """How the tyres of a slipping robot grip; the table [plant.slipping]."""
+
+    slip_stiffness: Annotated[
+        float,
+        POSITIVE,
+        Setting(
+            "",
+            "",
+            "Force of a tyre per load and per slip, its slip velocity over its rolling "
+            "speed. A rolling cylinder has 2R/a with a contact 2a long [J85, Sec. 8.3], "
+            "so 20 where a is a tenth of the radius, as of solid rubber; pneumatic tyres "
+            "have 10 to 20 [P12, Ch. 4]. The higher, the nearer to wheels that roll "
+            "without slipping.",
+        ),
+    ] = 20.0
+    creep_speed: Annotated[
+        float,
+        POSITIVE,
+        Setting(
+            "m/s",
+            "",
+            "Rolling speed below which a tyre is as soft as at it: one that stands still "
+            "under a force creeps, by force over load times this over the slip stiffness.",
+        ),
+    ] = 0.01
+    rolling_resistance: Annotated[
+        float,
+        Range(0.0, 1.0, "a ratio of force to load from 0 to less than 1", below=True),
+        Setting(
+            "",
+            "",
+            "Moment against a wheel's rolling, per load and radius. Hard floors and solid "
+            "rubber have .01 to .02.",
+        ),
+    ] = 0.0

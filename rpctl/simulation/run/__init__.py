@@ -1,0 +1,1 @@
+"""A run: its samples, its robot, its file."""

@@ -1,0 +1,268 @@
+"""What a log says besides what is kept of its samples: each row follows from its own state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.dynamics.grip import find_ranges
+from rpctl.dynamics.ground_reaction import GroundReaction, find_contacts, ground_reactions
+from rpctl.dynamics.many_states import ManyStates, Reactions
+from rpctl.dynamics.pushes import outside_at
+from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
+from rpctl.errors import DivergedError
+from rpctl.reference.quasi_velocities import configurations
+from rpctl.robot.model import Robot
+from rpctl.robot.placements import EndEffectorFrame, aligned_tree, end_effector_frame
+from rpctl.simulation.config import Config
+from rpctl.simulation.run.facts import other_joints, reference_wheels, steered_joints
+from rpctl.simulation.run.log import Log
+
+TURN = 2.0 * math.pi
+PLACES = ("base", "joints", "steering", "others", "e", "q_ref")
+BLOCK = 4096  # rows whose forces are computed at once
+NOT_FINITE = ("load_range", "slip_range")  # arrays in which NaN and inf have a meaning
+GROUND_COLUMNS = (
+    "wheel_force", "axle_force", "contact_load", "zmp", "tip_margin", "slip_ratio", "load_range",
+    "slip_range",
+)  # fmt: skip
+
+
+class Derivation:
+    """Computes what follows from a log's states.
+
+    Args:
+        dynamics: Of the robot, without what the plant adds.
+        config: Plant and friction.
+
+    Attributes:
+        dynamics: Those of the simulated robot.
+        robot: It.
+        contacts: How the simulated robot stands on the ground, or None for a fixed base.
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, config: Config) -> None:
+        self.dynamics = dynamics = config.plant.simulated_dynamics(dynamics)
+        self.robot = robot = dynamics.robot
+        self.contacts = find_contacts(dynamics, config.run.friction)
+        self._bias, self._wrenches = config.plant.bias(robot), config.plant.wrenches
+        self._frame: EndEffectorFrame | None = None
+        if robot.end_effector is not None:
+            self._frame = end_effector_frame(aligned_tree(robot))
+        self._many = ManyStates(dynamics) if dynamics.constant else None
+        self._other_indices = [robot.velocity_index(name) for name in other_joints(robot)]
+
+    def __call__(self, log: Log, name: str) -> Mapping[str, Array]:
+        """Return the arrays of a log that are computed with one of them, by name.
+
+        Raises:
+            DivergedError: The motion left the finite numbers.
+        """
+        if name in PLACES:
+            return self._places(log)
+        found: dict[str, Array] = {}
+        for first in range(0, len(log.t), BLOCK):
+            rows = slice(first, min(first + BLOCK, len(log.t)))
+            with np.errstate(all="ignore"):  # what is not finite is refused below
+                block = self.forces(log, rows)
+            _require_finite(log.t[rows], block)
+            for each, values in block.items():
+                if each not in found:
+                    found[each] = np.empty((len(log.t), *values.shape[1:]))
+                found[each][rows] = values
+        return found
+
+    def _places(self, log: Log) -> dict[str, Array]:
+        """Return where the robot and its reference are."""
+        robot, q = self.robot, log.q
+        base = _base_poses(robot, q)
+        joints = _positions(robot, q, robot.joint_names)
+        e = _tracking_errors(robot, base, joints, log)
+        return {
+            "base": base + TURN * log.turns[:, None] * [0.0, 0.0, 1.0],
+            "joints": joints,
+            "steering": _positions(robot, q, steered_joints(robot)),
+            "others": _positions(robot, q, other_joints(robot)),
+            "e": e,
+            "q_ref": reference_configurations(robot, log.base_ref, log.joints_ref, log.wheels_ref),
+        }
+
+    def forces(self, log: Log, rows: slice) -> dict[str, Array]:
+        """Return what velocities, forces and the end effector say, of some rows."""
+        q, nu, push = log.q[rows], log.nu[rows], log.tau[rows] + self._bias
+        wanted = configurations(self.robot, log.base_ref[rows], log.joints_ref[rows])
+        outside = self._outside(log.t[rows], q)
+        reactions = None if self._many is None else self._many.reactions(q, nu, push, outside)
+        return {
+            **self._motion(q, nu, reactions),
+            **_end_effector(self._frame, q, wanted),
+            **self._ground(q, nu, push, reactions, outside),
+        }
+
+    def _outside(self, t: Array, q: Array) -> OutsideForce | None:
+        """Return what pushes the robot from outside at times (K,) and q (K, nq), or None."""
+        if not any((t < each.until).any() and (t >= each.start).any() for each in self._wrenches):
+            return None
+        found = OutsideForce(np.zeros((len(t), self.robot.nv)), np.zeros((len(t), 6)))
+        for k in range(len(t)):
+            acting = [each for each in self._wrenches if each.acts(t[k])]
+            found.push[k], found.wrench[k] = outside_at(self.dynamics, q[k], acting)
+        return found
+
+    def _motion(self, q: Array, nu: Array, reactions: Reactions | None) -> dict[str, Array]:
+        """Return what velocities say: rates, energy, and how well the constraints are kept."""
+        dynamics = self.dynamics
+        if dynamics.constant:
+            at = dynamics.at(q[0])
+            v, rates = nu @ at.S.T, nu @ at.B
+            slip = v @ at.A.T
+        else:
+            v, rates = np.empty((len(q), self.robot.nv)), np.empty((len(q), len(self._bias)))
+            slip = np.empty((len(q), len(dynamics.rolling.matrix.constant)))
+            for k in range(len(q)):
+                at = dynamics.at(q[k])
+                v[k] = at.S @ nu[k]
+                rates[k], slip[k] = at.B.T @ nu[k], at.A @ v[k]
+        if reactions is None:
+            energy = np.array([dynamics.energy(*state) for state in zip(q, nu, strict=True)])
+        else:
+            energy = reactions.energy
+        return {
+            "rates": rates,
+            "other_rates": v[:, self._other_indices],
+            "energy": energy,
+            "constraint_residual": np.abs(slip).max(axis=1, initial=0.0),
+        }
+
+    def _ground(
+        self,
+        q: Array,
+        nu: Array,
+        push: Array,
+        reactions: Reactions | None,
+        outside: OutsideForce | None,
+    ) -> dict[str, Array]:
+        """Return what the ground does; (K, 0) where it is not defined."""
+        contacts, nothing = self.contacts, np.empty((len(q), 0))
+        if contacts is None:
+            return dict.fromkeys(GROUND_COLUMNS, nothing)
+        found = ground_reactions(self.dynamics, contacts, q, nu, push, reactions, outside)
+        columns = _ground_columns(found)
+        if not contacts.determinate:
+            ranges = find_ranges(contacts, found)
+            columns |= {"load_range": ranges.load, "slip_range": ranges.slip}
+        return dict.fromkeys(GROUND_COLUMNS, nothing) | columns
+
+
+def reference_configurations(robot: Robot, pose: Array, joints: Array, wheels: Array) -> Array:
+    """Return q (K, nq) of the reference robot.
+
+    Args:
+        robot: The robot.
+        pose: Poses of P (K, 3), m and rad.
+        joints: Positions of the arm (K, n_joints), rad or m.
+        wheels: Positions of what :func:`reference_wheels` names (K, n), rad.
+    """
+    steered = len(robot.drive.steered)
+    if steered:
+        rows = zip(pose, joints, wheels[:, :steered], strict=True)
+        q = np.array([robot.configuration_at(*row) for row in rows]).reshape(-1, robot.nq)
+    else:
+        q = configurations(robot, pose, joints)
+    for name, positions in zip(reference_wheels(robot)[steered:], wheels.T[steered:], strict=True):
+        robot.entries[name].write_all(q, positions)
+    return q
+
+
+def _base_poses(robot: Robot, q: Array) -> Array:
+    """Return the poses (K, 3) of P at q (K, nq); m, rad."""
+    x, y, cos, sin = q[:, :4].T
+    px, py = robot.drive.point
+    heading = np.arctan2(sin, cos) + robot.drive.heading
+    return np.column_stack([x + cos * px - sin * py, y + sin * px + cos * py, heading])
+
+
+def _positions(robot: Robot, q: Array, names: tuple[str, ...]) -> Array:
+    """Return the positions (K, n) of joints at q (K, nq), rad or m."""
+    found = np.empty((len(q), len(names)))
+    for column, name in enumerate(names):
+        entry = robot.entries.get(name)
+        found[:, column] = robot.locked[name] if entry is None else entry.read_all(q)
+    return found
+
+
+def _tracking_errors(robot: Robot, base: Array, joints: Array, log: Log) -> Array:
+    """Return e (K, 3 + n_joints), as :func:`rpctl.control.error.tracking_error` has it."""
+    x, y, heading = (log.base_ref - base).T
+    cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
+    ahead = log.joints_ref - joints
+    for column, joint in zip(ahead.T, robot.joints, strict=True):
+        if joint.kind == "continuous":
+            column[:] = wrap(column)
+    return np.column_stack([cos * x + sin * y, cos * y - sin * x, wrap(heading), ahead])
+
+
+def wrap(angles: Array) -> Array:
+    """Return angles in (−π, π]."""
+    return np.asarray(math.pi - np.mod(math.pi - angles, TURN))
+
+
+def _ground_columns(reactions: GroundReaction) -> dict[str, Array]:
+    """Return what the log says of the ground's forces, but for the ranges."""
+    found = {
+        "wheel_force": reactions.longitudinal,
+        "axle_force": reactions.lateral,
+        "contact_load": reactions.load,
+        "zmp": reactions.zmp,
+    }
+    if reactions.tip_margin is not None:
+        found["tip_margin"] = reactions.tip_margin
+    if reactions.slip_ratio.size:
+        found["slip_ratio"] = reactions.slip_ratio.max(axis=1)
+    return found
+
+
+def _end_effector(frame: EndEffectorFrame | None, q: Array, q_ref: Array) -> dict[str, Array]:
+    """Return where the end effector is (K, 3), where it should be, and the angle between (K,).
+
+    Args:
+        frame: The end effector; None: there is none.
+        q: Configurations (K, nq).
+        q_ref: Those of the reference (K, nq).
+    """
+    if frame is None:
+        none = np.empty((len(q), 0))
+        return {"ee": none, "ee_ref": none, "ee_angle": np.zeros(len(q))}
+    (axes, place), (wanted_axes, wanted) = frame.at(q), frame.at(q_ref)
+    # The reference's base is turned by Δ against the robot's.
+    (cos, sin), (cos_ref, sin_ref) = q[:, 2:4].T, q_ref[:, 2:4].T
+    c, s = cos * cos_ref + sin * sin_ref, cos * sin_ref - sin * cos_ref
+    x, y = wanted_axes[:, 0].copy(), wanted_axes[:, 1].copy()
+    wanted_axes[:, 0], wanted_axes[:, 1] = c * x - s * y, s * x + c * y
+    turn = np.einsum("iak,jak->ijk", axes, wanted_axes)
+    twice = [turn[j, i] - turn[i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
+    sine, cosine = np.sqrt(sum(each * each for each in twice)), np.einsum("iik->k", turn) - 1.0
+    return {"ee": place, "ee_ref": wanted, "ee_angle": np.arctan2(sine, cosine)}
+
+
+def _require_finite(t: Array, block: Mapping[str, Array]) -> None:
+    """Refuse rows that are not finite.
+
+    Raises:
+        DivergedError: When the motion left the finite numbers.
+    """
+    for name, values in block.items():
+        finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+        if name not in NOT_FINITE and not finite.all():
+            raise left(float(t[int(np.argmin(finite))]))
+
+
+def left(t: float) -> DivergedError:
+    """Return the error of a motion that left the finite numbers at a time, s."""
+    return DivergedError(
+        f"the motion left the finite numbers at t = {t:g} s; shorten the control period or "
+        "lengthen the horizons"
+    )

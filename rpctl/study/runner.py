@@ -1,0 +1,249 @@
+"""Simulates the runs of an experiment, by machine code where it can, as any process does it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpctl.arrays import Array
+from rpctl.errors import DivergedError, RpctlError
+from rpctl.files.opening import read_input
+from rpctl.reference.motion import Reference
+from rpctl.robot.model import Robot
+from rpctl.simulation.loop.backend import pays, plant_refusal, refusal
+from rpctl.simulation.loop.periods import whole_periods
+from rpctl.simulation.loop.track import default_duration, simulate
+from rpctl.simulation.merits.measures import measures
+from rpctl.simulation.merits.outcome import DIVERGING
+from rpctl.simulation.run.run import Run
+from rpctl.study.experiment import SERIES, Experiment, Progress, RunTable
+from rpctl.study.merits import REFUSED, RunVerdict, merits_for, run_merits
+
+if TYPE_CHECKING:
+    from rpctl.study.lanes import Lanes
+
+RUNS = 10  # that a loop is built for, at least: whether it pays depends on no one's chunks
+BLOCK = 256  # runs that are done at a time, and after which progress is told
+
+
+@dataclass(frozen=True)
+class RunChunk:
+    """Runs that are done together.
+
+    Attributes:
+        rows: Their rows (K,) among all that is asked.
+        indices: Numbers (K,) from which their random numbers follow.
+        values: Their settings (K, n).
+    """
+
+    rows: NDArray[np.int64]
+    indices: NDArray[np.int64]
+    values: Array
+
+    def __str__(self) -> str:
+        """Return ``runs 0 to 9``."""
+        first, last = int(self.rows[0]), int(self.rows[-1])
+        return f"run {first}" if first == last else f"runs {first} to {last}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """What is the same for all runs: found once."""
+
+    reference: Reference
+    merits: tuple[str, ...]
+    series: tuple[str, ...]
+    count: int  # samples of a run
+    stride: int  # of those that are kept over time
+    lanes: Lanes | None  # machine code; None: Python does the runs
+
+    @property
+    def kept(self) -> slice:
+        """Which samples are kept over time."""
+        return slice(None, None, self.stride)
+
+
+@dataclass(frozen=True, eq=False)
+class Runner:
+    """Simulates runs of an experiment; it can be sent to another process, on any machine.
+
+    Attributes:
+        robot: The robot, as its controller knows it.
+        experiment: What all runs have in common.
+    """
+
+    robot: Robot
+    experiment: Experiment
+    _file: bytes | None = field(default=None, repr=False)  # of a reference: others need not have it
+
+    def __post_init__(self) -> None:
+        """Keep what is in the file of the reference, where it is one."""
+        if self.experiment.reference is None and self._file is None:
+            object.__setattr__(self, "_file", _content(self.experiment.config.run.reference))
+
+    def __getstate__(self) -> Mapping[str, Any]:
+        """Return what another process needs; it prepares itself."""
+        return {name: value for name, value in vars(self).items() if name != "_prepared"}
+
+    def __call__(self, chunk: RunChunk) -> RunTable:
+        """Return the rows of a chunk, which depend on its settings and numbers only."""
+        table = self.rows(chunk.values, chunk.indices)
+        return replace(table, index=chunk.rows)
+
+    def rows(
+        self,
+        values: Array,
+        indices: NDArray[np.int64] | Sequence[int],
+        progress: Progress | None = None,
+    ) -> RunTable:
+        """Simulate runs; each is the same whichever others run beside it.
+
+        A run that diverges, or that is refused for its settings, is a row with that outcome.
+
+        Args:
+            values: Settings of each run (K, n), in the order of ``experiment.names``.
+            indices: Numbers of the runs (K,), from which their random numbers follow.
+            progress: Called with the runs done and their number.
+
+        Raises:
+            RpctlError: The experiment fits no run: its reference or a merit is not the robot's.
+        """
+        table = self._empty_table(values, np.asarray(indices, dtype=np.int64))
+        verdicts: dict[int, RunVerdict] = {}
+        lanes, notify = self._prepared.lanes, progress or (lambda done, total: None)
+        for first in range(0, len(table), BLOCK):
+            rows = slice(first, min(first + BLOCK, len(table)))
+
+            def told(done: int, _: int, first: int = first) -> None:
+                notify(first + done, len(table))
+
+            if lanes is not None:
+                verdicts |= lanes.fill(table, rows, values[rows], told)
+            for row in range(rows.start, rows.stop):
+                if row not in verdicts:
+                    verdicts[row] = self._run_row(table, row, values[row])
+                if lanes is None:
+                    told(row + 1 - first, 0)
+            told(rows.stop - first, 0)
+        ordered = [verdicts[row] for row in range(len(table))]
+        return replace(
+            table,
+            outcomes=tuple(verdict.outcome for verdict in ordered),
+            reasons=tuple(verdict.reason for verdict in ordered),
+        )
+
+    @cached_property
+    def _prepared(self) -> _Prepared:
+        robot, experiment = self.robot, self.experiment
+        config, reference = experiment.config, experiment.reference or self._reference()
+        duration = config.run.duration or default_duration(reference)
+        count = whole_periods(duration, config.run.control_period) + 1
+        placed = robot.end_effector is not None
+        series = tuple(name for name, measure in SERIES.items() if placed or measure != "tip")
+        merits = merits_for(robot, experiment.merits)
+        stride = -(-count // experiment.samples)
+        lanes = _lanes(config.limits.apply(robot), experiment, reference, count, stride)
+        return _Prepared(reference, merits, series, count, stride, lanes)
+
+    def _reference(self) -> Reference:
+        """Return the reference by its name, or of the file that was sent if it is not here."""
+        config = self.experiment.config
+        name, known = config.run.reference, config.limits.apply(self.robot)
+        if self._file is None or _content(name) == self._file:
+            return config.run.load_reference(known)
+        with TemporaryDirectory() as folder:
+            path = Path(folder, Path(name).name)
+            path.write_bytes(self._file)
+            return replace(config.run, reference=str(path)).load_reference(known)
+
+    def _empty_table(self, values: Array, indices: NDArray[np.int64]) -> RunTable:
+        """Return the table of runs that came to no end."""
+        prepared, count = self._prepared, len(indices)
+        period = self.experiment.config.run.control_period
+        t: Array = np.arange(prepared.count, dtype=float)[prepared.kept] * period
+        return RunTable(
+            index=indices,
+            parameters=dict(zip(self.experiment.names, values.T, strict=True)),
+            merits={name: np.full(count, np.inf) for name in prepared.merits},
+            series={name: np.full((count, len(t)), np.nan) for name in prepared.series},
+            t=t,
+            outcomes=(),
+            reasons=(),
+        )
+
+    def _run_row(self, table: RunTable, row: int, settings: Array) -> RunVerdict:
+        """Simulate a run by Python, fill its row, and return what became of it."""
+        prepared, experiment = self._prepared, self.experiment
+
+        def keep(run: Run) -> None:
+            kept = measures(run)
+            for name, series in table.series.items():
+                shown = getattr(kept, SERIES[name])[prepared.kept]
+                series[row, : len(shown)] = shown
+
+        try:
+            run = simulate(
+                self.robot,
+                experiment.config_of(settings, int(table.index[row])),
+                prepared.reference,
+                ended=keep,
+                collisions=False,
+                backend="pinocchio",
+            )
+        except DivergedError as error:
+            return RunVerdict(DIVERGING, str(error))
+        except RpctlError as error:
+            return RunVerdict(REFUSED, str(error))
+        keep(run)
+        merits, verdict = run_merits(run, experiment.tolerance)
+        for name, column in table.merits.items():
+            column[row] = merits[name]
+        return verdict
+
+
+def _content(name: str) -> bytes | None:
+    """Return what is in a file; None if there is none of that name."""
+    try:
+        return read_input(name, "MAX_SHOWN_BYTES", "a reference")
+    except RpctlError:
+        return None
+
+
+def _lanes(
+    robot: Robot, experiment: Experiment, reference: Reference, count: int, stride: int
+) -> Lanes | None:
+    """Return what runs an experiment as machine code; None where Python does.
+
+    Raises:
+        RpctlError: Machine code is asked for and cannot do it.
+    """
+    reason = why_not(robot, experiment, count)
+    if reason is None:
+        from rpctl.simulation.compiled.build import DiffersError
+        from rpctl.study.lanes import Lanes
+
+        try:
+            return Lanes(robot, experiment, reference, count, stride)
+        except DiffersError as error:
+            reason = str(error)
+    if experiment.backend == "compiled":
+        raise RpctlError(f'these runs cannot be compiled: {reason}; take backend "auto"')
+    return None
+
+
+def why_not(robot: Robot, experiment: Experiment, count: int) -> str | None:
+    """Return why runs of ``count`` samples are not done by machine code; None if they are."""
+    if experiment.backend == "pinocchio":
+        return "Pinocchio is asked for"
+    reason = refusal(robot, experiment.config)
+    reason = reason or plant_refusal(experiment.config.plant, experiment.names)
+    if reason is None and experiment.backend == "auto" and not pays(robot, RUNS * count):
+        return "runs are too short for that"
+    return reason

@@ -1,1 +1,0 @@
-"""A battery of stresses: how far each law holds as circumstances worsen."""

@@ -1,0 +1,507 @@
+"""A battery of stressed runs: every level of every stress, and some of two stresses at a time.
+
+A stress is an axis with a ladder of levels around the nominal one. A level is a change of a
+configuration that ``rpctl track --config`` takes, so that every cell of a battery is the run of a
+file. The controller knows of none of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.controller import default_laws
+from rpctl.control.law import DynamicLaw, KinematicLaw
+from rpctl.control.registry import (
+    DYNAMIC_LAWS,
+    KINEMATIC_LAWS,
+    dynamic_by_name,
+    kinematic_by_name,
+)
+from rpctl.dynamics.ground_reaction import FRICTION
+from rpctl.errors import DivergedError, RpctlError, UnknownNameError
+from rpctl.files.records import to_plain
+from rpctl.robot.inspection import robot_identity
+from rpctl.robot.model import Robot
+from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.loop.track import simulate
+from rpctl.simulation.merits.measures import measures
+from rpctl.simulation.merits.summary import summarize
+from rpctl.simulation.plants.plant import Plant
+from rpctl.simulation.plants.settings import CarriedLoad, Noise
+from rpctl.simulation.run.run import Run
+from rpctl.study.cells import References, run_cells
+from rpctl.study.compare import PAPER, LawPair
+from rpctl.study.executor import Executor, SerialExecutor
+from rpctl.study.experiment import Progress, run_seed
+from rpctl.study.journal import Journal
+from rpctl.study.provenance import installed, reference_digest
+
+JOURNAL_FILE = "cells.jsonl"
+DURATION = 10.0  # s: references start softly, for 3 s; the second half is what is judged
+ROLLING, CONTACT = "rolling", "contact"  # kinds of plants
+RADIUS = "radius"  # the stress that lifts wheels off the ground, or supports
+REFUSED, ENDED = "refused", "ended"  # outcomes of a run that never began, or came to no end
+OTHERS = (PAPER, LawPair("kanayama", "paper"))  # that the robot's own laws are compared with
+# A base that localises itself in a map with a lidar, and reads its wheels and joints by encoders.
+LOCALISATION = Noise(
+    position=0.01, heading=0.005, joints=0.0005, speed=0.01, turn_rate=0.01, joint_rates=0.005
+)
+Change = Callable[[Plant, Robot, float], Plant]
+Reason = Callable[[Robot], str | None]
+Levels = tuple[tuple[str, float], ...]  # names of stresses and their levels
+
+
+@dataclass(frozen=True)
+class Stress:
+    """One axis of a battery.
+
+    Attributes:
+        name: What it is called on the command line.
+        unit: Of its levels, as they are shown.
+        levels: From one end to the other, the nominal one among them.
+        nominal: The level of a run that nothing stresses.
+        summary: What a level is, in words.
+        change: Returns the plant of a robot at a level; None: the level is the ground's friction.
+        why_not: Returns why a robot has no such stress, a clause; None where it has.
+        drawn: Ends of what combinations draw from; None: those of the levels.
+        whole: Whether only whole numbers are drawn.
+        needs_slip: Whether it means nothing where wheels cannot slip.
+    """
+
+    name: str
+    unit: str
+    levels: tuple[float, ...]
+    nominal: float
+    summary: str
+    change: Change | None
+    why_not: Reason = lambda robot: None
+    drawn: tuple[float, float] | None = None
+    whole: bool = False
+    needs_slip: bool = False
+
+    def apply(self, config: Config, robot: Robot, level: float) -> Config:
+        """Return the configuration of a run of a robot at a level, in the unit of the stress."""
+        if self.change is None:
+            return config.with_run(friction=level)
+        return replace(config, plant=self.change(config.plant, robot, level))
+
+    def draw(self, share: float) -> float:
+        """Return the level at a share (0 to 1) of the way from one end to the other."""
+        low, high = self.drawn or (min(self.levels), max(self.levels))
+        level = low + share * (high - low)
+        return float(round(level)) if self.whole else float(f"{level:.3g}")
+
+    def text(self, level: float) -> str:
+        """Return a level as it is shown, without the unit."""
+        if self.drawn is not None and level == self.nominal:
+            return "none"
+        return f"{level:+g}" if min(self.levels) < 0.0 and level else f"{level:g}"
+
+    def extremes(self) -> Stress:
+        """Return it with its nominal level and its ends alone."""
+        kept = {self.nominal, self.levels[0], self.levels[-1]}
+        return replace(self, levels=tuple(level for level in self.levels if level in kept))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what it is as JSON says it."""
+        names = ("name", "unit", "levels", "nominal", "summary")
+        return {name: getattr(self, name) for name in names}
+
+
+def _payload(plant: Plant, robot: Robot, level: float) -> Plant:
+    link = "" if robot.end_effector is not None else robot.description.root
+    return replace(plant, payload=CarriedLoad(link, level)) if level else plant
+
+
+def _radii(plant: Plant, robot: Robot, level: float) -> Plant:
+    return replace(plant, radii={"*": 1.0 + 0.01 * level}) if level else plant
+
+
+def _noise(plant: Plant, robot: Robot, level: float) -> Plant:
+    return replace(plant, noise=Noise(*(level * each for each in astuple(LOCALISATION))))
+
+
+def _no_effort_limits(robot: Robot) -> str | None:
+    limited = bool(np.isfinite(robot.effort_limits).any())
+    return None if limited else "its file has no effort limits"
+
+
+def _no_wheels(robot: Robot) -> str | None:
+    return None if robot.drive.base_speeds else "its base is fixed"
+
+
+def _no_losses(robot: Robot) -> str | None:
+    losses = robot.losses
+    some = losses is not None and bool(np.any(losses.damping) or np.any(losses.friction))
+    return None if some else "its file has no damping or friction of joints"
+
+
+STRESSES = {
+    each.name: each
+    for each in (
+        Stress(
+            "payload", "kg", (0.0, 0.5, 1.0, 2.0, 5.0), 0.0,
+            "a mass at the end effector, or in the root link's origin of a robot without one",
+            _payload,
+        ),
+        Stress(
+            "friction", "", (1.0, 0.7, 0.5, 0.35, 0.2), FRICTION,
+            "coefficient between wheels and ground", None, _no_wheels, needs_slip=True,
+        ),
+        Stress(
+            "delay", "ms", (0.0, 5.0, 10.0, 20.0, 50.0), 0.0,
+            "from a measurement to the efforts it leads to",
+            lambda plant, robot, level: replace(plant, delay=1e-3 * level),
+        ),
+        Stress(
+            RADIUS, "%", (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 0.0,
+            "that all wheels' radii differ from their description", _radii, _no_wheels,
+        ),
+        Stress(
+            "encoders", "bits", (0.0, 16.0, 14.0, 12.0, 10.0), 0.0,
+            "a turn of wheels and revolute joints, whose rates are differences",
+            lambda plant, robot, level: replace(plant, encoder_bits=round(level)),
+            drawn=(10.0, 16.0), whole=True,
+        ),
+        Stress(
+            "noise", "x", (0.0, 1.0, 2.0, 4.0), 0.0,
+            "times 1 cm, 5 mrad, 1 cm/s and 10 mrad/s of the base, .5 and 5 mrad(/s) of joints",
+            _noise,
+        ),
+        Stress(
+            "effort", "x", (1.0, 0.75, 0.5), 1.0,
+            "times the effort limits, at which the actuators saturate",
+            lambda plant, robot, level: replace(plant, effort=level), _no_effort_limits,
+        ),
+        Stress(
+            "slope", "deg", (0.0, 2.0, 5.0, 8.0), 0.0, "up along the reference's x axis",
+            lambda plant, robot, level: replace(plant, slope=(math.radians(level), 0.0)),
+        ),
+        Stress(
+            "slope-across", "deg", (0.0, 2.0, 5.0, 8.0), 0.0, "up along the reference's y axis",
+            lambda plant, robot, level: replace(plant, slope=(0.0, math.radians(level))),
+        ),
+        Stress(
+            "losses", "x", (0.0, 1.0, 2.0, 3.0), 1.0, "times the file's damping and friction",
+            lambda plant, robot, level: replace(plant, losses=level), _no_losses,
+        ),
+    )
+}  # fmt: skip
+
+
+def stresses_by_name(names: Sequence[str]) -> tuple[Stress, ...]:
+    """Return stresses in the order of the names; all of them if there are none.
+
+    Raises:
+        UnknownNameError: There is no such stress.
+    """
+    for name in names:
+        if name not in STRESSES:
+            raise UnknownNameError("stress", name, STRESSES)
+    return tuple(STRESSES[name] for name in dict.fromkeys(names or STRESSES))
+
+
+@dataclass(frozen=True)
+class StressCell:
+    """One run of a battery.
+
+    Attributes:
+        plant: Kind of the plant.
+        law: The laws.
+        levels: What is not nominal; nothing where nothing is stressed.
+        seed: Of the plant.
+    """
+
+    plant: str
+    law: LawPair
+    levels: Levels = ()
+    seed: int = 0
+
+    def __str__(self) -> str:
+        """Return ``rolling unified+integral payload 5 kg``."""
+        return f"{self.plant} {self.law} {self.words}"
+
+    @property
+    def key(self) -> str:
+        """What no other cell of a battery is called; it says all but the seed of the battery."""
+        levels = ",".join(f"{name}={level!r}" for name, level in self.levels)
+        return f"{self.plant} {self.law} {levels} {self.seed}"
+
+    @property
+    def words(self) -> str:
+        """What is stressed: ``payload 5 kg and delay 20 ms``."""
+        stressed = ((STRESSES[name], level) for name, level in self.levels)
+        words = (f"{each.name} {each.text(level)} {each.unit}".rstrip() for each, level in stressed)
+        return " and ".join(words) or "nothing stressed"
+
+
+@dataclass(frozen=True)
+class Battery:
+    """What is stressed, and how.
+
+    Attributes:
+        robot: The robot.
+        laws: Pairs of laws; the first is the one that is judged.
+        plants: Kinds of plants.
+        stresses: The ladders.
+        run: Reference, duration and all else that no cell changes.
+        seed: Of all that is random.
+        combinations: How many cells with two stresses each law gets on each plant.
+    """
+
+    robot: Robot
+    laws: tuple[LawPair, ...]
+    plants: tuple[str, ...]
+    stresses: tuple[Stress, ...]
+    run: RunSettings = field(default_factory=lambda: RunSettings(duration=DURATION))
+    seed: int = 0
+    combinations: int = 0
+
+    @cached_property
+    def left_out(self) -> Mapping[tuple[str, str], str]:
+        """Why a stress means nothing on a plant, by plant and stress."""
+        reasons = {}
+        for plant in self.plants:
+            for stress in self.stresses:
+                reason = stress.why_not(self.robot)
+                if stress.needs_slip and plant == ROLLING:
+                    reason = "its wheels cannot slip"
+                if reason is not None:
+                    reasons[plant, stress.name] = reason
+        return reasons
+
+    def stresses_on(self, plant: str) -> tuple[Stress, ...]:
+        """Return the stresses that mean something on a plant."""
+        return tuple(s for s in self.stresses if (plant, s.name) not in self.left_out)
+
+    @cached_property
+    def cells(self) -> tuple[StressCell, ...]:
+        """All runs, each once: plant by plant, law by law."""
+        return tuple(
+            StressCell(plant, law, levels, seed)
+            for plant in self.plants
+            for law in self.laws
+            for levels, seed in self._levels(plant)
+        )
+
+    def _levels(self, plant: str) -> Iterator[tuple[Levels, int]]:
+        """Yield what is stressed on a plant, and its seed: nothing, ladders, combinations."""
+        yield (), self.seed
+        stresses = self.stresses_on(plant)
+        for stress in stresses:
+            for level in stress.levels:
+                if level != stress.nominal:
+                    yield ((stress.name, level),), self.seed
+        if len(stresses) > 1:
+            yield from (self._combination(stresses, k) for k in range(self.combinations))
+
+    def _combination(self, stresses: tuple[Stress, ...], number: int) -> tuple[Levels, int]:
+        """Return two stresses at levels within their ranges, drawn at random, and their seed."""
+        seed = run_seed(self.seed, number)
+        generator = np.random.default_rng(seed)
+        pair = np.sort(generator.choice(len(stresses), 2, replace=False))
+        shares = generator.random(2)
+        chosen = ((stresses[k], float(share)) for k, share in zip(pair, shares, strict=True))
+        return tuple((stress.name, stress.draw(share)) for stress, share in chosen), seed
+
+    def config_of(self, cell: StressCell) -> Config:
+        """Return the configuration of a cell, which ``rpctl track --config`` replays."""
+        kinematic, dynamic = laws_of(self.robot, cell.law)
+        plant = Plant(kind=cell.plant, seed=cell.seed)
+        config = Config(kinematic=kinematic, dynamic=dynamic, run=self.run, plant=plant)
+        for name, level in cell.levels:
+            config = STRESSES[name].apply(config, self.robot, level)
+        return config
+
+
+def default_pair(robot: Robot) -> LawPair:
+    """Return the names of the laws that a robot gets if nobody names others."""
+    kinematic, dynamic = default_laws(robot)
+    names = {law: name for name, law in (*KINEMATIC_LAWS.items(), *DYNAMIC_LAWS.items())}
+    return LawPair(names[type(kinematic)], names[type(dynamic)])
+
+
+def default_pairs(robot: Robot) -> tuple[LawPair, ...]:
+    """Return the pairs of laws that are stressed if nobody names others: the robot's own first."""
+    return tuple(dict.fromkeys((default_pair(robot), *OTHERS)))
+
+
+def laws_of(robot: Robot, pair: LawPair) -> tuple[KinematicLaw, DynamicLaw]:
+    """Return the laws of a pair: the robot's own where they are meant, else with their defaults."""
+    if pair == default_pair(robot):
+        return default_laws(robot)
+    return kinematic_by_name(pair.kinematic), dynamic_by_name(pair.dynamic)
+
+
+@dataclass(frozen=True)
+class StressFigures:
+    """What became of a stressed run.
+
+    Attributes:
+        outcome: A word of ``simulation/merits/outcome.py``; ``"ended"`` if it came to no end,
+            ``"refused"`` if it never began.
+        sentence: Why, in words.
+        time: Simulated, s.
+        base_error: Distance of P from its reference, root mean square of the second half, m; None
+            of a run without an end.
+        end_effector_error: Likewise of the end effector; None without one, too.
+        violations: The limits of the URDF that were broken, each as ``JOINT KIND``.
+        would_slip: Whether its motion needs more grip than there is, on a plant that always rolls.
+        would_tip: Whether its motion would lift a wheel, on a plant that cannot fall.
+        tilt: Largest angle by which the robot leant over from where it stood, rad.
+        felt_ground: What the plant says of the ground, in words; empty where its wheels roll.
+        lifted_wheels: Wheels that bore nothing for a while.
+        hanging_wheels: Those of them that bore nothing where it stood, before it moved.
+    """
+
+    outcome: str
+    sentence: str
+    time: float = 0.0
+    base_error: float | None = None
+    end_effector_error: float | None = None
+    violations: tuple[str, ...] = ()
+    would_slip: bool = False
+    would_tip: bool = False
+    tilt: float = 0.0
+    felt_ground: str = ""
+    lifted_wheels: tuple[str, ...] = ()
+    hanging_wheels: tuple[str, ...] = ()
+
+    @property
+    def error(self) -> float:
+        """The larger of both errors, m; inf where there is none, or one is no number."""
+        errors = [each for each in (self.base_error, self.end_effector_error) if each is not None]
+        return max(errors, default=math.inf) if all(map(math.isfinite, errors)) else math.inf
+
+
+def figures_of(run: Run) -> StressFigures:
+    """Return the figures of a run that came to its end."""
+    summary, errors, kind = summarize(run), measures(run), run.config.plant.kind
+    late = slice(len(run.t) // 2, None)
+    felt, wheels = summary.felt_ground, {wheel.joint for wheel in run.robot.drive.wheels}
+    return StressFigures(
+        outcome=summary.outcome,
+        sentence=summary.outcome_sentence,
+        time=float(run.t[-1]),
+        base_error=_rms(errors.base[late]),
+        end_effector_error=None if run.robot.end_effector is None else _rms(errors.tip[late]),
+        violations=tuple(f"{each.joint} {each.limit}" for each in summary.limits_violated),
+        would_slip=kind == ROLLING and bool(summary.ground.would_slip),
+        would_tip=kind != CONTACT and bool(summary.ground.would_tip),
+        tilt=largest_tilt(run.log.root_pose),
+        felt_ground="" if felt is None else felt.sentence,
+        lifted_wheels=() if felt is None else tuple(n for n in felt.lifted if n in wheels),
+        hanging_wheels=() if felt is None else tuple(n for n in felt.hanging if n in wheels),
+    )
+
+
+def largest_tilt(poses: Array) -> float:
+    """Return the largest angle (rad) by which a body leant over from where it stood.
+
+    Args:
+        poses: Its poses (K, 7): x, y, z, quaternion x, y, z, w; none (K, 0): it stays upright.
+    """
+    if not poses.size:
+        return 0.0
+    x, y, z, w = poses[:, 3:].T
+    up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    return float(np.arccos(np.clip(up @ up[0], -1.0, 1.0)).max())
+
+
+def _rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@dataclass(frozen=True, eq=False)
+class StressChunk:
+    """A cell for a process: its key, and the configuration that replays it."""
+
+    key: str
+    config: Config
+
+    def __str__(self) -> str:
+        """Return the cell's key."""
+        return self.key
+
+
+@dataclass(frozen=True)
+class StressTask:
+    """Runs cells on one robot; it can be sent to another process."""
+
+    references: References
+
+    def __call__(self, chunk: StressChunk) -> StressFigures:
+        """Return what became of a cell; a run that was refused, or ended early, says why."""
+        ended: list[Run] = []
+        try:
+            reference = self.references(chunk.config.run)
+            run = simulate(self.references.robot, chunk.config, reference, ended=ended.append)
+        except RpctlError as error:
+            if not ended and not isinstance(error, DivergedError):
+                return StressFigures(REFUSED, str(error))
+            return StressFigures(ENDED, str(error), float(ended[0].t[-1]) if ended else 0.0)
+        return figures_of(run)
+
+
+def run_battery(
+    battery: Battery,
+    out: Path,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    resume: bool = False,
+) -> dict[str, StressFigures]:
+    """Run a battery, and keep each run on disk as it ends; return the figures by cells' keys.
+
+    They depend neither on the executor, nor on what ended it before. A battery with more laws,
+    plants, stresses or combinations may go on with the runs of a smaller one.
+
+    Args:
+        battery: The battery.
+        out: The folder of its runs.
+        executor: What runs the cells; None: this process.
+        progress: Called with the runs done and their number.
+        resume: Whether to go on with what the folder holds.
+
+    Raises:
+        RpctlError: The folder holds something else.
+    """
+    identity = {
+        "robot": robot_identity(battery.robot),
+        "run": to_plain(battery.run),
+        "reference": reference_digest(battery.run.reference),
+        "versions": dict(installed()),
+    }
+    journal = Journal(out / JOURNAL_FILE, identity, "a battery's runs", "them")
+    done = {record["cell"]: _read(record["figures"]) for record in journal.begin(resume)}
+    chunks = [StressChunk(cell.key, battery.config_of(cell)) for cell in battery.cells]
+    missing = [chunk for chunk in chunks if chunk.key not in done]
+    before = len(chunks) - len(missing)
+
+    def keep(chunk: StressChunk, figures: StressFigures) -> None:
+        journal.add({"cell": chunk.key, "figures": asdict(figures)})
+        done[chunk.key] = figures
+
+    def count(more: int, _: int) -> None:
+        if progress is not None:
+            progress(before + more, len(chunks))
+
+    count(0, 0)
+    task = StressTask(References(battery.robot))
+    run_cells(task, missing, executor or SerialExecutor(), count, keep)
+    ordered = {**{chunk.key: done[chunk.key] for chunk in chunks}, **done}
+    journal.rewrite({"cell": key, "figures": asdict(each)} for key, each in ordered.items())
+    return ordered
+
+
+def _read(figures: Mapping[str, Any]) -> StressFigures:
+    """Return the figures that a journal holds, whose lists are tuples."""
+    lists = {name: tuple(each) for name, each in figures.items() if isinstance(each, list)}
+    return StressFigures(**{**figures, **lists})

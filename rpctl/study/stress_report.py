@@ -1,0 +1,354 @@
+"""What a battery found: the verdict on each run, how far each law holds, the worst case of each."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rpctl.errors import RpctlError
+from rpctl.files.records import to_plain
+from rpctl.simulation.config import write_config
+from rpctl.simulation.merits.outcome import LATE, SUCCESSES
+from rpctl.simulation.merits.texts import length
+from rpctl.simulation.run.table import FORMULA
+from rpctl.study.compare import LawPair
+from rpctl.study.stress_battery import (
+    LOCALISATION,
+    RADIUS,
+    REFUSED,
+    Battery,
+    Stress,
+    StressCell,
+    StressFigures,
+)
+
+PASS, DEGRADE, FAIL = "pass", "degrade", "fail"
+VERDICTS = (PASS, DEGRADE, FAIL)  # from good to bad; a run that was refused has none
+TOLERANCE_RATIO = 0.01  # of the robot's length: how far from its reference a run that passes may be
+MOST_TOLD = 3  # broken limits that a reason names; the figures have all
+MAX_TILT = math.radians(10.0)  # rad: tyres and casters give way by less; a fall goes on beyond it
+RIGID = "the supports are rigid and as high as the file has them, so they carry the robot"
+OTHERS = "the other contacts carry the robot"
+COLUMNS = (
+    "plant", "law", "stress", "level", "unit", "and_stress", "and_level", "and_unit", "seed",
+    "verdict", "reason", "outcome", "time", "base_error", "end_effector_error", "violations",
+    "tilt", "felt_ground",
+)  # fmt: skip
+
+
+class StressVerdict(NamedTuple):
+    """One of ``VERDICTS``, or ``"refused"``, and why, in words."""
+
+    name: str
+    reason: str
+
+
+def error_text(error: float) -> str:
+    """Return an error (m) in mm, in five characters at most; nothing where there is none."""
+    millimetres = 1e3 * error
+    if not math.isfinite(error):
+        return ""
+    if error >= 9.95:
+        return f"{error:.0f} m" if error < 999.5 else "> km"
+    if error >= 0.9995:
+        return f"{error:.1f} m"
+    digits = 2 if millimetres < 9.995 else 1 if millimetres < 99.95 else 0
+    return f"{millimetres:.{digits}f}"
+
+
+def rule(tolerance: float) -> str:
+    """Return the rule in words.
+
+    Args:
+        tolerance: How far from its reference a run that passes may be, m.
+    """
+    return (
+        f"{PASS}: tracked within all limits, base and end effector within {length(tolerance)} of "
+        f"their references (rms of the second half). {DEGRADE}: tracked farther away, or late, or "
+        f"the motion needs more grip than there is. {FAIL}: stuck, diverging, collided, ended "
+        "early, a limit broken, or tipped over."
+    )
+
+
+def judge(figures: StressFigures, tolerance: float) -> StressVerdict:
+    """Return the verdict on a run by the rule."""
+    if figures.outcome == REFUSED:
+        return StressVerdict(REFUSED, figures.sentence)
+    fault = _fault(figures)
+    wheels = _wheels_in_the_air(figures)
+    if fault is not None:
+        return StressVerdict(FAIL, fault + wheels)
+    if figures.outcome == LATE:
+        return StressVerdict(DEGRADE, f"late: {figures.sentence}{wheels}")
+    if figures.would_slip:
+        return StressVerdict(DEGRADE, "its wheels would slip")
+    away = f"{length(figures.error)} from its reference"
+    if figures.error <= tolerance:
+        return StressVerdict(PASS, away)
+    return StressVerdict(DEGRADE, away + wheels)
+
+
+def _wheels_in_the_air(figures: StressFigures) -> str:
+    """Return which wheels bore nothing, as the end of a reason; empty if all did."""
+    if figures.hanging_wheels:
+        return f"; {', '.join(figures.hanging_wheels)} bore nothing from the start"
+    return f"; {', '.join(figures.lifted_wheels)} lifted" if figures.lifted_wheels else ""
+
+
+def _fault(figures: StressFigures) -> str | None:
+    """Return why a run fails, in words; None if it does not."""
+    if figures.outcome not in SUCCESSES:
+        return f"{figures.outcome}: {figures.sentence}"
+    if figures.tilt > MAX_TILT:
+        return f"tipped over: it leant {math.degrees(figures.tilt):.0f} degrees"
+    if figures.would_tip:
+        return "it would tip over"
+    if figures.violations:
+        more = len(figures.violations) - MOST_TOLD
+        rest = f" and {more} more" if more > 0 else ""
+        return f"broke {', '.join(figures.violations[:MOST_TOLD])}{rest}"
+    return None if math.isfinite(figures.error) else "its error is not finite"
+
+
+@dataclass(frozen=True)
+class StressRow:
+    """A cell, what became of it, and the verdict."""
+
+    cell: StressCell
+    figures: StressFigures
+    verdict: StressVerdict
+
+    @property
+    def badness(self) -> tuple[int, float]:
+        """What rows are compared by; larger is worse."""
+        return VERDICTS.index(self.verdict.name), self.figures.error
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row as JSON says it."""
+        cell = self.cell
+        return {
+            "plant": cell.plant,
+            "law": str(cell.law),
+            "levels": dict(cell.levels),
+            "seed": cell.seed,
+            "verdict": self.verdict.name,
+            "reason": self.verdict.reason,
+            **asdict(self.figures),
+        }
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a law holds along a ladder, from the nominal level on without a break.
+
+    Attributes:
+        plant: Kind of the plant.
+        law: The laws.
+        stress: Name of the stress.
+        passes: First and last level of the ladder up to which all pass; None: the nominal one does
+            not.
+        tracks: Likewise of those that do not fail.
+    """
+
+    plant: str
+    law: str
+    stress: str
+    passes: tuple[float, float] | None
+    tracks: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class StressReport:
+    """All runs of a battery and the verdicts on them.
+
+    Attributes:
+        battery: The battery.
+        tolerance: How far from its reference a run that passes may be, m.
+        rows: In the order of the battery's cells.
+    """
+
+    battery: Battery
+    tolerance: float
+    rows: tuple[StressRow, ...]
+
+    def row(
+        self, plant: str, law: LawPair, stress: Stress | None = None, level: float = 0.0
+    ) -> StressRow:
+        """Return the row of one level of a ladder; without a ladder that of nothing stressed."""
+        nominal = stress is None or level == stress.nominal
+        levels = () if nominal or stress is None else ((stress.name, level),)
+        return self._by_cell[StressCell(plant, law, levels, self.battery.seed)]
+
+    @cached_property
+    def _by_cell(self) -> Mapping[StressCell, StressRow]:
+        return {row.cell: row for row in self.rows}
+
+    def pairs(self) -> list[tuple[str, LawPair]]:
+        """Return each plant with each pair of laws."""
+        return list(product(self.battery.plants, self.battery.laws))
+
+    def _rows_of(self, plant: str, law: LawPair) -> list[StressRow]:
+        return [row for row in self.rows if (row.cell.plant, row.cell.law) == (plant, law)]
+
+    def combined(self, plant: str, law: LawPair) -> list[StressRow]:
+        """Return the rows with two stresses."""
+        return [row for row in self._rows_of(plant, law) if len(row.cell.levels) > 1]
+
+    def worst(self) -> list[StressRow]:
+        """Return the worst row of each pair of laws on each plant: by its verdict, then its error.
+
+        Those of which every run was refused have none.
+        """
+        worst = []
+        for pair in self.pairs():
+            ran = [row for row in self._rows_of(*pair) if row.verdict.name != REFUSED]
+            worst += [max(ran, key=lambda row: row.badness)] if ran else []
+        return worst
+
+    def reaches(self) -> list[Reach]:
+        """Return how far each law holds on each plant along each ladder."""
+        return [
+            Reach(
+                plant,
+                str(law),
+                stress.name,
+                self._reach(plant, law, stress, (PASS,)),
+                self._reach(plant, law, stress, (PASS, DEGRADE)),
+            )
+            for plant, law in self.pairs()
+            for stress in self.battery.stresses_on(plant)
+        ]
+
+    def _reach(
+        self, plant: str, law: LawPair, stress: Stress, good: Sequence[str]
+    ) -> tuple[float, float] | None:
+        """Return the ends of the stretch of good levels about the nominal one."""
+        levels = stress.levels
+        middle = levels.index(stress.nominal)
+        holds = [self.row(plant, law, stress, each).verdict.name in good for each in levels]
+        if not holds[middle]:
+            return None
+        first = last = middle
+        while first > 0 and holds[first - 1]:
+            first -= 1
+        while last + 1 < len(levels) and holds[last + 1]:
+            last += 1
+        return levels[first], levels[last]
+
+    def hanging(self, plant: str) -> list[str]:
+        """Return where wheels hang in the air from the start, and why; a sentence a ladder."""
+        hanging = {
+            row.cell.levels: row.figures.hanging_wheels
+            for row in self.rows
+            if row.cell.plant == plant
+        }
+        always = hanging.get((), ())
+        told = [f"nothing stressed: {', '.join(always)} bear nothing: {OTHERS}"] if always else []
+        for stress in self.battery.stresses_on(plant):
+            wheels = {
+                level: [n for n in hanging.get(((stress.name, level),), ()) if n not in always]
+                for level in stress.levels
+            }
+            levels = [stress.text(level) for level, names in wheels.items() if names]
+            if levels:
+                named = dict.fromkeys(name for names in wheels.values() for name in names)
+                where = f"{stress.name} {', '.join(levels)} {stress.unit}".rstrip()
+                why = RIGID if stress.name == RADIUS else OTHERS
+                told.append(f"{where}: {', '.join(named)} bear nothing from the start: {why}")
+        return told
+
+    @property
+    def nominal_failure(self) -> StressRow | None:
+        """The first run of the first laws that fails, or is refused, with nothing stressed."""
+        rows = (self.row(plant, self.battery.laws[0]) for plant in self.battery.plants)
+        return next((row for row in rows if row.verdict.name in (FAIL, REFUSED)), None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as JSON says it."""
+        battery = self.battery
+        return {
+            "robot": battery.robot.name,
+            "rule": rule(self.tolerance),
+            "tolerance": self.tolerance,
+            "seed": battery.seed,
+            "run": to_plain(battery.run),
+            "plants": list(battery.plants),
+            "laws": list(map(str, battery.laws)),
+            "stresses": [each.to_dict() for each in battery.stresses],
+            "left_out": [
+                {"plant": plant, "stress": stress, "reason": reason}
+                for (plant, stress), reason in battery.left_out.items()
+            ],
+            "hanging": {plant: self.hanging(plant) for plant in battery.plants},
+            "localisation": asdict(LOCALISATION),
+            "cells": [row.to_dict() for row in self.rows],
+            "envelope": [asdict(each) for each in self.reaches()],
+        }
+
+
+def report_of(
+    battery: Battery, figures: Mapping[str, StressFigures], tolerance: float
+) -> StressReport:
+    """Return the report of a battery whose runs have all ended.
+
+    Args:
+        battery: The battery.
+        figures: By the key of the cell.
+        tolerance: How far from its reference a run that passes may be, m.
+
+    Raises:
+        RpctlError: No run could be made.
+    """
+    rows = tuple(
+        StressRow(cell, figures[cell.key], judge(figures[cell.key], tolerance))
+        for cell in battery.cells
+    )
+    report = StressReport(battery, tolerance, rows)
+    if not report.worst():
+        raise RpctlError(f"no run could be made: {rows[0].verdict.reason}")
+    return report
+
+
+def report_csv(report: StressReport) -> str:
+    """Return the rows of a report as CSV; errors in m, times in s, angles in rad."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", extrasaction="ignore")
+    writer.writeheader()
+    units = {stress.name: stress.unit for stress in report.battery.stresses}
+    for row in report.rows:
+        cells = row.to_dict()
+        for head, (name, level) in zip(("", "and_"), row.cell.levels, strict=False):
+            cells |= {f"{head}stress": name, f"{head}level": level, f"{head}unit": units[name]}
+        cells["violations"] = "; ".join(row.figures.violations)
+        writer.writerow({name: csv_literal(cells.get(name)) for name in COLUMNS})
+    return text.getvalue()
+
+
+def csv_literal(cell: Any) -> Any:
+    """Return a cell that no spreadsheet takes for a formula."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA) else cell
+
+
+def write_worst(report: StressReport, out: Path) -> list[Path]:
+    """Write the configurations of the worst cases, in the place of any before.
+
+    Args:
+        report: The report.
+        out: Its folder.
+
+    Returns:
+        The files, in the order of ``report.worst()``.
+    """
+    for left in out.glob("worst-*.toml"):
+        left.unlink(missing_ok=True)
+    return [
+        write_config(report.battery.config_of(row.cell), out / f"worst-{k}.toml")
+        for k, row in enumerate(report.worst(), start=1)
+    ]

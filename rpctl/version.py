@@ -1,0 +1,3 @@
+"""The version of rpctl."""
+
+VERSION = "0.1.0"

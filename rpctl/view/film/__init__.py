@@ -1,1 +1,0 @@
-"""Films and pictures of a run, drawn by a headless browser."""

@@ -1,0 +1,204 @@
+"""The ground of a scene with its grid, the lights above it, and a camera that sees a motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.view.palette import light, rgb
+from rpctl.view.scene import threejs
+
+GRID_PIECES = 16  # each line fades out in so many steps
+SHADOW_MAP_PX = 2048  # pixels
+SUN_DIRECTION = np.array([-0.35, -0.55, 1.0])  # direction to the light that casts shadows
+FIELD_OF_VIEW = 30.0  # degrees, top to bottom: long enough a lens that robots keep their shape
+FILLED_RATIO = 0.9  # of the picture that the motion may fill
+VIEW_DIRECTIONS = ((0.45, -1.0, 0.62), (1.0, 0.45, 0.62), (-0.45, -1.0, 0.62), (1.0, -0.45, 0.62))
+
+
+def ground_disc(lower: Array, upper: Array) -> tuple[Array, float]:
+    """Return centre (2,) and radius of the ground for a scene between two corners (3,), m."""
+    radius = 0.75 * float(np.linalg.norm((upper - lower)[:2])) + 1.0
+    return 0.5 * (lower + upper)[:2], radius
+
+
+def ground_command(lower: Array, upper: Array, height: float) -> bytes:
+    """Return the command that draws the ground: a grid of round spacing, and shadows.
+
+    Args:
+        lower: Least coordinates of what the scene shows (3,), m.
+        upper: Largest coordinates (3,), m.
+        height: Height of the ground, m.
+    """
+    centre, radius = ground_disc(lower, upper)
+    grid = _grid(centre, radius, height)
+    plane = {"uuid": "plane", "type": "PlaneGeometry", "width": 2 * radius, "height": 2 * radius}
+    clear = {"transparent": True, "depthWrite": False}
+    materials = [
+        {"uuid": "grid", "type": "LineBasicMaterial", "vertexColors": 2, **clear},
+        {"uuid": "shadow", "type": "ShadowMaterial", "opacity": 0.16, **clear},
+    ]
+    pose = np.eye(4)
+    pose[:3, 3] = centre[0], centre[1], height
+    nodes = [
+        threejs.node("LineSegments", "grid", geometry="grid", material="grid", renderOrder=1),
+        threejs.node(
+            "Mesh",
+            "shadow",
+            geometry="plane",
+            material="shadow",
+            receiveShadow=True,
+            renderOrder=2,
+            **threejs.fixed_matrix(pose),
+        ),
+    ]
+    root = threejs.node("Group", "ground", children=nodes)
+    return threejs.set_object("/rpctl/ground", root, [grid, plane], materials)
+
+
+def _grid(centre: Array, radius: float, height: float) -> threejs.Json:
+    """Return the grid's geometry, of half or whole metres where that suits the radius (m)."""
+    step = float(next(s for s in (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 1e9) if radius / s <= 16))
+    step = max(min(step, radius), 0.25)
+    points, opacity = grid_lines(centre, radius, step, height)
+    tone = rgb(light("grid"))
+    colours = np.column_stack([np.tile(tone, (len(points), 1)), 150.0 * opacity]).astype(np.uint8)
+    return threejs.geometry(
+        "grid",
+        {
+            "position": threejs.attribute(points.astype(np.float32)),
+            "color": threejs.attribute(colours, normalized=True),
+        },
+    )
+
+
+def grid_lines(centre: Array, radius: float, step: float, height: float) -> tuple[Array, Array]:
+    """Return the grid's line ends (n, 3), m, and their opacity (n,), 0 at ``radius``.
+
+    Args:
+        centre: Of the grid (2,), m.
+        radius: Where the lines end, m.
+        step: Distance between lines, which lie on its multiples, m.
+        height: z of all lines, m.
+    """
+    count = int(np.ceil(radius / step))
+    offsets = step * np.arange(-count, count + 1)
+    stops = np.linspace(-count * step, count * step, 2 * GRID_PIECES + 1)
+    ends = np.column_stack([stops[:-1], stops[1:]]).reshape(-1)
+    origin = np.round(np.asarray(centre[:2]) / step) * step  # lines stay on multiples of the step
+    across, along = np.repeat(offsets, len(ends)), np.tile(ends, len(offsets))
+    flat = np.concatenate([np.column_stack([across, along]), np.column_stack([along, across])])
+    distance = np.linalg.norm(flat, axis=1) / (count * step)
+    opacity = np.clip(1.0 - distance, 0.0, 1.0) ** 1.2
+    points = np.column_stack([flat + origin, np.full(len(flat), height)])
+    visible = opacity.reshape(-1, 2).max(axis=1).repeat(2) > 0.0
+    return points[visible], opacity[visible]
+
+
+def lights_command(lower: Array, upper: Array) -> bytes:
+    """Return the command that lights the scene: a sky, and a sun that casts shadows."""
+    sky, fill = np.eye(4), np.eye(4)
+    sky[2, 3] = 1.0
+    fill[:3, 3] = 3.0, -1.0, 1.0
+    nodes = [
+        threejs.node(
+            "HemisphereLight",
+            "sky",
+            color=0xFFFFFF,
+            groundColor=0x9AA0A8,
+            intensity=0.58,
+            **threejs.fixed_matrix(sky),
+        ),
+        _sun(lower, upper),
+        threejs.node(
+            "DirectionalLight", "fill", color=0xFFFFFF, intensity=0.1, **threejs.fixed_matrix(fill)
+        ),
+    ]
+    return threejs.set_object("/rpctl/lights", threejs.node("Group", "lights", children=nodes))
+
+
+def _sun(lower: Array, upper: Array) -> threejs.Json:
+    """Return the sun, whose shadows cover the box between two corners (3,), m."""
+    axes = view_axes(SUN_DIRECTION)
+    corners = np.array([[(lower, upper)[k >> i & 1][i] for i in range(3)] for k in range(8)])
+    seen = corners @ axes.T
+    (left, bottom, near), (right, top, far) = seen.min(axis=0) - 0.2, seen.max(axis=0) + 0.2
+    sun = np.eye(4)
+    distance = max(far, 0.0) + 1.0  # the sun shines towards the origin, wherever the motion is
+    sun[:3, 3] = axes[2] * distance
+    box = {"left": left, "right": right, "bottom": bottom, "top": top}
+    box |= {"near": 0.1, "far": distance - near + 1.0}
+    camera = {"uuid": "sun-view", "type": "OrthographicCamera", "zoom": 1.0}
+    camera |= {key: float(value) for key, value in box.items()}
+    shadow = {
+        "mapSize": [SHADOW_MAP_PX, SHADOW_MAP_PX],
+        "bias": -5e-4,
+        "radius": 3,
+        "camera": camera,
+    }
+    return threejs.node(
+        "DirectionalLight",
+        "sun",
+        color=0xFFFFFF,
+        intensity=0.36,
+        castShadow=True,
+        shadow=shadow,
+        **threejs.fixed_matrix(sun),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera that is level.
+
+    Attributes:
+        eye: Where it is (3,), m.
+        target: What it looks at (3,), m.
+        depth: Distance between the two, m.
+    """
+
+    eye: Array
+    target: Array
+    depth: float
+
+
+def fit_camera(points: Array, aspect: float) -> Camera:
+    """Return the camera that sees all points from as near as it can.
+
+    Args:
+        points: What has to be in the picture (n, 3), m.
+        aspect: Width of the picture over its height.
+    """
+    cameras = [_fit(points, aspect, np.array(direction)) for direction in VIEW_DIRECTIONS]
+    return min(cameras, key=lambda camera: camera.depth)
+
+
+def view_axes(direction: Array) -> Array:
+    """Return right, up and backward (3, 3) of a level camera that is in a direction, not z."""
+    back = direction / np.linalg.norm(direction)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(back, right), back])
+
+
+def _fit(points: Array, aspect: float, direction: Array) -> Camera:
+    """Return the nearest camera in a direction.
+
+    Along its axes a point (a, b, c) is in the picture where |a - a0| <= s (c0 - c), s the tangent
+    of half the field of view; likewise for b. The least c0 follows from the extremes of a + s c
+    and a - s c.
+    """
+    axes = view_axes(direction)
+    seen = points @ axes.T  # (n, 3)
+    tangent = FILLED_RATIO * np.tan(np.radians(0.5 * FIELD_OF_VIEW))
+    away, middle = [], []
+    for along, s in ((seen[:, 0], tangent * aspect), (seen[:, 1], tangent)):
+        high, low = (along + s * seen[:, 2]).max(), (along - s * seen[:, 2]).min()
+        away.append((high - low) / (2.0 * s))
+        middle.append(0.5 * (high + low))
+    distance = max(away)
+    depth = max(distance - 0.5 * float(seen[:, 2].max() + seen[:, 2].min()), 0.1)
+    eye = np.array([*middle, distance]) @ axes
+    return Camera(eye, eye - depth * axes[2], depth)

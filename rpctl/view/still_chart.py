@@ -1,0 +1,171 @@
+"""A chart that stands still: pages draw it without a script, paper by Matplotlib."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.study.words import number
+
+DECADES_RATIO = 40.0  # largest over smallest: beyond, an axis is logarithmic
+MAX_DECADES_RATIO = 1e6  # that a logarithmic axis shows
+TICKS = 5  # about, of an axis
+ROOM = 0.04  # of the range of values: left free at either end
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis, linear or logarithmic; its label names quantity and unit."""
+
+    low: float
+    high: float
+    label: str = ""
+    log: bool = False
+
+    def at(self, values: Array | float) -> Array:
+        """Return where values are, 0 at the low end to 1; beyond the ends they are at them."""
+        inside = np.clip(values, self.low, self.high)
+        if self.log:
+            return np.asarray(np.log(inside / self.low) / math.log(self.high / self.low))
+        return np.asarray((inside - self.low) / (self.high - self.low))
+
+    def value(self, shares: Array) -> Array:
+        """Return the values at shares of the way from the low end to the high one."""
+        if self.log:
+            return np.asarray(self.low * (self.high / self.low) ** shares)
+        return np.asarray(self.low + (self.high - self.low) * shares)
+
+    def ticks(self) -> list[float]:
+        """Return round values inside, about :data:`TICKS` of them."""
+        if not self.log:
+            step = _round_step((self.high - self.low) / TICKS)
+            first = math.ceil(self.low / step - 1e-9)
+            return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
+        decades = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
+        steps = (1.0, 3.0) if len(decades) <= 4 else (1.0,)
+        values = [step * 10.0**decade for decade in decades for step in steps]
+        return [value for value in values if self.low <= value * 1.0001 <= self.high * 1.0002]
+
+
+def _round_step(least: float) -> float:
+    """Return the smallest of 1, 2 and 5 times a power of ten that is not below."""
+    power = 10.0 ** math.floor(math.log10(least))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least * 0.999)
+
+
+def axis_over(values: Array, label: str = "", log: bool | None = None, zero: bool = True) -> Axis:
+    """Return an axis that holds values, with a little room.
+
+    Args:
+        values: Those that are not finite are left out.
+        label: The quantity and its unit.
+        log: Whether it is logarithmic; None: where the values span decades.
+        zero: Whether a linear one begins at zero, if no value is below.
+    """
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return Axis(0.0, 1.0, label)
+    low, high = float(known.min()), float(known.max())
+    least = float(known[known > 0.0].min(initial=np.inf))
+    if log is None:
+        log = low >= 0.0 and high > DECADES_RATIO * least
+    if log and math.isfinite(least):
+        return Axis(max(least, high / MAX_DECADES_RATIO) / 1.15, high * 1.15, label, log=True)
+    if zero and low >= 0.0:
+        low = 0.0
+    room = ROOM * (high - low) or 0.5 * abs(high) or 1.0
+    return Axis(low if low == 0.0 else low - room, high + room, label)
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """A line, or what is filled between it and a floor.
+
+    Attributes:
+        x: Places (n,); of steps, their edges (n + 1,).
+        y: Values (n,); those that are no numbers are left out.
+        colour: Its name in the palette, or ``c0``, ``c1``, ... of lines.
+        floor: Down to where it is filled (n,); None: a line.
+        opacity: Of the colour.
+        width: Of a line, px on a page.
+        dashed: Whether a line is dashed.
+        label: Its name in a legend.
+    """
+
+    x: Array
+    y: Array
+    colour: str
+    floor: Array | None = None
+    opacity: float = 1.0
+    width: float = 2.0
+    dashed: bool = False
+    label: str = ""
+
+    @property
+    def steps(self) -> bool:
+        """Whether it is a bar between each place and the next."""
+        return len(self.x) > len(self.y)
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Values over two axes, in the colours of the palette's ramp.
+
+    Attributes:
+        x_edges: Of the columns (n + 1,).
+        y_edges: Of the rows (m + 1,).
+        values: (m, n); NaN where there is none, inf where it is lost.
+        low: The value at the ramp's beginning.
+        high: The value at its end.
+        texts: What a reader who points at a cell is told, row after row.
+        label: Of the values.
+    """
+
+    x_edges: Array
+    y_edges: Array
+    values: Array
+    low: float
+    high: float
+    texts: Sequence[Sequence[str]] = ()
+    label: str = ""
+
+    def share(self, row: int, column: int) -> float:
+        """Return where the value of a cell is on the ramp, 0 to 1."""
+        span = self.high - self.low
+        return float((self.values[row, column] - self.low) / span) if span > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class StillChart:
+    """Marks, or cells, on common axes.
+
+    Attributes:
+        title: What it shows.
+        x: The horizontal axis.
+        y: The vertical one.
+        marks: The first is drawn first.
+        cells: A map below the marks.
+        summary: What who does not see it is told.
+    """
+
+    title: str
+    x: Axis
+    y: Axis
+    marks: tuple[Mark, ...] = ()
+    cells: Cells | None = None
+    summary: str = ""
+
+
+def fitting(ticks: list[float], room: int) -> list[float]:
+    """Return every n-th of the ticks, so that their labels do not touch.
+
+    Args:
+        ticks: Their values, in order.
+        room: Characters that fit side by side.
+    """
+    length = 2 + max((len(number(each)) for each in ticks), default=0)
+    return ticks[:: max(1, -(-len(ticks) * length // room))]

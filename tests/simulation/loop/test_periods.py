@@ -1,0 +1,42 @@
+"""Whole control periods, where decimals are none of a binary fraction."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import pytest
+
+from rpctl import RpctlError
+from rpctl.simulation.loop.periods import delay_note, delay_periods, duration_note, whole_periods
+
+PERIODS = ("0.001", "0.002", "0.003", "0.005", "0.01", "0.7")
+
+
+@pytest.mark.parametrize("period", PERIODS)
+def test_they_count_as_decimals_do(period: str) -> None:
+    """Against exact fractions of what was written, up to the hours of a long run."""
+    for tenths in (*range(1, 400), 1_000_000, 36_000_005):
+        time = Fraction(period) * Fraction(tenths, 10)
+        whole = tenths % 10 == 0
+        periods = whole_periods(float(time), float(period))
+        assert periods == max(1, math.floor(time / Fraction(period)))
+        assert (duration_note(float(time), float(period)) == ()) is whole
+        assert delay_periods(float(time), float(period)) == (tenths + 5) // 10
+        assert (delay_note(float(time), float(period)) == ()) is whole
+    assert delay_periods(0.0, float(period)) == 0
+    assert delay_note(0.0, float(period)) == ()
+
+
+def test_what_is_simulated_is_told() -> None:
+    (ends,), (late,) = duration_note(1.0, 0.3), delay_note(0.5, 0.2)
+    said = "is no whole number of control periods of"
+    assert ends == f"a duration of 1 s {said} 0.3 s: the run ends at 0.9 s"
+    assert late == f"a delay of 0.5 s {said} 0.2 s: 0.6 s are simulated"
+
+
+def test_what_is_no_time_is_told() -> None:
+    with pytest.raises(RpctlError, match="duration is nan; give a positive number"):
+        whole_periods(math.nan, 0.002)
+    with pytest.raises(RpctlError, match="control_period is 0; give a positive number"):
+        whole_periods(1.0, 0.0)

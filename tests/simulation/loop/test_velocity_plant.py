@@ -1,0 +1,208 @@
+"""A robot that takes speeds: how it follows them, and what is logged of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from rpctl import (
+    EndEffector,
+    Horizon,
+    Plant,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    Run,
+    UnifiedKinematic,
+    VelocityOutput,
+    summarize,
+    track,
+)
+from rpctl.cli.app import app
+from rpctl.cli.track_options import ConfigOptions
+from rpctl.control.law import KinematicLaw
+from rpctl.simulation.config import Config, read_config
+from rpctl.simulation.plants.rolling import VelocityPlant
+from tests.grids import cells
+
+
+def test_a_step_arrives_late_and_bends_as_it_should(paper: Robot) -> None:
+    """ν = c (1 − e^(−(t − T_d)/T)); the dead time is no whole number of periods."""
+    lag, dead, period = np.array([0.1, 0.3, 0.0, 0.05]), 0.034, 0.01
+    plant = VelocityPlant(ReducedDynamics(paper), lag, dead, period, 0.002)
+    q, nu = paper.configuration_at(np.zeros(3), paper.home), np.zeros(4)
+    command, rows = np.array([0.5, 0.4, -0.3, 0.2]), []
+    for _ in range(20):
+        plant.send(command)
+        ahead = nu + period * plant.acceleration(nu)
+        q, nu, *_ = plant.advance(q, nu)
+        np.testing.assert_allclose(nu, ahead, atol=1e-15)
+        rows.append(nu)
+    passed = np.maximum((np.arange(20) + 1.0) * period - dead, 0.0)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        late = np.where(passed > 0.0, np.exp(-passed / lag), 1.0)
+    np.testing.assert_allclose(rows, command * (1.0 - late), atol=1e-14)
+    risen = np.sum(command[0] * (passed[-1, 0] - 0.1 * (1.0 - late[-1, 0])))
+    turned = command[1] * (passed[-1, 0] - 0.3 * (1.0 - late[-1, 1]))
+    assert paper.base_pose(q)[2] == pytest.approx(turned, abs=1e-12)
+    assert np.hypot(*paper.base_pose(q)[:2]) == pytest.approx(risen, rel=1e-3)
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_efforts_are_those_that_the_motion_takes(paper: Robot, kept: bool, tmp_path: Path) -> None:
+    """τ of each sample moves the dynamics as the interface did; work is the energy's change."""
+    run = track(paper, "eight", duration=0.6, output=VelocityOutput(0.1, 0.05), control_period=0.01)
+    dynamics = ReducedDynamics(paper)
+    for k in (0, 20, 55):
+        change = (run.nu[k + 1] - run.nu[k]) / 0.01
+        np.testing.assert_allclose(
+            dynamics.forward(run.q[k], run.nu[k], run.tau[k]), change, atol=1e-9
+        )
+    np.testing.assert_allclose(run.log.work, run.log.energy - run.log.energy[0], atol=1e-12)
+    if kept:
+        run = Run.load(run.save(tmp_path / "run.npz"))
+    assert run.config.output == VelocityOutput(0.1, 0.05)
+    assert any("which the robot follows with a lag of 0.1 s and a dead" in x for x in run.notes)
+    assert summarize(run).max_effort_ratio == pytest.approx(
+        float(np.max(np.abs(run.tau) / paper.effort_limits))
+    )
+
+
+def test_losses_are_part_of_the_work(paper: Robot) -> None:
+    """A wheel's friction f at rate ω takes ∫ f |ω| dt, where it is fast beside what it takes."""
+    plant = Plant(joint_friction={"wheel_left_joint": 1.0})
+    run = track(
+        paper,
+        "circle",
+        duration=0.6,
+        initial_error=(0.3, 0.0, 0.0),
+        output="velocity",
+        control_period=0.02,
+        plant=plant,
+    )
+    turned = float(np.ptp(run.log.others[:, run.robot.other_names.index("wheel_left_joint")]))
+    assert run.log.lost[-1] == pytest.approx(turned, rel=0.02)
+    np.testing.assert_allclose(
+        run.log.work, run.log.energy - run.log.energy[0] + run.log.lost, atol=1e-12
+    )
+
+
+def test_a_bias_and_dry_friction_are_overcome(paper: Robot) -> None:
+    plain, loaded = (
+        track(
+            paper,
+            "circle",
+            duration=0.4,
+            initial_error=(0.3, 0.0, 0.0),
+            output="velocity",
+            control_period=0.02,
+            plant=plant,
+        )
+        for plant in (
+            Plant(),
+            Plant(tau_bias={"wheel_left_joint": 2.0}, joint_friction={"wheel_left_joint": 1.0}),
+        )
+    )
+    np.testing.assert_array_equal(plain.q, loaded.q)
+    moving = plain.log.rates[5:, 0] > 0.5
+    assert moving.any()
+    more = (loaded.tau - plain.tau)[5:, 0][moving]
+    np.testing.assert_allclose(more, -1.0, atol=0.05)
+
+
+LAWS: dict[str, KinematicLaw] = {
+    "unified": UnifiedKinematic(),
+    "horizon": Horizon(),
+    "end-effector": EndEffector(),
+}
+
+
+@pytest.mark.parametrize(
+    "name, dead_time",
+    cells([(law, d) for law in LAWS for d in (0.0, 0.1)], [("unified", 0.1)], [("horizon", 0.1)]),
+)
+def test_a_lag_costs_less_than_three_millimetres(
+    paper: Robot, tiago: Robot, name: str, dead_time: float
+) -> None:
+    """From no initial error over an eight; not told of its lag, a law is ten times worse."""
+    law = LAWS[name]
+    robots = (paper,) if name == "unified" else (paper, tiago)
+    duration = 4.0 if name == "unified" else 12.0
+    for robot in robots:
+        known, true = VelocityOutput(0.1, dead_time), Plant(lag=0.1, dead_time=dead_time)
+        best = track(
+            robot,
+            "eight",
+            duration=duration,
+            kinematic=law,
+            control_period=0.02,
+            output=known,
+            collisions=False,
+        )
+        blind = track(
+            robot,
+            "eight",
+            duration=duration,
+            kinematic=law,
+            control_period=0.02,
+            plant=true,
+            output="velocity",
+            collisions=False,
+        )
+        good, bad = summarize(best), summarize(blind)
+        assert good.rms_base_error < 1e-3
+        assert (good.rms_end_effector_error or 0.0) < 1e-3
+        assert bad.rms_base_error > 10.0 * good.rms_base_error
+
+
+def test_the_plant_may_be_later_than_its_controller_knows(paper: Robot) -> None:
+    output, plant = VelocityOutput(0.1, 0.05, {"omega": 0.2}), Plant(lag=0.15, delay=0.04)
+    truth = plant.velocity_interface(output)
+    assert (truth.lag, truth.dead_time, dict(truth.lags)) == (0.15, 0.05, {})
+    run = track(paper, "circle", duration=0.2, output=output, plant=plant, control_period=0.02)
+    assert np.flatnonzero(run.nu[:, 1])[0] == 5  # .05 s, .04 s, and it is seen a sample later
+    note = next(each for each in run.notes if "speeds" in each)
+    assert "a lag of 0.15 s and a dead time of 0.05 s" in note
+    assert "takes them to be followed with a lag of 0.1 s (0.2 s of omega)" in note
+
+
+def test_a_lag_of_efforts_is_refused(paper: Robot) -> None:
+    with pytest.raises(RpctlError, match=r"add the table \[output\], or --output velocity"):
+        track(paper, "circle", duration=0.1, plant=Plant(lag=0.1))
+    with pytest.raises(RpctlError, match="lag is -1; give a time"):
+        Plant(lag=-1.0)
+    with pytest.raises(RpctlError, match="dead_time is nan; give a time"):
+        Plant(dead_time=float("nan"))
+
+
+def test_options_of_the_output() -> None:
+    assert Config().with_output(None) == Config()
+    velocity = Config().with_output("velocity", 0.1)
+    assert velocity.output == VelocityOutput(0.1)
+    assert velocity.with_output(None, dead_time=0.2).output == VelocityOutput(0.1, 0.2)
+    assert velocity.with_output("velocity").output == VelocityOutput(0.1)
+    assert velocity.with_output("effort").output is None
+    with pytest.raises(RpctlError, match="add --output velocity"):
+        Config().with_output(None, lag=0.1)
+
+
+def test_options_of_the_command_line() -> None:
+    options = ConfigOptions(output="velocity", late={"lag": 0.1, "dead_time": 0.02})
+    assert options.read().output == VelocityOutput(0.1, 0.02)
+    with pytest.raises(RpctlError, match="add --output velocity"):
+        ConfigOptions(late={"lag": 0.1}).read()
+
+
+@pytest.mark.slow
+def test_the_report_says_that_speeds_are_sent(tmp_path: Path) -> None:
+    out, saved = str(tmp_path / "run"), tmp_path / "run.toml"
+    said = ["track", "paper", "--duration", "0.05", "--samples", "0", "--output", "velocity"]
+    said += ["--actuator-lag", "0.1", "--out", out, "--save-config", str(saved)]
+    result = CliRunner().invoke(app, said)
+    assert result.exit_code == 0, result.output
+    assert read_config(saved).output == VelocityOutput(0.1)
+    report = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "which the robot follows with a lag of 0.1 s" in report

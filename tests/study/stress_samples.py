@@ -1,0 +1,74 @@
+"""Batteries and figures for tests, without a simulation."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rpctl
+from rpctl.simulation.config import RunSettings
+from rpctl.study.stress_battery import (
+    Battery,
+    StressChunk,
+    StressFigures,
+    StressTask,
+    default_pairs,
+    stresses_by_name,
+)
+
+RUN = RunSettings(duration=2.0, control_period=0.01, plant_step=0.01)  # of few samples
+GOOD = StressFigures("tracked", "on its way", 2.0, 0.004, 0.006)
+
+
+def battery(*stresses: str, laws: int = 2, quick: bool = False, **more: Any) -> Battery:
+    """Return a battery of the paper's robot on the plant that rolls.
+
+    Args:
+        stresses: Their names; all of them if there are none.
+        laws: How many pairs, the robot's own first.
+        quick: Whether ladders are their ends alone.
+        more: Other settings of the battery.
+    """
+    robot = rpctl.load("paper")
+    ladders = stresses_by_name(stresses)
+    chosen = tuple(each.extremes() for each in ladders) if quick else ladders
+    given = {"plants": ("rolling",), "run": RUN, **more}
+    return Battery(robot, default_pairs(robot)[:laws], stresses=chosen, **given)
+
+
+def made_up(key: str) -> StressFigures:
+    """Return figures that follow from a cell's key, good and bad ones."""
+    number = zlib.crc32(key.encode()) % 1000
+    if not number % 5:
+        return replace(GOOD, outcome="stuck", sentence=f"stands at {number}")
+    return replace(GOOD, base_error=4e-5 * number, end_effector_error=None)
+
+
+def patch_runs(monkeypatch: pytest.MonkeyPatch, stop_after: int | None = None) -> list[str]:
+    """Let cells have made-up figures; return the list of those that run.
+
+    Args:
+        monkeypatch: Pytest's.
+        stop_after: How many cells run before a Ctrl-C; None: it does not come.
+    """
+    ran: list[str] = []
+
+    def run(task: StressTask, chunk: StressChunk) -> StressFigures:
+        if stop_after is not None and len(ran) == stop_after:
+            raise KeyboardInterrupt
+        ran.append(chunk.key)
+        return made_up(chunk.key)
+
+    monkeypatch.setattr(StressTask, "__call__", run)
+    return ran
+
+
+def contents(folder: Path, names: Sequence[str] = ()) -> dict[str, bytes]:
+    """Return the bytes of a folder's files, by name; of all of them if none is named."""
+    files = [folder / name for name in names] or sorted(folder.iterdir())
+    return {file.name: file.read_bytes() for file in files}
