@@ -28,7 +28,6 @@ from rpctl.errors import RunFileError
 from rpctl.files.writing import write_atomically
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import recorder
-from rpctl.simulation.loop.closed_loop import Watcher
 from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.collision_facts import NOT_LOOKED_FOR
@@ -55,7 +54,10 @@ def law_with_limits(dynamics: ReducedDynamics, q: Array, nu: Array, command: Com
 
 
 def spooled(
-    robot: Robot, folder: Path, watch: Watcher | None = None, settings: RunSettings = SETTINGS
+    robot: Robot,
+    folder: Path,
+    watch: Callable[[LoopSample], None] | None = None,
+    settings: RunSettings = SETTINGS,
 ) -> Run:
     with PartWriter(folder) as part:
         return simulate(
