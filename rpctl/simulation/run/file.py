@@ -94,16 +94,21 @@ def write_run(path: str | Path, header: Header, log: Log, precision: str = "doub
     if precision not in PRECISIONS:
         raise UnknownNameError("precision", precision, PRECISIONS)
     single = precision == "single"
-    arrays = {}
-    for name in _saved(header, single):
-        numbers = np.asfortranarray(getattr(log, name))
-        fits = COLUMNS[name].kept == SINGLE and np.abs(numbers).max(initial=0.0) < MAX_SINGLE
-        short = name != "t" and (single or fits)
-        arrays[name] = in_single(name, numbers) if short else numbers
     told = np.frombuffer(json.dumps(header_as_plain(header)).encode(), np.uint8)
-    with writing(path) as file:
-        np.savez_compressed(file, allow_pickle=False, header=told, **arrays)
+    with writing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        _add(archive, HEADER, told)
+        for name in _saved(header, single):  # one after another, for all take much memory
+            numbers = getattr(log, name)
+            fits = COLUMNS[name].kept == SINGLE and np.abs(numbers).max(initial=0.0) < MAX_SINGLE
+            short = name != "t" and (single or fits)
+            _add(archive, name, np.asfortranarray(in_single(name, numbers) if short else numbers))
     return Path(path)
+
+
+def _add(archive: zipfile.ZipFile, name: str, numbers: Numbers) -> None:
+    """Add an entry, as ``numpy.savez_compressed`` does."""
+    with archive.open(name + SUFFIX, "w", force_zip64=True) as entry:
+        np.lib.format.write_array(entry, numbers, allow_pickle=False)
 
 
 def _saved(header: Header, single: bool) -> tuple[str, ...]:
