@@ -65,9 +65,10 @@ def _law_rows(law: object) -> Rows:
         elif name in NESTED_LAWS and value is not None:
             yield label, name_of(value)
             yield from _law_rows(value)
-        elif not (_is_empty(value) or is_dataclass(value) or isinstance(value, Mapping)):
-            if name not in OBSTACLE_SETTINGS:
-                yield label, setting_text(value)
+        elif name in OBSTACLE_SETTINGS or isinstance(value, Mapping) or is_dataclass(value):
+            continue
+        elif not _is_empty(value):
+            yield label, setting_text(value)
 
 
 def _record_rows(
