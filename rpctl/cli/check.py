@@ -35,7 +35,7 @@ def check_command(
 
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
     given = None if robot is None else options.load(robot)
-    found = check_mjcf(file, given, options.package_dir or ())
+    found = check_mjcf(file, given, options.package_dirs)
     if as_json:
         print_json(found.to_dict())
     else:
