@@ -19,7 +19,6 @@ from rpctl.cli.interrupts import exit_code, ignore_signals, raised_signals
 from rpctl.cli.streams import Streams, say
 from rpctl.errors import RpctlError
 
-
 XACRO_OPTION = "--xacro-arg"
 WORD = re.compile(r"(?:env:)?[A-Za-z_][\w.-]*:=")  # how a word begins that is one's value
 
@@ -62,7 +61,7 @@ COMMANDS = {
         "rpctl export tiago --format mjcf --out tiago.xml",
     ),
     "check": LazyCommand(
-        "rpctl.cli.check:check_command",
+        "rpctl.cli.export:check_command",
         "Prove an exported file again and name what was edited; exit 1 if it is another robot now.",
         "rpctl check tiago.xml",
     ),
