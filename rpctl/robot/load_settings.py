@@ -115,9 +115,9 @@ class LoadSettings:
             metavar="NAME",
         ),
     ] = ()
-    losses: Annotated[
-        bool, Setting(help="Leave out the damping and friction of the joints.")
-    ] = True
+    losses: Annotated[bool, Setting(help="Leave out the damping and friction of the joints.")] = (
+        True
+    )
     armature: Annotated[
         bool | Mapping[str, float],
         Setting(
