@@ -131,7 +131,7 @@ def read_settings(given: Plain) -> LoadSettings:
     """
     readers = {"lock": _positions, "armature": _armature, "xacro_args": _arguments}
     read = {name: readers[name](value) for name, value in given.items() if name in readers}
-    return LoadSettings.of({**given, **read, "losses": "losses" not in given})  # type: ignore[typeddict-item]
+    return LoadSettings.of(**{**given, **read, "losses": "losses" not in given})
 
 
 def _arguments(words: Iterable[str]) -> dict[str, str]:

@@ -35,7 +35,11 @@ if TYPE_CHECKING:
 MAX_POSITION = 1e6  # rad or m: no joint is locked farther from 0
 
 
-def load(source: str | Path, **settings: Unpack[LoadKeywords]) -> Robot:
+def load(
+    source: str | Path,
+    drive: Drive | str | Path | None = None,
+    **settings: Unpack[LoadKeywords],
+) -> Robot:
     """Load a robot.
 
     Args:
@@ -79,7 +83,7 @@ def load(source: str | Path, **settings: Unpack[LoadKeywords]) -> Robot:
         DriveError: No drive was found, or more than one.
         UnknownNameError: A name is not known; the nearest are suggested.
     """
-    return load_robot(source, LoadSettings.of(settings))
+    return load_robot(source, LoadSettings.of(drive, **settings))
 
 
 def load_robot(source: str | Path, settings: LoadSettings) -> Robot:

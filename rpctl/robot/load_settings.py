@@ -6,12 +6,15 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict
 
 from rpctl.description.records import as_xacro
 from rpctl.drive.drive import Drive
 from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.files.records import Setting
+
+if TYPE_CHECKING:
+    from typing import Unpack  # of Python 3.11; never imported when it runs
 
 
 class Payload(NamedTuple):
@@ -26,7 +29,6 @@ class Payload(NamedTuple):
 class LoadKeywords(TypedDict, total=False):
     """The keywords of :func:`rpctl.load`, which explains each."""
 
-    drive: Drive | str | Path | None
     lock: Iterable[str] | Mapping[str, float]
     density: float | None
     end_effector: str | None
@@ -130,8 +132,8 @@ class LoadSettings:
     payloads: tuple[Payload, ...] = ()  # that it carries besides, in the order they were put on
 
     @staticmethod
-    def of(given: LoadKeywords) -> LoadSettings:
-        """Return the settings that keywords of :func:`rpctl.load` say."""
+    def of(drive: Drive | str | Path | None = None, **given: Unpack[LoadKeywords]) -> LoadSettings:
+        """Return the settings that the drive and the keywords of :func:`rpctl.load` say."""
         plain: dict[str, Any] = {**given}
         for name in ("package_dirs", "free", "home"):
             if not isinstance(plain.get(name), Mapping):
@@ -139,10 +141,9 @@ class LoadSettings:
         lock, arguments = plain.get("lock") or (), plain.get("xacro_args") or {}
         plain["lock"] = lock if isinstance(lock, Mapping) else dict.fromkeys(_texts(lock), 0.0)
         plain["xacro_args"] = {name: as_xacro(value) for name, value in arguments.items()}
-        drive = plain.get("drive")
         if isinstance(drive, Path):  # no name of a type, though it look like one
-            plain["drive"] = str(drive) if drive.suffix else os.path.join(".", drive)  # noqa: PTH118
-        return LoadSettings(**plain)
+            drive = str(drive) if drive.suffix else os.path.join(".", drive)  # noqa: PTH118
+        return LoadSettings(drive=drive, **plain)
 
     @property
     def rotors(self) -> Mapping[str, float] | None:
