@@ -9,7 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from rpctl import Plant, Run, summarize
 from rpctl.cli.app import COMMANDS, app, load_command
-from rpctl.cli.options import LoadOptions
+from rpctl.cli.options import LOADED
 from rpctl.cli.track_options import ResultOptions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.config import Config
@@ -394,8 +394,7 @@ def test_help_has_an_example_and_begins_as_the_list_of_commands_says(command: st
 def test_options_of_a_dataclass_are_options_of_the_command() -> None:
     """Each comes once, in the order of the fields, and so does what is no dataclass."""
     names = [parameter.name for parameter in load_command("inspect").params]
-    loading = [field.name for field in fields(LoadOptions)]
-    assert names == ["robot", *loading, "list_xacro_args", "as_json"]
+    assert names == ["robot", *LOADED.names, "list_xacro_args", "as_json"]
 
 
 def test_ctrl_c_exits_130_and_leaves_nothing(tmp_path: Path) -> None:

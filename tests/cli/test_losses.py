@@ -19,13 +19,15 @@ def test_options_reach_the_robot(tmp_path: Path) -> None:
     source = lossy(tmp_path, platform(SET_A)).source
     robot = LoadOptions().load(source)
     assert robot.losses is not None and not robot.armature.any()
-    ideal = LoadOptions(no_losses=True, armature=["left*=0.25", "right_joint=0.5"]).load(source)
+    ideal = LoadOptions({"losses": True, "armature": ["left*=0.25", "right_joint=0.5"]}).load(
+        source
+    )
     assert ideal.losses is None
     assert sorted(ideal.armature.tolist()) == [0.0, 0.0, 0.0, 0.25, 0.5]
     with pytest.raises(RpctlError, match="gives the inertia of a rotor"):
-        LoadOptions(armature=["file"]).load(source)
+        LoadOptions({"armature": ["file"]}).load(source)
     with pytest.raises(RpctlError, match="--armature left: write"):
-        LoadOptions(armature=["left"]).load(source)
+        LoadOptions({"armature": ["left"]}).load(source)
 
 
 def test_inspect_lists_them(tmp_path: Path) -> None:
