@@ -14,12 +14,11 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.limits import SPEED_RISE_TIME, Limits
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.path_reference import Stretched, TimedPath, TimeLaw, along, constant, still
+from rpctl.reference.path_reference import TimedPath, along, constant, still
 from rpctl.reference.paths import (
     Numbers,
     Path,
     PathPoint,
-    PathTime,
     choose,
     entries,
     functions,
@@ -29,7 +28,7 @@ from rpctl.reference.paths import (
 )
 from rpctl.reference.planned.curve import Waypoint, curve_through
 from rpctl.reference.splines import Curves
-from rpctl.reference.time_law import Bound, time_law
+from rpctl.reference.time_law import AT_REST, Bound, TimeLaw, time_law
 from rpctl.robot.model import Robot
 
 NEGLIGIBLE = 1e-6  # m or rad: a shorter way is none
@@ -281,20 +280,10 @@ def to_goal(
     paths = legs_between(robot, start, pose, limits)
     rest = constant(posture, 0.0, 1.0)
     legs = [_timed_leg(robot, leg, limits) for leg in paths]
-    legs = legs or [TimedPath(still(start), rest, AtRest())]
+    legs = legs or [TimedPath(still(start), rest, AT_REST)]
     line = Curves(BSpline(np.repeat([0.0, 1.0], 3), np.linspace(posture, there, 3), 2))
     timing = _arm_timing(robot, there - posture, sum(leg.duration for leg in legs))
     return GoalMotion(tuple(legs), TimedPath(still(start), line, timing))
-
-
-class AtRest:
-    """The time law of what does not move."""
-
-    duration = 0.0
-
-    def __call__(self, t: Numbers) -> PathTime:
-        """Return s = 0, at rest."""
-        return PathTime(0.0 * t, 0.0, 0.0)
 
 
 def _timed_leg(robot: Robot, leg: Leg, limits: Limits) -> TimedPath:
@@ -339,7 +328,7 @@ def _steering_bounds(robot: Robot, path: Path, s: Array) -> list[Bound]:
 def _arm_timing(robot: Robot, change: Array, least: float) -> TimeLaw:
     """Return when an arm is where on a straight way (n_joints,); it takes ``least`` s or more."""
     if not np.abs(change).max(initial=0.0) > 0.0:
-        return AtRest()
+        return AT_REST
     bounds = []
     for joint, way in zip(robot.joints, change, strict=True):
         comfort = ARM_SPEED["prismatic" if joint.kind == "prismatic" else "other"]
@@ -347,7 +336,7 @@ def _arm_timing(robot: Robot, change: Array, least: float) -> TimeLaw:
         slope = np.full(POINTS, way)
         bounds.append(Bound(slope, np.zeros(POINTS), speed, speed / SPEED_RISE_TIME))
     law = time_law(np.linspace(0.0, 1.0, POINTS), bounds)
-    return Stretched(law, least) if least > law.duration else law
+    return law.lasting(max(least, law.duration))
 
 
 def _end_posture(robot: Robot, joints: Mapping[str, float], posture: Array) -> Array:
