@@ -16,14 +16,10 @@ from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import (
     Numbers,
     Path,
-    PathPoint,
     PathTime,
-    entries,
     factors,
     split_rows,
     stack_rows,
-    steady,
-    vector,
 )
 from rpctl.reference.sizing import Sizing
 from rpctl.reference.splines import Curves
@@ -194,11 +190,7 @@ class TimedPath:
 
 def still(pose: Array) -> Path:
     """Return the path of a base that stays at a pose (3,)."""
-
-    def at(s: Numbers) -> PathPoint:
-        return PathPoint(vector(s, entries(pose)), steady(s, 0.0, 0.0))
-
-    return at
+    return paths.placed(paths.line(0.0), pose)
 
 
 def constant(values: Array, start: float, end: float) -> Curves:

@@ -20,10 +20,11 @@ from rpctl.reference.paths import (
     Path,
     PathPoint,
     choose,
-    entries,
     functions,
+    line,
     matrix,
-    steady,
+    placed,
+    spin,
     vector,
 )
 from rpctl.reference.planned.curve import Waypoint, curve_through
@@ -68,11 +69,12 @@ def legs_between(robot: Robot, start: Array, goal: Array, limits: Limits) -> lis
     if not drive.base_speeds:
         raise RpctlError(f"{robot.name} has a fixed base: give a goal for its arm only")
     if drive.omnidirectional:
-        return [(_placed(_straight(x, y, turn), start), 1.0)]
-    if drive.steered:
-        path, end = _curve(robot, x, y, turn, limits)
-        return [(_placed(path, start), end)]
-    return [(_placed(path, start), end) for path, end in _turn_drive_turn(x, y, turn)]
+        legs = [(_straight(x, y, turn), 1.0)]
+    elif drive.steered:
+        legs = [_curve(robot, x, y, turn, limits)]
+    else:
+        legs = _turn_drive_turn(x, y, turn)
+    return [(placed(path, start), end) for path, end in legs]
 
 
 def seen_from(start: Array, goal: Array) -> tuple[float, float, float]:
@@ -81,19 +83,6 @@ def seen_from(start: Array, goal: Array) -> tuple[float, float, float]:
     cos, sin = math.cos(start[2]), math.sin(start[2])
     turn = math.remainder(goal[2] - start[2], 2.0 * HALF_TURN)
     return cos * dx + sin * dy, -sin * dx + cos * dy, turn
-
-
-def _placed(path: Path, start: Array) -> Path:
-    """Return a path that begins at the origin as one that begins at a pose (3,)."""
-    cos, sin = math.cos(start[2]), math.sin(start[2])
-
-    def at(s: Numbers) -> PathPoint:
-        pose, direction = path(s)
-        x, y, heading = entries(pose)
-        place = (start[0] + cos * x - sin * y, start[1] + sin * x + cos * y, start[2] + heading)
-        return PathPoint(vector(s, place), direction)
-
-    return at
 
 
 def _straight(x: float, y: float, turn: float) -> Path:
@@ -119,7 +108,7 @@ def _turn_drive_turn(x: float, y: float, turn: float) -> list[Leg]:
     """Return a turn on the spot, a straight line and another turn, whichever are needed."""
     length = math.hypot(x, y)
     if length < NEGLIGIBLE:
-        return [_spin(0.0, 0.0, 0.0, turn)]
+        return [(spin(math.copysign(1.0, turn)), abs(turn))]
     ways = []
     for sign in (1.0, -1.0):  # forwards, backwards
         first = math.atan2(sign * y, sign * x)
@@ -127,29 +116,12 @@ def _turn_drive_turn(x: float, y: float, turn: float) -> list[Leg]:
         ways.append((abs(first) + abs(last), sign, first, last))
     # Forwards unless backwards spares more than a quarter turn: a robot looks where it drives.
     _, sign, first, last = min(ways, key=lambda way: way[0] + (way[1] < 0.0) * 0.5 * HALF_TURN)
-    drive = _line(sign * length, first)
-    turns = _spin(0.0, 0.0, 0.0, first), _spin(x, y, first, last)
-    return [leg for leg in (turns[0], drive, turns[1]) if leg[1] > NEGLIGIBLE]
-
-
-def _spin(x: float, y: float, start: float, turn: float) -> Leg:
-    sense = math.copysign(1.0, turn)
-
-    def at(s: Numbers) -> PathPoint:
-        return PathPoint(vector(s, (x, y, start + sense * s)), steady(s, 0.0, sense))
-
-    return at, abs(turn)
-
-
-def _line(length: float, heading: float) -> Leg:
-    """Return a line of a length, backwards where it is negative, at a heading."""
-    step = math.copysign(1.0, length)
-    cos, sin = step * math.cos(heading), step * math.sin(heading)
-
-    def at(s: Numbers) -> PathPoint:
-        return PathPoint(vector(s, (s * cos, s * sin, heading)), steady(s, step, 0.0))
-
-    return at, abs(length)
+    legs = [
+        (placed(spin(math.copysign(1.0, first)), np.zeros(3)), abs(first)),
+        (placed(line(sign), np.array([0.0, 0.0, first])), length),
+        (placed(spin(math.copysign(1.0, last)), np.array([x, y, first])), abs(last)),
+    ]
+    return [leg for leg in legs if leg[1] > NEGLIGIBLE]
 
 
 def _curve(robot: Robot, x: float, y: float, turn: float, limits: Limits) -> Leg:

@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from scipy.interpolate import BSpline
 from scipy.sparse import block_array, csr_array, diags_array, vstack
 from scipy.sparse.linalg import splu
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import Numbers, Path, PathPoint, entries, planar
+from rpctl.reference.planned.arm import pose_error
 from rpctl.reference.splines import basis_at, clamped_knots, quintic, uniform_knots
 
 SPANS_PER_LEG = 4  # of the spline between two waypoints
@@ -167,6 +169,10 @@ class Goal:
         if self.turn is None:
             return None
         return Rotation.from_quat(self.turn(s)).as_matrix()
+
+    def error(self, found: pin.SE3, s: float) -> Array:
+        """Return how far an end effector is from it at s (3 or 6,), m."""
+        return pose_error(found, self.position(s), self.rotation(s))
 
     @property
     def length(self) -> float:
