@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli.app import app
-from rpctl.description.records import ReadSettings, as_xacro
+from rpctl.description.records import ReadSettings
 from rpctl.description.xacro.expansion import expand
 from rpctl.description.xacro.messages import ExpansionError
 from rpctl.errors import DescriptionError
@@ -43,17 +43,6 @@ def test_words_stand_anywhere(tmp_path: Path) -> None:
     assert robot.mass == 9.0
 
 
-def test_truth_values_are_xacros(tmp_path: Path) -> None:
-    path = xacro(
-        tmp_path / "r.urdf.xacro", '<xacro:arg name="tall" default="false"/>',
-        '<xacro:if value="$(arg tall)">', link("base", "5"), "</xacro:if>",
-        '<xacro:unless value="$(arg tall)">', link("base", "4"), "</xacro:unless>",
-    )  # fmt: skip
-    for tall, expected in ((True, "5"), (False, "4")):
-        found = expand(path, ReadSettings(xacro_args={"tall": as_xacro(tall)})).text
-        assert f'<mass value="{expected}"/>' in found
-
-
 def test_a_missing_argument_lists_those_declared(tmp_path: Path) -> None:
     part = xacro(tmp_path / "part.xacro", '<xacro:arg name="b" default="$(arg a)/x"/>')
     path = xacro(
@@ -84,22 +73,6 @@ def test_an_argument_used_too_early_has_its_default(tmp_path: Path) -> None:
     fault = r'xacro:2: error: xacro: argument "mass" has no value; add mass:=VALUE, for it is decl'
     with pytest.raises(ExpansionError, match=fault):
         expand(path)
-
-
-def test_a_default_that_names_no_file_is_told(tmp_path: Path) -> None:
-    write(tmp_path / "ur5.yaml", "m: 4")
-    write(tmp_path / "ur10.yaml", "m: 5")
-    write(tmp_path / "notes.txt", "")
-    lines = ('<xacro:arg name="type" default="ur5x"/>', '<xacro:arg name="b" default="1"/>')
-    load = "<xacro:property name=\"m\" value=\"${xacro.load_yaml('$(arg type).yaml')['m']}\"/>"
-    path = xacro(tmp_path / "r.urdf.xacro", *lines, load, link("base", "${m}"))
-    with pytest.raises(ExpansionError) as caught:
-        rpctl.load(path)
-    fault, *hints = str(caught.value).splitlines()
-    assert "ur5x.yaml: No such file or directory" in fault
-    declared = f'{path}:2: info: declares type, which is "ur5x" by default'
-    assert hints == [f"{declared}; there are ur10, ur5"]
-    assert mass(path, "type:=ur5") == 4.0
 
 
 def test_an_argument_that_nobody_declares_is_an_error(tmp_path: Path) -> None:
