@@ -68,28 +68,3 @@ def test_only_joints_without_limits_go_the_short_way(tmp_path: Path) -> None:
         state = ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 2)))._replace(joints=joints)
         e = tracking_error(robot, state, q)
         np.testing.assert_allclose(e, [0, 0, 0, 6.0 - 2 * math.pi, 6.0], atol=1e-12)
-
-
-def test_the_rate_knows_speeds_to_the_left(rng: np.random.Generator) -> None:
-    """Base and reference both slide: poses that move as their twists say, by differences."""
-    robot, step = rpctl.load("mecanum"), 1e-6
-    dynamics, start = ReducedDynamics(robot), reference_by_name(robot, "line")(5.0)
-    for _ in range(10):
-        twist, nu = rng.normal(size=3), rng.normal(size=robot.dof)
-        pose = rng.normal(size=3) * [0.3, 0.3, 0.5]
-        q = robot.configuration_at(np.array([0.1, -0.2, 0.3]), start.joints)
-        v, (cos, sin) = dynamics.basis(q) @ nu, (math.cos(pose[2]), math.sin(pose[2]))
-        moved = np.array(
-            [cos * twist[0] - sin * twist[1], sin * twist[0] + cos * twist[1], twist[2]]
-        )
-        state = start._replace(pose=pose, twist=twist)
-        ahead, behind = (
-            tracking_error(
-                robot,
-                state._replace(pose=pose + s * moved, joints=state.joints + s * state.joint_rates),
-                pin.integrate(robot.model, q, s * v),
-            )
-            for s in (step, -step)
-        )
-        rate = observe(dynamics, state, q, nu).e_dot
-        np.testing.assert_allclose((ahead - behind) / (2 * step), rate, atol=1e-7)

@@ -11,7 +11,6 @@ from rpctl import (
     Leash,
     ReducedDynamics,
     Robot,
-    RpctlError,
 )
 from rpctl.control.error import SERIES_RADIUS, Tracking
 from rpctl.control.registry import kinematic_by_name
@@ -70,9 +69,3 @@ def test_a_far_start_asks_for_bounded_speeds(paper: Robot, name: str) -> None:
             nu_d, nu_d_dot = law(dynamics, reference, 4.0, q, nu)
             assert np.abs(nu_d).max() < 6.0
             assert np.isfinite(nu_d_dot).all()
-
-
-def test_a_leash_has_a_length() -> None:
-    for name in ("distance", "heading"):
-        with pytest.raises(RpctlError, match=f"{name} is 0; give a positive number"):
-            Leash(**{name: 0.0})

@@ -25,8 +25,7 @@ STEERED = ["car-like", "parallel", "tricycle", "bicycle", "steered", "twin"]
 EXACT = [kind for kind in STEERED if kind != "tricycle"]  # whose trailing wheel lags a little
 STEP = 1e-6
 GRID = list(product(STEERED, ("line", "reverse", "circle", "eight")))
-QUICK = {("car-like", "eight")}
-IN_CI = {("tricycle", "line"), ("steered", "reverse")}
+IN_CI = {("car-like", "eight"), ("tricycle", "line"), ("steered", "reverse")}
 
 
 def load(folder: Path, kind: str) -> Robot:
@@ -117,7 +116,7 @@ def test_the_rolling_speed_changes_as_its_rate_says(
     assert slope == pytest.approx(asked(0.0)[1][0], abs=1e-5)
 
 
-@pytest.mark.parametrize(("kind", "name"), cells(GRID, QUICK, IN_CI))
+@pytest.mark.parametrize(("kind", "name"), cells(GRID, slow=IN_CI))
 def test_they_track(tmp_path: Path, kind: str, name: str) -> None:
     robot = load(tmp_path, kind)
     off = (0.1, -0.1, 0.1)
@@ -149,6 +148,7 @@ def test_others_say_that_they_cannot(tmp_path: Path, kind: str) -> None:
         reference_by_name(load(tmp_path, kind), "spin")
 
 
+@pytest.mark.slow
 def test_steering_stays_inside_its_limits(tmp_path: Path) -> None:
     """Even where the error asks for far more."""
     robot = load(tmp_path, "car-like")
