@@ -13,7 +13,7 @@ from rpctl.engines.engine import Engine
 from rpctl.engines.referee import EngineVerdict, Referee
 from rpctl.engines.words import line
 from rpctl.errors import RpctlError
-from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor, SerialExecutor
+from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def play_league(
     found: dict[LeagueMatch, EngineVerdict] = {}
     refused: dict[str, RpctlError] = {}
     lost: dict[str, RpctlError] = {}
-    executor: Executor = SerialExecutor() if workers == 1 else ProcessExecutor(workers)
+    executor: Executor = Executor() if workers == 1 else ProcessExecutor(workers)
     work = partial(judge_match, options, motion)
     with executor, progress_bar("referee", f"{len(matches)} matches") as advance:
         try:
