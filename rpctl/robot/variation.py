@@ -43,7 +43,7 @@ class Variation(Record):
         POSITIVE,
         Setting(
             "",
-            "Mass",
+            "Scale of the mass",
             "Scales of the masses by pattern of link names, and with them of the "
             "inertias, as of another density.",
         ),
@@ -53,7 +53,7 @@ class Variation(Record):
         OFFSET,
         Setting(
             "m",
-            "",
+            "Offset of the centre of mass",
             "Offsets of the centres of mass (x, y, z) in the links' own frames, by "
             "pattern of link names.",
         ),
@@ -63,7 +63,7 @@ class Variation(Record):
         POSITIVE,
         Setting(
             "",
-            "Inertia",
+            "Scale of the inertia",
             "Further scales of the inertias about the centres of mass, by pattern of link names.",
         ),
     ] = field(default_factory=dict)
@@ -72,7 +72,7 @@ class Variation(Record):
         POSITIVE,
         Setting(
             "",
-            "Radius",
+            "Scale of the radius",
             "Scales of the wheels' radii, by pattern of wheel joints. The ground is where "
             "the wheels end then.",
         ),
@@ -82,7 +82,7 @@ class Variation(Record):
         POSITIVE,
         Setting(
             "",
-            "Track",
+            "Scale of the track",
             "Scale of the distances of the wheels' contacts from the middle line; the "
             "wheels themselves stay.",
         ),
