@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rpctl.cli.options import default_folder
 from rpctl.cli.terminal import progress_bar
@@ -13,9 +13,6 @@ from rpctl.files.writing import require_writable, to_json, write_together
 from rpctl.libraries import library
 from rpctl.study.cells import AnyCell, CellRunner, Row, run_cells
 from rpctl.study.executor import executor_for
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 DPI = 200
 FIGURES = "rpctl.view.plots.figures"
@@ -49,7 +46,7 @@ def writable_folder(out: Path | None, robot: str, what: str, files: Sequence[str
 
 
 def write_results(
-    folder: Path, names: Sequence[str], summary: Mapping[str, Any], figure: Figure, table: str = ""
+    folder: Path, names: Sequence[str], summary: Mapping[str, Any], figure: Any, table: str = ""
 ) -> None:
     """Write the results of one set, JSON first.
 
@@ -57,7 +54,7 @@ def write_results(
         folder: Where.
         names: Of the files; their suffixes say what they hold.
         summary: All that is known, as JSON says it.
-        figure: The picture.
+        figure: The picture, Matplotlib's.
         table: The rows as CSV.
     """
     figures = library(FIGURES)  # imports Matplotlib

@@ -14,11 +14,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from rpctl.cli.kept import kept_told
 from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument, split_names
 from rpctl.cli.results import writable_folder, write_results
 from rpctl.cli.streams import print_json, say
-from rpctl.cli.terminal import console, escape, new_table, progress_bar
+from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar
 from rpctl.engines.engine import EngineMissing
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.errors import UnknownNameError, require_positive
