@@ -63,6 +63,8 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bo
     """
     _require_possible(robot)
     built = build(robot, settings, friction)
+    if built.heights is not None:
+        raise RpctlError("a model with height fields is not written as MJCF")
     spec = built.spec
     for body in spec.bodies:
         for joint in body.joints:
@@ -191,7 +193,7 @@ def write_mjcf(
     built = prepare(robot, settings, friction, hidden=bool(drawn.parts))
     root, model = body_name(robot.description.root), built.compile()
     sections = _sections(robot, model, root, drawn)
-    bare = to_bytes(_document(model, drawn, sections, path))
+    bare = to_bytes(_document(built.spec, drawn, sections, path))
     file = parse_mjcf(bare, path)
     witness = take_witness(robot, root, settings.losses)
     rolling = robot if settings.losses else without_losses(robot)
@@ -202,7 +204,7 @@ def write_mjcf(
     certificate = _certificate(robot, file, witness, checks, verified, given)
     sections["custom"] = certificate.parts(HOW)
     written = all(check.passed for check in checks)
-    data = to_bytes(_document(model, drawn, sections, path))
+    data = to_bytes(_document(built.spec, drawn, sections, path))
     files = _put(path, data, drawn) if written else ()
     notes = (*built.repairs, *built.notes, *drawn.notes, *trial.notes)
     return MjcfExport(
@@ -259,7 +261,7 @@ def _controls(robot: Robot, model: Any, efforts: Array) -> list[float]:
     return found
 
 
-def _document(model: Any, drawn: Drawn, sections: dict[str, list[Part]], path: Path) -> Any:
+def _document(spec: Any, drawn: Drawn, sections: dict[str, list[Part]], path: Path) -> Any:
     """Return the root element of the file."""
     light = Part("light", {"name": "sun", "pos": "0 0 4", "dir": "0 0 -1", "directional": "true"})
     parts = {**drawn.parts, "world": [light]}
@@ -267,7 +269,7 @@ def _document(model: Any, drawn: Drawn, sections: dict[str, list[Part]], path: P
         f" Written by rpctl {VERSION}. Units: m, kg, s, rad, N. Controls are efforts at "
         f"the joints (N m, N). `rpctl check {path.name.replace('--', '- -')}` proves it again. "
     )
-    root = write_model(model, parts, sections, comment)
+    root = write_model(spec, parts, sections, comment)
     if drawn.files:
         root.find("compiler").set("meshdir", mesh_folder(path).name)
     return root

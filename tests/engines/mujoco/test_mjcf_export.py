@@ -168,7 +168,7 @@ def test_each_row_of_a_witness_finds_its_fault(
 def test_rounded_numbers_are_not_written(
     robot: rpctl.Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mjcf_writer, "_number", lambda value: f"{float(value):.6g}")
+    monkeypatch.setattr(mjcf_writer, "DIGITS", 6)
     with quickly():
         found = export_mjcf(robot, tmp_path / "robot.xml")
     assert not found.written
