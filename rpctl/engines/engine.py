@@ -173,6 +173,12 @@ def wheel_slip(robot: Robot, wheel: Wheel, motion: LinkMotion) -> tuple[float, f
     return float(velocity[0] * left[1] - velocity[1] * left[0]), float(velocity[:2] @ left)
 
 
+def joint_losses(robot: Robot, name: str) -> tuple[float, float]:
+    """Return a joint's damping (N·m·s/rad or N·s/m) and dry friction (N·m or N) in the model."""
+    losses, at = robot.losses, robot.velocity_index(name)
+    return (0.0, 0.0) if losses is None else (float(losses.damping[at]), float(losses.friction[at]))
+
+
 class EngineRun(DrivenRobot, Protocol):
     """A robot in an engine, from its start on; ``dt`` is a multiple of the engine's tick.
 

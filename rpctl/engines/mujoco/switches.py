@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,12 +19,11 @@ from rpctl.engines.mujoco.bodies import (
     head_link,
     link_fault,
     place_in_body,
-    set_inertia,
 )
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.user_load import GROUND, PREFIX, geom_name
 from rpctl.equivalence.contact.model import IMPRATIO, SOLIMP, SOLREF, STEP_S
-from rpctl.equivalence.contact.mujoco_body import one_directional, quaternion
+from rpctl.equivalence.contact.mujoco_body import Touching, one_directional, quaternion
 from rpctl.equivalence.contact.shapes import geom_size, support_shapes, tyre
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
@@ -35,23 +33,6 @@ SELF, FLOOR = 1, 2  # bits of contype and conaffinity: the robot's own shapes, a
 MAX_NAMED = 3  # names in a sentence
 SOLREF_WORDS = " ".join(f"{value:g}" for value in SOLREF)
 SOLIMP_WORDS = " ".join(f"{value:g}" for value in SOLIMP[:3])
-
-
-@dataclass(frozen=True, eq=False)
-class Touching:
-    """What of a robot meets the ground in MuJoCo.
-
-    Attributes:
-        contacts: Names of the contacts, as ``Contacts.names``.
-        owner: Name of the contact of each geom, by the geom's name.
-        crowned: Name of the geom of each wheel that touches at one point, by its joint.
-        tied: Whether swivels follow another one by an equality.
-    """
-
-    contacts: tuple[str, ...]
-    owner: dict[str, str]
-    crowned: dict[str, str]
-    tied: bool
 
 
 def mend(spec: Any, robot: Robot, switches: Switches, friction: float) -> Touching:
@@ -195,7 +176,7 @@ class _Mender:
             body.fullinertia, body.explicitinertial = np.full(6, np.nan), True
         for index in range(ROOT_JOINT, robot.model.njoints):
             inertia, _ = body_inertia(robot, index)
-            set_inertia(spec.body(PREFIX + head_link(robot, index)), inertia)
+            inertia.put(spec.body(PREFIX + head_link(robot, index)))
         for name in robot.moving_joint_names:
             spec.joint(name).armature = float(robot.armature[robot.velocity_index(name)])
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.stance import find_supports
-from rpctl.equivalence.contact.mujoco_body import MujocoBody, Rollers, TieRods, quaternion
+from rpctl.equivalence.contact.mujoco_body import RollingBody, Touching, quaternion
 from rpctl.equivalence.contact.shapes import geom_size, support_shapes, tyre
 from rpctl.equivalence.mujoco_model import NAME_PREFIX, MujocoModel
 from rpctl.robot.model import Robot
@@ -32,7 +32,6 @@ SOLIMP = (0.99, 0.999, 1e-4, 0.5, 2.0)  # impedance near 1: hard contacts, which
 IMPRATIO = 0.1  # friction softer than the load: axles a hair apart creep, they do not fight
 FRICTION = 0.7  # of rubber on a dry indoor floor, as the margins of the reduced model assume
 MIN_LOAD_N = 1e-9  # N: below it nothing bears a load
-TIE_ROD_BANDWIDTH = 300.0  # rad/s: as hard as small steps allow
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Contact:
     zmp: Array
 
 
-class ContactModel(MujocoBody):
+class ContactModel(RollingBody):
     """MuJoCo's model of a robot on the ground, and its state.
 
     Args:
@@ -57,8 +56,6 @@ class ContactModel(MujocoBody):
 
     Attributes:
         contacts: The wheels' joints, then the supports, as ``Contacts.names``.
-        rollers: The wheels that are held in one direction only.
-        rods: The tie rods.
         notes: What the file does not say of them.
         ground: What the ground did in the first step of the last advance.
     """
@@ -66,31 +63,15 @@ class ContactModel(MujocoBody):
     def __init__(self, robot: Robot, friction: float = FRICTION) -> None:
         builder = _Builder(robot, friction)
         tree = MujocoModel(robot, release=builder.release)
-        root = tree.mjm.body(tree.root).name
-        super().__init__(robot, tree.mjm, root, tuple(builder.geoms.values()), builder.geoms)
+        crowned = {wheel.joint: NAME_PREFIX + wheel.joint for wheel in robot.drive.wheels}
+        touching = Touching(tuple(builder.geoms.values()), builder.geoms, crowned)
+        super().__init__(robot, tree.mjm, tree.mjm.body(tree.root).name, touching, friction)
         self.notes = tuple(builder.notes)
-        ids = {wheel.joint: geom_id(self.mjm, wheel.joint) for wheel in robot.drive.wheels}
-        self.rollers = Rollers(self, ids, friction)
-        self.rods = TieRods(self, TIE_ROD_BANDWIDTH)
-        self._motors = [self.dofs[name] for name in robot.actuators]
         self.ground = Contact(np.zeros(len(self.contacts)), np.zeros(3), np.zeros(2))
-
-    def start(self, q: Array) -> None:
-        """Put the robot at q (nq,), at rest, its wheels at the height of the ground."""
-        self.put(q, -self.robot.drive.ground)
-        self.mujoco.mj_forward(self.mjm, self.data)
-        self.rods.measure()
 
     def advance(self, tau: Array, dt: float) -> None:
         """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
-        mujoco, model, data = self.mujoco, self.mjm, self.data
-        for step in range(round(dt / STEP_S)):
-            data.qfrc_applied[:] = 0.0
-            data.qfrc_applied[self._motors] = tau
-            self.rods.pull()
-            mujoco.mj_step1(model, data)
-            self.rollers.turn()
-            mujoco.mj_step2(model, data)
+        for step in self.steps(tau, round(dt / STEP_S)):
             if step == 0:
                 self.ground = self._ground()
 
@@ -102,11 +83,6 @@ class ContactModel(MujocoBody):
             total += frames[k].T @ wrench[:3]
             moment += wrench[0] * places[k][:2]
         return Contact(load, total, moment / max(float(load.sum()), MIN_LOAD_N))
-
-
-def geom_id(model: Any, contact: str) -> int:
-    """Return the index of a contact's geom."""
-    return int(model.geom(NAME_PREFIX + contact).id)
 
 
 class _Builder:
