@@ -54,6 +54,26 @@ class Cause:
         """Names of the switches."""
         return tuple(switch.name for switch in self.switches)
 
+    def setting(self, friction: float) -> str:
+        """Return the setting that mends it, with the coefficient of the ground where it says MU."""
+        settings = "; ".join(switch.setting for switch in self.switches)
+        return settings.replace("MU", f"{friction:g}")
+
+    def words(self, friction: float) -> str:
+        """Return it, what it does alone, and the setting that mends it."""
+        fault = ", and ".join(switch.fault for switch in self.switches)
+        does = f" (alone: {self.gaps[0].words})" if self.gaps else " (with the others only)"
+        return f"{fault}{does}; {self.setting(friction)}"
+
+    def to_dict(self, friction: float) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        return {
+            "switches": list(self.names),
+            "fault": "; ".join(switch.fault for switch in self.switches),
+            "setting": self.setting(friction),
+            "alone": [gap.to_dict() for gap in self.gaps],
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class Trace:
@@ -199,6 +219,49 @@ class EngineVerdict:
     def notes(self) -> tuple[str, ...]:
         """What was assumed or left out, of the model and of the engine, in sentences."""
         return tuple(dict.fromkeys((*self.model.notes, *self.recording.notes)))
+
+    @property
+    def head(self) -> str:
+        """The engine and its version."""
+        return f"{self.engine} {self.version}"
+
+    @property
+    def line(self) -> str:
+        """What the referee says of the engine, in one line."""
+        found = self.trace
+        if found is None:
+            return f"{self.head}: agrees with the reduced model"
+        said = f"{self.head}: {beyond(self.gaps)[0].words}"
+        if found.mended.fault:
+            return f"{said}; all mended it still does not run: {found.mended.fault}"
+        if found.causes:
+            said += f": {'; also '.join(cause.words(self.friction) for cause in found.causes)}"
+        if found.cured:
+            said += f"; with that mended it still {found.cured[0].words}"
+        if found.remaining:
+            said += f"; all mended it still {found.remaining[0].words}, which no setting explains"
+        return said
+
+    @property
+    def turn_line(self) -> str:
+        """What the referee says of a skid-steer base's turn in place; empty if nothing."""
+        return "" if self.turn is None else self.turn.line(self.head)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values for JSON; what is infinite is None."""
+        causes, remaining = (self.trace.causes, self.trace.remaining) if self.trace else ((), ())
+        return {
+            "engine": self.engine,
+            "version": self.version,
+            "agrees": self.agrees,
+            "traced": self.traced,
+            "line": self.line,
+            "gaps": [gap.to_dict() for gap in self.gaps],
+            "causes": [cause.to_dict(self.friction) for cause in causes],
+            "remaining": [gap.to_dict() for gap in remaining],
+            "notes": list(self.notes),
+            "turn": None if self.turn is None else self.turn.to_dict(self.head),
+        }
 
 
 class Referee:

@@ -23,7 +23,6 @@ from rpctl.engines.engine import (
 from rpctl.engines.mujoco import library
 from rpctl.engines.mujoco.engine import MujocoRun, MujocoSimulator
 from rpctl.engines.referee import EngineVerdict, Referee, beyond
-from rpctl.engines.words import line, verdict_to_dict
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 from tests.cli.test_app import run
@@ -97,7 +96,7 @@ def test_the_mended_engine_agrees_with_the_reduced_model(name: str) -> None:
 def test_nothing_is_named_where_engines_agree(load: Callable[[str], Robot]) -> None:
     verdict = judged(load(rover()))
     assert verdict.agrees and verdict.traced and verdict.trace is None
-    assert line(verdict) == f"MuJoCo {mujoco.__version__}: agrees with the reduced model"
+    assert verdict.line == f"MuJoCo {mujoco.__version__}: agrees with the reduced model"
 
 
 TRAY = link("tray", shape('box size="0.2 0.2 0.1"')) + joint(
@@ -124,14 +123,14 @@ def test_what_is_planted_is_named(
 ) -> None:
     verdict = judged(load(text), switch)
     assert named(verdict) == [(switch,)] and verdict.traced
-    assert all(word in line(verdict) for word in words)
+    assert all(word in verdict.line for word in words)
 
 
 @pytest.mark.thorough
 def test_tie_rods_that_are_left_out_are_named() -> None:
     verdict = judged(rpctl.load("car"), "mimic")
     assert named(verdict) == [("mimic",)]
-    assert 'joint1="steering_right_joint" joint2="steering_left_joint" polycoef="' in line(verdict)
+    assert 'joint1="steering_right_joint" joint2="steering_left_joint" polycoef="' in verdict.line
 
 
 @pytest.mark.slow
@@ -150,7 +149,7 @@ def test_losses_that_the_model_leaves_out_are_named(tmp_path: Path) -> None:
     file.write_text(text)
     verdict = judged(rpctl.load(file, "differential", losses=False), "losses")
     assert named(verdict) == [("losses",)]
-    assert "drives" in line(verdict) and "too short" in line(verdict)
+    assert "drives" in verdict.line and "too short" in verdict.line
 
 
 @pytest.mark.thorough
@@ -158,9 +157,9 @@ def test_all_defaults_are_traced_and_cured(load: Callable[[str], Robot]) -> None
     verdict = Referee(load(rover()), duration=DURATION).judge(MujocoSimulator())
     assert {name for names in named(verdict) for name in names} >= {"wheel", "caster"}
     assert verdict.traced
-    plain = verdict_to_dict(verdict)
+    plain = verdict.to_dict()
     assert json.loads(json.dumps(plain))["causes"][0]["setting"]
-    assert plain["agrees"] is False and plain["line"] == line(verdict)
+    assert plain["agrees"] is False and plain["line"] == verdict.line
 
 
 @pytest.mark.slow
@@ -177,7 +176,7 @@ def test_an_unknown_cause_is_not_traced(load: Callable[[str], Robot]) -> None:
 
     verdict = Referee(robot, duration=DURATION).judge(Heavy())
     assert not verdict.traced and verdict.trace is not None and verdict.trace.remaining
-    assert "no setting explains" in line(verdict)
+    assert "no setting explains" in verdict.line
 
 
 def test_robots_without_ground_or_stance_are_refused() -> None:
