@@ -19,8 +19,8 @@ from rpctl.engines.engine import (
     EngineFault,
     EngineMissing,
     LinkMotion,
+    Mended,
     Switch,
-    Switches,
     joint_losses,
 )
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
@@ -91,7 +91,7 @@ class BulletRun(UrdfRun):
     Args:
         robot: The robot.
         q: Configuration (nq,).
-        switches: What is mended.
+        mended: What is mended.
         friction: Between wheels and ground, where ``friction`` is mended.
 
     Raises:
@@ -102,19 +102,19 @@ class BulletRun(UrdfRun):
     steps = (DEFAULT_STEP, MENDED_STEP)
     forgets = True
 
-    def __init__(self, robot: Robot, q: Array, switches: Switches, friction: float) -> None:
-        super().__init__(robot, q, switches)
+    def __init__(self, robot: Robot, q: Array, mended: Mended, friction: float) -> None:
+        super().__init__(robot, q, mended)
         self._p = p = load_pybullet()
         p.setTimeStep(self.step)
         p.setGravity(*robot.model.gravity.linear.tolist())
-        p.setPhysicsEngineParameter(enableConeFriction=int(not switches.mended("cone")))
-        if switches.mended("softness"):
+        p.setPhysicsEngineParameter(enableConeFriction=int("cone" not in mended))
+        if "softness" in mended:
             p.setPhysicsEngineParameter(
                 solverResidualThreshold=RESIDUAL, numSolverIterations=SOLVER_ITERATIONS
             )
         self._plane = p.createMultiBody(0.0, p.createCollisionShape(p.GEOM_PLANE))
         p.changeDynamics(self._plane, -1, lateralFriction=PLANE_FRICTION)
-        self._body = self._load(q, switches)
+        self._body = self._load(q, mended)
         self._links = {p.getBodyInfo(self._body)[0].decode(): -1}
         self._numbers: dict[str, int] = {}
         for number in range(p.getNumJoints(self._body)):
@@ -124,14 +124,14 @@ class BulletRun(UrdfRun):
                 self._numbers[info[1].decode()] = number
         for name in robot.entries:
             p.resetJointState(self._body, self._numbers[name], robot.joint_position(q, name))
-        self._mend(switches, friction)
+        self._mend(mended, friction)
 
-    def _load(self, q: Array, switches: Switches) -> int:
-        flags = self._p.URDF_USE_INERTIA_FROM_FILE if switches.mended("inertia") else 0
+    def _load(self, q: Array, mended: Mended) -> int:
+        flags = self._p.URDF_USE_INERTIA_FROM_FILE if "inertia" in mended else 0
         x, y, theta = read_root(q)
         turn = (0.0, 0.0, math.sin(0.5 * theta), math.cos(0.5 * theta))
         place, refusal = (x, y, -self.robot.drive.ground), None
-        with self.file(switches) as path, captured() as printed:
+        with self.file(mended) as path, captured() as printed:
             try:
                 return int(self._p.loadURDF(path, place, turn, flags=flags))
             except self._p.error as error:
@@ -142,20 +142,20 @@ class BulletRun(UrdfRun):
         for link in links:
             self._p.changeDynamics(self._body, link, **values)
 
-    def _mend(self, switches: Switches, friction: float) -> None:
+    def _mend(self, mended: Mended, friction: float) -> None:
         p, robot, every = self._p, self.robot, (*self._links.values(),)
         none = {"spinningFriction": 0.0, "rollingFriction": 0.0}
-        if switches.mended("friction"):
+        if "friction" in mended:
             self._set(every, lateralFriction=friction / PLANE_FRICTION, **none)
-        if switches.mended("caster"):
+        if "caster" in mended:
             supports = [self._links[link] for link in self._named.carriers]
             self._set(supports, lateralFriction=0.0, **none)
-        if switches.mended("softness"):
+        if "softness" in mended:
             part = robot.mass / len(self.contacts)
             stiffness = part * float(np.linalg.norm(robot.model.gravity.linear)) / SINK_M
             damping = 2.0 * math.sqrt(stiffness * part)
             self._set(every, contactStiffness=stiffness, contactDamping=damping)
-        if switches.mended("losses"):
+        if "losses" in mended:
             self._set(every, linearDamping=0.0, angularDamping=0.0)
             for name in robot.entries:
                 (damping, dry), number = joint_losses(robot, name), self._numbers[name]
@@ -163,7 +163,7 @@ class BulletRun(UrdfRun):
                 p.setJointMotorControl2(
                     self._body, number, p.VELOCITY_CONTROL, targetVelocity=0.0, force=dry
                 )
-        if switches.mended("mimic"):
+        if "mimic" in mended:
             self._gear()
 
     def _gear(self) -> None:

@@ -16,8 +16,8 @@ from rpctl.engines.engine import (
     EngineFault,
     EngineMissing,
     LinkMotion,
+    Mended,
     Switch,
-    Switches,
     joint_losses,
 )
 from rpctl.engines.mujoco.bodies import link_fault
@@ -94,7 +94,7 @@ class DrakeRun(UrdfRun):
     Args:
         robot: The robot.
         q: Configuration (nq,).
-        switches: What is mended.
+        mended: What is mended.
         friction: Between wheels and ground, where ``friction`` is mended.
 
     Raises:
@@ -104,26 +104,26 @@ class DrakeRun(UrdfRun):
     dialect = DIALECT
     steps = (DEFAULT_STEP, MENDED_STEP)
 
-    def __init__(self, robot: Robot, q: Array, switches: Switches, friction: float) -> None:
-        super().__init__(robot, q, switches)
+    def __init__(self, robot: Robot, q: Array, mended: Mended, friction: float) -> None:
+        super().__init__(robot, q, mended)
         drake = load_drake()
-        self.forgets = switches.mended("losses") and robot.losses is not None  # friction changes
+        self.forgets = "losses" in mended and robot.losses is not None  # friction changes
         builder = drake.DiagramBuilder()
         plant, scene = drake.AddMultibodyPlantSceneGraph(builder, time_step=self.step)
-        if switches.mended("softness"):
+        if "softness" in mended:
             _harden(scene)
         self._plant: Any = plant
         with heard() as warnings:
             try:
-                self._add(drake, switches)
-                self._ground(drake, switches, friction)
+                self._add(drake, mended)
+                self._ground(drake, mended, friction)
                 plant.mutable_gravity_field().set_gravity_vector(robot.model.gravity.linear)
-                self._mend(switches)
+                self._mend(mended)
                 plant.Finalize()
                 diagram = builder.Build()
             except (RuntimeError, ValueError) as error:
                 raise EngineFault(f"Drake refuses {robot.name}: {error}") from error
-            if switches.mended("collisions"):
+            if "collisions" in mended:
                 self._let_pass(drake, scene)
             root = diagram.CreateDefaultContext()
             self._context = plant.GetMyMutableContextFromRoot(root)
@@ -133,17 +133,17 @@ class DrakeRun(UrdfRun):
         said = [line for line in warnings if HALF_SPACE not in line]
         self.notes = (*self.notes, *(f"Drake warns: {line}" for line in said))
 
-    def _add(self, drake: Any, switches: Switches) -> None:
-        with self.file(switches) as path:
+    def _add(self, drake: Any, mended: Mended) -> None:
+        with self.file(mended) as path:
             (self._instance,) = drake.Parser(self._plant).AddModels(path)
         self._drake_joints = {
             name: self._plant.GetJointByName(name, self._instance) for name in self.robot.entries
         }
 
-    def _ground(self, drake: Any, switches: Switches, friction: float) -> None:
+    def _ground(self, drake: Any, mended: Mended, friction: float) -> None:
         """Register a half space; Drake takes the harmonic mean of two coefficients."""
         own = DEFAULT_FRICTION
-        if switches.mended("friction"):
+        if "friction" in mended:
             own = friction / (2.0 - friction / DEFAULT_FRICTION)
         self._plant.RegisterCollisionGeometry(
             self._plant.world_body(),
@@ -153,13 +153,13 @@ class DrakeRun(UrdfRun):
             drake.CoulombFriction(own, own),
         )
 
-    def _mend(self, switches: Switches) -> None:
+    def _mend(self, mended: Mended) -> None:
         robot = self.robot
         for name, joint in self._drake_joints.items():
             index = robot.velocity_index(name)
-            if switches.mended("losses"):
+            if "losses" in mended:
                 joint.set_default_damping(joint_losses(robot, name)[0])
-            if switches.mended("inertia") and robot.armature[index] > 0.0:
+            if "inertia" in mended and robot.armature[index] > 0.0:
                 rotor = self._plant.AddJointActuator(f"rotor of {name}", joint)
                 rotor.set_default_gear_ratio(1.0)
                 rotor.set_default_rotor_inertia(float(robot.armature[index]))

@@ -19,12 +19,10 @@ from rpctl.engines.comparison import EngineGap, compare
 from rpctl.engines.engine import (
     ALL_DEFAULT,
     ALL_MENDED,
-    DEFAULT,
-    MENDED,
     Engine,
     EngineFault,
+    Mended,
     Switch,
-    Switches,
 )
 from rpctl.engines.recording import EngineRecording, ReducedRun, record, referee_course
 from rpctl.engines.turning import TurnVerdict, judge_turn
@@ -32,7 +30,7 @@ from rpctl.equivalence.contact.plan import SERVO_BANDWIDTH, ContactPlan, plan_mo
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
-RunWith = Callable[[Switches], EngineRecording]
+RunWith = Callable[[Mended], EngineRecording]
 Compare = Callable[[EngineRecording, EngineRecording], tuple[EngineGap, ...]]
 DURATION_S = 3.0  # s of the motion
 
@@ -113,13 +111,11 @@ def trace(
         return Trace((), mended, remaining, ())
 
     def alone(chosen: tuple[Switch, ...]) -> tuple[EngineGap, ...]:
-        names = tuple(switch.name for switch in chosen)
-        return beyond(compare(mended, run(ALL_MENDED.turned(names, DEFAULT))))
+        return beyond(compare(mended, run(ALL_MENDED - {switch.name for switch in chosen})))
 
     def left(causes: Sequence[Cause]) -> tuple[EngineGap, ...]:
         known = {switch.name for switch in switches}  # others mean nothing: as the mended engine
-        start = ALL_MENDED.turned(known, DEFAULT)
-        return beyond(compare(mended, run(start.turned(_names(causes), MENDED))))
+        return beyond(compare(mended, run(ALL_MENDED - known | {*_names(causes)})))
 
     causes = list(_causes(combinations(switches, 1), alone))
     causes = causes or list(_causes(combinations(switches, 2), alone))
@@ -316,7 +312,7 @@ class Referee:
         if beyond(gaps):
             found = trace(
                 engine.switches(self.robot),
-                lambda switches: self.run(engine, switches),
+                lambda mended: self.run(engine, mended),
                 self.compare,
                 model,
             )
@@ -325,11 +321,11 @@ class Referee:
             engine.name, engine.version, gaps, found, model, recording, self._friction, turn
         )
 
-    def run(self, engine: Engine, switches: Switches) -> EngineRecording:
-        """Return what an engine does with switches."""
+    def run(self, engine: Engine, mended: Mended) -> EngineRecording:
+        """Return what an engine does with some switches mended."""
         plan, model = self.motion(engine.tick)
         try:
-            run = engine.start(self.robot, plan.q[0], switches, self._friction)
+            run = engine.start(self.robot, plan.q[0], mended, self._friction)
         except EngineFault as fault:
             return _refused(model, str(fault))
         return record(run, self.robot, plan, engine.tick)

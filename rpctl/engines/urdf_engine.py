@@ -20,13 +20,13 @@ from rpctl.arrays import Array
 from rpctl.dynamics.stance import find_supports
 from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_shapes
 from rpctl.engines.engine import (
-    SWITCH_NAMES,
+    SWITCHES,
     EngineFault,
     EngineMissing,
     EngineState,
     LinkMotion,
+    Mended,
     Switch,
-    Switches,
     wheel_slip,
 )
 from rpctl.equivalence.contact.mujoco_body import STABLE, one_directional, tie_rod_efforts
@@ -93,7 +93,7 @@ class UrdfRun(ABC):
     Args:
         robot: The robot.
         q: Where it starts (nq,).
-        switches: What is left as the engine's default, and what is mended.
+        mended: What is mended.
 
     Attributes:
         dialect: What the engine reads.
@@ -107,12 +107,12 @@ class UrdfRun(ABC):
     forgets = False
     notes: tuple[str, ...] = ()
 
-    def __init__(self, robot: Robot, q: Array, switches: Switches) -> None:
+    def __init__(self, robot: Robot, q: Array, mended: Mended) -> None:
         self.robot, self.t = robot, 0.0
-        self.step = self.steps[switches.mended("timestep")]
+        self.step = self.steps["timestep" in mended]
         self._named = NamedContacts(robot)
         self.contacts = self._named.names
-        tied = switches.mended("mimic") and robot.drive.followers
+        tied = "mimic" in mended and robot.drive.followers
         self.rods = follower_inertia(robot, q) if tied else {}  # of tie rods: what they turn
 
     @abstractmethod
@@ -136,9 +136,9 @@ class UrdfRun(ABC):
         """Go on to ``t`` under efforts (N·m or N, by joint)."""
 
     @contextmanager
-    def file(self, switches: Switches) -> Iterator[str]:
+    def file(self, mended: Mended) -> Iterator[str]:
         """Have the robot's file, mended, for the engine to read; what was left out is noted."""
-        edited = edit_urdf(self.robot, switches, self.dialect)
+        edited = edit_urdf(self.robot, mended, self.dialect)
         self.notes = edited.notes
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "robot.urdf"
@@ -217,7 +217,7 @@ class UrdfEngine(ABC):
     module: ClassVar[str]
     distribution: ClassVar[str]
     extra: ClassVar[str]
-    run: ClassVar[Callable[[Robot, Array, Switches, float], UrdfRun]]
+    run: ClassVar[Callable[[Robot, Array, Mended, float], UrdfRun]]
     said: ClassVar[Mapping[str, tuple[str, str]]]
 
     def __post_init__(self) -> None:
@@ -243,15 +243,16 @@ class UrdfEngine(ABC):
         }
         common = [Switch(n, *words) for n, words in self.said.items() if matters.get(n, True)]
         switches = [*common, *self.own_switches(robot)]
-        return tuple(sorted(switches, key=lambda switch: SWITCH_NAMES.index(switch.name)))
+        names = [*SWITCHES]
+        return tuple(sorted(switches, key=lambda switch: names.index(switch.name)))
 
-    def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> UrdfRun:
+    def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> UrdfRun:
         """Return the robot at rest at q (nq,), its wheels at the height of the ground.
 
         Args:
             robot: The robot.
             q: Configuration (nq,).
-            switches: What is left as the engine's default, and what is mended.
+            mended: What is mended.
             friction: Coefficient between wheels and ground where ``friction`` is mended.
 
         Raises:
@@ -259,11 +260,11 @@ class UrdfEngine(ABC):
                 its friction is the same in all directions.
         """
         held = [wheel for wheel in robot.drive.wheels if one_directional(robot, wheel)]
-        if switches.mended("wheel") and held:
+        if "wheel" in mended and held:
             sliding = f"wheel that slides sideways, as {held[0].joint} does"
             what = "rollers" if robot.drive.type in ("mecanum", "omni") else sliding
             raise EngineFault(f"{robot.name} is not compared in {self.name}: it has no {what}")
-        return type(self).run(robot, q, switches, friction)
+        return type(self).run(robot, q, mended, friction)
 
 
 def follower_inertia(robot: Robot, q: Array) -> dict[str, float]:

@@ -14,10 +14,8 @@ import rpctl
 from rpctl.arrays import Array
 from rpctl.engines.engine import (
     ALL_MENDED,
-    DEFAULT,
-    MENDED,
     EngineMissing,
-    Switches,
+    Mended,
     installed_engines,
 )
 from rpctl.engines.mujoco import library
@@ -41,10 +39,9 @@ class Planted(MujocoSimulator):
 
     planted: tuple[str, ...] = ()
 
-    def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> MujocoRun:
+    def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
         """Start with the switches that are not planted mended."""
-        others = {name for name in vars(switches) if name not in self.planted}
-        return super().start(robot, q, switches.turned(others, MENDED), friction)
+        return super().start(robot, q, mended | (ALL_MENDED - {*self.planted}), friction)
 
 
 def rover(wheel: str = CYLINDER, ball: str = "collision", extra: str = "") -> str:
@@ -137,7 +134,7 @@ def test_tie_rods_that_are_left_out_are_named() -> None:
 def test_tie_rods_as_springs_bear_the_default_step() -> None:
     judge, engine = Referee(rpctl.load("swerve"), duration=DURATION), MujocoSimulator()
     judge.motion(engine.tick)
-    long = judge.run(engine, ALL_MENDED.turned(["timestep"], DEFAULT))
+    long = judge.run(engine, ALL_MENDED - {"timestep"})
     assert not beyond(judge.compare(judge.run(engine, ALL_MENDED), long))
 
 
@@ -169,10 +166,10 @@ def test_an_unknown_cause_is_not_traced(load: Callable[[str], Robot]) -> None:
 
     @dataclass(frozen=True)
     class Heavy(MujocoSimulator):
-        def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> MujocoRun:
+        def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
             model = robot.model.copy()
             model.inertias[1].mass *= 1.5
-            return super().start(replace(robot, model=model), q, switches, friction)
+            return super().start(replace(robot, model=model), q, mended, friction)
 
     verdict = Referee(robot, duration=DURATION).judge(Heavy())
     assert not verdict.traced and verdict.trace is not None and verdict.trace.remaining

@@ -16,11 +16,10 @@ from rpctl.engines.bullet import captured
 from rpctl.engines.engine import (
     ALL_DEFAULT,
     ALL_MENDED,
-    MENDED,
     EngineFault,
     LinkMotion,
+    Mended,
     Switch,
-    Switches,
     wheel_slip,
 )
 from rpctl.engines.urdf_engine import (
@@ -84,8 +83,8 @@ class StillRun(UrdfRun):
 
     steps = (1e-3, 1e-3)
 
-    def __init__(self, robot: Robot, q: Array, switches: Switches, friction: float = 0.7) -> None:
-        super().__init__(robot, q, switches)
+    def __init__(self, robot: Robot, q: Array, mended: Mended, friction: float = 0.7) -> None:
+        super().__init__(robot, q, mended)
         self.places = dict.fromkeys(robot.moving_joint_names, (0.0, 0.0))
         self.given: list[dict[str, float]] = []
 
@@ -127,8 +126,8 @@ def test_rods_pull_anew_in_each_step_and_only_where_they_are_mended(car: Robot) 
     step = 1e-3
     leader, follower = car.drive.steered[0].joint, car.drive.followers[0].joint
     tau = np.array([1.0 if name == leader else 0.0 for name in car.actuators])
-    for switches, count in ((replace(ALL_DEFAULT, losses=MENDED), 1), (ALL_MENDED, 2)):
-        run = StillRun(car, car.configuration(), switches)
+    for mended, count in ((frozenset({"losses"}), 1), (ALL_MENDED, 2)):
+        run = StillRun(car, car.configuration(), mended)
         run.places |= {leader: (0.3, 0.0), follower: (0.0, 0.0)}
         run.advance(tau, 2.0 * step)
         assert len(run.given) == count and run.t == 2.0 * step

@@ -13,8 +13,8 @@ from rpctl.engines.engine import (
     EngineFault,
     EngineState,
     LinkMotion,
+    Mended,
     Switch,
-    Switches,
     joint_losses,
     wheel_slip,
 )
@@ -76,16 +76,16 @@ class MujocoSimulator:
         """Return the switches that mean something of this robot."""
         return tuple(mujoco_switches(robot))
 
-    def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> MujocoRun:
+    def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
         """Return the robot at rest at q (nq,); :meth:`rpctl.engines.engine.Engine.start`."""
         loaded = load_as_user(robot)
-        touching = mend(loaded.spec, robot, switches, friction)
+        touching = mend(loaded.spec, robot, mended, friction)
         model, told = compiled(loaded.spec)
         run = MujocoRun(robot, model, touching, friction)
         run.notes = (*loaded.notes, *(f"MuJoCo: {note}" for note in told))
-        if switches.mended("losses"):
+        if "losses" in mended:
             run.set_losses()
-        run.start(q, tied=switches.mended("mimic") and not touching.tied)
+        run.start(q, tied="mimic" in mended and not touching.tied)
         return run
 
     def turning_speed(self, friction: float) -> float:
