@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rpctl.cli.terminal import console, escape, new_table
-from rpctl.equivalence.onset.record import ASKEW, INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
+from rpctl.equivalence.onset.trial import ASKEW, INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
 
 VERDICTS = {
     WITHIN: "[green]✓[/]",

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.equivalence.check import Check, Skipped
-from rpctl.equivalence.contact.record import Gap
+from rpctl.equivalence.contact.trial import Gap
 
 MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
 

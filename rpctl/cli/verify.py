@@ -16,7 +16,7 @@ from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.check import CONTACT_ORACLE
-from rpctl.equivalence.contact.record import ContactTrial
+from rpctl.equivalence.contact.trial import ContactTrial
 from rpctl.equivalence.verify import verify
 from rpctl.files.writing import require_writable
 from rpctl.robot.model import Robot

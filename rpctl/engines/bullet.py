@@ -24,7 +24,7 @@ from rpctl.engines.engine import (
     joint_losses,
 )
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
-from rpctl.equivalence.contact.shapes import Tyre
+from rpctl.equivalence.contact.model import Tyre
 from rpctl.libraries import library
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot

@@ -13,7 +13,7 @@ from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts
 from rpctl.engines.engine import joint_losses
 from rpctl.engines.recording import EngineRecording
-from rpctl.equivalence.contact.record import travelled
+from rpctl.equivalence.contact.trial import travelled
 from rpctl.robot.model import Robot
 
 # Mended engines keep within these wherever they were run over the catalogue, but for the rear

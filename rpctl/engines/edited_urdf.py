@@ -18,7 +18,7 @@ from rpctl.description.meshes.paths import MeshError
 from rpctl.description.records import Shape
 from rpctl.dynamics.stance import find_supports
 from rpctl.engines.engine import Mended
-from rpctl.equivalence.contact.shapes import Tyre, support_shapes, tyre
+from rpctl.equivalence.contact.model import Tyre, support_shapes, tyre
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 

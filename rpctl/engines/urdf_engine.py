@@ -29,8 +29,8 @@ from rpctl.engines.engine import (
     Switch,
     wheel_slip,
 )
+from rpctl.equivalence.contact.model import support_shapes
 from rpctl.equivalence.contact.mujoco_body import STABLE, one_directional, tie_rod_efforts
-from rpctl.equivalence.contact.shapes import support_shapes
 from rpctl.robot.model import Robot
 
 NEAR_M = 0.02  # m: how far off the edge of a support's shape its contact may lie

@@ -25,7 +25,7 @@ from rpctl.equivalence.check import Skipped
 from rpctl.equivalence.contact import mujoco_body
 from rpctl.equivalence.contact import plan as contact_plan
 from rpctl.equivalence.contact import trial as contact_trial
-from rpctl.equivalence.contact.record import ContactTrial
+from rpctl.equivalence.contact.trial import ContactTrial
 from rpctl.robot.vary import set_limits
 from tests.grids import cells
 

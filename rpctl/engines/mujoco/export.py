@@ -17,7 +17,6 @@ from typing import Any
 
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.engines.mujoco.appearance import Drawn, draw
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.certificate import MjcfCertificate
@@ -26,7 +25,7 @@ from rpctl.engines.mujoco.equations import Witness, compare_with_witness, take_w
 from rpctl.engines.mujoco.ground import has_rollers
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.mjcf_reader import StrictMjcf, parse_mjcf, tabulate
-from rpctl.engines.mujoco.mjcf_writer import Part, numbers, to_bytes, write_model
+from rpctl.engines.mujoco.mjcf_writer import Drawn, Part, draw, numbers, to_bytes, write_model
 from rpctl.engines.mujoco.sensors import FREE, HOME, HOW, sensor_parts
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.trial import run_on_ground, settle

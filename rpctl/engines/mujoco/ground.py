@@ -21,8 +21,8 @@ from rpctl.dynamics.stance import find_supports
 from rpctl.engines.mujoco.bodies import body_name, is_physical, place_in_body
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.equivalence.contact.model import about, geom_size, support_shapes, tyre
 from rpctl.equivalence.contact.mujoco_body import quaternion, vertical_inverse_masses
-from rpctl.equivalence.contact.shapes import about, geom_size, support_shapes, tyre
 from rpctl.equivalence.mujoco_model import Inertial
 from rpctl.robot.model import Robot
 

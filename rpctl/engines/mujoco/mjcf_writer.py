@@ -9,14 +9,25 @@ MuJoCo that rounds all the same is found.
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any
 
+import numpy as np
 from lxml import etree
 
+from rpctl.arrays import Array
+from rpctl.description.meshes.paths import MeshError
+from rpctl.description.meshes.reading import Surface, read_shape
+from rpctl.description.records import Shape
+from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.equivalence.contact.model import geom_size
+from rpctl.equivalence.contact.mujoco_body import quaternion
+from rpctl.robot.model import Robot
 
 DIGITS = 17  # of which each double is read again
 LONG_NUMBER = re.compile(r"-?\d+\.\d{9,}(e[+-]?\d+)?")
@@ -94,3 +105,122 @@ def _number(value: Any) -> str:
     """Return a number in the fewest digits that it is read from again."""
     number = float(value)
     return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
+
+
+DRAWN_GROUP = "1"  # that a viewer shows
+COLOUR = (0.74, 0.77, 0.81, 1.0)  # where neither the URDF nor the mesh gives one
+MAX_TRIANGLES = 1_000_000  # of a whole robot: more is left out
+NOTHING = {"contype": "0", "conaffinity": "0", "group": DRAWN_GROUP}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What is drawn of a robot.
+
+    Attributes:
+        parts: Geoms, by the name of their body.
+        assets: The meshes that they show.
+        files: Contents of the mesh files, by name.
+        notes: What was left out, and why.
+    """
+
+    parts: dict[str, list[Part]]
+    assets: list[Part]
+    files: dict[str, bytes]
+    notes: tuple[str, ...]
+
+
+def draw(robot: Robot, meshes: bool) -> Drawn:
+    """Return what is drawn of a robot: its visual shapes; of one without, its collision shapes."""
+    links = robot.description.links
+    visual = any(link.visuals for link in links)
+    drawing = _Drawing(robot, meshes)
+    heads = [robot.description.root]
+    heads += [robot.description.joint[name].child for name in robot.moving_joint_names]
+    for head in heads:
+        for name, pose in robot.tree.rigid_links(head):
+            link = robot.description.link[name]
+            for number, shape in enumerate(link.visuals if visual else link.collisions):
+                drawing.add(head, f"{name}_visual_{number}", pose @ shape.origin, shape)
+    return drawing.drawn()
+
+
+class _Drawing:
+    """Geoms and meshes as they are collected."""
+
+    def __init__(self, robot: Robot, meshes: bool) -> None:
+        self._robot, self._meshes = robot, meshes
+        self._parts: dict[str, list[Part]] = {}
+        self._assets: dict[str, Part] = {}
+        self._files: dict[str, bytes] = {}
+        self._faults: dict[str, list[str]] = {}
+        self._triangles = 0
+
+    def add(self, head: str, name: str, pose: Array, shape: Shape) -> None:
+        """Add a shape of a link, placed in the body of its head."""
+        if shape.rgba is not None and shape.rgba[3] <= 0.0:
+            return
+        if shape.mesh is None:
+            size = geom_size(shape)
+            kept = {"sphere": 1, "box": 3}.get(shape.kind, 2)
+            self._place(head, name, pose, {"type": shape.kind, "size": numbers(size[:kept])},
+                        shape.rgba)  # fmt: skip
+        elif self._meshes:
+            try:
+                self._add_mesh(head, name, pose, shape)
+            except MeshError as fault:
+                self._faults.setdefault(str(fault), []).append(name.rpartition("_visual_")[0])
+
+    def _add_mesh(self, head: str, name: str, pose: Array, shape: Shape) -> None:
+        paths = self._robot.description.mesh_paths
+        surfaces = read_shape(str(shape.mesh), shape.size, paths).surfaces
+        for number, surface in enumerate(surfaces):
+            data = _obj(surface, np.array(shape.size))
+            asset = _asset_name(str(shape.mesh), data)
+            if asset not in self._assets:
+                self._triangles += len(surface.faces)
+                if self._triangles > MAX_TRIANGLES:
+                    raise MeshError(f"over {MAX_TRIANGLES} triangles in all")
+                file = f"{asset}.obj"
+                self._assets[asset] = Part(
+                    "mesh", {"name": asset, "file": file, "inertia": "shell"}
+                )
+                self._files[file] = data
+            each = name if len(surfaces) == 1 else f"{name}_{number}"
+            self._place(head, each, pose, {"type": "mesh", "mesh": asset},
+                        shape.rgba or surface.rgba)  # fmt: skip
+
+    def _place(
+        self,
+        head: str,
+        name: str,
+        pose: Array,
+        shape: dict[str, str],
+        rgba: tuple[float, ...] | None,
+    ) -> None:
+        attributes = {"name": name, **shape, **NOTHING, "rgba": numbers(rgba or COLOUR)}
+        attributes |= {"pos": numbers(pose[:3, 3]), "quat": numbers(quaternion(pose))}
+        self._parts.setdefault(body_name(head), []).append(Part("geom", attributes))
+
+    def drawn(self) -> Drawn:
+        """Return all that was collected."""
+        notes = [
+            f"meshes of {', '.join(dict.fromkeys(links))} are not drawn: {fault}"
+            for fault, links in self._faults.items()
+        ]
+        return Drawn(self._parts, list(self._assets.values()), self._files, tuple(notes))
+
+
+def _obj(surface: Surface, scale: Array) -> bytes:
+    """Return a surface at its scale (3,) as the bytes of an OBJ file."""
+    vertices = surface.vertices * scale
+    faces = surface.faces[:, ::-1] if np.prod(scale) < 0.0 else surface.faces  # mirrored
+    lines = [f"v {x:.7g} {y:.7g} {z:.7g}" for x, y, z in vertices.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _asset_name(mesh: str, data: bytes) -> str:
+    """Return a name that tells a mesh's content, so that files of one name are one."""
+    stem = re.sub(r"[^\w-]", "_", PurePath(mesh).stem)[:40] or "mesh"
+    return f"{stem}-{hashlib.sha256(data).hexdigest()[:10]}"

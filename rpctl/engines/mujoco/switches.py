@@ -22,9 +22,16 @@ from rpctl.engines.mujoco.bodies import (
 )
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.user_load import GROUND, PREFIX, geom_name
-from rpctl.equivalence.contact.model import IMPRATIO, SOLIMP, SOLREF, STEP_S
+from rpctl.equivalence.contact.model import (
+    IMPRATIO,
+    SOLIMP,
+    SOLREF,
+    STEP_S,
+    geom_size,
+    support_shapes,
+    tyre,
+)
 from rpctl.equivalence.contact.mujoco_body import Touching, one_directional, quaternion
-from rpctl.equivalence.contact.shapes import geom_size, support_shapes, tyre
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 

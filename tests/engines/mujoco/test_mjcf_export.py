@@ -12,9 +12,9 @@ from lxml import etree
 
 import rpctl
 from rpctl.engines.mujoco import export, mjcf_writer
-from rpctl.engines.mujoco.appearance import draw
 from rpctl.engines.mujoco.equations import as_plain, compare_with_witness, from_plain, take_witness
 from rpctl.engines.mujoco.export import prepare
+from rpctl.engines.mujoco.mjcf_writer import draw
 from rpctl.simulation.mjcf_file import check_mjcf, export_mjcf
 from tests import urdf
 from tests.engines.mujoco.exports import export_quickly, quickly
