@@ -10,7 +10,6 @@ from typing import Annotated
 
 import typer
 
-from rpctl.cli.kept import kept_told
 from rpctl.cli.options import (
     CHECK_FAILED,
     JsonOption,
@@ -21,7 +20,7 @@ from rpctl.cli.options import (
 )
 from rpctl.cli.streams import print_json, say
 from rpctl.cli.stress_summary import show_stress
-from rpctl.cli.terminal import progress_bar
+from rpctl.cli.terminal import kept_told, progress_bar
 from rpctl.engines.engine import EngineMissing
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.errors import UnknownNameError, require_positive

@@ -220,7 +220,7 @@ def test_what_is_given_is_kept(tmp_path: Path, name: str) -> None:
     """It is told how much of the limits that takes."""
     robot, size = scaled_platform(tmp_path, 1.0, velocity=12.0), None if name == "spin" else 3.0
     speed = 0.4 if name == "waypoints" else 2.5
-    reference = load_reference(robot, name, size, speed)
+    reference = load_reference(robot, name, size=size, speed=speed)
     found = sizing(reference)
     assert found.size == size
     assert found.speed == pytest.approx(speed, rel=0.1 if name == "waypoints" else 1e-9)
@@ -275,7 +275,7 @@ def test_a_fixed_base_has_no_path_to_size() -> None:
 
 def test_a_run_keeps_its_sizing(paper: Robot, tmp_path: Path) -> None:
     run = rpctl.track(paper, "circle", duration=0.02, size=2.0, speed=0.3, laps=3.0)
-    assert run.sizing == sizing(load_reference(paper, "circle", 2.0, 0.3, 3.0))
+    assert run.sizing == sizing(load_reference(paper, "circle", size=2.0, speed=0.3, laps=3.0))
     assert (run.config.run.size, run.config.run.speed, run.config.run.laps) == (2.0, 0.3, 3.0)
     back = Run.load(run.save(tmp_path / "run.npz"))
     assert back.sizing == run.sizing
