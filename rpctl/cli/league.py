@@ -11,7 +11,6 @@ from rpctl.cli.streams import say
 from rpctl.cli.terminal import progress_bar
 from rpctl.engines.engine import Engine
 from rpctl.engines.referee import EngineVerdict, Referee
-from rpctl.engines.words import line
 from rpctl.errors import RpctlError
 from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor
 
@@ -75,7 +74,7 @@ def play_league(
                     refused[match.robot] = verdict
                 else:
                     found[match] = verdict
-                    say(f"{match.robot}: {line(verdict)}", err=as_json)
+                    say(f"{match.robot}: {verdict.line}", err=as_json)
                 advance(done, len(matches))
         except LostChunksError as error:
             lost = {str(match): error for match in error.chunks}
