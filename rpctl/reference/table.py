@@ -58,7 +58,7 @@ class ReferenceTable:
         if self.robot.end_effector is None:
             return np.empty((len(self), 0))
         q = configurations(self.robot, self.pose, self.joints)
-        return self.robot.end_effector_poses(q)[:, :3, 3]
+        return self.robot.end_effector_poses(q)[:, :3, 3].copy()
 
     def rows(self) -> Array:
         """Return all of it side by side (K, 9 + 3 n_joints + 9), in the order of the attributes.

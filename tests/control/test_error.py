@@ -11,7 +11,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.control.error import observe, tracking_error, wrap
+from rpctl.control.error import base_error_rate, tracking_error, wrap
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
 from tests.robots import SET_A, platform, write
@@ -33,22 +33,6 @@ def test_angles_wrap() -> None:
     assert wrap(20 * math.pi + 1.0) == pytest.approx(1.0)
 
 
-def test_the_rate_is_the_errors_derivative(robot: Robot, rng: np.random.Generator) -> None:
-    """Along an actual motion that has nothing to do with the reference."""
-    reference, dynamics, step = reference_by_name(robot, "eight"), ReducedDynamics(robot), 1e-6
-    for t in rng.uniform(1.0, 20.0, 10):
-        nu = 0.5 * rng.normal(size=robot.dof)
-        pose = reference(t).pose + rng.normal(size=3) * [0.3, 0.3, 0.5]
-        q = robot.configuration_at(pose, robot.home)
-        v = dynamics.basis(q) @ nu
-        ahead, behind = (
-            tracking_error(robot, reference(t + s), pin.integrate(robot.model, q, s * v))
-            for s in (step, -step)
-        )
-        rate = observe(dynamics, reference(t), q, nu).e_dot
-        np.testing.assert_allclose((ahead - behind) / (2 * step), rate, atol=1e-7)
-
-
 TURRET = """<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="1"/>
   <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
   <joint name="{name}_joint" type="{kind}"><parent link="base"/><child link="{name}"/>
@@ -68,3 +52,30 @@ def test_only_joints_without_limits_go_the_short_way(tmp_path: Path) -> None:
         state = ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 2)))._replace(joints=joints)
         e = tracking_error(robot, state, q)
         np.testing.assert_allclose(e, [0, 0, 0, 6.0 - 2 * math.pi, 6.0], atol=1e-12)
+
+
+def test_the_rate_knows_speeds_to_the_left(rng: np.random.Generator) -> None:
+    """Base and reference both slide: poses that move as their twists say, by differences."""
+    robot, step = rpctl.load("mecanum"), 1e-6
+    dynamics, start = ReducedDynamics(robot), reference_by_name(robot, "line")(5.0)
+    for _ in range(10):
+        twist, nu = rng.normal(size=3), rng.normal(size=robot.dof)
+        pose = rng.normal(size=3) * [0.3, 0.3, 0.5]
+        q = robot.configuration_at(np.array([0.1, -0.2, 0.3]), start.joints)
+        v, (cos, sin) = dynamics.basis(q) @ nu, (math.cos(pose[2]), math.sin(pose[2]))
+        moved = np.array(
+            [cos * twist[0] - sin * twist[1], sin * twist[0] + cos * twist[1], twist[2]]
+        )
+        state = start._replace(pose=pose, twist=twist)
+        ahead, behind = (
+            tracking_error(
+                robot,
+                state._replace(pose=pose + s * moved, joints=state.joints + s * state.joint_rates),
+                pin.integrate(robot.model, q, s * v),
+            )
+            for s in (step, -step)
+        )
+        e = tracking_error(robot, state, q)
+        rate = base_error_rate(e, state.twist, dynamics.twist(q, nu))
+        slope = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(slope[:3], rate, atol=1e-7)

@@ -12,17 +12,16 @@ from scipy.linalg import expm
 import rpctl
 from rpctl import FeedbackLinearization, Robot, RpctlError
 from rpctl.arrays import Array
-from rpctl.control.error import Tracking, Twist, error_rate
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import eight
-from tests.control.unicycle import NO_JOINTS, StateOverTime, along, steady
+from tests.control.unicycle import StateOverTime, Twist, along, error_rate, steady, twist_of
 
 LAW = FeedbackLinearization(kp=2.0, kd=3.0, leash=None)
 
 
 def ask(law: FeedbackLinearization, state: ReferenceState, e: Array, v: float) -> Twist:
     """Return what the law asks of a robot with the speed v."""
-    return law.unicycle(Tracking(state, e, error_rate(e, state, np.array([v, 0, 0.3]), NO_JOINTS)))
+    return twist_of(law, state, e, np.array([v, 0.0, 0.3]))
 
 
 def drive(law: FeedbackLinearization, motion: StateOverTime, x: Array, times: Array) -> Array:
@@ -31,7 +30,7 @@ def drive(law: FeedbackLinearization, motion: StateOverTime, x: Array, times: Ar
     def rate(t: float, x: Array) -> Array:
         state, (value, change) = motion(t), ask(law, motion(t), x[:3], x[3])
         twist = np.array([x[3], 0.0, value[2]])
-        return np.append(error_rate(x[:3], state, twist, NO_JOINTS), change[0])
+        return np.append(error_rate(x[:3], state, twist), change[0])
 
     solution = solve_ivp(rate, (0.0, times[-1]), x, t_eval=times, rtol=1e-11, atol=1e-12)
     return np.asarray(solution.y.T)

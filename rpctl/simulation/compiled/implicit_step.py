@@ -300,7 +300,7 @@ def _lossy(dynamics: SymbolicDynamics) -> list[int]:
 
 
 def _least_rate(robot: Robot) -> float:
-    """Return the least rate ε at which friction is smooth, as ``make_losses`` gives them."""
+    """Return the least rate ε at which friction is smooth, as ``find_losses`` gives them."""
     if robot.losses is not None:
         return float(robot.losses.rate.min())
     kinds = {robot.description.joint[name].kind for name in robot.entries}

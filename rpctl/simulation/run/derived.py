@@ -223,7 +223,8 @@ def _end_effector(robot: Robot, q: Array, q_ref: Array) -> dict[str, Array]:
     twice = [turn[:, j, i] - turn[:, i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
     sine = np.sqrt(sum(each * each for each in twice))
     cosine = np.einsum("kii->k", turn) - 1.0
-    return {"ee": pose[:, :3, 3], "ee_ref": wanted[:, :3, 3], "ee_angle": np.arctan2(sine, cosine)}
+    ends = {"ee": pose[:, :3, 3].copy(), "ee_ref": wanted[:, :3, 3].copy()}
+    return ends | {"ee_angle": np.arctan2(sine, cosine)}
 
 
 def _require_finite(t: Array, block: Mapping[str, Array]) -> None:

@@ -32,10 +32,6 @@ from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from tests.simulation.compiled.laws.law_cases import PERIOD
 
 
-class OwnKinematic(UnifiedKinematic):
-    """A law of a user's own."""
-
-
 class OwnLeash(Leash):
     """A leash of a user's own."""
 
@@ -60,7 +56,6 @@ def test_all_laws_without_a_solver_are_compiled(kinematic: str, dynamic: str, pa
     [
         (Horizon(), PaperDynamic(), "law Horizon"),
         (EndEffector(), PaperDynamic(), "law EndEffector"),
-        (OwnKinematic(), PaperDynamic(), "law OwnKinematic"),
         (UnifiedKinematic(leash=OwnLeash()), PaperDynamic(), "leash OwnLeash"),
         (UnifiedKinematic(approach=OwnApproach()), PaperDynamic(), "approach OwnApproach"),
         (FunctionLaw(lambda *_: np.zeros(4)), PaperDynamic(), "law <lambda>"),
