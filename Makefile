@@ -11,7 +11,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 READY_DEV := $(VENV)/.ready-dev
-# Modules are compiled when they are first imported: most never are.
+# Modules are compiled when they are first imported, since most never are: Python has to keep what it compiles.
+unexport PYTHONDONTWRITEBYTECODE
 INSTALL = $(BIN)/python -m pip install --disable-pip-version-check --progress-bar off --no-compile
 
 .PHONY: demo test slow thorough versions lint types bench pictures clean

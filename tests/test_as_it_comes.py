@@ -113,14 +113,6 @@ def messages(known: dict[str, Any]) -> str:
     return "\n".join(finding["message"] for finding in known["findings"])
 
 
-def test_the_one_command_that_will_is_named(workspace: Path) -> None:
-    path = str(workspace / "rover" / "rover_description" / "urdf" / "rover.urdf.xacro")
-    result = CliRunner().invoke(app, ["inspect", path])
-    assert result.exit_code == 2
-    assert "a package was not found: lidar_description" in result.stderr
-    assert "--ignore-missing-packages" in result.stderr
-
-
 @pytest.mark.parametrize(
     ("words", "drive"), [((), "skid-steer"), (("kind:=_mecanum", "plugin:=planar_move"), "mecanum")]
 )

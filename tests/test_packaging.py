@@ -11,9 +11,7 @@ import zipfile
 from collections.abc import Iterator
 from email.message import Message
 from email.parser import Parser
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -113,13 +111,6 @@ def test_the_bill_names_every_bundled_file_as_the_wheel_has_it(
     assert hashes[script] == third_party.SHA256[third_party.UPLOT_SCRIPT]
 
 
-def test_the_wheel_is_the_same_whenever_it_is_built(bill: dict[str, Any]) -> None:
-    hook = load_hook("sbom")
-    again = hook.build_bill(("rpctl", rpctl.__version__, "MIT"), {}, [], ROOT)
-    assert bill["serialNumber"] == f"urn:uuid:{again.serial_number}"
-    assert bill["metadata"]["timestamp"] == again.metadata.timestamp.isoformat()
-
-
 def test_a_wheel_can_be_built_from_the_source_archive(tmp_path: Path) -> None:
     """All that the build reads is in it, and what its documents lead to."""
     builders = pytest.importorskip("hatchling.builders.sdist")
@@ -178,35 +169,7 @@ def test_what_is_imported_is_asked_for(metadata: Message) -> None:
     assert always <= packages | BY_NAME
 
 
-def load_hook(name: str) -> ModuleType:
-    pytest.importorskip("hatchling")
-    pytest.importorskip("cyclonedx")
-    spec = spec_from_file_location(f"build_hooks_{name}", ROOT / "build_hooks" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 README = "![A robot](demos/a.png) [words](CONTRIBUTING.md) [site](https://x.example/y) [up](#top)"
-
-
-@pytest.mark.parametrize(
-    "repository", ["https://code.example/rpctl", "https://code.example/rpctl/"]
-)
-def test_with_a_repository_pictures_and_links_lead_there(repository: str) -> None:
-    text = load_hook("readme").readme(README, repository, "v1.2")
-    assert text == (
-        "![A robot](https://code.example/rpctl/raw/v1.2/demos/a.png) "
-        "[words](https://code.example/rpctl/blob/v1.2/CONTRIBUTING.md) "
-        "[site](https://x.example/y) [up](#top)"
-    )
-
-
-def test_without_a_repository_no_picture_is_broken() -> None:
-    text = load_hook("readme").readme(README, None, "v1.2")
-    assert text == "*A robot* words [site](https://x.example/y) [up](#top)"
 
 
 def test_the_description_has_no_link_that_an_index_cannot_follow(metadata: Message) -> None:
@@ -220,16 +183,6 @@ def test_the_description_has_no_link_that_an_index_cannot_follow(metadata: Messa
     for words, path in pictures:
         assert (ROOT / path).is_file()
         assert f"*{words}*" in text or f"![{words}](https://" in text
-
-
-def test_one_setting_brings_the_pictures_to_an_index() -> None:
-    hook = load_hook("readme").ReadmeHook(str(ROOT), {})
-    urls = {"Repository": "https://code.example/rpctl"}
-    project = {"name": "rpctl", "version": "9.8", "urls": urls}
-    hook.update(project)
-    text = project["readme"]["text"]  # type: ignore[index]
-    assert "](https://code.example/rpctl/raw/v9.8/demos/tiago.png)" in text
-    assert not re.findall(r"\]\((?!https://|#)[^)]*\)", text)
 
 
 def test_what_the_threat_model_names_is_there() -> None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,7 +18,7 @@ from tests.bench.readme_table import (
     readme_table,
     rewrite,
 )
-from tests.bench.rows import Row, Section, in_words, markdown
+from tests.bench.rows import Row, Section
 
 SLOWER = Row("`rpctl verify tiago`", 4.0, "s", "rpctl verify tiago", goal=2.0)
 FASTER = Row(
@@ -38,45 +36,6 @@ def numbers(cell: str) -> float:
 def cells(table: str) -> list[list[str]]:
     """Return the cells of a table in Markdown."""
     return [[cell.strip() for cell in line[1:-1].split("|")] for line in table.splitlines()]
-
-
-def test_better_is_a_larger_ratio_in_every_unit() -> None:
-    assert FASTER.ratio == 5.0
-    assert TIMED.ratio == 25.0
-    assert math.isnan(SLOWER.ratio)
-
-
-@pytest.mark.parametrize(
-    ("row", "met"),
-    [
-        (SLOWER, False),
-        (replace(SLOWER, figure=2.0), True),
-        (FASTER, True),
-        (replace(FASTER, figure=249.0), False),
-        (TIMED, True),
-        (replace(TIMED, figure=0.6), False),
-        (replace(TIMED, ratio_goal=None), None),
-    ],
-)
-def test_a_goal_is_met_or_not(row: Row, met: bool | None) -> None:
-    assert row.met is met
-    assert ("(missed)" in markdown([Section("", (row,))], "")) is (met is False)
-
-
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        (0.05341, "0.0534"),
-        (271.9, "272"),
-        (1.0, "1.00"),
-        (9.999, "10.0"),
-        (104857.0, "105,000"),
-        (2e-5, "2.00e-05"),
-        (0.0, "0"),
-    ],
-)
-def test_figures_have_three_digits(value: float, words: str) -> None:
-    assert in_words(value) == words
 
 
 def test_what_is_written_is_read() -> None:
@@ -115,11 +74,3 @@ def test_only_the_table_is_rewritten(tmp_path: Path) -> None:
         ],
         ["`rpctl verify tiago`, whole process", "4.00 s", "", ""],
     ]
-
-
-@pytest.mark.parametrize(
-    "text", ["", BEGIN, END + BEGIN, BEGIN + END + BEGIN + END, END + BEGIN + END]
-)
-def test_a_readme_without_its_markers_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="needs one <!-- speed table -->"):
-        in_readme(text)

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl.cli.app import app
 from rpctl.drive.drive import BASE_SPEEDS
-from rpctl.errors import RpctlError
 from rpctl.reference.named import BASE_PATHS
 from rpctl.robot.catalog import ENTRIES, names
 from tests.grids import cells
@@ -84,10 +83,6 @@ def json_of(*words: str, code: int = 0) -> Any:
     return json.loads(result.stdout)
 
 
-def test_every_own_robot_walks() -> None:
-    assert set(OWN) <= ROBOTS.keys()
-
-
 def test_there_is_an_own_robot_of_every_drive() -> None:
     assert {ROBOTS[name][1] for name in OWN} == BASE_SPEEDS.keys()
 
@@ -137,12 +132,6 @@ def test_the_casters_of_tiago_dual_roll_along() -> None:
     )
     assert summary.limits_violated == ()
     assert summary.final_base_error < 0.01
-
-
-@pytest.mark.parametrize("name", ON_AXLES)
-def test_what_cannot_spin_says_so(name: str) -> None:
-    with pytest.raises(RpctlError, match="does not turn on the spot"):
-        rpctl.track(rpctl.load(name), "spin")
 
 
 @pytest.mark.parametrize(("name", "reference"), cells(PAIRS, slow=PAIRS_IN_CI))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, is_dataclass
@@ -11,13 +12,15 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from rpctl import __version__
 from rpctl.cli.interrupts import exit_code, ignore_signals, raised_signals
 from rpctl.cli.streams import Streams, say
-from rpctl.cli.words import WordsCommand
 from rpctl.errors import RpctlError
+
+XACRO_OPTION = "--xacro-arg"
+WORD = re.compile(r"(?:env:)?[A-Za-z_][\w.-]*:=")  # how a word begins that is one's value
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ COMMANDS = {
         "rpctl export tiago --format mjcf --out tiago.xml",
     ),
     "check": LazyCommand(
-        "rpctl.cli.check:check_command",
+        "rpctl.cli.export:check_command",
         "Prove an exported file again and name what was edited; exit 1 if it is another robot now.",
         "rpctl check tiago.xml",
     ),
@@ -132,6 +135,24 @@ class LazyGroup(TyperGroup):
         """Import the command that is called."""
         name, _, rest = super().resolve_command(ctx, args)
         return name, load_command(name) if name else None, rest
+
+
+class WordsCommand(TyperCommand):
+    """A command that takes arguments of a .xacro as ROS users write them, wherever they stand."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the command line, words ``NAME:=VALUE`` as values of their option."""
+        options = {name: each for each in self.params for name in each.opts}
+        if XACRO_OPTION not in options:
+            return super().parse_args(ctx, args)
+        words: list[str] = []
+        rest: list[str] = []
+        valued = False  # whether the word before is an option that takes this one
+        for arg in args:
+            (words if not valued and WORD.match(arg) else rest).append(arg)
+            option = options.get(arg)
+            valued = not valued and option is not None and not getattr(option, "is_flag", True)
+        return super().parse_args(ctx, [*(f"{XACRO_OPTION}={word}" for word in words), *rest])
 
 
 app = typer.Typer(

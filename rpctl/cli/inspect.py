@@ -10,10 +10,11 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, read_settings
 from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, format_limit, new_table
 from rpctl.description.urdf.findings import condense
+from rpctl.description.xacro.expansion import list_arguments
 from rpctl.description.xacro.messages import XacroArgument
 from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
@@ -22,6 +23,7 @@ from rpctl.errors import Finding
 from rpctl.reference.fitting import too_weak
 from rpctl.robot.inspection import facts
 from rpctl.robot.model import Robot
+from rpctl.robot.sources import find_source
 
 SEVERITY_STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
 MAX_LISTED_NAMES = 8  # names that a line lists
@@ -38,7 +40,9 @@ def inspect_command(
 ) -> None:
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
     if list_xacro_args:
-        show_arguments(options.arguments(robot), as_json)
+        source = find_source(robot)
+        settings = source.read_settings(read_settings(options.given))
+        show_arguments(list_arguments(source.path, settings), as_json)
         return
     loaded = _with_weakness(options.load(robot))
     if as_json:

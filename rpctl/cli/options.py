@@ -5,57 +5,28 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rpctl.cli.words import XACRO_OPTION, read_words
-from rpctl.description.xacro.expansion import list_arguments
-from rpctl.description.xacro.messages import XacroArgument
-from rpctl.drive.drive_file import DRIVE_TYPES
 from rpctl.errors import RpctlError
-from rpctl.files.records import FieldType, Range, setting_of
+from rpctl.files.records import FieldType, Plain, Range, fields_of, setting_of
 from rpctl.robot.load_settings import LoadSettings
-from rpctl.robot.sources import find_source
 
 if TYPE_CHECKING:
     from rpctl.robot.model import Robot
 
 FROM_FILE = "file"  # of --armature: what the transmissions say
 MAX_WORD = 40  # characters of a name in that of a folder: at most 160 of its 255 bytes
+REPEATABLE = "Repeatable."  # so ends the help of an option that may be given several times
 CHECK_FAILED = 1  # exit code: not equivalent, or a limit broken
 
 RobotArgument = Annotated[
     str,
     typer.Argument(
         metavar="ROBOT", help="A URDF or .xacro file, or a name listed by `rpctl robots`."
-    ),
-]
-PackageDirOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--package-dir",
-        metavar="DIR",
-        help="Where package:// and $(find ...) look: a package, or a folder that holds some at any "
-        "depth, as ~/ws/src. Repeatable.",
-    ),
-]
-IgnoreOption = Annotated[
-    bool,
-    typer.Option(
-        "--ignore-missing-packages",
-        help="Leave out what a .xacro includes from packages that are not found.",
-    ),
-]
-XacroArgsOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        XACRO_OPTION,
-        metavar="NAME:=VALUE",
-        help="An argument of a .xacro; a plain word NAME:=VALUE says the same. env:NAME:=VALUE is "
-        "a variable for its $(env NAME), which sees none of yours. Repeatable.",
     ),
 ]
 JsonOption = Annotated[
@@ -77,22 +48,26 @@ class FieldOptions:
     names: tuple[str, ...]
     flags: Mapping[str, str] = field(default_factory=dict)
 
+    def flag(self, name: str) -> str:
+        """Return the option of a field."""
+        return self.flags.get(name, f"--{name.replace('_', '-')}")
+
     def parameters(self) -> list[inspect.Parameter]:
         """Return the options as parameters of a command, None where they are not given."""
         return [self._parameter(setting_of(self.kind, name)) for name in self.names]
 
     def _parameter(self, item: FieldType) -> inspect.Parameter:
         whole = item.type is int and isinstance(item.limit, Range)
-        flag = f"--{item.name.replace('_', '-')}"
         option = typer.Option(
-            self.flags.get(item.name, flag),
+            self.flag(item.name),
             metavar=item.setting.metavar or None,
             help=item.setting.help,
             min=item.limit.low if whole and isinstance(item.limit, Range) else None,
         )
         # words that the command reads itself: a triple, or a number or a word
         kind = next((k for k in (float, int, bool) if item.type in (k, k | None)), str)
-        hint = Annotated[kind | None, option]  # type: ignore[valid-type]
+        repeated = item.setting.help.endswith(REPEATABLE)
+        hint = Annotated[(list[str] if repeated else kind) | None, option]  # type: ignore[valid-type]
         keyword = inspect.Parameter.KEYWORD_ONLY
         return inspect.Parameter(item.name, keyword, default=None, annotation=hint)
 
@@ -100,80 +75,34 @@ class FieldOptions:
 REFERENCE_FIELDS = ("size", "speed", "laps", "smooth", "retime")  # of RunSettings
 
 
+READ_FIELDS = ("package_dirs", "ignore_missing_packages", "xacro_args")
+LOADED = FieldOptions(
+    LoadSettings,
+    tuple(name for name, each in fields_of(LoadSettings).items() if each.setting.help),
+    {"package_dirs": "--package-dir", "xacro_args": "--xacro-arg", "losses": "--no-losses"},
+)
+ReadOptions = Annotated[Plain, FieldOptions(LoadSettings, READ_FIELDS, LOADED.flags)]
+
+
 @dataclass(frozen=True)
 class LoadOptions:
-    """The options of every command that loads a robot; see ``rpctl.load``."""
+    """The options of every command that loads a robot; see ``rpctl.load``.
 
-    lock: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME[=POSITION]",
-            help="Freeze joints, by name or pattern, at a position (rad or m; default 0). "
-            "Repeatable.",
-        ),
-    ] = None
-    drive: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TYPE|FILE", help=f"{', '.join(DRIVE_TYPES)}, or a drive file (TOML)."
-        ),
-    ] = None
-    density: Annotated[
-        float | None,
-        typer.Option(
-            metavar="KG_PER_M3",
-            help="Estimate the inertias that the file lacks from the links' shapes.",
-        ),
-    ] = None
-    strict: Annotated[
-        bool,
-        typer.Option(
-            "--strict", help="Take warnings, and what was assumed of the drive, as errors."
-        ),
-    ] = False
-    package_dir: PackageDirOption = None
-    ignore_missing_packages: IgnoreOption = False
-    xacro_args: XacroArgsOption = None
-    end_effector: Annotated[
-        str | None, typer.Option(metavar="LINK", help="The link to track; else the arm's last.")
-    ] = None
-    home: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=POSITION|FILE.srdf:STATE|auto|zero",
-            help="Where the arm starts: joints (rad or m; several by commas), a state of an SRDF, "
-            "a posture to work from, or zero. Repeatable.",
-        ),
-    ] = None
-    free: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Let joints move, by name or pattern, that are frozen by default, as a gripper's "
-            "are. Repeatable.",
-        ),
-    ] = None
-    no_losses: Annotated[
-        bool,
-        typer.Option("--no-losses", help="Leave out the damping and friction of the joints."),
-    ] = False
-    armature: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="file|NAME=KG_M2",
-            help="Inertia of the motors' rotors seen from their joints, I n2: that of the file's "
-            "transmissions, and of joints by name or pattern (kg m2, or kg). Repeatable.",
-        ),
-    ] = None
+    Attributes:
+        given: Their values, by the names of the settings.
+    """
 
-    def arguments(self, source: str) -> tuple[XacroArgument, ...]:
-        """Return the arguments that the xacro of a robot declares.
+    given: Annotated[Plain, LOADED] = field(default_factory=dict)
 
-        Raises:
-            RpctlError: An option is wrong, or there is no such robot.
-        """
-        place = find_source(source)
-        return list_arguments(place.path, place.read_settings(self.settings()))
+    @property
+    def strict(self) -> bool:
+        """Whether warnings are errors."""
+        return bool(self.given.get("strict"))
+
+    @property
+    def package_dirs(self) -> list[str]:
+        """Folders that the user declares."""
+        return self.given.get("package_dirs", [])
 
     def load(self, source: str) -> Robot:
         """Load the robot that is called ``source``.
@@ -183,50 +112,51 @@ class LoadOptions:
         """
         from rpctl.robot.load import load_robot  # it takes its time
 
-        return load_robot(source, self.settings())
-
-    def settings(self) -> LoadSettings:
-        """Return what they say of a robot.
-
-        Raises:
-            RpctlError: An option is wrong.
-        """
-        return LoadSettings(
-            drive=self.drive,
-            lock=_positions(self.lock),
-            density=self.density,
-            end_effector=self.end_effector,
-            strict=self.strict,
-            package_dirs=tuple(self.package_dir or ()),
-            xacro_args=read_words(self.xacro_args),
-            ignore_missing_packages=self.ignore_missing_packages,
-            home=tuple(self.home or ()),
-            free=tuple(self.free or ()),
-            losses=not self.no_losses,
-            armature=_armature(self.armature),
-        )
+        return load_robot(source, read_settings(self.given))
 
     def words(self) -> list[str]:
         """Return them as words of a command line, so that it can be told to a user."""
         found: list[str] = []
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if value == item.default:
-                continue
-            flag = XACRO_OPTION if item.name == "xacro_args" else f"--{item.name.replace('_', '-')}"
-            each = value if isinstance(value, list) else [value]
-            found += [flag] if value is True else [w for one in each for w in (flag, str(one))]
+        for name, value in self.given.items():
+            for each in value if isinstance(value, list) else [value]:
+                found += [LOADED.flag(name)] if each is True else [LOADED.flag(name), str(each)]
         return found
 
 
-def _positions(items: Iterable[str] | None) -> dict[str, float]:
+def read_settings(given: Plain) -> LoadSettings:
+    """Return what options say of a robot.
+
+    Raises:
+        RpctlError: One of them is wrong.
+    """
+    readers = {"lock": _positions, "armature": _armature, "xacro_args": _arguments}
+    read = {name: readers[name](value) for name, value in given.items() if name in readers}
+    return LoadSettings.of(**{**given, **read, "losses": "losses" not in given})
+
+
+def _arguments(words: Iterable[str]) -> dict[str, str]:
+    """Return the values of ``NAME:=VALUE`` by name.
+
+    Raises:
+        RpctlError: A word is of another form.
+    """
+    values: dict[str, str] = {}
+    for word in words:
+        name, given, value = word.partition(":=")
+        if not name or not given:
+            raise RpctlError(f"--xacro-arg {word}: write NAME:=VALUE, as arm:=true")
+        values[name] = value
+    return values
+
+
+def _positions(items: Iterable[str]) -> dict[str, float]:
     """Return the positions of ``NAME[=POSITION]`` by name.
 
     Raises:
         RpctlError: A position is no number.
     """
     positions: dict[str, float] = {}
-    for item in items or ():
+    for item in items:
         name, given, position = item.partition("=")
         try:
             positions[name] = float(position) if given else 0.0
@@ -237,14 +167,14 @@ def _positions(items: Iterable[str] | None) -> dict[str, float]:
     return positions
 
 
-def _armature(items: Iterable[str] | None) -> bool | dict[str, float]:
+def _armature(items: Iterable[str]) -> bool | dict[str, float]:
     """Return what ``file`` and ``NAME=KG_M2`` say of rotors, as :func:`rpctl.load` takes it.
 
     Raises:
         RpctlError: An inertia is no number.
     """
     given: dict[str, float] = {}
-    for item in items or ():
+    for item in items:
         name, _, inertia = item.partition("=")
         if item == FROM_FILE:
             continue
@@ -255,7 +185,7 @@ def _armature(items: Iterable[str] | None) -> bool | dict[str, float]:
                 f"--armature {item}: write NAME=0.01, in kg m2, or {FROM_FILE} for what the file's "
                 "transmissions say"
             ) from None
-    return given or bool(items)
+    return given or True
 
 
 def read_triple(text: str) -> tuple[float, float, float]:

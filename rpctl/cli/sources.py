@@ -6,14 +6,12 @@ from typing import Annotated
 
 import typer
 
-from rpctl.cli.options import IgnoreOption, JsonOption, PackageDirOption, XacroArgsOption
+from rpctl.cli.options import JsonOption, ReadOptions, read_settings
 from rpctl.cli.streams import print_document, print_json, say
 from rpctl.cli.terminal import console, escape, new_table
-from rpctl.cli.words import read_words
 from rpctl.description.xacro.expansion import expand
 from rpctl.errors import format_finding
 from rpctl.robot.catalog import ENTRIES, Entry
-from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.sources import PACKAGE, PublicRobot, cache_folder, find_source, list_robots
 
 
@@ -22,19 +20,12 @@ def expand_command(
         str,
         typer.Argument(metavar="FILE", help="A .xacro file, or a name. Its expressions are run."),
     ],
-    package_dir: PackageDirOption = None,
-    ignore_missing_packages: IgnoreOption = False,
-    words: XacroArgsOption = None,
+    options: ReadOptions,
     as_json: JsonOption = False,
 ) -> None:
     """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
     found = find_source(robot)
-    settings = LoadSettings(
-        package_dirs=tuple(package_dir or ()),
-        xacro_args=read_words(words),
-        ignore_missing_packages=ignore_missing_packages,
-    )
-    expansion = expand(found.path, found.read_settings(settings))
+    expansion = expand(found.path, found.read_settings(read_settings(options)))
     for finding in expansion.findings:
         say(format_finding(str(found.path), finding), err=True)
     if as_json:

@@ -10,11 +10,10 @@ from typing import Annotated
 
 import typer
 
-from rpctl.cli.kept import kept_told
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, default_folder
 from rpctl.cli.streams import print_document, print_json, say
 from rpctl.cli.study_summary import show_optimum, show_study
-from rpctl.cli.terminal import console, escape, progress_bar
+from rpctl.cli.terminal import console, escape, kept_told, progress_bar
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, to_json, write_atomically
 from rpctl.libraries import library

@@ -1,4 +1,4 @@
-"""What all commands print with: the console, tables, progress bars, JSON."""
+"""What all commands print with: the console, tables, progress bars, how to go on."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import (
@@ -85,3 +86,20 @@ def new_table(*headings: str) -> Table:
 def format_limit(value: float, unit: str) -> str:
     """Return a limit with its unit, or a dash where there is none."""
     return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "-"
+
+
+@contextmanager
+def kept_told(folder: Path, again: str) -> Iterator[None]:
+    """Say how to go on where a Ctrl-C ends the runs of the ``with`` block early.
+
+    Args:
+        folder: Where the runs that have ended are kept.
+        again: The command line that goes on.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        out = console(stderr=True)
+        out.print(f"what is done is kept in [bold]{escape(str(folder))}[/]; go on with")
+        out.print(f"  {escape(again)}", soft_wrap=True)
+        raise

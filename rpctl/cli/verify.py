@@ -1,8 +1,10 @@
-"""The command that proves the dynamics: ``rpctl verify``."""
+"""The command that proves the dynamics: ``rpctl verify``; and how a terminal shows a proof."""
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,18 +12,25 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from rpctl.cli.onset import onset_label, onset_line, print_onsets
 from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.check import CONTACT_ORACLE
-from rpctl.equivalence.contact.record import ContactTrial
+from rpctl.equivalence.check import CONTACT_ORACLE, Check, Skipped
+from rpctl.equivalence.contact.trial import ContactTrial, Gap
+from rpctl.equivalence.onset.trial import ASKEW, INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
 from rpctl.equivalence.verify import verify
 from rpctl.files.writing import require_writable
 from rpctl.robot.model import Robot
 
 MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
+VERDICTS = {
+    WITHIN: "[green]✓[/]",
+    INSIDE: "[green]✓[/]",
+    SAFE: "[yellow]✓[/]",
+    ASKEW: "[yellow]–[/]",
+    WRONG: "[bold red]✗[/]",
+}
 
 
 @dataclass(frozen=True)
@@ -167,3 +176,79 @@ def _trial_line(trial: ContactTrial) -> str:
     """Return, in words, how far the robot rolled in MuJoCo and how far apart its path was."""
     apart = trial.path.format_value(trial.path.gap)
     return f"rolled {trial.distance:.2f} m in MuJoCo, at most {apart} apart"
+
+
+def print_rows(checks: Iterable[Check], skipped: Iterable[Skipped], notes: Iterable[str]) -> None:
+    """Print comparisons, those that were not made, and notes.
+
+    Args:
+        checks: What was compared.
+        skipped: What could not be.
+        notes: What else there is to say.
+    """
+    table = new_table("", "check", "against", ">worst", ">limit", "where")
+    for check in checks:
+        worst, limit = f"{check.residual:.1e}", f"{check.limit:.0e}"
+        if isinstance(check, Gap):
+            worst, limit = check.format_value(check.gap), check.format_value(check.band)
+        where = check.entry if check.residual > 0.0 else ""
+        table.add_row(MARKS[check.passed], check.name, check.against, worst, limit, escape(where))
+    for each in skipped:
+        table.add_row("[dim]-[/]", each.name, each.against, "-", "-", escape(each.note))
+    out = console()
+    out.print(table)
+    for note in notes:
+        out.print(f"[dim]note[/] {escape(note)}")
+
+
+def print_onsets(trial: OnsetTrial) -> None:
+    """Print the table of a trial, and what was not tried."""
+    table = new_table("", "manoeuvre", "until it", ">friction", ">predicted", ">measured", ">gap",
+                      "verdict")  # fmt: skip
+    for onset in trial.onsets:
+        table.add_row(
+            VERDICTS[onset.verdict],
+            escape(onset.manoeuvre),
+            onset.ending,
+            f"{onset.friction:g}",
+            _predicted(onset),
+            _amount(onset.measured, onset.unit),
+            f"{100.0 * onset.gap:+.1f} %",
+            f"{WITHIN} {100.0 * onset.tolerance:g} %" if onset.verdict == WITHIN else onset.verdict,
+        )
+    out = console()
+    out.print(table)
+    for each in trial.untried:
+        out.print(f"[dim]untried[/] {escape(each.manoeuvre)} until it {each.ending}: {each.why}")
+    for note in trial.notes:
+        out.print(f"[dim]note[/] {escape(note)}")
+    if not trial.determinate:
+        out.print(
+            "[dim]note[/] a prediction is that of equally stiff contacts; in brackets from where "
+            "one split of the load slips, to where all of them do"
+        )
+
+
+def onset_line(trial: OnsetTrial) -> str:
+    """Return a trial in a few words."""
+    worst = max((abs(row.gap) for row in trial.onsets if row.verdict == WITHIN), default=0.0)
+    count = sum(row.verdict == WITHIN for row in trial.onsets)
+    return f"slips and tips when predicted: {count} of {len(trial.onsets)} onsets within " \
+        f"{100.0 * worst:.1f} %"  # fmt: skip
+
+
+def onset_label(onset: Onset) -> str:
+    """Return the name of an onset whose prediction is wrong."""
+    predicted, measured = (_amount(x, onset.unit) for x in (onset.equal, onset.measured))
+    return f"{onset.manoeuvre} until it {onset.ending} at {measured}, predicted at {predicted}"
+
+
+def _predicted(onset: Onset) -> str:
+    value = _amount(onset.equal, onset.unit)
+    if onset.single:
+        return value
+    return f"{value} ({onset.could:.3g} to {onset.would:.3g})"
+
+
+def _amount(value: float, unit: str) -> str:
+    return f"{value:.3g} {unit}" if math.isfinite(value) else "never"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -107,7 +107,7 @@ def view_command(
     """
     from rpctl.view.run_folder import is_run
 
-    folders = options.package_dir or ()
+    folders = options.package_dirs
     if film.write(what, folders):
         return
     if html is not None:
@@ -122,7 +122,8 @@ def view_command(
     from rpctl.view.serve.go import GoServer
 
     robot = _load(what[0], options)  # faults of a later edit are told by the page
-    server = GoServer(lambda: options.load(what[0]), f"rpctl track {_words(what[0], options)}")
+    words = shlex.join([what[0], *options.words()])
+    server = GoServer(lambda: options.load(what[0]), f"rpctl track {words}")
     _write_or(html, lambda: robot_page(robot).encode(), lambda: server.run(_say))
 
 
@@ -151,21 +152,6 @@ def _write_or(html: Path | None, page: Callable[[], bytes], serve: Callable[[], 
 
 def _say(url: str) -> None:
     say(f"{url}  (Ctrl-C ends it)")
-
-
-def _words(robot: str, options: LoadOptions) -> str:
-    """Return the words of a command line that load a robot as these options do."""
-    words = [robot]
-    for item in fields(options):
-        value, name = getattr(options, item.name), f"--{item.name.replace('_', '-')}"
-        if item.name == "xacro_args":
-            words += value or ()
-        elif value is True:
-            words.append(name)
-        elif value is not None and value is not False:
-            for each in value if isinstance(value, list) else [value]:
-                words += [name, str(each)]
-    return shlex.join(words)
 
 
 def _load(name: str, options: LoadOptions) -> Robot:

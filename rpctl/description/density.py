@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import coal
 import numpy as np
 from lxml import etree
 
@@ -21,6 +21,12 @@ from rpctl.errors import DescriptionError, Finding, RpctlError
 
 MAX_DENSITY = 1e6  # kg/m3; more is a wrong unit
 LEAST_VOLUME = 1e-15  # m3, a cube of 10 µm; below it a mesh is flat
+PRIMITIVES = {
+    "box": coal.Box,
+    "sphere": coal.Sphere,
+    "cylinder": coal.Cylinder,
+    "capsule": coal.Capsule,
+}
 
 
 class FlatMeshError(MeshError):
@@ -110,7 +116,8 @@ class _Estimator:
     def _solid(self, link: Link, shape: Shape) -> Solid | None:
         if shape.kind == "mesh":
             return self._mesh(link, shape)
-        solid = PRIMITIVES[shape.kind](*shape.size)
+        body = primitive(shape)
+        solid = Solid(body.computeVolume(), np.zeros(3), body.computeMomentofInertia())
         return solid.placed(shape.origin) if solid.volume > LEAST_VOLUME else None
 
     def _mesh(self, link: Link, shape: Shape) -> Solid | None:
@@ -134,42 +141,9 @@ class _Estimator:
         self.findings.append(Finding("warning", line, message))
 
 
-def _box(x: float, y: float, z: float) -> Solid:
-    volume = x * y * z
-    return _centred(volume, volume / 12.0 * np.array([y * y + z * z, z * z + x * x, x * x + y * y]))
-
-
-def _sphere(radius: float) -> Solid:
-    volume = 4.0 / 3.0 * math.pi * radius**3
-    return _centred(volume, np.full(3, 0.4 * volume * radius**2))
-
-
-def _cylinder(radius: float, length: float) -> Solid:
-    volume = math.pi * radius**2 * length
-    across = volume * (radius**2 / 4.0 + length**2 / 12.0)
-    return _centred(volume, np.array([across, across, 0.5 * volume * radius**2]))
-
-
-def _capsule(radius: float, length: float) -> Solid:
-    """Return a cylinder along z with two half balls at its ends."""
-    tube, ball = _cylinder(radius, length), _sphere(radius)
-    # A half ball's centroid lies 3/8 r above its flat face.
-    step = length**2 / 4.0 + 3.0 * length * radius / 8.0
-    across = tube.moment[0, 0] + ball.moment[0, 0] + ball.volume * step
-    along = tube.moment[2, 2] + ball.moment[2, 2]
-    return _centred(tube.volume + ball.volume, np.array([across, across, along]))
-
-
-PRIMITIVES: dict[str, Callable[..., Solid]] = {
-    "box": _box,
-    "sphere": _sphere,
-    "cylinder": _cylinder,
-    "capsule": _capsule,
-}
-
-
-def _centred(volume: float, moments: Array) -> Solid:
-    return Solid(volume, np.zeros(3), np.diag(moments))
+def primitive(shape: Shape) -> Any:
+    """Return a shape that is no mesh as coal has it, about its own frame."""
+    return PRIMITIVES[shape.kind](*shape.size)
 
 
 def _mesh_solid(shape: Shape, paths: MeshPaths) -> tuple[Solid, bool]:

@@ -263,6 +263,14 @@ class Description:
             link = joints[-1].parent
         return tuple(reversed(joints))
 
+    def below(self, joint: Joint) -> list[Joint]:
+        """Return a joint and all that it carries."""
+        joints, stack = [], [joint]
+        while stack:
+            joints.append(stack.pop())
+            stack += self.child_joints[joints[-1].child]
+        return joints
+
 
 def rotation(axis: Array, angle: float) -> Array:
     """Return the rotation matrix (3, 3) about a unit axis by ``angle`` (rad), after Rodrigues."""

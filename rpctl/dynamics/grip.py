@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, stance_at
-from rpctl.dynamics.many_states import Reactions
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.reduced import Reactions, ReducedDynamics
 from rpctl.dynamics.rolling import UP
 from rpctl.dynamics.stance import LOAD_RESOLUTION
 from rpctl.robot.coordinates import ROOT_JOINT

@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.dynamics.many_states import Reactions
-from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
+from rpctl.dynamics.reduced import OutsideForce, Reactions, ReducedDynamics
 from rpctl.dynamics.rolling import contact_point
 from rpctl.dynamics.stance import (
     MIN_STANCE_WIDTH_M,
@@ -162,20 +161,15 @@ def ground_reaction(
         outside: What pushes the robot besides; None: nothing.
     """
     pushed = None if outside is None else OutsideForce(*(each[None] for each in outside))
-    rows = vars(ground_reactions(dynamics, contacts, q[None], nu[None], tau[None], None, pushed))
+    reactions = dynamics.reactions(q[None], nu[None], tau[None], pushed)
+    rows = vars(ground_reactions(dynamics, contacts, q[None], reactions))
     first: dict[str, Any] = {k: None if row is None else row[0] for k, row in rows.items()}
     margin = first.pop("tip_margin")
     return GroundReaction(**first, tip_margin=None if margin is None else float(margin))
 
 
 def ground_reactions(
-    dynamics: ReducedDynamics,
-    contacts: Contacts,
-    q: Array,
-    nu: Array,
-    tau: Array,
-    reactions: Reactions | None = None,
-    outside: OutsideForce | None = None,
+    dynamics: ReducedDynamics, contacts: Contacts, q: Array, reactions: Reactions
 ) -> GroundReaction:
     """Return the forces of the ground on a robot at K states.
 
@@ -189,16 +183,13 @@ def ground_reactions(
         dynamics: The robot's dynamics.
         contacts: Its contacts, from :func:`find_contacts`.
         q: Configurations (K, nq).
-        nu: Quasi-velocities (K, dof).
-        tau: Actuator efforts (K, n_act), N·m or N.
-        reactions: Of these states, from ``ManyStates``; None: they are asked for one by one.
-        outside: What else pushes the robot, (K, nv) and (K, 6), where there are no ``reactions``.
+        reactions: Of these states.
     """
-    if reactions is None:
-        multipliers, wrench = _one_by_one(dynamics, contacts, q, nu, tau, outside)
+    residual, wrench = reactions.residual, reactions.wrench
+    if dynamics.constant:
+        multipliers = residual @ dynamics.at(q[0]).multipliers.T
     else:
-        multipliers = reactions.residual @ dynamics.at(q[0]).multipliers.T
-        wrench = reactions.wrench
+        multipliers = np.array([dynamics.at(q[k]).multipliers @ residual[k] for k in range(len(q))])
     along, lateral = multipliers @ contacts.along.T, multipliers @ contacts.across.T
     fx, fy, fz, nx, ny, _ = wrench.T
     z, floor = dynamics.robot.drive.ground, contacts.floor
@@ -211,26 +202,6 @@ def ground_reactions(
     arms, margin, load = _split(dynamics, contacts, q, moments, local)
     slip = _slip_ratio(contacts, along, lateral, np.maximum(load[:, : along.shape[1]], floor))
     return GroundReaction(force, along, lateral, load, zmp, arms, margin, slip)
-
-
-def _one_by_one(
-    dynamics: ReducedDynamics,
-    contacts: Contacts,
-    q: Array,
-    nu: Array,
-    tau: Array,
-    outside: OutsideForce | None,
-) -> tuple[Array, Array]:
-    """Return λ (K, rows) and the wrenches through the root (K, 6) at K states.
-
-    Args are those of :func:`ground_reactions`.
-    """
-    multipliers, wrench = np.empty((len(q), contacts.along.shape[1])), np.empty((len(q), 6))
-    for k, state in enumerate(zip(q, nu, tau, strict=True)):
-        pushed = None if outside is None else OutsideForce(outside.push[k], outside.wrench[k])
-        residual, wrench[k] = dynamics.reaction(*state, pushed)
-        np.dot(dynamics.at(state[0]).multipliers, residual, out=multipliers[k])
-    return multipliers, wrench
 
 
 def _turned(q: Array, vectors: Array) -> Array:

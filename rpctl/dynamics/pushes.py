@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.dynamics.many_states import Reactions
 from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
 from rpctl.robot.coordinates import ROOT_JOINT
 
@@ -86,11 +85,3 @@ def pushed_efforts(
     """
     needed = dynamics.inverse(q, nu, nu_dot) - dynamics.basis(q).T @ push.push
     return dynamics.efforts(q, needed)
-
-
-def pushed_reaction(
-    dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, push: OutsideForce
-) -> Reactions:
-    """Return what the ground does to a robot that moves under τ and is pushed, as of one state."""
-    residual, wrench = dynamics.reaction(q, nu, tau, push)
-    return Reactions(residual[None], wrench[None], np.array([dynamics.energy(q, nu)]))

@@ -31,6 +31,14 @@ class OutsideForce(NamedTuple):
     wrench: Array
 
 
+class Reactions(NamedTuple):
+    """What the ground does to a robot at K states, as :meth:`ReducedDynamics.reaction` has it."""
+
+    residual: Array  # (K, nv)
+    wrench: Array  # (K, 6)
+    energy: Array  # (K,) J, as :meth:`ReducedDynamics.energy`
+
+
 class ReducedDynamics:
     """Pinocchio's dynamics projected onto the quasi-velocities.
 
@@ -260,6 +268,25 @@ class ReducedDynamics:
         if outside is not None:
             residual, wrench = residual - outside.push, wrench - outside.wrench
         return residual, wrench
+
+    def reactions(
+        self, q: Array, nu: Array, tau: Array, outside: OutsideForce | None = None
+    ) -> Reactions:
+        """Return what the ground does to the robot at K states, and its energy there.
+
+        Args:
+            q: Configurations (K, nq).
+            nu: Quasi-velocities (K, dof).
+            tau: Actuator efforts (K, n_act), N·m or N.
+            outside: What pushes the robot besides, (K, nv) and (K, 6); None: nothing.
+        """
+        count = len(q)
+        found = Reactions(np.empty((count, self.robot.nv)), np.empty((count, 6)), np.empty(count))
+        for k, state in enumerate(zip(q, nu, tau, strict=True)):
+            pushed = None if outside is None else OutsideForce(*(part[k] for part in outside))
+            found.residual[k], found.wrench[k] = self.reaction(*state, pushed)
+            found.energy[k] = self.energy(q[k], nu[k])
+        return found
 
     def energy(self, q: Array, nu: Array) -> float:
         """Return kinetic plus potential energy, J; the latter is 0 at the root link's height."""

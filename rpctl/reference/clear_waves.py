@@ -11,13 +11,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.reference.path_reference import Waves
-from rpctl.robot.collision import (
-    TOUCH_M,
-    CollisionModel,
-    Distances,
-    Pairs,
-    collision_model,
-)
+from rpctl.robot.collision import TOUCH_M, CollisionModel, collision_model
 from rpctl.robot.model import Robot
 from rpctl.robot.pair_motion import approach_rates, joint_motion, joint_travel
 
@@ -85,7 +79,7 @@ class _WaveScan:
         """Return a pair that does not keep its distance at this factor of the swing, or None.
 
         Between two looks a pair comes no nearer than the joints' motion allows, so it is looked at
-        only where it can have come too near; and first by the spheres about its shapes.
+        only where it can have come too near.
 
         Args:
             margin: Distance that pairs keep, m, or ``KEPT_AT_MOST`` of that at home.
@@ -95,19 +89,17 @@ class _WaveScan:
         left = np.flatnonzero(factor * self._way > slack)
         if not left.size:
             return None
-        goal, spheres = slack[left], _Spheres(self._model, self._model.pairs[left])
+        goal = slack[left]
         for sines, gone in zip(self._sines, factor * self._paths(left), strict=True):
-            rows = np.flatnonzero(gone >= goal)
-            if not rows.size:
-                continue
-            self._distances.place(self._configuration(factor * sines))
-            room = spheres.gaps(self._distances, rows) - need[left[rows]]
-            for n in np.flatnonzero(room < LOOK_M).tolist():
-                pair = int(left[rows[n]])
-                room[n] = self._distances.distance(pair) - need[pair]
-                if room[n] < 0.0:
+            due = np.flatnonzero(gone >= goal)
+            if due.size:
+                self._distances.place(self._configuration(factor * sines))
+            for row in due.tolist():
+                pair = int(left[row])
+                room = self._distances.distance(pair) - need[pair]
+                if room < 0.0:
                     return pair
-            goal[rows] = gone[rows] + np.maximum(room, LOOK_M)
+                goal[row] = gone[row] + max(room, LOOK_M)
         return None
 
     @cached_property
@@ -132,25 +124,3 @@ class _WaveScan:
         """Return q (nq,) where the waves have these sines (n_joints,)."""
         joints = self._arm.centre + self._arm.amplitude * sines
         return self._model.robot.configuration_at(np.zeros(3), joints)
-
-
-class _Spheres:
-    """Distances of the spheres about the shapes of pairs: never more than the shapes' own.
-
-    Args:
-        pairs: Indices of two shapes each (n, 2).
-    """
-
-    def __init__(self, model: CollisionModel, pairs: Pairs) -> None:
-        self._used, places = np.unique(pairs, return_inverse=True)
-        self._places = places.reshape(pairs.shape)
-        self._shapes = [model.shapes[k] for k in self._used.tolist()]
-        radii = np.array([shape.radius for shape in self._shapes])
-        self._radii = radii[self._places].sum(axis=1)
-
-    def gaps(self, distances: Distances, rows: NDArray[np.intp]) -> Array:
-        """Return the distances of some pairs' spheres at the last configuration, m."""
-        oMi = distances.data.oMi
-        centres = np.array([oMi[shape.joint].act(shape.centre) for shape in self._shapes])
-        first, second = centres[self._places[rows]].swapaxes(0, 1)
-        return np.asarray(np.linalg.norm(first - second, axis=1) - self._radii[rows])

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
@@ -103,15 +104,12 @@ class FunctionReference:
         samples = np.array(values).reshape(*times.shape, -1)
         if not self._along_path:
             samples[..., 2] = np.unwrap(samples[..., 2])
-        coefficients, rows = TO_COEFFICIENTS @ samples, []
+        coefficients = np.moveaxis(TO_COEFFICIENTS @ samples, -2, 0)
         u = np.asarray((t - middle) / STEP_S)[..., None]
-        for order in range(4):
-            *lower, value = np.moveaxis(coefficients, -2, 0)
-            for coefficient in reversed(lower):
-                value = value * u + coefficient
-            rows.append(value / STEP_S**order)
-            degrees = np.arange(1.0, coefficients.shape[-2])
-            coefficients = degrees[:, None] * coefficients[..., 1:, :]
+        rows = [
+            polyval(u, polyder(coefficients, order), tensor=False) / STEP_S**order
+            for order in range(4)
+        ]
         return np.stack(rows, axis=-2)
 
     def _sample(self, t: float) -> Array:

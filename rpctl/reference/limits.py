@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.steering import heading_radius, turning_radius
 from rpctl.dynamics.rolling import find_rolling
-from rpctl.errors import RpctlError, is_number
+from rpctl.files.records import NOT_NEGATIVE, POSITIVE, Record
 from rpctl.reference.time_law import Bound
 from rpctl.robot.model import BASE_NV, Robot
 
@@ -21,7 +21,7 @@ SPEED_RISE_TIME = 0.5  # s; a joint takes at least this long to its velocity lim
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Record):
     """Limits of a reference; the velocity limits of the URDF come on top of them.
 
     Attributes:
@@ -35,26 +35,14 @@ class Limits:
         end_effector_acceleration: Its acceleration along each axis of the world, m/s².
     """
 
-    speed: float = 0.5
-    acceleration: float = 0.4
-    turning_speed: float = 1.0
-    turning_acceleration: float = 1.0
-    lateral_acceleration: float = 0.4
-    turning_radius: float = 0.0
-    end_effector_speed: float = 0.3
-    end_effector_acceleration: float = 0.4
-
-    def __post_init__(self) -> None:
-        """Refuse what is no limit."""
-        for item in fields(self):
-            value = getattr(self, item.name)
-            least = "a number from 0 on" if item.name == "turning_radius" else "a positive number"
-            if (
-                not is_number(value)
-                or value < 0.0
-                or (value == 0.0 and item.name != "turning_radius")
-            ):
-                raise RpctlError(f"{item.name} is {value!r}; give {least}")
+    speed: Annotated[float, POSITIVE] = 0.5
+    acceleration: Annotated[float, POSITIVE] = 0.4
+    turning_speed: Annotated[float, POSITIVE] = 1.0
+    turning_acceleration: Annotated[float, POSITIVE] = 1.0
+    lateral_acceleration: Annotated[float, POSITIVE] = 0.4
+    turning_radius: Annotated[float, NOT_NEGATIVE] = 0.0
+    end_effector_speed: Annotated[float, POSITIVE] = 0.3
+    end_effector_acceleration: Annotated[float, POSITIVE] = 0.4
 
     def steerable(self, robot: Robot) -> Limits:
         """Return limits whose turning radius a robot can steer, with room for corrections."""
@@ -144,16 +132,3 @@ def wheel_rates(robot: Robot) -> Array:
             lever = rolling.matrix.constant[at, robot.velocity_index(wheel.joint)]
             row[:] = -rolling.matrix.constant[at, :BASE_NV] @ robot.root_velocity / lever
     return rows
-
-
-def limits_from(values: dict[str, Any]) -> Limits:
-    """Return the limits that a table of a file gives.
-
-    Raises:
-        RpctlError: A key is not known, or a value is no limit.
-    """
-    known = [item.name for item in fields(Limits)]
-    extra = sorted(values.keys() - set(known))
-    if extra:
-        raise RpctlError(f'"{extra[0]}" is not known; limits are {", ".join(known)}')
-    return Limits(**values)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -17,17 +16,14 @@ from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import (
     Numbers,
     Path,
-    PathPoint,
     PathTime,
-    entries,
     factors,
     split_rows,
     stack_rows,
-    steady,
-    vector,
 )
 from rpctl.reference.sizing import Sizing
 from rpctl.reference.splines import Curves
+from rpctl.reference.time_law import TimeLaw
 from rpctl.robot.model import Robot
 
 SPEED_FRACTION = 0.5  # of a joint's velocity limit: what an arm reference uses at most
@@ -139,17 +135,6 @@ class PathReference:
         )
 
 
-class TimeLaw(Protocol):
-    """s(t) with two derivatives, and the duration of its motion."""
-
-    @property
-    def duration(self) -> float:
-        """Time after which it stays, s."""
-
-    def __call__(self, t: Numbers) -> PathTime:
-        """Return s and its derivatives by time at ``t`` (s), or at times (K,)."""
-
-
 @dataclass(frozen=True)
 class TimedPath:
     """Base and arm as functions of one path parameter s, and a time law s(t).
@@ -177,7 +162,7 @@ class TimedPath:
     def slowed(self, factor: float) -> TimedPath:
         """Return the reference ``factor`` times slower."""
         law = self.time_law
-        return replace(self, time_law=Stretched(law, factor * law.duration))
+        return replace(self, time_law=law.lasting(factor * law.duration))
 
     def __call__(self, t: Numbers) -> ReferenceState:
         """Return the reference at time ``t`` (s), or at times (K,), a row each."""
@@ -203,30 +188,9 @@ class TimedPath:
         )
 
 
-class Stretched:
-    """A time law run in another time, from rest to rest as before.
-
-    Args:
-        duration: Its new duration, s.
-    """
-
-    def __init__(self, law: TimeLaw, duration: float) -> None:
-        self._law, self.duration = law, duration
-        self._pace = law.duration / duration
-
-    def __call__(self, t: Numbers) -> PathTime:
-        """Return s and its derivatives by time at ``t`` (s), or at times (K,)."""
-        s, rate, acceleration = self._law(self._pace * t)
-        return PathTime(s, self._pace * rate, self._pace**2 * acceleration)
-
-
 def still(pose: Array) -> Path:
     """Return the path of a base that stays at a pose (3,)."""
-
-    def at(s: Numbers) -> PathPoint:
-        return PathPoint(vector(s, entries(pose)), steady(s, 0.0, 0.0))
-
-    return at
+    return paths.placed(paths.line(0.0), pose)
 
 
 def constant(values: Array, start: float, end: float) -> Curves:

@@ -141,11 +141,24 @@ def line(step: float = 1.0) -> Path:
     return at
 
 
-def spin() -> Path:
-    """Return a turn on the spot, one radian a unit of s."""
+def spin(sense: float = 1.0) -> Path:
+    """Return a turn on the spot, one radian a unit of s; to the right where ``sense`` is −1."""
 
     def at(s: Numbers) -> PathPoint:
-        return PathPoint(vector(s, (0.0, 0.0, s)), steady(s, 0.0, 1.0))
+        return PathPoint(vector(s, (0.0, 0.0, sense * s)), steady(s, 0.0, sense))
+
+    return at
+
+
+def placed(path: Path, start: Array) -> Path:
+    """Return a path that begins at the origin as one that begins at a pose (3,)."""
+    cos, sin = math.cos(start[2]), math.sin(start[2])
+
+    def at(s: Numbers) -> PathPoint:
+        pose, direction = path(s)
+        x, y, heading = entries(pose)
+        place = (start[0] + cos * x - sin * y, start[1] + sin * x + cos * y, start[2] + heading)
+        return PathPoint(vector(s, place), direction)
 
     return at
 

@@ -14,22 +14,22 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.limits import SPEED_RISE_TIME, Limits
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.path_reference import Stretched, TimedPath, TimeLaw, along, constant, still
+from rpctl.reference.path_reference import TimedPath, along, constant, still
 from rpctl.reference.paths import (
     Numbers,
     Path,
     PathPoint,
-    PathTime,
     choose,
-    entries,
     functions,
+    line,
     matrix,
-    steady,
+    placed,
+    spin,
     vector,
 )
 from rpctl.reference.planned.curve import Waypoint, curve_through
 from rpctl.reference.splines import Curves
-from rpctl.reference.time_law import Bound, time_law
+from rpctl.reference.time_law import AT_REST, Bound, TimeLaw, time_law
 from rpctl.robot.model import Robot
 
 NEGLIGIBLE = 1e-6  # m or rad: a shorter way is none
@@ -69,11 +69,12 @@ def legs_between(robot: Robot, start: Array, goal: Array, limits: Limits) -> lis
     if not drive.base_speeds:
         raise RpctlError(f"{robot.name} has a fixed base: give a goal for its arm only")
     if drive.omnidirectional:
-        return [(_placed(_straight(x, y, turn), start), 1.0)]
-    if drive.steered:
-        path, end = _curve(robot, x, y, turn, limits)
-        return [(_placed(path, start), end)]
-    return [(_placed(path, start), end) for path, end in _turn_drive_turn(x, y, turn)]
+        legs = [(_straight(x, y, turn), 1.0)]
+    elif drive.steered:
+        legs = [_curve(robot, x, y, turn, limits)]
+    else:
+        legs = _turn_drive_turn(x, y, turn)
+    return [(placed(path, start), end) for path, end in legs]
 
 
 def seen_from(start: Array, goal: Array) -> tuple[float, float, float]:
@@ -82,19 +83,6 @@ def seen_from(start: Array, goal: Array) -> tuple[float, float, float]:
     cos, sin = math.cos(start[2]), math.sin(start[2])
     turn = math.remainder(goal[2] - start[2], 2.0 * HALF_TURN)
     return cos * dx + sin * dy, -sin * dx + cos * dy, turn
-
-
-def _placed(path: Path, start: Array) -> Path:
-    """Return a path that begins at the origin as one that begins at a pose (3,)."""
-    cos, sin = math.cos(start[2]), math.sin(start[2])
-
-    def at(s: Numbers) -> PathPoint:
-        pose, direction = path(s)
-        x, y, heading = entries(pose)
-        place = (start[0] + cos * x - sin * y, start[1] + sin * x + cos * y, start[2] + heading)
-        return PathPoint(vector(s, place), direction)
-
-    return at
 
 
 def _straight(x: float, y: float, turn: float) -> Path:
@@ -120,7 +108,7 @@ def _turn_drive_turn(x: float, y: float, turn: float) -> list[Leg]:
     """Return a turn on the spot, a straight line and another turn, whichever are needed."""
     length = math.hypot(x, y)
     if length < NEGLIGIBLE:
-        return [_spin(0.0, 0.0, 0.0, turn)]
+        return [(spin(math.copysign(1.0, turn)), abs(turn))]
     ways = []
     for sign in (1.0, -1.0):  # forwards, backwards
         first = math.atan2(sign * y, sign * x)
@@ -128,29 +116,12 @@ def _turn_drive_turn(x: float, y: float, turn: float) -> list[Leg]:
         ways.append((abs(first) + abs(last), sign, first, last))
     # Forwards unless backwards spares more than a quarter turn: a robot looks where it drives.
     _, sign, first, last = min(ways, key=lambda way: way[0] + (way[1] < 0.0) * 0.5 * HALF_TURN)
-    drive = _line(sign * length, first)
-    turns = _spin(0.0, 0.0, 0.0, first), _spin(x, y, first, last)
-    return [leg for leg in (turns[0], drive, turns[1]) if leg[1] > NEGLIGIBLE]
-
-
-def _spin(x: float, y: float, start: float, turn: float) -> Leg:
-    sense = math.copysign(1.0, turn)
-
-    def at(s: Numbers) -> PathPoint:
-        return PathPoint(vector(s, (x, y, start + sense * s)), steady(s, 0.0, sense))
-
-    return at, abs(turn)
-
-
-def _line(length: float, heading: float) -> Leg:
-    """Return a line of a length, backwards where it is negative, at a heading."""
-    step = math.copysign(1.0, length)
-    cos, sin = step * math.cos(heading), step * math.sin(heading)
-
-    def at(s: Numbers) -> PathPoint:
-        return PathPoint(vector(s, (s * cos, s * sin, heading)), steady(s, step, 0.0))
-
-    return at, abs(length)
+    legs = [
+        (placed(spin(math.copysign(1.0, first)), np.zeros(3)), abs(first)),
+        (placed(line(sign), np.array([0.0, 0.0, first])), length),
+        (placed(spin(math.copysign(1.0, last)), np.array([x, y, first])), abs(last)),
+    ]
+    return [leg for leg in legs if leg[1] > NEGLIGIBLE]
 
 
 def _curve(robot: Robot, x: float, y: float, turn: float, limits: Limits) -> Leg:
@@ -281,20 +252,10 @@ def to_goal(
     paths = legs_between(robot, start, pose, limits)
     rest = constant(posture, 0.0, 1.0)
     legs = [_timed_leg(robot, leg, limits) for leg in paths]
-    legs = legs or [TimedPath(still(start), rest, AtRest())]
+    legs = legs or [TimedPath(still(start), rest, AT_REST)]
     line = Curves(BSpline(np.repeat([0.0, 1.0], 3), np.linspace(posture, there, 3), 2))
     timing = _arm_timing(robot, there - posture, sum(leg.duration for leg in legs))
     return GoalMotion(tuple(legs), TimedPath(still(start), line, timing))
-
-
-class AtRest:
-    """The time law of what does not move."""
-
-    duration = 0.0
-
-    def __call__(self, t: Numbers) -> PathTime:
-        """Return s = 0, at rest."""
-        return PathTime(0.0 * t, 0.0, 0.0)
 
 
 def _timed_leg(robot: Robot, leg: Leg, limits: Limits) -> TimedPath:
@@ -339,7 +300,7 @@ def _steering_bounds(robot: Robot, path: Path, s: Array) -> list[Bound]:
 def _arm_timing(robot: Robot, change: Array, least: float) -> TimeLaw:
     """Return when an arm is where on a straight way (n_joints,); it takes ``least`` s or more."""
     if not np.abs(change).max(initial=0.0) > 0.0:
-        return AtRest()
+        return AT_REST
     bounds = []
     for joint, way in zip(robot.joints, change, strict=True):
         comfort = ARM_SPEED["prismatic" if joint.kind == "prismatic" else "other"]
@@ -347,7 +308,7 @@ def _arm_timing(robot: Robot, change: Array, least: float) -> TimeLaw:
         slope = np.full(POINTS, way)
         bounds.append(Bound(slope, np.zeros(POINTS), speed, speed / SPEED_RISE_TIME))
     law = time_law(np.linspace(0.0, 1.0, POINTS), bounds)
-    return Stretched(law, least) if least > law.duration else law
+    return law.lasting(max(least, law.duration))
 
 
 def _end_posture(robot: Robot, joints: Mapping[str, float], posture: Array) -> Array:

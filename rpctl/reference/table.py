@@ -17,7 +17,6 @@ from rpctl.reference.path_reference import PathReference, TimedPath
 from rpctl.reference.pose_goal import GoalMotion
 from rpctl.reference.quasi_velocities import configurations
 from rpctl.robot.model import Robot
-from rpctl.robot.placements import aligned_tree, end_effector_frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +58,8 @@ class ReferenceTable:
         """
         if self.robot.end_effector is None:
             return np.empty((len(self), 0))
-        frame = end_effector_frame(aligned_tree(self.robot))
-        return frame.at(configurations(self.robot, self.pose, self.joints))[1]
+        q = configurations(self.robot, self.pose, self.joints)
+        return self.robot.end_effector_poses(q)[:, :3, 3].copy()
 
     @property
     def state(self) -> ReferenceState:

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
+from scipy.interpolate import BPoly, BSpline
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.reference.paths import Numbers, PathTime, choose, ramped_time
+from rpctl.reference.paths import Numbers, PathTime
 from rpctl.reference.splines import DEGREE, quintic, uniform_knots
 
 KNOT_SPACING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
@@ -22,8 +22,6 @@ SAMPLES_PER_KNOT = 4  # points a knot interval where the limits are checked agai
 SLOWDOWN_GUARD = 1.002  # limits are checked at points, and may be exceeded between them
 UNLIMITED_RATE = 100.0  # 1/s: rate where nothing limits it, relative to the path's range
 EDGE_TIME = 1.0  # s; duration of the start and the stop of data that begin or end in motion
-# Of u⁴..u⁷: zero with three derivatives at 0, and 1, 1, 0, 0 at 1.
-CATCH_UP_COEFFICIENTS = 20.0, -45.0, 36.0, -10.0
 
 
 class Bound(NamedTuple):
@@ -38,20 +36,52 @@ class Bound(NamedTuple):
     acceleration: float | Array = math.inf  # or (N,)
 
 
-class SplineTimeLaw:
-    """s(t): a spline in time, at rest at both ends and beyond them."""
+class TimeLaw:
+    """s(t): a spline in time, at rest before it begins and after its end.
 
-    def __init__(self, s: BSpline) -> None:
-        self._s, self._rate, self._acceleration = s, s.derivative(1), s.derivative(2)
-        self.duration = float(s.t[len(s.c)])
+    Args:
+        s: By time (s), which begins at 0.
+        end: The spline's last time, s.
+        duration: How long it takes to run through it, s; None: as long as that.
+    """
+
+    def __init__(self, s: BSpline | BPoly, end: float, duration: float | None = None) -> None:
+        self._orders, self._end = (s, s.derivative(1), s.derivative(2)), end
+        self.duration = end if duration is None else duration
+
+    def lasting(self, duration: float) -> TimeLaw:
+        """Return the same motion in another time, s."""
+        return TimeLaw(self._orders[0], self._end, duration)
 
     def __call__(self, t: Numbers) -> PathTime:
         """Return s and its derivatives by time at ``t`` (s), or at times (K,)."""
-        if isinstance(t, np.ndarray):
-            t = np.clip(t, 0.0, self.duration)
-            return PathTime(self._s(t), self._rate(t), self._acceleration(t))
-        t = min(max(t, 0.0), self.duration)
-        return PathTime(float(self._s(t)), float(self._rate(t)), float(self._acceleration(t)))
+        many, end = isinstance(t, np.ndarray), self.duration
+        moves = (t > 0.0) & (t < end)
+        within = np.clip(t, 0.0, end) if many else min(max(t, 0.0), end)
+        pace = self._end / end if end else 0.0
+        s, rate, acceleration = (order(pace * within)[()] for order in self._orders)
+        return PathTime(s, moves * pace * rate, moves * pace**2 * acceleration)
+
+
+AT_REST = TimeLaw(BPoly(np.zeros((1, 1)), np.array([0.0, 1.0])), 0.0)
+
+
+def recorded_time(end: float, soft_start: bool, soft_end: bool) -> TimeLaw:
+    """Return s(t) = t up to a table's end (s), but at rest where its data begin or end in motion.
+
+    Data that start in motion are reached from rest within ``EDGE_TIME``, by a polynomial of degree
+    7 from rest (three zero derivatives) to rate one, on time. The last ``EDGE_TIME`` of data that
+    end in motion takes twice as long while the rate falls to zero. Every recorded pose is passed.
+    """
+    edge = min(EDGE_TIME, 0.4 * end)
+    times, places = [0.0, end], [[0.0, 1.0, 0.0, 0.0], [end, 1.0, 0.0, 0.0]]
+    if soft_start:
+        times.insert(1, edge)
+        places[:1] = [[0.0] * 4, [edge, 1.0, 0.0, 0.0]]
+    if soft_end:
+        times[-1:] = [end - edge, end + edge]
+        places[-1:] = [[end - edge, 1.0, 0.0, 0.0], [end, 0.0, 0.0, 0.0]]
+    return TimeLaw(BPoly.from_derivatives(times, places), times[-1])
 
 
 def max_squared_rate(s: Array, bounds: Sequence[Bound]) -> Array:
@@ -106,7 +136,7 @@ def _accelerations(s: Array, bounds: Sequence[Bound]) -> tuple[coo_array | None,
     return coo_array((values, (rows, columns)), shape=shape).tocsr(), np.concatenate(rights)
 
 
-def time_law(s: Array, bounds: Sequence[Bound]) -> SplineTimeLaw:
+def time_law(s: Array, bounds: Sequence[Bound]) -> TimeLaw:
     """Return the fastest smooth time law of a path within bounds.
 
     The fastest motion's accelerations jump; as the coefficients of a uniform quintic spline its
@@ -132,8 +162,8 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> SplineTimeLaw:
     ends = np.ones(DEGREE - 1)
     values = np.concatenate([s[0] * ends, samples, s[-1] * ends])
     knots = uniform_knots(len(values)) * times[-1] / count
-    stretch = SLOWDOWN_GUARD * _slowdown(SplineTimeLaw(quintic(knots, values)), s, bounds)
-    return SplineTimeLaw(quintic(knots * max(1.0, stretch), values))
+    law = TimeLaw(quintic(knots, values), float(knots[len(values)]))
+    return law.lasting(law.duration * max(1.0, SLOWDOWN_GUARD * _slowdown(law, s, bounds)))
 
 
 def _positions(t: Array, times: Array, s: Array, rate: Array) -> Array:
@@ -148,7 +178,7 @@ def _positions(t: Array, times: Array, s: Array, rate: Array) -> Array:
     return s[index] + weight * (s[index + 1] - s[index])
 
 
-def _slowdown(timing: SplineTimeLaw, s: Array, bounds: Sequence[Bound]) -> float:
+def _slowdown(timing: TimeLaw, s: Array, bounds: Sequence[Bound]) -> float:
     """Return the factor by which a time law must slow down for the bounds; 1 or less: none."""
     count = SAMPLES_PER_KNOT * max(2, round(timing.duration / KNOT_SPACING))
     at, rate, acceleration = timing(np.linspace(0.0, timing.duration, count))
@@ -160,62 +190,3 @@ def _slowdown(timing: SplineTimeLaw, s: Array, bounds: Sequence[Bound]) -> float
         change = (np.abs(bend * rate**2 + slope * acceleration) / most).max()
         worst = max(worst, float(speed), math.sqrt(float(change)))
     return worst
-
-
-class EdgeTimeLaw(NamedTuple):
-    """s(t) = t, but at rest where data begin or end in motion.
-
-    Data that start in motion are reached from rest within ``edge`` seconds: s = edge f(t/edge),
-    with f of degree 7 from rest (three zero derivatives) to rate one, on time. The last ``edge``
-    seconds of data that end in motion take twice as long while the rate falls to zero. Every
-    recorded pose is passed.
-    """
-
-    end: float
-    soft_start: bool
-    soft_end: bool
-    edge: float
-
-    @property
-    def duration(self) -> float:
-        """Time after which it stays, s."""
-        return self.end + self.edge if self.soft_end else self.end
-
-    def __call__(self, t: Numbers) -> PathTime:
-        """Return s and its derivatives by time at ``t`` (s), or at times (K,)."""
-        return choose(t <= 0.0, t, lambda t: PathTime(0.0 * t, 0.0, 0.0), self._begun)
-
-    def _begun(self, t: Numbers) -> PathTime:
-        starts = (t < self.edge) & (t < self.duration) & self.soft_start
-        return choose(starts, t, self._starting, self._started)
-
-    def _starting(self, t: Numbers) -> PathTime:
-        f, rate, bend = _catch_up_profile(t / self.edge)
-        return PathTime(self.edge * f, rate, bend / self.edge)
-
-    def _started(self, t: Numbers) -> PathTime:
-        stops = (self.duration - t < 2.0 * self.edge) & (t < self.duration) & self.soft_end
-        return choose(stops, t, self._stopping, self._moving)
-
-    def _stopping(self, t: Numbers) -> PathTime:
-        s, rate, change = ramped_time(self.duration - t, 1.0, 2.0 * self.edge)
-        return PathTime(self.end - s, rate, -change)
-
-    def _moving(self, t: Numbers) -> PathTime:
-        """Return the time itself; the end once that has passed."""
-        return choose(
-            self.duration - t <= 0.0,
-            t,
-            lambda t: PathTime(self.end + 0.0 * t, 0.0, 0.0),
-            lambda t: PathTime(t, 1.0, 0.0),
-        )
-
-
-def _catch_up_profile(u: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-    a, b, c, d = CATCH_UP_COEFFICIENTS
-    square = u * u
-    return (
-        square * square * (a + u * (b + u * (c + u * d))),
-        square * u * (4 * a + u * (5 * b + u * (6 * c + u * 7 * d))),
-        square * (12 * a + u * (20 * b + u * (30 * c + u * 42 * d))),
-    )

@@ -143,9 +143,8 @@ def _require_mass(tree: FrozenTree) -> None:
         root = description.link[description.root]
         text = "no link has a mass; give the links <inertial> elements, or estimate them with "
         faults.append(Finding("error", root.line, f"{text}{DENSITY_OPTION}"))
-    carries = _carries_mass(description)
-    for joint in description.joints:
-        if not tree.is_free(joint) or carries[joint.child]:
+    for joint in filter(tree.is_free, description.joints):
+        if any(description.link[below.child].mass for below in description.below(joint)):
             continue
         first = description.link[joint.child]
         lacking = "has no <inertial>" if first.mass is None else "has no mass"
@@ -156,19 +155,6 @@ def _require_mass(tree: FrozenTree) -> None:
         faults.append(Finding("error", first.line, f"{text}, or freeze it: --lock {joint.name}"))
     if faults:
         raise DescriptionError(description.path, faults)
-
-
-def _carries_mass(description: Description) -> dict[str, bool]:
-    """Return, by link, whether it or anything below it has a mass."""
-    order, stack = [], [description.root]
-    while stack:
-        order.append(stack.pop())
-        stack.extend(joint.child for joint in description.child_joints[order[-1]])
-    carries: dict[str, bool] = {}
-    for name in reversed(order):
-        below = (carries[joint.child] for joint in description.child_joints[name])
-        carries[name] = bool(description.link[name].mass) or any(below)
-    return carries
 
 
 def _require_unique(description: Description, model: pin.Model) -> None:

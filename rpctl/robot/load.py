@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from rpctl.description.density import fill
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.meshes.checks import check_meshes
-from rpctl.description.records import Description, Joint, as_xacro
+from rpctl.description.records import Description, Joint
 from rpctl.description.urdf.reader import read
 from rpctl.description.xacro.expansion import lines_explained
 from rpctl.drive.controls import read_controls, vendor_findings
@@ -24,11 +23,14 @@ from rpctl.errors import DescriptionError, Finding, UnknownNameError, require_wi
 from rpctl.robot.build import build, check, set_armature
 from rpctl.robot.grippers import Gripper, find_end_effector, find_grippers, freeze_grippers
 from rpctl.robot.home import with_home
-from rpctl.robot.load_settings import LoadSettings
+from rpctl.robot.load_settings import LoadKeywords, LoadSettings
 from rpctl.robot.losses import find_losses
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import matching
 from rpctl.robot.sources import Source, find_source
+
+if TYPE_CHECKING:
+    from typing import Unpack  # of Python 3.11; never imported when it runs
 
 MAX_POSITION = 1e6  # rad or m: no joint is locked farther from 0
 
@@ -36,17 +38,7 @@ MAX_POSITION = 1e6  # rad or m: no joint is locked farther from 0
 def load(
     source: str | Path,
     drive: Drive | str | Path | None = None,
-    lock: Iterable[str] | Mapping[str, float] = (),
-    density: float | None = None,
-    end_effector: str | None = None,
-    strict: bool = False,
-    package_dirs: Iterable[str | Path] = (),
-    xacro_args: Mapping[str, object] | None = None,
-    ignore_missing_packages: bool = False,
-    home: str | Mapping[str, float] | Iterable[str] | None = None,
-    free: Iterable[str] = (),
-    losses: bool = True,
-    armature: bool | Mapping[str, float] = False,
+    **settings: Unpack[LoadKeywords],
 ) -> Robot:
     """Load a robot.
 
@@ -91,33 +83,7 @@ def load(
         DriveError: No drive was found, or more than one.
         UnknownNameError: A name is not known; the nearest are suggested.
     """
-    settings = LoadSettings(
-        drive=_drive_words(drive),
-        lock=lock if isinstance(lock, Mapping) else dict.fromkeys(_texts(lock), 0.0),
-        density=density,
-        end_effector=end_effector,
-        strict=strict,
-        package_dirs=_texts(package_dirs),
-        xacro_args={name: as_xacro(value) for name, value in (xacro_args or {}).items()},
-        ignore_missing_packages=ignore_missing_packages,
-        home=home if isinstance(home, Mapping) else _texts(home or ()),
-        free=_texts(free),
-        losses=losses,
-        armature=armature,
-    )
-    return load_robot(source, settings)
-
-
-def _texts(given: str | Path | Iterable[str | Path]) -> tuple[str, ...]:
-    """Return one text, or several, as texts."""
-    return tuple(map(str, (given,) if isinstance(given, str | Path) else given))
-
-
-def _drive_words(drive: Drive | str | Path | None) -> Drive | str | None:
-    """Return what is said of a drive; a path is no name of a type, though it look like one."""
-    if isinstance(drive, Path):
-        return str(drive) if drive.suffix else os.path.join(".", drive)  # noqa: PTH118 - "./"
-    return drive
+    return load_robot(source, LoadSettings.of(drive, **settings))
 
 
 def load_robot(source: str | Path, settings: LoadSettings) -> Robot:

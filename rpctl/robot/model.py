@@ -133,6 +133,13 @@ class Robot:
         pin.forwardKinematics(self.model, data, q)
         return pin.updateFramePlacement(self.model, data, frame).copy()
 
+    def end_effector_poses(self, q: Array) -> Array:
+        """Return the poses (K, 4, 4) of the end effector in the world at q (K, nq)."""
+        data, found = self.model.createData(), np.empty((len(q), 4, 4))
+        for k, configuration in enumerate(q):
+            found[k] = self.end_effector_pose(data, configuration).homogeneous
+        return found
+
     @cached_property
     def effort_limits(self) -> Array:
         """Limits of τ (n_act,), N·m or N; inf where the URDF gives none."""

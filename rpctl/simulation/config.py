@@ -214,12 +214,12 @@ class RunSettings(Record):
         return load_reference(
             robot,
             self.reference,
-            self.size,
-            self.speed,
-            self.laps,
-            self.smooth,
-            self.retime,
-            collisions,
+            size=self.size,
+            speed=self.speed,
+            laps=self.laps,
+            smooth=self.smooth,
+            retime=self.retime,
+            collisions=collisions,
         )
 
 

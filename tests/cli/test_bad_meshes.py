@@ -80,22 +80,6 @@ def test_a_run_is_written_whatever_its_meshes_are(robot: Path, tmp_path: Path) -
     assert not [word for word in ("NaN", "Infinity") if word in json.dumps(summary)]
 
 
-def test_a_density_needs_its_meshes_before_anything_runs(tmp_path: Path) -> None:
-    begin = BASE.index('<link name="arm">')
-    end = BASE.index("</link>", begin)
-    mesh = '<collision><geometry><mesh filename="bomb.dae"/></geometry></collision>'
-    path = tmp_path / "robot.urdf"
-    path.write_text(BASE[:begin] + f'<link name="arm">\n{mesh}\n' + BASE[end:], encoding="utf-8")
-    (tmp_path / "bomb.dae").write_bytes(BAD["bomb.dae"][0])
-    line = BASE[:begin].count("\n") + 2
-    words = ["track", str(path), "--density", "1000", "--duration", "0.1", "--out"]
-    result = CliRunner().invoke(app, [*words, str(tmp_path / "out")])
-    assert result.exit_code == 2
-    said = " ".join(result.stderr.split())
-    assert f':{line}: error: mesh "bomb.dae" of link "arm" gives no estimate: refused: it' in said
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_wheel_of_a_bad_mesh_is_told_before_anything_runs(tmp_path: Path) -> None:
     wheel = '<geometry><cylinder radius="0.15" length="0.04"/></geometry>'
     text = BASE.replace(wheel, '<geometry><mesh filename="wheel.dae"/></geometry>')

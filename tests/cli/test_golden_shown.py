@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import math
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +15,23 @@ from rich.console import Console
 
 import rpctl
 from rpctl import Robot, Run, summarize
-from rpctl.cli import compare, inspect, terminal, verify
+from rpctl.cli import compare, inspect, verify
 from rpctl.cli import summary as shown
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.check import Check
-from rpctl.errors import Finding
 from rpctl.robot.inspection import facts
-from rpctl.study.compare import PAPER, PROPOSED, Cell, Figures, LawPair, Row, figures
+from rpctl.simulation.config import RunSettings
+from rpctl.study.cells import Figures, Row, figures_of
+from rpctl.study.compare import (
+    COLUMNS,
+    PAPER,
+    PROPOSED,
+    CompareCell,
+    CompareRow,
+    LawPair,
+)
 from rpctl.view.run_folder import RunFolder
-from tests.golden import COUNT, TRICYCLE, beside_its_path
+from tests.golden import TRICYCLE, beside_its_path
 from tests.robots import write
 from tests.runs import vary
 from tests.vehicles import vehicle
@@ -94,29 +101,6 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("margin", "slip", "marked"), [(0.1, 0.5, 0), (-0.1, 0.5, 1), (0.1, 2.0, 1)]
-)
-def test_unsafe_ground_is_marked(golden: Run, margin: float, slip: float, marked: int) -> None:
-    run = vary(golden, tip_margin=np.full(COUNT, margin), slip_ratio=np.full(COUNT, slip))
-    run = vary(run, effort_limits=(40.0, np.inf, 15.0, 16.0, 50.0))
-    console = Console(width=160, record=True, file=io.StringIO(), force_terminal=True)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shown, "console", lambda: console)
-        shown.show_summary(RunFolder(summarize(run), Path("r"), 0, ()), Path("out"))
-    text = console.export_text(styles=True)
-    assert text.count("\x1b[1;31mground\x1b[0m") == marked
-    assert "\x1b[1;31mslide_joint" in text  # 60 N of 50
-    assert "\x1b[1;31mswing_joint" not in text  # 16 N·m of 16
-
-
-def test_a_run_without_arm_or_ground_tells_nothing_of_them(golden: Run, printed: Printed) -> None:
-    none = np.empty((COUNT, 0))
-    bare = vary(golden, end_effector=None, ee=none, ee_ref=none, tip_margin=none, slip_ratio=none)
-    shown.show_summary(RunFolder(summarize(bare), Path("r"), 0, ()), Path("out"))
-    assert not [line for line in printed() if line.startswith(("end effector", "ground"))]
-
-
 def test_a_robot_and_its_limits(tricycle: Robot, printed: Printed) -> None:
     inspect.show_robot(tricycle)
     text = printed()
@@ -142,39 +126,6 @@ def test_a_robot_and_its_limits(tricycle: Robot, printed: Printed) -> None:
     assert left.endswith("root yes 5 rad/s 40 N·m")
     (front,) = (line for line in text if line.startswith("front_wheel_joint 0.1 m"))
     assert front.endswith("steer_joint no - -")
-
-
-def test_a_base_that_is_mounted_askew_and_high(tricycle: Robot) -> None:
-    drive = replace(tricycle.drive, heading=-0.5 * math.pi, ground=-0.25)
-    known = facts(replace(tricycle, drive=drive))["drive"]
-    measures = {
-        kind: dict(inspect._drive_rows({**known, "type": kind}))
-        for kind in ("tricycle", "skid-steer", "steered")
-    }
-    assert {kind: rows["track"] for kind, rows in measures.items()} == {
-        "tricycle": "0.6 m; P, the middle of the axle, at (-0.1, 0) m",
-        "skid-steer": "0.6 m; P, the centre of rotation, at (-0.1, 0) m",
-        "steered": "0.6 m; P, the origin of the root link, at (-0.1, 0) m",
-    }
-    level = facts(replace(tricycle, drive=replace(drive, ground=0.0)))["drive"]
-    assert dict(inspect._drive_rows(level))["root link"] == "forward at -90°, 0 m above the ground"
-    for rows in measures.values():
-        assert rows["root link"] == "forward at -90°, 0.25 m above the ground"
-
-
-def test_reasons_and_findings_name_what_they_are_about(tricycle: Robot, printed: Printed) -> None:
-    both = [{"joint": "a", "why": "is round"}, {"joint": "b", "why": "is round"}]
-    assert [*inspect._reasons(both)] == ["[dim]each is round[/]"]
-    more = [*both, {"joint": "c", "why": "is said to be"}]
-    assert [*inspect._reasons(more)] == ["[dim]a, b is round[/]", "[dim]c is said to be[/]"]
-    findings = (Finding("warning", 7, "it is odd"), Finding("info", None, "it is fine"))
-    inspect.show_robot(replace(tricycle, findings=findings))
-    lines = printed()
-    places = [
-        lines.index(line)
-        for line in ("warning golden.urdf:7: it is odd", "info golden.urdf: it is fine")
-    ]
-    assert places == sorted(places)
 
 
 def test_a_certificate_tells_its_worst(printed: Printed) -> None:
@@ -237,35 +188,9 @@ def test_facts_are_in_si_units(tricycle: Robot) -> None:
     }
 
 
-@pytest.mark.parametrize(
-    ("kind", "meanings"),
-    [
-        ("omni", {
-            "vx": "speed of the root link's origin along its x axis, m/s",
-            "vy": "speed of the root link's origin along its y axis, m/s",
-            "omega": "turning rate of the base, rad/s",
-            "arm_joint": "rate, rad/s",
-        }),
-        ("casters", {
-            "v": "forward speed of P, m/s",
-            "omega": "turning rate of the base, rad/s",
-            "arm_joint": "rate, rad/s",
-        }),
-    ],
-)  # fmt: skip
-def test_meanings_have_their_units(tmp_path: Path, kind: str, meanings: dict[str, str]) -> None:
-    assert facts(rpctl.load(write(tmp_path, vehicle(kind))))["meanings"] == meanings
-
-
-def test_progress_is_quiet_where_nobody_watches(capsys: pytest.CaptureFixture[str]) -> None:
-    with terminal.progress_bar("verify") as advance:
-        advance(1, 2)
-    assert capsys.readouterr() == ("", "")
-
-
 def test_figures_of_a_benchmark(golden: Run) -> None:
     """Shares of limits: the actuator without a limit does not count."""
-    found = figures(golden, [1e-5, 3e-5] * 50)
+    found = figures_of(golden, [1e-5, 3e-5] * 50)
     tau, limits = np.array(golden.tau)[:, [0, 2, 3, 4]], np.array([40.0, 15.0, 20.0, 80.0])
     expected: dict[str, Any] = {
         "rms_base": pytest.approx(math.sqrt((25 + 0.25 + 0.25 + 0.0169 + 0.01 + 0.0025) / 6)),
@@ -280,24 +205,28 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
         "sample_time_99": pytest.approx(4e-5),
         "outcome": "tracked",
     }
-    assert asdict(found) == expected
+    assert {name: getattr(found, name) for name in COLUMNS} == expected
     lifted = np.array(golden.log.joints)
     lifted[2, 1] = 0.5
-    assert figures(vary(golden, joints=lifted), [1e-5, 1e-5]).violations == ("slide_joint upper",)
+    assert figures_of(vary(golden, joints=lifted)).violations == ("slide_joint upper",)
 
 
 def row(
     law: LawPair, base: float, tip: float | None, *broken: str, outcome: str = "tracked"
-) -> Row:
+) -> CompareRow:
     """Return a row, errors in m: the final ones are half of the others."""
-    half = None if tip is None else 0.5 * tip
-    errors = base, 0.5 * base, 0.25 * base, tip, half
-    figures = Figures(*errors, 0.75, 0.125, broken, 4e-5, 9e-5, outcome)
-    return Row(Cell("nominal", "line", law), figures, None)
+    figures = Figures(
+        outcome, rms_base=base, final_base=0.5 * base, final_lateral=0.25 * base,
+        rms_end_effector=tip, final_end_effector=None if tip is None else 0.5 * tip,
+        peak_effort=0.75, rms_effort=0.125, violations=broken, sample_time=4e-5,
+        sample_time_99=9e-5,
+    )  # fmt: skip
+    return Row(CompareCell("nominal", law, RunSettings("line")), figures)
 
 
 def test_table_of_a_benchmark(printed: Printed, tmp_path: Path) -> None:
-    failed = Row(Cell("nominal", "line", LawPair("mpc", "paper")), None, "it turns on the spot")
+    cell = CompareCell("nominal", LawPair("mpc", "paper"), RunSettings("line"))
+    failed = Row(cell, Figures("refused", "it turns on the spot"))
     rows = [
         row(PAPER, 0.004, 0.006),
         row(PROPOSED, 0.003, 0.008),
@@ -324,22 +253,3 @@ def test_table_of_a_benchmark(printed: Printed, tmp_path: Path) -> None:
     assert (
         "in 1 of 2 comparisons; where paper+paper works, it is at least as good in 1 of 2" in said
     )
-
-
-def test_csv_and_json_of_a_benchmark_are_in_si_units() -> None:
-    printed: list[dict[str, Any]] = [row(PROPOSED, 0.003, 0.008, "a upper", "b effort").to_dict()]
-    (read,) = csv.DictReader(compare._csv(printed).splitlines())
-    for found in (read, printed[0]):
-        assert float(found["rms_base"]) == 0.003
-        assert float(found["final_base"]) == 0.0015
-        assert float(found["final_lateral"]) == 0.00075
-        assert float(found["rms_end_effector"]) == 0.008
-        assert float(found["final_end_effector"]) == 0.004
-        assert float(found["peak_effort"]) == 0.75
-        assert float(found["rms_effort"]) == 0.125
-        assert float(found["sample_time"]) == 4e-5
-        assert float(found["sample_time_99"]) == 9e-5
-    assert read["violations"] == "a upper; b effort"
-    assert read["outcome"] == printed[0]["outcome"] == "tracked"
-    assert (read["scenario"], read["reference"]) == ("nominal", "line")
-    assert (read["kinematic"], read["dynamic"]) == (PROPOSED.kinematic, PROPOSED.dynamic)

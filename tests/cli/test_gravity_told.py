@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
 from typer.testing import CliRunner
 
 from rpctl.cli.app import app
@@ -41,17 +40,3 @@ def test_inspect_finds_a_joint_too_weak_for_gravity(tmp_path: Path) -> None:
     (message,) = weaknesses(level_arm(tmp_path, 5.0), *home)
     assert message.startswith(TOLD)
     assert weaknesses(level_arm(tmp_path, 10.0), *home) == []
-
-
-@pytest.mark.slow
-def test_track_tells_it_before_the_run(tmp_path: Path) -> None:
-    robot, table = level_arm(tmp_path, 5.0), tmp_path / "line.csv"
-    table.write_text("t,x,y\n" + "".join(f"{t},{0.1 * t},0\n" for t in range(8)))
-    out = ("--duration", "0.05", "--samples", "0", "--no-perturbed", "--out", str(tmp_path / "out"))
-    for reference, place in (("line", "at home"), (str(table), "where the reference starts")):
-        words = " ".join(
-            said("track", robot, "--home", "zero", "--reference", reference, *out).split()
-        )
-        told = TOLD.replace("at home", place)
-        assert words.count(told) == 1
-        assert words.index(told) < words.index("tracking error")

@@ -32,17 +32,3 @@ def test_words_of_home_follow_one_another(robot: tuple[str, ...], tmp_path: Path
     assert found == {"rod_1_joint": 0.4, "rod_2_joint": 0.6, "rod_3_joint": -1.0}
     assert set(homes(*robot, "--home", "zero").values()) == {0.0}
     assert homes(*robot, "--home", "auto") != homes(*robot, "--home", "zero")
-
-
-def test_inspect_shows_home_and_what_is_frozen(robot: tuple[str, ...]) -> None:
-    shown = CliRunner().invoke(app, ["inspect", *robot, "--home", "rod_2_joint=0.625"]).output
-    assert "0.625 rad" in shown
-    assert "gripper joints are frozen" in " ".join(shown.split())
-    assert homes(*robot, "--free", "l_*").keys() > homes(*robot).keys()
-
-
-def test_a_wrong_home_is_an_error_without_a_traceback(robot: tuple[str, ...]) -> None:
-    result = CliRunner().invoke(app, ["inspect", *robot, "--home", "arm.srdf:nowhere"])
-    assert result.exit_code == 2
-    assert "No such file or directory" in result.output
-    assert "Traceback" not in result.output

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from rpctl import Robot, track
 from rpctl.cli.app import app
-from rpctl.cli.track_options import ResultOptions
-from rpctl.view import run_folder
 from tests.run_files import parts_of
 
 runner = CliRunner()
@@ -33,24 +29,3 @@ def test_a_damaged_run_is_one_line_and_exit_code_2(
         assert result.exit_code == 2
         assert str(path) in result.stderr.replace("\n", "")
         assert "Traceback" not in result.output
-
-
-def test_track_writes_single_precision_if_asked(
-    paper: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[Any] = []
-    monkeypatch.setattr(run_folder, "write_folder", lambda *values: asked.append(values[-1]))
-    run = track(paper, "line", duration=0.01)
-    for single in (False, True):
-        ResultOptions(single=single).write(run, tmp_path)
-    assert asked == ["double", "single"]
-    monkeypatch.undo()
-    monkeypatch.setattr(run_folder, "make_files", _stop)
-    with pytest.raises(KeyboardInterrupt):
-        ResultOptions(single=True).write(run, tmp_path)
-    with np.load(tmp_path / run_folder.RUN_FILE) as stored:
-        assert stored["q"].dtype == np.float32
-
-
-def _stop(*_: object) -> None:
-    raise KeyboardInterrupt

@@ -17,7 +17,7 @@ from rpctl.cli.app import app
 from rpctl.view.pages.certificate import write_certificate
 from rpctl.view.pages.page import escape
 from tests.robots import SET_A, platform, write
-from tests.vehicles import KINDS, vehicle
+from tests.vehicles import vehicle
 
 WIDTH = 100  # columns
 
@@ -38,32 +38,6 @@ def inspect_json(path: Path, *words: str) -> dict[str, Any]:
     assert result.exit_code == 0, result.stderr
     output: dict[str, Any] = json.loads(result.stdout)
     return output
-
-
-def test_a_car(tmp_path: Path, page: Console) -> None:
-    inspect.show_robot(rpctl.load(write(tmp_path, vehicle("car-like"))))
-    text = page.export_text()
-    for said in (
-        "2 wheels on one axle, held by the root link: rear_left, rear_right",
-        "wheels on upright joints, steered: steer_left, steer_right",
-        "v: forward speed of P, m/s",
-        "steer_left: steering rate, rad/s",
-        "each turns without limits about a level axle and ends on the ground",
-        "steer_right  follower  yes     0.7, -0.25 m  -      contact below its axis, limits",
-        "doubt no transmission tells which wheels are driven",
-    ):
-        assert said in text
-    assert "front_left    0.1 m  collision cylinder, line 1  steer_left   no" in text
-
-
-def test_casters_have_their_trail(tmp_path: Path, page: Console) -> None:
-    inspect.show_robot(rpctl.load(write(tmp_path, vehicle("casters"))))
-    assert "60 mm  contact 60 mm off its axis, no limits" in page.export_text()
-
-
-def test_two_wheels_balance(tmp_path: Path, page: Console) -> None:
-    inspect.show_robot(rpctl.load(write(tmp_path, platform(SET_A))))
-    assert "assumes balance and leaves pitch out" in " ".join(page.export_text().split())
 
 
 def test_what_is_idealised_is_said(tmp_path: Path, page: Console) -> None:
@@ -96,14 +70,6 @@ def test_what_is_idealised_is_said(tmp_path: Path, page: Console) -> None:
     )
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_it_keeps_to_the_page(tmp_path: Path, page: Console, kind: str) -> None:
-    inspect.show_robot(rpctl.load(write(tmp_path, vehicle(kind))))
-    table = [line for line in page.export_text().splitlines()[1:] if "collision cylinder" in line]
-    assert table
-    assert all(len(line.rstrip()) <= WIDTH and ", line 1 " in line for line in table)
-
-
 @pytest.mark.parametrize(
     ("kind", "speed"),
     [("steered", "rolling speed of fl_wheel, m/s"),
@@ -120,22 +86,3 @@ def test_json_says_what_v_is(tmp_path: Path, kind: str, speed: str) -> None:
         assert wheel["why"].startswith("turns without limits about a level axle")
         assert wheel["swivel"] is None or wheel["swivel"] in swivels
     assert all(swivel["role"] and swivel["why"] for swivel in swivels.values())
-
-
-def test_strict_refuses_what_was_assumed(tmp_path: Path) -> None:
-    path = write(tmp_path, vehicle("car-like"))
-    assert len(inspect_json(path)["drive"]["doubts"]) == 1
-    refused = runner.invoke(app, ["inspect", str(path), "--strict"])
-    assert refused.exit_code == 2
-    assert refused.stderr.startswith(
-        f"{path}: error: no transmission tells which wheels are driven"
-    )
-    flags = "".join(
-        f'[[wheel]]\njoint = "{name}"\ndriven = {yes}\n'
-        for name, yes in (
-            ("rear_left", "true"), ("rear_right", "true"),
-            ("front_left", "false"), ("front_right", "false"),
-        )
-    )  # fmt: skip
-    drive = write(tmp_path, f'type = "car-like"\n{flags}', "drive.toml")
-    assert inspect_json(path, "--strict", "--drive", str(drive))["drive"]["doubts"] == []

@@ -67,17 +67,6 @@ def test_signs_that_an_encoding_lacks_are_replaced(tmp_path: Path, encoding: str
     assert json.loads(rest) == value and "\\udcff\\u202e\\u001b" in rest
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("words", "encoding"), [([], "ascii"), (["track"], "latin-1")])
-def test_every_help_survives_every_terminal(words: list[str], encoding: str) -> None:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-                   "PYTHONIOENCODING": encoding, "LC_ALL": "C", "FORCE_COLOR": "1"}  # fmt: skip
-    done = subprocess.run([sys.executable, "-m", "rpctl", *words, "--help"], env=environment,
-                          capture_output=True, timeout=60)  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert b"Usage" in done.stdout
-
-
 @pytest.mark.parametrize(
     ("text", "shown"),
     [

@@ -148,7 +148,7 @@ def test_what_is_wrong_is_told_without_a_traceback(tmp_path: Path) -> None:
 
 def test_load_options_are_told_as_they_were_given() -> None:
     assert LoadOptions().words() == []
-    given = LoadOptions(lock=["arm_*=0.1", "x"], no_losses=True, density=700.0, xacro_args=["a:=b"])
-    assert given.words() == [
+    given = {"lock": ["arm_*=0.1", "x"], "density": 700.0, "xacro_args": ["a:=b"], "losses": True}
+    assert LoadOptions(given).words() == [
         "--lock", "arm_*=0.1", "--lock", "x", "--density", "700.0", "--xacro-arg", "a:=b",
         "--no-losses"]  # fmt: skip

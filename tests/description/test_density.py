@@ -10,14 +10,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from typer.testing import CliRunner
 
 import rpctl
-from rpctl.cli.app import app
 from rpctl.description.records import Link
-from rpctl.description.urdf.reader import read
-from rpctl.errors import DescriptionError, RpctlError
-from rpctl.view.pages.certificate import write_certificate
+from rpctl.errors import DescriptionError
 from tests.description.corpus import BASE
 
 ARM = """<inertial><mass value="2"/>
@@ -152,39 +148,3 @@ def test_an_unknown_mesh_is_not_taken_as_nothing(mesh: str, expected: str, tmp_p
     assert message.startswith(f'{path}:{line}: error: mesh "{mesh}" of link "arm" gives no')
     assert expected in message
     assert message.endswith("its link has no <inertial>: give one, or the mesh")
-
-
-def test_what_the_file_gives_is_never_touched(tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf"
-    path.write_text(BASE, encoding="utf-8")
-    plain, filled = read(path), rpctl.load(path, density=RHO).description
-    assert filled.xml == plain.xml
-    assert [link.mass for link in filled.links] == [link.mass for link in plain.links]
-    assert not any(link.estimated for link in filled.links)
-
-
-def test_estimates_are_marked_in_certificate_and_report(tmp_path: Path) -> None:
-    path = shaped(tmp_path, BOXES["box"][0])
-    robot = rpctl.load(path, density=RHO)
-    certificate = rpctl.verify(robot, 2)
-    assert certificate.estimated_links == ("arm",)
-    assert certificate.to_dict()["estimated_links"] == ["arm"]
-    page = write_certificate(certificate, tmp_path / "certificate.html").read_text()
-    assert "Estimated, at a density, not given by the URDF: mass and inertia of arm." in page
-    words = ["verify", str(path), "--density", str(RHO), "--samples", "2"]
-    assert "estimated mass and inertia of arm" in CliRunner().invoke(app, words).stdout
-    run = rpctl.track(robot, "line", duration=0.1, certificate=certificate)
-    assert run.certificate is not None
-    assert run.certificate["estimated_links"] == ["arm"]
-    report = rpctl.write_report(run, tmp_path / "report.html").read_text()
-    assert "mass and inertia of arm are estimates at 800 kg/m³" in report
-    plain = rpctl.verify(rpctl.load("paper"), 2)
-    assert plain.estimated_links == ()
-    page = write_certificate(plain, tmp_path / "plain.html").read_text()
-    assert "Estimated" not in page
-
-
-@pytest.mark.parametrize("density", [0.0, -1.0, math.nan, math.inf, 1e300])
-def test_a_density_is_positive_and_finite(density: float) -> None:
-    with pytest.raises(RpctlError, match=r"density is .*; give kg/m3"):
-        rpctl.load("paper", density=density)

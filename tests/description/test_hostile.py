@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import subprocess
 import sys
@@ -156,26 +155,6 @@ def test_a_deep_robot_is_read(tmp_path: Path) -> None:
     assert len(description.chain("l1999")) == 1999
     with patience(PATIENCE), pytest.raises(RpctlError, match="no known drive"):
         rpctl.load(path)
-
-
-@pytest.mark.parametrize("name", ["fifo", "/dev/zero", "folder"])
-def test_what_is_no_file_is_not_read(name: str, tmp_path: Path) -> None:
-    path = tmp_path / name
-    if name == "fifo":
-        os.mkfifo(path)
-    elif name == "folder":
-        path.mkdir()
-    with (
-        patience(PATIENCE),
-        pytest.raises(DescriptionError, match=r"not a regular file|Is a directory"),
-    ):
-        rpctl.load(path)
-
-
-@pytest.mark.parametrize("name", ["a" * 5000 + ".urdf", "a\0.urdf", "no/such.urdf", "./"])
-def test_paths_that_lead_nowhere_are_told(name: str) -> None:
-    with pytest.raises(DescriptionError, match="give a URDF file or a name"):
-        rpctl.load(name)
 
 
 def test_caps_can_be_raised_and_lowered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

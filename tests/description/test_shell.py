@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from shutil import copytree, move
+from shutil import copytree
 
 import pytest
 import trimesh
 from typer.testing import CliRunner
 
 from rpctl.cli.app import app
-from rpctl.simulation.run.run import Run
-from rpctl.view.scene.scene import build_scene
 from tests.description.corpus import BASE
 from tests.description.test_fuzz import patience
 
@@ -73,20 +68,6 @@ def test_what_is_no_robot_is_told(name: str, suffix: str, tmp_path: Path) -> Non
     assert len(err.splitlines()) == 1
 
 
-def test_it_is_told_without_a_traceback(tmp_path: Path) -> None:
-    path = tmp_path / "robot.urdf"
-    os.mkfifo(path)
-    done = subprocess.run(
-        [sys.executable, "-m", "rpctl", "inspect", str(path)],
-        capture_output=True, text=True, check=False, timeout=PATIENCE,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.splitlines() == [
-        f"{path}: error: a pipe, not a regular file; save what it brings to a file, and give a "
-        "URDF file or a name listed by `rpctl robots`"
-    ]
-
-
 def test_too_little_memory_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def exhaust(*_: object) -> None:
         raise MemoryError
@@ -128,16 +109,3 @@ def test_packages_are_declared(tmp_path: Path) -> None:
         assert (
             err == f"{tmp_path}/nowhere: no such folder; give a package, or one that holds some\n"
         )
-
-
-def test_a_run_finds_its_packages_where_the_user_says(tmp_path: Path) -> None:
-    path, far = workspace(tmp_path), tmp_path / "far"
-    words = ["--reference", "line", "--duration", "0.2", "--samples", "1", "--json"]
-    code, out, _ = rpctl("track", path, *words, "--package-dir", far, "--out", tmp_path / "run")
-    assert code == 0
-    assert not [note for note in json.loads(out)["notes"] if "mesh" in note]
-    run = Run.load(tmp_path / "run" / "run.npz")
-    assert build_scene(run.load_robot([far]), run).notes == run.law_sentences
-    moved = move(far, tmp_path / "moved")
-    assert "box.stl" in build_scene(run.load_robot(), run).notes[len(run.law_sentences)]
-    assert build_scene(run.load_robot([moved]), run).notes == run.law_sentences

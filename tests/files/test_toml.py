@@ -64,10 +64,3 @@ def test_a_file_that_is_missing_or_too_long_is_refused(
     )
     (tmp_path / "sizes.toml").write_bytes(b"a = 1")
     assert read(tmp_path / "sizes.toml", sizes, "a file of sizes") == [1]
-
-
-def test_utf_16_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "sizes.toml"
-    for codec in ("utf-16-le", "utf-16-be"):
-        fault = refusal(path, "\ufeffa = 1\n".encode(codec))
-        assert fault == f"{path}: error: UTF-16, not UTF-8; save it as UTF-8"

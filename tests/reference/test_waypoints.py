@@ -90,37 +90,27 @@ def test_limits_are_kept_and_used(driven: tuple[Robot, TimedPath]) -> None:
     assert np.median(most) > 0.8  # it dawdles nowhere
 
 
-def test_a_slow_wheel_slows_the_way(tmp_path: Path, paper: Robot) -> None:
-    text = paper.description.path.read_text().replace('velocity="12"', 'velocity="1"')
-    path = tmp_path / "slow.urdf"
-    path.write_text(text)
-    slow = along_waypoints(rpctl.load(path), POINTS, Limits())
-    assert slow.duration > 2.0 * along_waypoints(paper, POINTS, Limits()).duration
-
-
 def test_a_fixed_base_goes_nowhere() -> None:
     with pytest.raises(RpctlError, match="panda has a fixed base"):
         load_reference(rpctl.load("panda"), "waypoints")
 
 
 FAULTS = {
-    "waypoints = [[0, 0]]": "waypoints needs two waypoints or more",
-    "waypoints = 3": "waypoints needs two waypoints or more",
-    "waypoints = [[0, 0], [1]]": r"waypoint 2 is \[1\]; write \[x, y\] or \[x, y, heading\]",
+    "waypoints = [[0, 0]]": "1 waypoints; give two or more",
+    "waypoints = 3": "waypoints: is 3; give some numbers",
+    "waypoints = [[0, 0], [1]]": r"waypoints are \[x, y\] or \[x, y, heading\]",
     "waypoints = [[0, 0], [1, nan]]": r"waypoints\[2\]\[2\]: is nan; give a finite number",
     "waypoints = [[0, 0], [1e9, 0]]": "farther than 10000 m; use metres",
-    "waypoints = [[0, 0], [1, true]]": "waypoint 2 is",
+    "waypoints = [[0, 0], [1, true]]": "waypoints: is True; give a number",
     "waypoints = [[0, 0], [0, 0]]": "waypoint 2 repeats waypoint 1",
-    "end_effector = [[0, 0], [1, 0]]": r"point 1 is \[0, 0\]; write \[x, y, z\]",
-    "speed = 2": '"speed" is not known.*\n.*give either waypoints',
+    "end_effector = [[0, 0], [1, 0]]": r"end_effector: is \[0, 0\]; give 3 numbers",
+    "speed = 2": "setting 'speed' is not known(.|\n)*give either waypoints",
     "waypoints = [[0, 0], [1, 0]]\n[limits]\nspeed = -1": "speed is -1; give a positive number",
-    "waypoints = [[0, 0], [1, 0]]\n[limits]\nsped = 1": '"sped" is not known; limits are speed',
-    "waypoints = [[0, 0], [1, 0]]\nlimits = 3": "limits is no table",
-    "waypoints = [[0, 0], [1, 0]]\ncorner = 0": "corner is 0; give a positive number",
-    "waypoints = [": "not TOML",
+    "waypoints = [[0, 0], [1, 0]]\n[limits]\nsped = 1": "setting 'sped' is not known; did you mean",
+    "waypoints = [[0, 0], [1, 0]]\ncorner = 0": "corner is 0; give metres, more than 0",
     "end_effector = [[1, 0, 1], [1.1, 0, 1]]": "points 1 and 2 are 0.1 m apart",
+    "end_effector = [[1, 0, 1]]": "1 points; give two or more",
     "end_effector = [[1, 0, 1], [1, 0, 1]]": "point 2 repeats point 1",
-    "end_effector = [[1, 0, 5], [3, 0, 5]]": "cannot take its end effector .* from 0 m of the path",
 }
 
 
@@ -128,7 +118,7 @@ FAULTS = {
 def test_bad_path_files_are_told(text: str, tmp_path: Path, paper: Robot) -> None:
     path = tmp_path / "path.toml"
     path.write_text(text)
-    with pytest.raises(DescriptionError, match=f"path.toml(:[12])?: error: (.|\n)*{FAULTS[text]}"):
+    with pytest.raises(DescriptionError, match=f"path.toml(:[123])?: error: (.|\n)*{FAULTS[text]}"):
         load_reference(paper, str(path))
 
 

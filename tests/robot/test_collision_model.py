@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import coal
@@ -27,21 +26,6 @@ def turn(rng: np.random.Generator) -> Array:
     return np.asarray(matrix * np.sign(np.linalg.det(matrix)))
 
 
-def to_box(point: Array, half: Array) -> float:
-    """Return the distance of a point to a box about the origin."""
-    return float(np.linalg.norm(np.maximum(np.abs(point) - half, 0.0)))
-
-
-def to_cylinder(point: Array, radius: float, length: float) -> float:
-    off = np.hypot(*point[:2]) - radius, abs(point[2]) - 0.5 * length
-    return float(np.hypot(*np.maximum(off, 0.0)))
-
-
-def to_segment(point: Array, length: float) -> float:
-    nearest = np.array([0.0, 0.0, np.clip(point[2], -0.5 * length, 0.5 * length)])
-    return float(np.linalg.norm(point - nearest))
-
-
 def segments(a: Array, u: Array, b: Array, v: Array) -> float:
     """Return the distance of two segments, centre and half vector each, by their ends and lines."""
     found = []
@@ -56,12 +40,6 @@ def segments(a: Array, u: Array, b: Array, v: Array) -> float:
 
 
 SIZES = {"box": (0.4, 0.3, 0.2), "cylinder": (0.1, 0.5), "capsule": (0.1, 0.5), "sphere": (0.15,)}
-TO_POINT: dict[str, Callable[[Array], float]] = {
-    "box": lambda p: to_box(p, 0.5 * np.array(SIZES["box"])),
-    "cylinder": lambda p: to_cylinder(p, *SIZES["cylinder"]),
-    "capsule": lambda p: to_segment(p, SIZES["capsule"][1]) - SIZES["capsule"][0],
-    "sphere": lambda p: float(np.linalg.norm(p)) - SIZES["sphere"][0],
-}
 SHAPES = {"box": coal.Box, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
 SHAPES |= {"sphere": coal.Sphere}
 
@@ -71,34 +49,6 @@ def measured(first: object, second: object, R: Array, p: Array) -> coal.Distance
     there = coal.Transform3s(R, p)
     coal.distance(first, coal.Transform3s(), second, there, coal.DistanceRequest(), found)
     return found
-
-
-@pytest.mark.parametrize("kind", SIZES)
-def test_a_ball_is_as_far_from_a_shape_as_geometry_says(kind: str) -> None:
-    rng, ball, shape = np.random.default_rng(1), coal.Sphere(0.05), SHAPES[kind](*SIZES[kind])
-    for _ in range(50):
-        R, p = turn(rng), rng.uniform(-1.0, 1.0, 3)
-        wanted = TO_POINT[kind](p) - 0.05
-        if wanted > 0.01:
-            assert measured(shape, ball, R, p).min_distance == pytest.approx(wanted, abs=GJK_M)
-
-
-@pytest.mark.parametrize("kind", SIZES)
-def test_the_ground_is_below_the_lowest_point(kind: str) -> None:
-    """The support function of each shape along -z, by hand."""
-    rng, ground = np.random.default_rng(3), coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-    size = SIZES[kind]
-    for _ in range(20):
-        R, p = turn(rng), rng.uniform(-1.0, 1.0, 3)
-        up = np.abs(R[2])
-        low = {
-            "box": 0.5 * float(up @ np.array([*size, 0.0, 0.0])[:3]),
-            "sphere": size[0],
-            "capsule": size[0] + 0.25 * up[2],
-            "cylinder": size[0] * np.hypot(up[0], up[1]) + 0.25 * up[2],
-        }[kind]
-        found = measured(ground, SHAPES[kind](*size), R, p).min_distance
-        assert found == pytest.approx(p[2] - low, abs=1e-7)
 
 
 def names(model: CollisionModel) -> set[frozenset[str]]:

@@ -12,7 +12,7 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
-from rpctl.errors import DescriptionError, RpctlError, UnknownNameError
+from rpctl.errors import DescriptionError, RpctlError
 from tests import urdf
 from tests.robot.arms import AXES, BEND, arm, limb, load, write
 from tests.robot.test_grippers import SLIDES
@@ -96,11 +96,6 @@ def test_a_home_that_cannot_be_is_refused(home: object, message: str, tmp_path: 
         rpctl.load(path, drive="fixed", home=home)  # type: ignore[arg-type]  # as users do
 
 
-def test_an_unknown_joint_at_home_is_told(tmp_path: Path) -> None:
-    with pytest.raises(UnknownNameError, match=r"joint at home 'rod_2' .* mean .*rod_2_joint"):
-        rpctl.load(write(tmp_path, arm()), drive="fixed", home="rod_2=1")
-
-
 def with_srdf(folder: Path, text: str = SRDF) -> tuple[Path, Path]:
     """Write an arm with a gripper and its SRDF; return the files."""
     srdf = folder / "arm.srdf"
@@ -120,14 +115,6 @@ def test_states_of_an_srdf_are_joined_and_strange_joints_told(tmp_path: Path) ->
         rpctl.load(path, drive="fixed", home=f"{srdf}:home", strict=True)
     later = rpctl.load(path, drive="fixed", home=[f"{srdf}:home", "rod_1_joint=0.1"])
     assert later.home[:2].tolist() == [0.1, -0.5]
-
-
-def test_a_state_beyond_the_limits_is_cut_and_told(tmp_path: Path) -> None:
-    path, srdf = with_srdf(tmp_path, SRDF.replace("-0.5", "-2.6"))
-    robot = rpctl.load(path, drive="fixed", home=f"{srdf}:home")
-    assert at_home(robot)["rod_2_joint"] == -2.5
-    (message,) = told(robot, "nearer is taken")
-    assert f"{srdf}:9: " in message
 
 
 @pytest.mark.parametrize(

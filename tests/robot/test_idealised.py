@@ -65,10 +65,6 @@ def test_a_clean_robot_has_thin_wheels_and_no_more(name: str) -> None:
     assert f"though up to {width:g} mm wide" in thin.sentence
 
 
-def test_a_fixed_base_has_no_wheels() -> None:
-    assert idealisations(rpctl.load("arm")) == ()
-
-
 def test_axles_that_are_not_parallel(tmp_path: Path) -> None:
     found = only(toed(tmp_path, math.radians(0.8), math.radians(-0.8)))
     assert (found.what, found.unit) == ("heading", "°")

@@ -9,7 +9,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.horizon.forces import ForceModel, stack
-from rpctl.control.horizon.prediction import Model, PredictedMotion
+from rpctl.control.horizon.prediction import Model
 from rpctl.control.horizon.qp import (
     LinearisedConstraint,
     RowBlock,
@@ -146,56 +146,40 @@ class ForceBounds:
 
     def __init__(self, model: Model, bounds: Bounds, forces: ForceModel) -> None:
         self._limited, self._limits = bounds.efforts(model.robot)
-        self._model, self._forces = model, forces
+        self._model, self._forces, self._ground = model, forces, forces.ground
         self._load_splits: deque[Array] = deque(maxlen=KEPT_LOAD_SPLITS)
-        self._ground_stages = every_nth_stage(model.steps, GROUND_STRIDE) if forces.rows else []
+        self._ground_stages = every_nth_stage(model.steps, GROUND_STRIDE)
 
     def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
         """Return the blocks of the efforts, of the ground at once, and of the ground later."""
-        base, count = self._model.base_columns, self._forces.rows
-        now = KEPT_LOAD_SPLITS * self._forces.grip_rows
-        found = [
-            RowBlock(indices.nu_dot[:1], 2 * len(self._limited)),
-            RowBlock(indices.nu_dot[:1], count - self._forces.grip_rows + now),
-        ]
+        efforts = RowBlock(indices.nu_dot[:1], 2 * len(self._limited))
+        if self._ground is None:
+            return [efforts]
+        base, now = self._model.base_columns, KEPT_LOAD_SPLITS * self._ground.grip_rows
         before = [k - 1 for k in self._ground_stages]
         later = np.hstack([indices.nu_dot[self._ground_stages, :base], indices.nu[before, :base]])
-        return [*found, RowBlock(later, count)]
+        at_once = RowBlock(indices.nu_dot[:1], self._ground.edges + now)
+        return [efforts, at_once, RowBlock(later, self._ground.rows)]
 
     def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
         """Return the values of the blocks."""
-        found = self._first_step(sample.motion)
-        base, count = self._model.base_columns, self._forces.rows
-        if not self._ground_stages:
-            return [
-                *found,
-                LinearisedConstraint(np.empty((0, count)), np.empty((0, count, 2 * base))),
-            ]
-        motion, forces = sample.motion, []
+        motion, model = sample.motion, self._model
+        base, dof = model.base_columns, model.robot.dof
+        now = self._forces.at(motion.start, motion.nu[0], motion.nu_dot[0], dof, 0, model.dynamics)
+        tau = self._forces.efforts(now)[self._limited] / self._limits[:, None]
+        both = np.concatenate([tau, -tau])[None]
+        efforts = LinearisedConstraint(both[:, :, 0] - 1.0, both[:, :, 1:])
+        if self._ground is None:
+            return [efforts]
+        self._remember(self._ground.load_split(now))
+        grips = self._ground.grip(now, np.array(self._load_splits))
+        forces = []
         for k in self._ground_stages:
-            q = self._model.configuration(motion.joints[k], casters=motion.casters[k])
-            forces.append(
-                self._forces.with_derivatives(q, motion.nu[k], motion.nu_dot[k], accelerations=base)
-            )
-        margins = self._forces.ground(stack(forces))
-        return [*found, LinearisedConstraint(-margins[:, :, 0], -margins[:, :, 1:])]
-
-    def _first_step(self, motion: PredictedMotion) -> list[LinearisedConstraint]:
-        nu, nu_dot = motion.nu[0], motion.nu_dot[0]  # ν is measured: no derivatives by it
-        forces = self._forces.with_derivatives(
-            motion.start, nu, nu_dot, self._model.dynamics, speeds=0
-        )
-        tau = self._forces.efforts(forces)[self._limited] / self._limits[:, None]
-        value, jacobian = tau[:, 0], tau[:, 1:]
-        efforts = LinearisedConstraint(
-            np.append(value, -value)[None] - 1.0, np.concatenate([jacobian, -jacobian])[None]
-        )
-        if not self._forces.rows:
-            return [efforts, LinearisedConstraint(np.empty((1, 0)), np.empty((1, 0, len(nu))))]
-        self._remember(self._forces.load_split(forces))
-        grips = self._forces.grip_margins(forces, np.array(self._load_splits))
-        margins = np.vstack([self._forces.tip_margins(forces), *grips])
-        return [efforts, LinearisedConstraint(-margins[None, :, 0], -margins[None, :, 1:])]
+            q = model.configuration(motion.joints[k], casters=motion.casters[k])
+            forces.append(self._forces.at(q, motion.nu[k], motion.nu_dot[k], base, base))
+        margins = np.vstack([self._ground.tip(now), *grips])[None], self._ground(stack(forces))
+        rows = [LinearisedConstraint(-each[:, :, 0], -each[:, :, 1:]) for each in margins]
+        return [efforts, *rows]
 
     def _remember(self, load_split: Array) -> None:
         """Remember a load split; the first stands for the others as well."""

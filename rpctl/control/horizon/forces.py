@@ -44,180 +44,89 @@ class ForceModel:
     """Forces of one robot at measured or predicted states; holds Pinocchio's workspace.
 
     The prediction does not know the angles of casters that nothing drives: at predicted states they
-    glide. Guessed angles would produce rates and forces many times too large. The contacts are
-    those of the posture last given to :meth:`update_contacts`.
+    glide. Guessed angles would produce rates and forces many times too large.
 
     Args:
         contacts: Contacts with the ground; None leaves the ground's reactions out.
         tip_margin: Least distance of the zero-moment point to the polygon's edge, m.
         grip: Largest fraction of its grip that a wheel may use.
+
+    Attributes:
+        ground: The ground's reactions; None of a robot that is not known to stand.
     """
 
     def __init__(
         self, model: Model, contacts: Contacts | None, tip_margin: float, grip: float
     ) -> None:
         robot = model.robot
-        self._model, self._data = model, robot.model.createData()
-        self._contacts, self._tip_margin = contacts, tip_margin
-        self._foreseen = model.dynamics
+        self._robot, self._data, self._foreseen = robot, robot.model.createData(), model.dynamics
         idle = [swivel.joint for swivel in robot.drive.idle_casters]
         if idle:
             self._foreseen = ReducedDynamics(robot, gliding=idle)
-        self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
-        faces = 2.0 * math.pi * (np.arange(GRIP_POLYGON_FACES) + 0.5) / GRIP_POLYGON_FACES
-        self._cos, self._sin = np.cos(faces)[:, None, None], np.sin(faces)[:, None, None]
-        self._usable_friction = grip * math.cos(math.pi / GRIP_POLYGON_FACES)
-        self._usable_friction *= contacts.friction if contacts else 0.0
-        z = robot.drive.ground  # Σ N, Σ N x, Σ N y of the loads N at points (x, y) of the ground
-        self._moments_by_wrench = np.zeros((3, 6))
-        self._moments_by_wrench[[0, 1, 1, 2, 2], [2, 0, 4, 1, 3]] = 1.0, z, -1.0, z, 1.0
-        self._stance: Stance | None = None
         self._cached_maps: tuple[Projection, ForceMaps] | None = None
+        self.ground: GroundMargins | None = None
         if contacts is not None and contacts.balanced:
             q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
-            self._stance = stance_at(model.dynamics, contacts, q)
-            if self.ground(self.value(q, still, still)).min() < 0.0:
-                self._stance = None  # it tips at rest: there is no balance to keep
+            self.ground = GroundMargins(model.dynamics, contacts, q, tip_margin, grip)
+            if self.ground(self.at(q, still, still)).min() < 0.0:
+                self.ground = None  # it tips at rest: there is no balance to keep
+                self._cached_maps = None
 
-    @property
-    def rows(self) -> int:
-        """Number of rows that :meth:`ground` returns."""
-        if self._stance is None or self._contacts is None:
-            return 0
-        return self._edges + self.grip_rows
-
-    @property
-    def grip_rows(self) -> int:
-        """Number of rows that :meth:`grip_margins` returns."""
-        if self._stance is None or self._contacts is None:
-            return 0
-        return GRIP_POLYGON_FACES * len(self._contacts.along)
-
-    @property
-    def _edges(self) -> int:
-        """Number of rows about tipping: one a contact if the polygon changes with the posture."""
-        if self._contacts is None or self._contacts.stance is None:
-            return 0 if self._contacts is None else len(self._contacts.points)
-        return len(self._contacts.stance.inward)
-
-    def update_contacts(self, q: Array) -> None:
-        """Update the contacts to those at q (nq,)."""
-        if self._stance is not None and self._contacts is not None:
-            self._stance = stance_at(self._model.dynamics, self._contacts, q)
-
-    def value(self, q: Array, nu: Array, nu_dot: Array) -> Forces:
-        """Return the forces at a predicted state, one column."""
-        at = self._foreseen.at(q)
-        acceleration = at.S @ nu_dot + at.drift(nu)
-        v, losses = at.S @ nu, self._model.robot.losses
-        force = pin.rnea(self._model.robot.model, self._data, q, v, acceleration).copy()
-        wrench = self._data.f[ROOT_JOINT].vector
-        if losses is not None:
-            force -= losses.force(v)
-        return Forces(self._maps(at), force[:, None], wrench[:, None].copy())
-
-    def with_derivatives(
+    def at(
         self,
         q: Array,
         nu: Array,
         nu_dot: Array,
-        dynamics: ReducedDynamics | None = None,
-        accelerations: int | None = None,
-        speeds: int | None = None,
+        accelerations: int = 0,
+        speeds: int = 0,
+        measured: ReducedDynamics | None = None,
     ) -> Forces:
-        """Return the forces at a state and their derivatives, all columns.
+        """Return the forces at a state and their derivatives by the first of ν̇ and of ν.
 
-        They are by the first ``accelerations`` of ν̇ (all) and ``speeds`` of ν (the base's). A
-        measured state has the robot's own dynamics.
+        Args:
+            accelerations: By how many of ν̇.
+            speeds: By how many of ν.
+            measured: The robot's own dynamics, at a measured state; None at a predicted one.
         """
-        model, data = self._model.robot.model, self._data
+        losses = self._robot.losses
         # At the origin the world's axes are the root link's.
         q = np.concatenate([ROOT_AT_ORIGIN, q[len(ROOT_AT_ORIGIN) :]])
-        here = (dynamics or self._foreseen).at(q)
-        S, drift = here.S, here.drift(nu)
-        base = self._model.base_columns if speeds is None else speeds
-        count = accelerations or S.shape[1]
-        force, wrench = np.empty((len(S), 1 + count + base)), np.empty((6, 1 + count + base))
-        v, by_nu_dot = S @ nu, S[:, :count]
-        drift_by_nu = here.drift_by_nu(nu, base) if base else S[:, :0]
-        # But for losses the forces are quadratic in v = Sν and linear in Ṡν: differences are exact.
-        for column in range(base):
-            step, change = S[:, column], drift_by_nu[:, column]
-            ahead = pin.rnea(model, data, q, v + step, change).copy()
-            wrench_ahead = data.f[ROOT_JOINT].vector.copy()
-            behind = pin.rnea(model, data, q, v - step, -change)
-            force[:, 1 + count + column] = 0.5 * (ahead - behind)
-            wrench[:, 1 + count + column] = 0.5 * (wrench_ahead - data.f[ROOT_JOINT].vector)
-        force[:, 0] = pin.rnea(model, data, q, v, S @ nu_dot + drift)
-        wrench[:, 0] = data.f[ROOT_JOINT].vector
-        if (losses := self._model.robot.losses) is not None:
-            force[:, 0] -= losses.force(v)
-            force[:, 1 + count :] += losses.slope(v)[:, None] * S[:, :base]
-        force[:, 1 : 1 + count] = pin.crba(model, data, q) @ by_nu_dot
-        momentum = pin.computeCentroidalMap(model, data, q) @ by_nu_dot
-        wrench[:, 1 : 1 + count] = momentum
-        x, y, z = data.com[0]
-        arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        wrench[3:, 1 : 1 + count] += arm @ momentum[:3]
-        return Forces(self._maps(here), force, wrench)
+        here = (measured or self._foreseen).at(q)
+        S, nv = here.S, len(here.S)
+        v = S @ nu
+        columns = [self._tree(q, v, S @ nu_dot + here.drift(nu))]
+        if losses is not None:
+            columns[0][:nv] -= losses.force(v)
+        if accelerations:
+            columns += self._by_acceleration(q, S[:, :accelerations])
+        if speeds:
+            drift_by_nu = here.drift_by_nu(nu, speeds)
+            # But for losses forces are quadratic in v = Sν, linear in Ṡν: differences are exact.
+            for step, change in zip(S.T, drift_by_nu.T, strict=False):
+                ahead, behind = self._tree(q, v + step, change), self._tree(q, v - step, -change)
+                column = 0.5 * (ahead - behind)
+                if losses is not None:
+                    column[:nv] += losses.slope(v) * step
+                columns.append(column)
+        whole = np.array(columns).T
+        return Forces(self._maps(here), whole[:nv], whole[nv:])
+
+    def _tree(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the tree's force, then the ground's wrench (nv + 6,) of a motion."""
+        force = pin.rnea(self._robot.model, self._data, q, v, a)
+        return np.concatenate([force, self._data.f[ROOT_JOINT].vector])
+
+    def _by_acceleration(self, q: Array, a: Array) -> list[Array]:
+        """Return the derivatives (nv + 6,) by accelerations, whose v̇ are the columns of a."""
+        model, data = self._robot.model, self._data
+        force = pin.crba(model, data, q) @ a
+        momentum = pin.computeCentroidalMap(model, data, q) @ a
+        momentum[3:] += pin.skew(data.com[0]) @ momentum[:3]
+        return list(np.vstack([force, momentum]).T)
 
     def efforts(self, forces: Forces) -> Array:
         """Return τ (..., n_act, columns)."""
         return np.asarray(forces.maps.efforts @ forces.force)
-
-    def ground(self, forces: Forces) -> Array:
-        """Return the margins (..., rows, columns), ≥ 0 where the robot neither tips nor slips.
-
-        First one row for each edge of the support polygon (some twice if their number changes): the
-        moment about it beyond the margin, divided by the weight (m). Then, for each wheel, one row
-        for each face of a polygon inside the circle of its grip: remaining grip, divided by the
-        grip under the robot's whole weight.
-        """
-        grips = self.grip_margins(forces, self.load_split(forces))
-        return np.concatenate([self.tip_margins(forces), grips], axis=-2)
-
-    def load_split(self, forces: Forces) -> Array:
-        """Return the map (..., n_contacts, 3) from moments to the contacts' loads there."""
-        stance, moments = self._required_stance, self._moments(forces)[..., 0]
-        least = moments @ stance.split.T
-        if least.min() >= 0.0:
-            return stance.split
-        found = np.array([_load_split(stance, each) for each in moments.reshape(-1, 3)])
-        return found.reshape(*moments.shape[:-1], *stance.split.shape)
-
-    @property
-    def _required_stance(self) -> Stance:
-        if self._stance is None:
-            raise ValueError("no ground reactions are defined")
-        return self._stance
-
-    def _moments(self, forces: Forces) -> Array:
-        return np.asarray(self._moments_by_wrench @ forces.wrench)
-
-    def tip_margins(self, forces: Forces) -> Array:
-        """Return the rows of :meth:`ground` about tipping."""
-        stance = self._required_stance
-        edges = np.arange(self._edges) % len(stance.inward)
-        by_moments = np.column_stack([stance.offset - self._tip_margin, stance.inward])[edges]
-        return np.asarray((by_moments @ self._moments_by_wrench / self._weight) @ forces.wrench)
-
-    def grip_margins(self, forces: Forces, load_split: Array) -> Array:
-        """Return the rows of :meth:`ground` about slipping.
-
-        Args:
-            load_split: Map from moments to loads (..., n_contacts, 3) that applies.
-        """
-        contacts = self._contacts
-        if contacts is None:
-            raise ValueError("no ground reactions are defined")
-        wheels, usable = len(contacts.along), self._usable_friction
-        horizontal = forces.maps.horizontal @ forces.force
-        along, lateral = horizontal[..., :wheels, :], horizontal[..., wheels:, :]
-        load = load_split[..., :wheels, :] @ self._moments(forces)
-        across = _across(contacts, lateral, load)
-        along, across, load = (part[..., None, :, :] for part in (along, across, usable * load))
-        slack = (load - self._cos * along - self._sin * across) / (usable * self._weight)
-        return slack.reshape(*slack.shape[:-3], -1, slack.shape[-1])
 
     def _maps(self, at: Projection) -> ForceMaps:
         """Return the maps from the tree's force to the efforts and to the wheels' forces."""
@@ -225,11 +134,95 @@ class ForceModel:
             allocation = at.allocation @ at.S.T
             columns = at.projector.columns
             horizontal = np.empty((0, len(columns)))
-            if self._contacts is not None:
-                forces = np.vstack([self._contacts.along, self._contacts.across]) @ at.multipliers
+            if self.ground is not None:
+                forces = self.ground.by_multipliers @ at.multipliers
                 horizontal = forces @ (np.eye(len(columns)) - columns @ allocation)
             self._cached_maps = at, ForceMaps(allocation, horizontal)
         return self._cached_maps[1]
+
+
+class GroundMargins:
+    """Margins (..., rows, columns) of a robot's forces, ≥ 0 where it neither tips nor slips.
+
+    First one row for each edge of the support polygon (some twice if their number changes): the
+    moment about it beyond the margin, divided by the weight (m). Then, for each wheel, one row
+    for each face of a polygon inside the circle of its grip: remaining grip, divided by the
+    grip under the robot's whole weight. The contacts are those of the posture last given to
+    :meth:`update`.
+
+    Args:
+        q: The first posture (nq,).
+        tip_margin: As of :class:`ForceModel`.
+        grip: Likewise.
+    """
+
+    def __init__(
+        self,
+        dynamics: ReducedDynamics,
+        contacts: Contacts,
+        q: Array,
+        tip_margin: float,
+        grip: float,
+    ) -> None:
+        self._dynamics, self._contacts, self._tip_margin = dynamics, contacts, tip_margin
+        robot = dynamics.robot
+        self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+        faces = 2.0 * math.pi * (np.arange(GRIP_POLYGON_FACES) + 0.5) / GRIP_POLYGON_FACES
+        self._cos, self._sin = np.cos(faces)[:, None, None], np.sin(faces)[:, None, None]
+        self._usable_friction = grip * math.cos(math.pi / GRIP_POLYGON_FACES) * contacts.friction
+        z = robot.drive.ground  # Σ N, Σ N x, Σ N y of the loads N at points (x, y) of the ground
+        self._moments_by_wrench = np.zeros((3, 6))
+        self._moments_by_wrench[[0, 1, 1, 2, 2], [2, 0, 4, 1, 3]] = 1.0, z, -1.0, z, 1.0
+        self.by_multipliers = np.vstack([contacts.along, contacts.across])
+        self.update(q)
+        # One row a contact about tipping if the polygon changes with the posture.
+        steady = contacts.stance is not None
+        self.edges = len(self._stance.inward) if steady else len(contacts.points)
+        self.grip_rows = GRIP_POLYGON_FACES * len(contacts.along)
+        self.rows = self.edges + self.grip_rows
+
+    def update(self, q: Array) -> None:
+        """Update the contacts to those at q (nq,)."""
+        self._stance = stance_at(self._dynamics, self._contacts, q)
+
+    def __call__(self, forces: Forces) -> Array:
+        """Return the margins."""
+        grips = self.grip(forces, self.load_split(forces))
+        return np.concatenate([self.tip(forces), grips], axis=-2)
+
+    def load_split(self, forces: Forces) -> Array:
+        """Return the map (..., n_contacts, 3) from moments to the contacts' loads there."""
+        stance, moments = self._stance, self._moments(forces)[..., 0]
+        least = moments @ stance.split.T
+        if least.min() >= 0.0:
+            return stance.split
+        found = np.array([_load_split(stance, each) for each in moments.reshape(-1, 3)])
+        return found.reshape(*moments.shape[:-1], *stance.split.shape)
+
+    def _moments(self, forces: Forces) -> Array:
+        return np.asarray(self._moments_by_wrench @ forces.wrench)
+
+    def tip(self, forces: Forces) -> Array:
+        """Return the rows about tipping."""
+        stance = self._stance
+        edges = np.arange(self.edges) % len(stance.inward)
+        by_moments = np.column_stack([stance.offset - self._tip_margin, stance.inward])[edges]
+        return np.asarray((by_moments @ self._moments_by_wrench / self._weight) @ forces.wrench)
+
+    def grip(self, forces: Forces, load_split: Array) -> Array:
+        """Return the rows about slipping.
+
+        Args:
+            load_split: Map from moments to loads (..., n_contacts, 3) that applies.
+        """
+        wheels, usable = len(self._contacts.along), self._usable_friction
+        horizontal = forces.maps.horizontal @ forces.force
+        along, lateral = horizontal[..., :wheels, :], horizontal[..., wheels:, :]
+        load = load_split[..., :wheels, :] @ self._moments(forces)
+        across = _across(self._contacts, lateral, load)
+        along, across, load = (part[..., None, :, :] for part in (along, across, usable * load))
+        slack = (load - self._cos * along - self._sin * across) / (usable * self._weight)
+        return slack.reshape(*slack.shape[:-3], -1, slack.shape[-1])
 
 
 def stack(forces: Sequence[Forces]) -> Forces:

@@ -102,7 +102,8 @@ class PaceLimits:
         point, model = self._preview(index * self._model.dt), self._model
         posture = np.concatenate([point.angles, point.state.joints])
         q = model.configuration(posture, casters=trailing(model.robot, point.state))
-        self._forces.update_contacts(self._with_idle_casters(q, point))
+        if self._forces.ground is not None:
+            self._forces.ground.update(self._with_idle_casters(q, point))
         still = np.zeros_like(point.nu)
         rest = self._margins(q, still, still)
         used = rest - self._margins(q, point.nu, point.nu_dot)
@@ -129,10 +130,10 @@ class PaceLimits:
 
     def _margins(self, q: Array, nu: Array, nu_dot: Array) -> Array:
         """Return the margins of efforts, tipping and slipping, each as a fraction of its limit."""
-        forces = self._forces.value(q, nu, nu_dot)
+        forces = self._forces.at(q, nu, nu_dot)
         limited, limit_values = self._efforts
         tau = self._forces.efforts(forces)[limited, 0] / limit_values
         margins = [1.0 - tau, 1.0 + tau]
-        if self._forces.rows:
+        if self._forces.ground is not None:
             margins.append(self._forces.ground(forces)[:, 0])
         return np.concatenate(margins)

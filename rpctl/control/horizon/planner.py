@@ -240,7 +240,8 @@ class Planner:
         if self._preview.follow(reference):
             self._pace_limits.forget()
         time_scaling = self._time_scaler(self._preview, t, model.robot.base_pose(q))
-        self._forces.update_contacts(q)  # the scaler looked at those of the reference's postures
+        if self._forces.ground is not None:
+            self._forces.ground.update(q)  # the scaler looked at those of the reference's postures
         return look_ahead(model, self._preview, time_scaling, model.joint_positions(q))
 
     def _solved(

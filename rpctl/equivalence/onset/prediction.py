@@ -25,7 +25,7 @@ from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.drive.steering import heading_radius, steer, trailing_positions
 from rpctl.dynamics.grip import WheelForces, missing_grip, wheel_forces
 from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, ground_reactions, stance_at
-from rpctl.dynamics.pushes import push_at, pushed_efforts, pushed_reaction
+from rpctl.dynamics.pushes import push_at, pushed_efforts
 from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
@@ -319,14 +319,14 @@ def _balance(
     dynamics: ReducedDynamics, contacts: Contacts, manoeuvre: Manoeuvre, value: float
 ) -> _Balance:
     at = instant(dynamics, manoeuvre, value)
-    reactions = pushed_reaction(dynamics, at.q, at.nu, at.tau, at.pushed)
-    rows = at.q[None], at.nu[None], at.tau[None]
+    pushed = OutsideForce(*(part[None] for part in at.pushed))
+    reactions = dynamics.reactions(at.q[None], at.nu[None], at.tau[None], pushed)
     f, z = reactions.wrench[0], dynamics.robot.drive.ground
     return _Balance(
         forces=wheel_forces(dynamics, contacts, at.q, reactions, manoeuvre.height > 0.0),
         statics=stance_at(dynamics, contacts, at.q).statics,
         moments=np.array([f[2], z * f[0] - f[4], z * f[1] + f[3]]),
-        ground=ground_reactions(dynamics, contacts, *rows, reactions),
+        ground=ground_reactions(dynamics, contacts, at.q[None], reactions),
     )
 
 

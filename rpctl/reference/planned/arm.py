@@ -50,18 +50,10 @@ class Arm:
         span = [1.0 if joint.kind == "prismatic" else math.pi for joint in used]
         self.lower = np.maximum([j.lower for j in used], self.home - span)
         self.upper = np.minimum([j.upper for j in used], self.home + span)
+        self.half_range = np.maximum(0.5 * (self.upper - self.lower), 1e-6)
+        self.middle = 0.5 * (self.upper + self.lower)
         self.velocity = np.array([joint.velocity for joint in used])
         self._columns = rate_columns(robot, [joint.name for joint in used])
-
-    @property
-    def half_range(self) -> Array:
-        """Half the joints' ranges (n,)."""
-        return np.maximum(0.5 * (self.upper - self.lower), 1e-6)
-
-    @property
-    def middle(self) -> Array:
-        """The middle of the joints' ranges (n,)."""
-        return 0.5 * (self.upper + self.lower)
 
     def all_joints(self, positions: Array) -> Array:
         """Return positions of all joints of the robot (n_joints,), those of others at home."""
@@ -111,9 +103,10 @@ class Arm:
         weight = brisk_range**2 * (room + LIMIT_JOINT_WEIGHT)
         for _ in range(IK_STEPS):
             found, _, jacobian = self.jacobian(pose, positions)
-            miss, rows = pose_error(found, jacobian, position, rotation)
+            miss = pose_error(found, position, rotation)
             if np.abs(miss).max() < IK_TOLERANCE:
                 break
+            rows = error_rows(jacobian, len(miss))
             square = (rows * weight) @ rows.T
             damping = IK_DAMPING * np.trace(square) * np.eye(len(miss))
             pull = np.linalg.lstsq(square + damping, miss, rcond=None)[0]  # few joints: singular
@@ -147,21 +140,21 @@ class Arm:
         return score
 
 
-def pose_error(
-    found: pin.SE3, jacobian: Array, position: Array, rotation: Array | None
-) -> tuple[Array, Array]:
-    """Return the end effector's error (3 or 6,), m, and the rows of the Jacobian (3 or 6, k).
-
-    Angles are converted to metres by ``METRES_PER_RADIAN``.
+def pose_error(found: pin.SE3, position: Array, rotation: Array | None) -> Array:
+    """Return the end effector's error (3 or 6,), m, an angle as what it moves at a lever.
 
     Args:
-        found: Pose of the end effector in the world.
-        jacobian: Its Jacobian, linear and angular, in world axes (6, k).
-        position: Target position (3,), m.
-        rotation: Target orientation (3, 3); None for any.
+        found: Where the end effector is.
+        position: Where it should be (3,), m.
+        rotation: How it should be turned (3, 3); None leaves that open.
     """
     miss = position - found.translation
     if rotation is None:
-        return miss, jacobian[:3]
+        return np.asarray(miss)
     turn = METRES_PER_RADIAN * pin.log3(rotation @ found.rotation.T)
-    return np.concatenate([miss, turn]), np.vstack([jacobian[:3], METRES_PER_RADIAN * jacobian[3:]])
+    return np.concatenate([miss, turn])
+
+
+def error_rows(jacobian: Array, count: int) -> Array:
+    """Return the rows (count, k) of a Jacobian (6, k) by which an error of 3 or 6 entries falls."""
+    return (np.repeat([[1.0], [METRES_PER_RADIAN]], 3, axis=0) * jacobian)[:count]

@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from scipy.interpolate import BSpline
 from scipy.sparse import block_array, csr_array, diags_array, vstack
 from scipy.sparse.linalg import splu
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import Numbers, Path, PathPoint, entries, planar
+from rpctl.reference.planned.arm import pose_error
 from rpctl.reference.splines import basis_at, clamped_knots, quintic, uniform_knots
 
 SPANS_PER_LEG = 4  # of the spline between two waypoints
@@ -24,7 +26,7 @@ SAMPLES_PER_LEG = 24  # points between two waypoints where bending is measured
 STIFFNESS_LENGTH = 0.3  # of the mean distance: over this length curvature changes
 REWEIGHTING_STEPS = 60  # steps that shift the bend away from where it is too sharp
 COINCIDENT = 1e-6  # m; points nearer than this are one
-MAX_TURN = math.radians(170.0)  # a turn beyond is a cusp
+MAX_TURN_DEG = 170.0  # a turn beyond is a cusp
 DEFAULT_CORNER = 0.15  # m
 
 
@@ -36,26 +38,25 @@ class Waypoint(NamedTuple):
     heading: float | None = None
 
 
-def check_waypoints(waypoints: Sequence[Waypoint]) -> list[str]:
-    """Return the faults of waypoints that no smooth curve can pass; empty if there are none."""
+def _require_passable(waypoints: Sequence[Waypoint]) -> None:
+    """Refuse waypoints that no smooth curve can pass."""
     if len(waypoints) < 2:
-        return [f"{len(waypoints)} waypoints; give two or more"]
+        raise RpctlError(f"{len(waypoints)} waypoints; give two or more")
     legs = np.diff([complex(w.x, w.y) for w in waypoints])
     faults = [
         f"waypoint {i} repeats waypoint {i - 1}; leave one of them out"
         for i, leg in enumerate(legs, start=2)
         if abs(leg) < COINCIDENT
     ]
-    for i, (come, go) in enumerate(pairwise(legs), start=2):
-        if min(abs(come), abs(go)) < COINCIDENT:
-            continue
-        turn = abs(math.remainder(np.angle(go) - np.angle(come), 2.0 * math.pi))
-        if turn > MAX_TURN:
-            faults.append(
-                f"waypoint {i} turns the path back by {math.degrees(turn):.0f} degrees; "
-                "lead it round by further waypoints"
-            )
-    return faults
+    turns = np.abs(np.degrees(np.angle(legs[1:] * legs[:-1].conj())))
+    faults += [
+        f"waypoint {i} turns the path back by {turn:.0f} degrees; lead it round by further "
+        "waypoints"
+        for i, turn in enumerate(turns, start=2)
+        if turn > MAX_TURN_DEG and not faults
+    ]
+    if faults:
+        raise RpctlError("; ".join(faults))
 
 
 def curve_through(waypoints: Sequence[Waypoint], radius: float = 0.0) -> tuple[Path, float]:
@@ -70,9 +71,7 @@ def curve_through(waypoints: Sequence[Waypoint], radius: float = 0.0) -> tuple[P
     Raises:
         RpctlError: Waypoints coincide, or no curve was found that keeps to the radius.
     """
-    faults = check_waypoints(waypoints)
-    if faults:
-        raise RpctlError("; ".join(faults))
+    _require_passable(waypoints)
     legs = [math.hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(waypoints)]
     s = np.concatenate([[0.0], np.cumsum(legs)])
     spline, sharpest = _fit(waypoints, s, radius)
@@ -171,6 +170,10 @@ class Goal:
             return None
         return Rotation.from_quat(self.turn(s)).as_matrix()
 
+    def error(self, found: pin.SE3, s: float) -> Array:
+        """Return how far an end effector is from it at s (3 or 6,), m."""
+        return pose_error(found, self.position(s), self.rotation(s))
+
     @property
     def length(self) -> float:
         """Length of the path, m."""
@@ -196,6 +199,8 @@ def polyline(points: Sequence[Sequence[float]], corner: float) -> Goal:
         RpctlError: Points coincide, or a line is shorter than its roundings.
     """
     places = np.array(points, dtype=np.float64)
+    if len(places) < 2:
+        raise RpctlError(f"{len(places)} points; give two or more")
     legs = np.linalg.norm(np.diff(places, axis=0), axis=1)
     for number, leg in enumerate(legs, start=1):
         if leg < COINCIDENT:

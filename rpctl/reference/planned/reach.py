@@ -12,7 +12,7 @@ from rpctl.errors import RpctlError
 from rpctl.reference.limits import Limits
 from rpctl.reference.path_reference import still
 from rpctl.reference.paths import Path
-from rpctl.reference.planned.arm import Arm, pose_error
+from rpctl.reference.planned.arm import Arm
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach_problem import (
     POINTS_PER_KNOT,
@@ -20,7 +20,6 @@ from rpctl.reference.planned.reach_problem import (
     DrivingBase,
     GivenBase,
     ReachProblem,
-    StationaryBase,
     solve,
 )
 from rpctl.reference.splines import DEGREE, clamped_knots, quintic, through
@@ -61,7 +60,7 @@ def plan_reach(
         plans.append((GivenBase(base or still(np.zeros(3)), s), np.zeros(0)))
     else:
         if _extent(goal) < STATIONARY_SPAN_RATIO * _span(arm):
-            plans.append((StationaryBase(s), _standing_pose(arm, goal, comfort)))
+            plans.append((DrivingBase(s, knots, []), _standing_pose(arm, goal, comfort)))
         columns = [0, 1, 2] if robot.drive.omnidirectional else [0, 2]
         driving = DrivingBase(s, knots, columns)
         plans.append((driving, _driving_start(arm, goal, comfort, driving, s, columns)))
@@ -130,9 +129,7 @@ def _fault(arm: Arm, goal: Goal, path: Path, joints: BSpline, coarse: BSpline) -
 
 def _miss(arm: Arm, goal: Goal, path: Path, joints: BSpline, s: float) -> float:
     found = arm.end_effector_pose(path(s).pose, joints(s))
-    return float(
-        np.linalg.norm(pose_error(found, np.zeros((6, 0)), goal.position(s), goal.rotation(s))[0])
-    )
+    return float(np.linalg.norm(goal.error(found, s)))
 
 
 def _extent(goal: Goal) -> float:

@@ -13,9 +13,8 @@ from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
 
 from rpctl.arrays import Array
 from rpctl.reference.limits import VELOCITY_LIMIT_FRACTION, Limits, wheel_rates
-from rpctl.reference.path_reference import still
 from rpctl.reference.paths import Numbers, Path, PathPoint, stack_rows, vector
-from rpctl.reference.planned.arm import Arm, pose_error
+from rpctl.reference.planned.arm import Arm, error_rows
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.splines import basis, quintic
 
@@ -68,30 +67,14 @@ class GivenBase:
         return self._path
 
 
-class StationaryBase:
-    """A base that stays at a pose: its three coordinates are the parameters."""
-
-    size = 3
-
-    def __init__(self, s: Array) -> None:
-        self._count = len(s)
-
-    def poses(self, z: Array) -> tuple[Array, Array]:
-        """Return the pose at every point."""
-        return np.tile(z, (self._count, 1)), np.tile(np.eye(3), (self._count, 1, 1))
-
-    def path(self, z: Array) -> Path:
-        """Return a path that stays."""
-        return still(z)
-
-
 class DrivingBase:
     """A base whose twist is a spline: a pose to start from, and the spline's coefficients.
 
     Args:
         s: Points of the path (N,), uniform.
         knots: Knots of the spline (m + 6,).
-        columns: Free entries of the twist (forward, left, turning); the others are zero.
+        columns: Free entries of the twist (forward, left, turning); the others are zero. Without
+            any the base stays where it starts.
     """
 
     def __init__(self, s: Array, knots: Array, columns: list[int]) -> None:
@@ -128,7 +111,8 @@ class DrivingBase:
         jacobian = np.zeros((len(poses), 3, self.size))
         jacobian[:, 0, 0] = jacobian[:, 1, 1] = jacobian[:, 2, 2] = 1.0
         jacobian[:, 0, 2:], jacobian[:, 1, 2:] = moved.real, moved.imag
-        jacobian[:, 2, 3 + self.count * self._columns.index(2) :] = self._angle_basis_at_s
+        if self._columns:
+            jacobian[:, 2, -self.count :] = self._angle_basis_at_s  # turning is the last entry
         return poses, jacobian
 
     def _sum(self, rates: Array) -> Array:
@@ -264,12 +248,9 @@ def _misses(problem: ReachProblem, values: Array, z: Array) -> Array:
     """Return the end effector's error at every point (N, 3 or 6), m."""
     poses, _ = problem.base.poses(z[: problem.base.size])
     positions, goal = values @ problem.joints(z), problem.goal
-    nothing = np.zeros((6, 0))
     return np.array(
         [
-            pose_error(
-                problem.arm.end_effector_pose(pose, q), nothing, goal.position(s), goal.rotation(s)
-            )[0]
+            goal.error(problem.arm.end_effector_pose(pose, q), s)
             for s, pose, q in zip(problem.s, poses, positions, strict=True)
         ]
     )
@@ -282,10 +263,9 @@ def _linearize(problem: ReachProblem, values: Array, z: Array) -> tuple[Array, A
     misses, rows = [], []
     for i, s in enumerate(problem.s):
         found, base, joints = problem.arm.jacobian(poses[i], positions[i])
+        misses.append(goal.error(found, s))
         whole = np.hstack([base @ jacobian[i], np.kron(joints, values[i])])
-        miss, row = pose_error(found, whole, goal.position(s), goal.rotation(s))
-        misses.append(miss)
-        rows.append(row)
+        rows.append(error_rows(whole, len(misses[0])))
     return np.concatenate(misses), np.vstack(rows)
 
 

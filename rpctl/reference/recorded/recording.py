@@ -36,7 +36,7 @@ from rpctl.reference.recorded.table_file import (
 )
 from rpctl.reference.sizing import robot_length
 from rpctl.reference.splines import Curves
-from rpctl.reference.time_law import EDGE_TIME, EdgeTimeLaw
+from rpctl.reference.time_law import recorded_time
 from rpctl.robot.model import Robot
 
 MOST_TOLD = 3  # demands, and jumps, that are told in full
@@ -78,8 +78,8 @@ def reference_from_table(
         path, joints = plan_reach(robot, goal, limits, path)
     end = float(table.t[-1])
     starts, ends = any(k.starts_moving for k in fits), any(k.ends_moving for k in fits)
-    time_law = EdgeTimeLaw(end, starts, ends, min(EDGE_TIME, 0.4 * end))
-    reference = TimedPath(path or still(np.zeros(3)), Curves(joints), time_law, direction)
+    law = recorded_time(end, starts, ends)
+    reference = TimedPath(path or still(np.zeros(3)), Curves(joints), law, direction)
     return _with_recording(robot, reference, rows, retime)
 
 

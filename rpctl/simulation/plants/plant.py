@@ -57,7 +57,7 @@ class Plant(Variation):
         WITHIN,
         Setting(
             "N·m or N",
-            "",
+            "Bias",
             "Efforts that push besides the controller's, by pattern of the names of "
             "actuators; the last that matches counts.",
         ),
@@ -78,7 +78,7 @@ class Plant(Variation):
         Range(0.0, LARGEST, "an effort of 0 or more"),
         Setting(
             "N·m or N",
-            "",
+            "Friction",
             "Dry friction, which the simulated robot has besides what the controller "
             "knows, by pattern of the names of actuators; the last that matches counts.",
         ),
@@ -118,7 +118,7 @@ class Plant(Variation):
     lags: Annotated[
         Mapping[str, float],
         LAG,
-        Setting("s", "", "Lag by name of the quasi-velocity, where it differs."),
+        Setting("s", "Lag", "Lag by name of the quasi-velocity, where it differs."),
     ] = field(default_factory=dict)
     dead_time: Annotated[
         float | None,
@@ -137,7 +137,7 @@ class Plant(Variation):
         NOT_NEGATIVE,
         Setting(
             "",
-            "",
+            "Scale of the losses",
             "Scale of the damping and dry friction of the simulated robot's own joints, "
             "without those that the plant adds.",
         ),
@@ -145,7 +145,11 @@ class Plant(Variation):
     effort: Annotated[
         float,
         POSITIVE,
-        Setting("", "", "Scale of the effort limits at which the true actuators saturate."),
+        Setting(
+            "",
+            "Scale of the effort limits",
+            "Scale of the effort limits at which the true actuators saturate.",
+        ),
     ] = 1.0
     effort_lag: Annotated[
         float,
@@ -167,14 +171,15 @@ class Plant(Variation):
         Setting("", "", "Bits of the joints' encoders; 0: exact."),
     ] = 0
     sensor_bias: Annotated[
-        SensorBias, Setting("", "", "Constant errors of what the controller measures.")
+        SensorBias,
+        Setting("", "Constant error", "Constant errors of what the controller measures."),
     ] = field(default_factory=SensorBias)
     jitter: Annotated[
         float,
         NOT_NEGATIVE,
         Setting(
             "s",
-            "",
+            "Jitter of samples",
             "Standard deviation of the moments at which the controller samples; none is "
             "farther off than .45 of a control period, so they stay in order.",
         ),
@@ -190,7 +195,7 @@ class Plant(Variation):
     ] = (0.0, 0.0)
     wrenches: Annotated[
         tuple[Wrench, ...],
-        Setting("", "", "What pushes and pulls the simulated robot from outside."),
+        Setting("", "Push", "What pushes and pulls the simulated robot from outside."),
     ] = ()
     noise: Annotated[
         Noise, Setting("", "", "Standard deviations of what the controller measures.")

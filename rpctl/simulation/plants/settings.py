@@ -31,10 +31,10 @@ class Wrench:
     """
 
     link: str
-    force: Vector = (0.0, 0.0, 0.0)
-    moment: Vector = (0.0, 0.0, 0.0)
-    start: float = 0.0
-    end: float | None = None
+    force: Annotated[Vector, Setting("N")] = (0.0, 0.0, 0.0)
+    moment: Annotated[Vector, Setting("N·m")] = (0.0, 0.0, 0.0)
+    start: Annotated[float, Setting("s")] = 0.0
+    end: Annotated[float | None, Setting("s")] = None
 
     def __post_init__(self) -> None:
         """Refuse what is no force, and what ends before it begins."""
@@ -64,9 +64,11 @@ class CarriedLoad(Record):
     of = "the payload's "
     link: Annotated[str, Setting("", "", "The link; empty for that of the end effector.")] = ""
     mass: Annotated[
-        float, Range(0.0, LARGEST, "0 or more, in kg"), Setting("kg", "", "0: none.")
+        float, Range(0.0, LARGEST, "0 or more, in kg"), Setting("kg", "mass", "0: none.")
     ] = 0.0
-    com: Annotated[Vector, OFFSET, Setting("m", "", "Its place (x, y, z) in the link's frame.")] = (
+    com: Annotated[
+        Vector, OFFSET, Setting("m", "place", "Its place (x, y, z) in the link's frame.")
+    ] = (
         0.0,
         0.0,
         0.0,

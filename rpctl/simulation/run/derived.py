@@ -10,13 +10,11 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.grip import find_ranges
 from rpctl.dynamics.ground_reaction import GroundReaction, find_contacts, ground_reactions
-from rpctl.dynamics.many_states import ManyStates, Reactions
 from rpctl.dynamics.pushes import outside_at
-from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
+from rpctl.dynamics.reduced import OutsideForce, Reactions, ReducedDynamics
 from rpctl.errors import DivergedError
 from rpctl.reference.quasi_velocities import configurations
 from rpctl.robot.model import Robot
-from rpctl.robot.placements import EndEffectorFrame, aligned_tree, end_effector_frame
 from rpctl.simulation.config import Config
 from rpctl.simulation.run.facts import other_joints, reference_wheels, steered_joints
 from rpctl.simulation.run.log import Log
@@ -49,10 +47,6 @@ class Derivation:
         self.robot = robot = dynamics.robot
         self.contacts = find_contacts(dynamics, config.run.friction)
         self._bias, self._wrenches = config.plant.bias(robot), config.plant.wrenches
-        self._frame: EndEffectorFrame | None = None
-        if robot.end_effector is not None:
-            self._frame = end_effector_frame(aligned_tree(robot))
-        self._many = ManyStates(dynamics) if dynamics.constant else None
         self._other_indices = [robot.velocity_index(name) for name in other_joints(robot)]
 
     def __call__(self, log: Log, name: str) -> Mapping[str, Array]:
@@ -94,12 +88,12 @@ class Derivation:
         """Return what velocities, forces and the end effector say, of some rows."""
         q, nu, push = log.q[rows], log.nu[rows], log.tau[rows] + self._bias
         wanted = configurations(self.robot, log.base_ref[rows], log.joints_ref[rows])
-        outside = self._outside(log.t[rows], q)
-        reactions = None if self._many is None else self._many.reactions(q, nu, push, outside)
+        reactions = self.dynamics.reactions(q, nu, push, self._outside(log.t[rows], q))
         return {
-            **self._motion(q, nu, reactions),
-            **_end_effector(self._frame, q, wanted),
-            **self._ground(q, nu, push, reactions, outside),
+            **self._motion(q, nu),
+            "energy": reactions.energy,
+            **_end_effector(self.robot, q, wanted),
+            **self._ground(q, reactions),
         }
 
     def _outside(self, t: Array, q: Array) -> OutsideForce | None:
@@ -112,8 +106,8 @@ class Derivation:
             found.push[k], found.wrench[k] = outside_at(self.dynamics, q[k], acting)
         return found
 
-    def _motion(self, q: Array, nu: Array, reactions: Reactions | None) -> dict[str, Array]:
-        """Return what velocities say: rates, energy, and how well the constraints are kept."""
+    def _motion(self, q: Array, nu: Array) -> dict[str, Array]:
+        """Return what velocities say: rates, and how well the constraints are kept."""
         dynamics = self.dynamics
         if dynamics.constant:
             at = dynamics.at(q[0])
@@ -126,30 +120,18 @@ class Derivation:
                 at = dynamics.at(q[k])
                 v[k] = at.S @ nu[k]
                 rates[k], slip[k] = at.B.T @ nu[k], at.A @ v[k]
-        if reactions is None:
-            energy = np.array([dynamics.energy(*state) for state in zip(q, nu, strict=True)])
-        else:
-            energy = reactions.energy
         return {
             "rates": rates,
             "other_rates": v[:, self._other_indices],
-            "energy": energy,
             "constraint_residual": np.abs(slip).max(axis=1, initial=0.0),
         }
 
-    def _ground(
-        self,
-        q: Array,
-        nu: Array,
-        push: Array,
-        reactions: Reactions | None,
-        outside: OutsideForce | None,
-    ) -> dict[str, Array]:
+    def _ground(self, q: Array, reactions: Reactions) -> dict[str, Array]:
         """Return what the ground does; (K, 0) where it is not defined."""
         contacts, nothing = self.contacts, np.empty((len(q), 0))
         if contacts is None:
             return dict.fromkeys(GROUND_COLUMNS, nothing)
-        found = ground_reactions(self.dynamics, contacts, q, nu, push, reactions, outside)
+        found = ground_reactions(self.dynamics, contacts, q, reactions)
         columns = _ground_columns(found)
         if not contacts.determinate:
             ranges = find_ranges(contacts, found)
@@ -225,27 +207,24 @@ def _ground_columns(reactions: GroundReaction) -> dict[str, Array]:
     return found
 
 
-def _end_effector(frame: EndEffectorFrame | None, q: Array, q_ref: Array) -> dict[str, Array]:
+def _end_effector(robot: Robot, q: Array, q_ref: Array) -> dict[str, Array]:
     """Return where the end effector is (K, 3), where it should be, and the angle between (K,).
 
     Args:
-        frame: The end effector; None: there is none.
+        robot: The robot.
         q: Configurations (K, nq).
         q_ref: Those of the reference (K, nq).
     """
-    if frame is None:
+    if robot.end_effector is None:
         none = np.empty((len(q), 0))
         return {"ee": none, "ee_ref": none, "ee_angle": np.zeros(len(q))}
-    (axes, place), (wanted_axes, wanted) = frame.at(q), frame.at(q_ref)
-    # The reference's base is turned by Δ against the robot's.
-    (cos, sin), (cos_ref, sin_ref) = q[:, 2:4].T, q_ref[:, 2:4].T
-    c, s = cos * cos_ref + sin * sin_ref, cos * sin_ref - sin * cos_ref
-    x, y = wanted_axes[:, 0].copy(), wanted_axes[:, 1].copy()
-    wanted_axes[:, 0], wanted_axes[:, 1] = c * x - s * y, s * x + c * y
-    turn = np.einsum("iak,jak->ijk", axes, wanted_axes)
-    twice = [turn[j, i] - turn[i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
-    sine, cosine = np.sqrt(sum(each * each for each in twice)), np.einsum("iik->k", turn) - 1.0
-    return {"ee": place, "ee_ref": wanted, "ee_angle": np.arctan2(sine, cosine)}
+    pose, wanted = robot.end_effector_poses(q), robot.end_effector_poses(q_ref)
+    turn = np.swapaxes(pose[:, :3, :3], 1, 2) @ wanted[:, :3, :3]
+    twice = [turn[:, j, i] - turn[:, i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
+    sine = np.sqrt(sum(each * each for each in twice))
+    cosine = np.einsum("kii->k", turn) - 1.0
+    ends = {"ee": pose[:, :3, 3].copy(), "ee_ref": wanted[:, :3, 3].copy()}
+    return ends | {"ee_angle": np.arctan2(sine, cosine)}
 
 
 def _require_finite(t: Array, block: Mapping[str, Array]) -> None:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -19,7 +18,7 @@ from scipy.spatial import ConvexHull
 
 from rpctl.arrays import Array
 from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.contact.record import ContactTrial
+from rpctl.equivalence.contact.trial import ContactTrial
 from rpctl.files.writing import write_atomically
 from rpctl.view.pages.page import Badge, render_page, still_chart
 from rpctl.view.pages.panel import residual
@@ -78,15 +77,13 @@ def certificate_page(certificate: Certificate) -> str:
 def _trial(trial: ContactTrial | None) -> dict[str, Any]:
     """Return what the page shows of a contact trial."""
     if trial is None:
-        return {"trial": None, "moves": ""}
+        return {"trial": None, "plan": None}
     broken = sum(not check.passed for check in trial.checks)
     text = f"{broken} of {len(trial.checks)} gaps too wide" if broken else "both agree"
-    plan = plan_view(trial)
     return {
         "trial": trial,
         "trial_badge": Badge(not broken, text),
-        "plan": plan,
-        "moves": plan["moves"],
+        "plan": plan_view(trial),
         "charts": trial_charts(trial),
     }
 
@@ -110,110 +107,70 @@ def _rows(certificate: Certificate) -> Iterator[tuple[str, str, str, str]]:
 
 @dataclass(frozen=True)
 class Viewport:
-    """Map from points of the floor (m; x to the right, y up) to the picture."""
+    """Where the floor (m; x to the right, y up) lies in the picture."""
 
-    left: float
-    top: float
+    left: float  # m
+    top: float  # m
     scale: float  # per m
     height: float  # of the picture
 
-    def place(self, points: Array) -> Array:
-        """Return points (n, 2) of the floor in the picture."""
-        return np.column_stack(
-            [(points[:, 0] - self.left) * self.scale, (self.top - points[:, 1]) * self.scale]
-        )
-
-
-class Post(NamedTuple):
-    """A marker where the robot begins or ends, and a word beside it."""
-
-    text: str
-    x: float
-    y: float
-    text_x: float
-    text_y: float
+    @property
+    def matrix(self) -> str:
+        """What takes the floor to the picture, as SVG has it."""
+        x, y = -self.left * self.scale, self.top * self.scale
+        return f"matrix({self.scale:.3f} 0 0 {-self.scale:.3f} {x:.2f} {y:.2f})"
 
 
 def plan_view(trial: ContactTrial) -> dict[str, Any]:
-    """Return the ground seen from above as the template draws it: paths of an SVG, and posts.
+    """Return the ground seen from above as the template draws it, in m.
 
     Both motions are shown, and the robot along them: its keyframes move it about the origin.
     """
     outline = trial.footprint[ConvexHull(trial.footprint).vertices]
     engine, reduced = (_finite(motion.pose) for motion in (trial.engine, trial.reduced))
-    ends = np.vstack([_placed(outline, pose) for pose in (engine[0], engine[-1], reduced[-1])])
-    view = _fit_viewport(np.vstack([ends, engine[:, :2], reduced[:, :2]]))
-    motions = {"engine": engine, "reduced": reduced}
-    stands = {"start": engine[0], "end engine": engine[-1], "end reduced": reduced[-1]}
+    ends = {"start": engine[0], "end engine": engine[-1], "end reduced": reduced[-1]}
+    stands = {kind: _placed(outline, pose) for kind, pose in ends.items()}
+    view = _fit_viewport(np.vstack([*stands.values(), engine[:, :2], reduced[:, :2]]))
+    across, tall = PLAN_WIDTH / view.scale, view.height / view.scale
+    square = next((e for e in GRID_SIZES_M if across / e <= MAX_SQUARES), GRID_SIZES_M[-1])
+    columns = range(math.ceil(view.left / square), math.floor((view.left + across) / square) + 1)
+    rows = range(math.ceil((view.top - tall) / square), math.floor(view.top / square) + 1)
     tracks = np.array([_placed(trial.footprint, pose) for pose in engine[::5]])
-    square, to_picture = _square(view), np.array([1.0, -1.0]) * view.scale
-    nose = ARROW_RATIO * float(np.ptp(outline, axis=0).max()) * view.scale
-    duration = float(trial.t[-1])
-    apart = trial.path.format_value(trial.path.gap)
+    motions = {"engine": engine, "reduced": reduced}
     return {
+        "view": view,
         "width": PLAN_WIDTH,
-        "height": view.height,
-        "label": f"Both paths seen from above; they are at most {apart} apart",
-        "grid": _grid(view, square),
-        "tracks": "".join(_line(view.place(way)) for way in tracks.transpose(1, 0, 2)),
-        "ways": {side: _line(view.place(pose[:, :2])) for side, pose in motions.items()},
-        "stands": {
-            kind: _line(view.place(_placed(outline, pose))) + "Z" for kind, pose in stands.items()
-        },
-        "hull": _line(outline * to_picture) + "Z",
-        "dots": (trial.footprint * to_picture).round(2).tolist(),
-        "nose": f"M{nose:.2f} 0L{-0.6 * nose:.2f} {-0.6 * nose:.2f}V{0.6 * nose:.2f}Z",
-        "posts": [
-            _post(view, "start", engine[0], -LABEL_DISTANCE),
-            _post(view, "end", engine[-1], LABEL_DISTANCE),
-        ],
-        "bar": round(square * view.scale, 2),
-        "bar_text": f"{square:g} m" if square >= 1.0 else f"{100 * square:g} cm",
-        "moves": Markup(
-            "\n".join(_keyframes(view, side, pose, duration) for side, pose in motions.items())
-        ),
+        "gap": trial.path.format_value(trial.path.gap),
+        "columns": [k * square for k in columns],
+        "rows": [k * square for k in rows],
+        "box": (view.left, view.top - tall, view.left + across, view.top),
+        "tracks": [_line(way) for way in tracks.transpose(1, 0, 2)],
+        "ways": {side: _line(pose[:, :2]) for side, pose in motions.items()},
+        "stands": {kind: _line(corners) for kind, corners in stands.items()},
+        "hull": _line(outline),
+        "dots": trial.footprint.tolist(),
+        "nose": ARROW_RATIO * float(np.ptp(outline, axis=0).max()),
+        "posts": [_post(view, "start", engine[0], -1.0), _post(view, "end", engine[-1], 1.0)],
+        "square": square,
+        "moves": {side: _keyframes(trial.t, pose) for side, pose in motions.items()},
+        "clock": float(trial.t[-1]) + PAUSE_S,
     }
 
 
-def _square(view: Viewport) -> float:
-    """Return the edge of the grid's squares, m."""
-    across = PLAN_WIDTH / view.scale
-    return next((edge for edge in GRID_SIZES_M if across / edge <= MAX_SQUARES), GRID_SIZES_M[-1])
+def _post(view: Viewport, text: str, pose: Array, ahead: float) -> dict[str, Any]:
+    """Return a post where the robot begins or ends, and a word beside it, in the picture."""
+    x, y = (pose[0] - view.left) * view.scale, (view.top - pose[1]) * view.scale
+    away = ahead * LABEL_DISTANCE
+    text_place = x + away * math.cos(pose[2]), y - away * math.sin(pose[2]) + 4.0
+    return {"text": text, "place": (x, y), "text_place": text_place}
 
 
-def _grid(view: Viewport, edge: float) -> str:
-    """Return the lines of the grid."""
-    right, bottom = view.left + PLAN_WIDTH / view.scale, view.top - view.height / view.scale
-    columns = range(math.ceil(view.left / edge), math.floor(right / edge) + 1)
-    rows = range(math.ceil(bottom / edge), math.floor(view.top / edge) + 1)
-    across = [(k * edge - view.left) * view.scale for k in columns]
-    down = [(view.top - k * edge) * view.scale for k in rows]
-    lines = [f"M{x:.2f} 0V{view.height:.0f}" for x in across]
-    return "".join([*lines, *(f"M0 {y:.2f}H{PLAN_WIDTH:g}" for y in down)])
-
-
-def _post(view: Viewport, text: str, pose: Array, ahead: float) -> Post:
-    x, y = view.place(pose[None, :2])[0].tolist()
-    aside = x + ahead * math.cos(pose[2]), y - ahead * math.sin(pose[2]) + 4.0
-    return Post(text, *(round(each, 2) for each in (x, y, *aside)))
-
-
-def _keyframes(view: Viewport, side: str, pose: Array, duration: float) -> str:
-    """Return the keyframes of a robot: the actual poses, in real time, then a pause."""
+def _keyframes(t: Array, pose: Array) -> list[tuple[float, float, float, float]]:
+    """Return share of the time (%), place (m) and turn (degrees) of a robot, then a pause."""
     picked = np.unique(np.linspace(0, len(pose) - 1, KEYFRAME_COUNT + 1).round().astype(int))
-    turn = np.unwrap(pose[:, 2])
-    percent_per_sample = 100.0 * duration / (duration + PAUSE_S) / max(len(pose) - 1, 1)
-    steps = []
-    for k, (x, y) in zip(picked.tolist(), view.place(pose[picked, :2]).tolist(), strict=True):
-        move = f"translate({x:.2f}px,{y:.2f}px) rotate({-math.degrees(turn[k]):.3f}deg)"
-        steps.append((percent_per_sample * k, move))
-    steps.append((100.0, steps[-1][1]))
-    frames = "".join(f"{at:.2f}%{{transform:{move}}}" for at, move in _without_repeats(steps))
-    clock = f"{duration + PAUSE_S:g}s linear infinite"
-    return (
-        f"@keyframes roll-{side}{{{frames}}}\n"
-        f".robot.{side}{{transform:{steps[0][1]};animation:roll-{side} {clock}}}"
-    )
+    at, turn = 100.0 * t[picked] / (t[-1] + PAUSE_S), np.degrees(np.unwrap(pose[:, 2])[picked])
+    frames = list(zip(at.tolist(), *pose[picked, :2].T.tolist(), turn.tolist(), strict=True))
+    return [*frames, (100.0, *frames[-1][1:])]
 
 
 def _finite(pose: Array) -> Array:
@@ -241,12 +198,7 @@ def _fit_viewport(points: Array) -> Viewport:
 
 
 def _line(points: Array) -> str:
-    return "M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in points.tolist())
-
-
-def _without_repeats(steps: list[tuple[float, str]]) -> list[tuple[float, str]]:
-    """Return keyframes without those that repeat the moment of the next."""
-    return [a for a, b in pairwise(steps) if b[0] - a[0] > 0.005] + [steps[-1]]
+    return "M" + "L".join(f"{x:.4f} {y:.4f}" for x, y in points.tolist())
 
 
 @dataclass(frozen=True, eq=False)

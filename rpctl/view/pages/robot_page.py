@@ -225,10 +225,19 @@ def _commands(
     lower, upper = shown
     ground = robot.drive.ground
     commands = opening_commands(lower, upper, ground)
+    parts = materials.robot_nodes(bodies)
+    empty = materials.JointNodes()
+
+    def solid(joint: int) -> list[threejs.Json]:
+        return parts.get(joint, empty).solid + markers.joint_nodes[joint]
+
+    def ghost(joint: int) -> list[threejs.Json]:
+        return list(parts.get(joint, empty).ghost)
+
     figures = [
         total_mass_marker(robot.mass),
-        skeleton(robot, ACTUAL, lambda j: materials.solid(bodies, j) + markers.joint_nodes[j]),
-        skeleton(robot, REFERENCE, lambda j: materials.ghost(bodies, j)),
+        skeleton(robot, ACTUAL, solid),
+        skeleton(robot, REFERENCE, ghost),
     ]
     if motion is not None:
         desired = np.column_stack([motion.desired[:, :2], np.full(len(motion.desired), ground)])
@@ -236,14 +245,9 @@ def _commands(
         size = float(box[1, 2]) - ground
         commands += obstacle_commands(motion.obstacles, lower, upper, ground, size)
         commands.append(trails.trails_command({"": paths}, lower, upper))
-    drawn = threejs.set_object(
-        ROBOTS_PATH,
-        threejs.node("Group", "robots", children=figures),
-        [*materials.geometries(bodies), *markers.geometries],
-        [*materials.materials(bodies), *markers.materials],
-        **materials.images(bodies),
-    )
-    return [base64.b64encode(command).decode() for command in (*commands, drawn)]
+    robots = threejs.node("Group", "robots", children=figures)
+    commands.append(threejs.set_object(ROBOTS_PATH, robots))
+    return [base64.b64encode(command).decode() for command in commands]
 
 
 def _box(robot: Robot, bodies: Bodies, q: Array) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +19,10 @@ from rpctl.view.marks import marked
 from rpctl.view.plots import style
 from rpctl.view.plots.paths import draw_paths
 from rpctl.view.plots.style import (
+    LEGEND_ROW_IN,
     PAPER,
     add_legend,
     joint_legend,
-    joint_names,
-    legend_columns,
     own_settings,
     sampled,
     style_axes,
@@ -39,17 +37,13 @@ PAGE_WIDTH_IN, COLUMN_WIDTH_IN = (
     88.0 / 25.4,
 )  # widths of a page and of one of its two columns, inches
 ROW_HEIGHT_IN, WIDE_ROW_HEIGHT_IN = 58.0 / 25.4, 75.0 / 25.4  # heights of a row of panels, inches
-LEGEND_ROW_IN = 0.14  # inches
+MARGIN_IN = 0.07  # inches: around each panel, its labels included
 DPI = 200  # of the figure in a run's folder
 PRINT_DPI = 400  # of a figure for print
 PALETTE_COLOURS = 256  # of the PNG's palette: a third of the size, and the eye sees no difference
 PANEL_LETTERS = "abcdefghijklmnopqrstuvwxyz"
 TRUETYPE = 42  # fonts as publishers ask for them: whole letters that stay text
 PanelChart = tuple[Panel, Chart | None]  # a panel and its chart; None where it shows the paths
-# Margins around the axes of a panel, inches: for ticks of up to seven characters and the label of
-# the values; for half a tick's text; for the title; for ticks and the label of the time.
-LEFT_IN, RIGHT_IN, TOP_IN, BOTTOM_IN = 0.55, 0.1, 0.22, 0.34
-VALUE_LABEL_IN, TIME_LABEL_IN = 0.42, 0.175  # from the axes to the labels
 
 
 def tracking_image(run: Run) -> bytes:
@@ -100,25 +94,21 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
     run = sampled(run)
     shown = _choose(find_panels(run), panels)
     width, columns = (COLUMN_WIDTH_IN, 1) if column or len(shown) == 1 else (PAGE_WIDTH_IN, 2)
-    figure = Figure((width, width), dpi=DPI)
-    figure.set_facecolor(PAPER)
-    cells = []
-    for (panel, chart), letter, (row, columns_taken) in zip(
-        shown, PANEL_LETTERS, _places([panel for panel, _ in shown], columns), strict=False
-    ):
-        axes, number = figure.add_axes((0.0, 0.0, 1.0, 1.0)), f"({letter})  "
-        style_axes(axes, (number if len(shown) > 1 else "") + panel.title)
+    figure = Figure(dpi=DPI, facecolor=PAPER)
+    figure.set_layout_engine("constrained", w_pad=MARGIN_IN, h_pad=MARGIN_IN)
+    places = _places([panel for panel, _ in shown], columns)
+    heights = [0.0] * (places[-1][0] + 1 if places else 1)
+    grid = figure.add_gridspec(len(heights), columns)
+    for (panel, chart), letter, (row, span) in zip(shown, PANEL_LETTERS, places, strict=False):
+        axes = figure.add_subplot(grid[row, span])
+        style_axes(axes, (f"({letter})  " if len(shown) > 1 else "") + panel.title)
         draw_panel(axes, run, panel, chart)
         below = add_legend(axes, below=width * (panel.wide and columns == 1), title=panel.shared)
-        height = WIDE_ROW_HEIGHT_IN if panel.wide else ROW_HEIGHT_IN
-        cells.append(PanelCell(axes, row, columns_taken, height, LEGEND_ROW_IN * below))
-    legend = coloured_joints(run) if any(panel.legend == "joints" for panel, _ in shown) else []
-    names, title = joint_names(legend)
-    legend_width = legend_columns(names, width, 3 * columns)
-    rows = -(-len(names) // legend_width) + bool(title)
-    strip = LEGEND_ROW_IN * rows * max((name.count("\n") + 1 for name in names), default=0)
-    place_cells(figure, cells, columns, strip)
-    joint_legend(figure, legend, legend_width)
+        height = (WIDE_ROW_HEIGHT_IN if panel.wide else ROW_HEIGHT_IN) + LEGEND_ROW_IN * below
+        heights[row] = max(heights[row], height)
+    grid.set_height_ratios(heights)
+    joints = coloured_joints(run) if any(panel.legend == "joints" for panel, _ in shown) else []
+    figure.set_size_inches(width, sum(heights) + joint_legend(figure, joints, width, 3 * columns))
     return figure
 
 
@@ -231,51 +221,3 @@ def _draw_band(axes: Axes, t: Array, band: tuple[Array, Array], panel: Panel, co
     end = np.inf if panel.span is None else panel.span[1]
     low, high = (panel.factor * np.minimum(edge, end) for edge in band)
     axes.fill_between(t, low, high, label=ALL_SPLITS, color=colour, alpha=0.2, lw=0.0)
-
-
-# Matplotlib's own layouts measure what stands around a panel's axes, several times a panel, which
-# takes longer than to draw it: here the margins are the same everywhere.
-@dataclass(frozen=True, eq=False)
-class PanelCell:
-    """A panel's axes and its place in the figure.
-
-    Attributes:
-        axes: The axes.
-        row: Its row, from the top.
-        columns: Its columns, from the left.
-        height: Of its row, inches.
-        legend: Height of the legend below the panel, inches; 0 where it has none there.
-    """
-
-    axes: Axes
-    row: int
-    columns: slice
-    height: float
-    legend: float
-
-
-def place_cells(figure: Figure, cells: Sequence[PanelCell], columns: int, strip: float) -> None:
-    """Give a figure its height, and each panel its place and those of its labels.
-
-    Args:
-        figure: The figure; its width stays.
-        cells: The panels.
-        columns: Columns of the figure.
-        strip: Height to leave free below the panels, inches.
-    """
-    rows = [0.0] * (1 + max((cell.row for cell in cells), default=-1))
-    for cell in cells:
-        rows[cell.row] = max(rows[cell.row], cell.height + cell.legend)
-    width, height = float(figure.get_figwidth()), sum(rows) + strip
-    figure.set_size_inches(width, height)
-    for cell in cells:
-        x = LEFT_IN + cell.columns.start * width / columns
-        w = (cell.columns.stop - cell.columns.start) * width / columns - LEFT_IN - RIGHT_IN
-        y = strip + sum(rows[cell.row + 1 :]) + BOTTOM_IN + cell.legend
-        h = cell.height - TOP_IN - BOTTOM_IN
-        cell.axes.set_position((x / width, y / height, w / width, h / height))
-        cell.axes.yaxis.set_label_coords(-VALUE_LABEL_IN / w, 0.5)
-        cell.axes.xaxis.set_label_coords(0.5, -TIME_LABEL_IN / h)
-        legend = cell.axes.get_legend()
-        if cell.legend and legend is not None:
-            legend.set_bbox_to_anchor((0.5, (y - BOTTOM_IN) / height), figure.transFigure)

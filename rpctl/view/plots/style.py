@@ -6,10 +6,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from rpctl.simulation.run.run import Run
 from rpctl.view.labels import fold, literal, shorten
@@ -27,6 +24,7 @@ TEXT_PT, SMALL_PT = 7.5, 6.5  # pt
 LEGEND_PT = SMALL_PT - 0.5  # pt
 COLUMN_GAP_IN = 5.0 * LEGEND_PT / 72.0  # inches: a legend's line, and what is between its columns
 PT_PER_IN = 72.0
+LEGEND_ROW_IN = 0.14  # inches: height of a legend's line
 MAX_NAME_LENGTH = 34  # characters in one line of a legend: they fit into a column of a page
 LINE_WIDTH_PT, JOINT_WIDTH_PT, THIN_JOINT_WIDTH_PT = 1.1, 1.0, 0.8  # pt
 MAX_WIDE_JOINTS = 8  # the lines of more joints than this are thin
@@ -109,48 +107,44 @@ def add_legend(axes: Axes, below: float = 0.0, title: str = "") -> int:
     if not handles:
         return 0
     folded = [fold(name, MAX_NAME_LENGTH) for name in names]
-    columns = _split(folded, below) if below else []
-    place: dict[str, Any] = {"loc": "upper center", "ncols": len(columns)} if below else {}
+    columns = legend_columns(folded, below, 3) if below else 1
+    place: dict[str, Any] = {"facecolor": PAPER, "edgecolor": "none", "framealpha": 0.8}
+    if below:
+        place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "frameon": False}
     legend = axes.legend(
-        handles,
-        folded,
-        **place,
-        title=literal(title),
-        title_fontsize=LEGEND_PT,
-        fontsize=LEGEND_PT,
-        labelcolor=INK,
-        facecolor=PAPER,
-        edgecolor="none",
-        framealpha=0.8,
-        borderpad=0.3,
-        handlelength=1.8,
-        labelspacing=0.25,
+        handles, folded, **place, **_legend_style(title), ncols=columns, handlelength=1.8
     )
     legend.set_zorder(5)
-    lines = [[name.count("\n") + 1 for name in column] for column in columns]
-    return sum(map(max, zip_longest(*lines, fillvalue=0))) + bool(columns and title)
+    return _lines(folded, columns, title) if below else 0
 
 
-def _split(names: Sequence[str], width: float) -> list[list[str]]:
-    """Return the names in as many columns, three at most, as stand side by side in a width."""
-    for count in range(min(3, len(names)), 1, -1):
-        columns = [column.tolist() for column in np.array_split(np.array(names), count)]
-        if sum(max(map(text_width, column)) + COLUMN_GAP_IN for column in columns) <= width:
-            return columns
-    return [list(names)]
-
-
-def legend_columns(labels: Sequence[str], width: float, most: int, size: float = LEGEND_PT) -> int:
+def legend_columns(names: Sequence[str], width: float, most: int, size: float = LEGEND_PT) -> int:
     """Return how many columns of a legend fit side by side.
 
     Args:
-        labels: Its names.
+        names: Its names.
         width: Of the figure, inches.
         most: Columns that are wanted.
         size: Of the text, pt.
     """
-    column = max((text_width(label, size) for label in labels), default=0.0) + COLUMN_GAP_IN
-    return max(1, min(most, len(labels), int(width / column)))
+    column = max((text_width(name, size) for name in names), default=0.0) + COLUMN_GAP_IN
+    return max(1, min(most, len(names), int(width / column)))
+
+
+def _lines(names: Sequence[str], columns: int, title: str) -> int:
+    """Return the lines of text of a legend."""
+    rows = -(-len(names) // columns)
+    return rows * max((name.count("\n") + 1 for name in names), default=0) + bool(title)
+
+
+def _legend_style(title: str) -> dict[str, Any]:
+    return {
+        "title": literal(title),
+        "title_fontsize": LEGEND_PT,
+        "fontsize": LEGEND_PT,
+        "labelcolor": INK,
+        "labelspacing": 0.3,
+    }
 
 
 def text_width(text: str, size: float = LEGEND_PT) -> float:
@@ -163,39 +157,28 @@ def text_width(text: str, size: float = LEGEND_PT) -> float:
     return max((float(width) for width, *_ in sizes), default=0.0) / PT_PER_IN
 
 
-def joint_names(joints: Sequence[str]) -> tuple[list[str], str]:
-    """Return the joints' names as a legend has them, and the title that says what they share."""
-    short = shorten(joints)
-    return [fold(name, MAX_NAME_LENGTH) for name in short.names], short.shared
-
-
-def joint_legend(figure: Figure, joints: Sequence[str], columns: int) -> None:
-    """Add the legend of joints, common to all panels, below them.
+def joint_legend(figure: Figure, joints: Sequence[str], width: float, most: int) -> float:
+    """Add the legend of joints, common to all panels, below them; return its height, inches.
 
     Args:
         figure: The figure.
         joints: The joints in the order of their colours.
-        columns: Names in a row.
+        width: Of the figure, inches.
+        most: Names in a row.
     """
     from matplotlib.lines import Line2D
 
-    names, title = joint_names(joints)
+    if not joints:
+        return 0.0
+    short = shorten(joints)
+    names = [fold(name, MAX_NAME_LENGTH) for name in short.names]
+    columns = legend_columns(names, width, most)
     handles = [
         Line2D([], [], label=literal(name), **line_style(colour, joints=len(joints)))
         for colour, name in enumerate(names)
     ]
-    if handles:
-        figure.legend(
-            handles=handles,
-            loc="lower center",
-            borderaxespad=0.0,
-            ncols=columns,
-            title=literal(title),
-            title_fontsize=LEGEND_PT,
-            fontsize=LEGEND_PT,
-            labelcolor=INK,
-            frameon=False,
-            handlelength=2.4,
-            columnspacing=1.4,
-            labelspacing=0.3,
-        )
+    place: dict[str, Any] = {"loc": "outside lower center", "frameon": False, "columnspacing": 1.4}
+    figure.legend(
+        handles=handles, **place, **_legend_style(short.shared), ncols=columns, handlelength=2.4
+    )
+    return LEGEND_ROW_IN * _lines(names, columns, short.shared)

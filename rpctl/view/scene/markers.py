@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.description.records import Mimic
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.rolling import contact_point
-from rpctl.libraries import library
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.view.labels import shorten
-from rpctl.view.palette import light, number_of, rgb
+from rpctl.view.palette import number_of
 from rpctl.view.scene import threejs
 
 STEEL_DENSITY = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
@@ -29,6 +27,37 @@ CONTACT_RANK = 1e9  # label priority of contacts, above all masses (ranked by kg
 ROLLING_TOLERANCE_RAD = math.radians(
     1.0
 )  # a direction nearer to rolling than this is the rolling direction
+
+# Shapes of about 1 m: the axis, the arrow and the bar along x, the disc level
+ARROW = np.array(
+    [(0, 0.05), (0, -0.05), (0.7, -0.05), (0.7, 0.05), (0.7, 0.14), (0.7, -0.14), (1, 0)],
+    np.float32,
+)
+SHAPES: dict[str, threejs.Json] = {
+    "axis": {"type": "BoxGeometry", "width": 1.0, "height": 0.05, "depth": 0.05},
+    "ball": {"type": "SphereGeometry", "radius": 1.0, "widthSegments": 24, "heightSegments": 16},
+    "disc": {"type": "CircleGeometry", "radius": 1.0, "segments": 32},
+    "bar": {"type": "PlaneGeometry", "width": 2.0, "height": 0.09},
+    "arrow": threejs.geometry(
+        {"position": threejs.attribute(np.column_stack([ARROW, np.zeros(7, np.float32)]))},
+        np.array([(0, 1, 2), (0, 2, 3), (4, 5, 6)]),
+    ),
+}
+AXES = {  # matrices (4, 4) that lay the middle of the axis's box half its length along each axis
+    name: np.block([[np.roll(np.eye(3), k, axis=0), 0.5 * np.eye(3)[:, k : k + 1]], [np.eye(4)[3]]])
+    for k, name in enumerate("xyz")
+}
+VISIBLE_THROUGH = {"transparent": True, "depthTest": False, "depthWrite": False, "side": 2}
+FLAT = {"type": "MeshBasicMaterial", "opacity": 0.85}
+# Colour and material of each kind of marker, the first drawn below the others
+PAINTS: dict[str, tuple[str, threejs.Json]] = {
+    "contact": ("base", FLAT),
+    "roller": ("roller", FLAT),
+    "point": ("point", FLAT),
+    "whole": ("whole-mass", {"type": "MeshLambertMaterial", "opacity": 0.7, "emissive": 0x201040}),
+    "mass": ("mass", {"type": "MeshLambertMaterial", "opacity": 0.7, "emissive": 0x503000}),
+    **{name: (name, {"type": "MeshBasicMaterial"}) for name in "xyz"},
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +70,12 @@ class Markers:
         masses: ``node`` and ``mass`` (kg) of each link that has one.
         wheels: ``node`` of the contact, ``joint`` (name), ``radius``, ``axle`` (3,) and ``along``
             (2,) of each wheel, in the axes of the contact's node.
-        geometries: What the nodes are made of.
-        materials: Their paint.
     """
 
     joint_nodes: dict[int, list[threejs.Json]]
     labels: list[dict[str, Any]]
     masses: list[dict[str, Any]]
     wheels: list[dict[str, Any]]
-    geometries: list[threejs.Json]
-    materials: list[threejs.Json]
 
 
 def build_markers(robot: Robot, size: float) -> Markers:
@@ -62,14 +87,15 @@ def build_markers(robot: Robot, size: float) -> Markers:
     """
     indices = range(ROOT_JOINT, robot.model.njoints)
     joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in indices}
-    markers = Markers(joint_nodes, [], [], [], _geometries(), _materials())
+    markers = Markers(joint_nodes, [], [], [])
     links = _names([link.name for link in robot.description.links])
     wheels = _names([wheel.joint for wheel in robot.drive.wheels])
     for index, link in enumerate(robot.description.links):
         frame = robot.model.frames[robot.model.getFrameId(link.name, pin.FrameType.BODY)]
         pose = frame.placement.homogeneous
-        axes = _mesh("axes", "axes", _scaled(FRAME_AXIS_RATIO * size))
-        _attach(markers, frame.parentJoint, f"frame-{index}", pose, [axes])
+        axes = _scaled(FRAME_AXIS_RATIO * size)
+        shapes = [_mesh("axis", name, axes @ turn) for name, turn in AXES.items()]
+        _attach(markers, frame.parentJoint, f"frame-{index}", pose, shapes)
         markers.labels.append(_label(f"frame-{index}", links[link.name], 0.0))
         if link.mass:
             centre = pose @ _translated(link.com)
@@ -151,8 +177,7 @@ def _attach_point(robot: Robot, markers: Markers, size: float) -> None:
 def _attach(
     markers: Markers, joint: int, name: str, pose: Array, shapes: Sequence[threejs.Json]
 ) -> None:
-    group = threejs.node("Group", name, children=list(shapes), **threejs.fixed_matrix(pose))
-    markers.joint_nodes[joint].append(group)
+    markers.joint_nodes[joint].append(threejs.node("Group", name, pose, children=list(shapes)))
 
 
 def _names(names: Sequence[str]) -> dict[str, str]:
@@ -168,9 +193,10 @@ def _label(name: str, text: str, rank: float) -> dict[str, Any]:
 
 def _mesh(shape: str, paint: str, pose: Array) -> threejs.Json:
     """Return a marker visible through the robot; P and contacts are drawn first."""
-    order = 10 + ("contact", "roller", "point", "whole", "mass", "axes").index(paint)
-    entries = {"geometry": f"marker-{shape}", "material": f"marker-{paint}", "renderOrder": order}
-    return threejs.node("Mesh", f"{paint}-{shape}", **entries, **threejs.fixed_matrix(pose))
+    order = 10 + list(PAINTS).index(paint)
+    look = {"geometry": SHAPES[shape], "material": {"color": number_of(PAINTS[paint][0])}}
+    look["material"] |= {**VISIBLE_THROUGH, **PAINTS[paint][1]}
+    return threejs.node("Mesh", f"{paint}-{shape}", pose, renderOrder=order, **look)
 
 
 def _ball_radius(mass: float) -> float:
@@ -196,77 +222,6 @@ def _rotated(angle: float) -> Array:
     return pose
 
 
-def _geometries() -> list[threejs.Json]:
-    """Return axes, ball, disc, arrow and bar, each about 1 m long."""
-    creation = library("trimesh.creation")
-
-    ball = creation.icosphere(subdivisions=2)
-    disc = creation.cylinder(1.0, 0.02, sections=32)
-    return [
-        threejs.geometry("marker-axes", *_axes()),
-        _geometry("marker-ball", ball.vertices, ball.faces),
-        _geometry("marker-disc", disc.vertices, disc.faces),
-        _geometry("marker-arrow", *_flat([(0, 0.05), (0.7, 0.05), (0.7, 0.14), (1.0, 0.0)])),
-        _geometry("marker-bar", *_flat([(-1.0, 0.045), (1.0, 0.045), (1.0, 0.0)])),
-    ]
-
-
-def _materials() -> list[threejs.Json]:
-    """Return the material of each kind of marker, visible through the robot."""
-    seen = {"transparent": True, "depthTest": False, "depthWrite": False, "side": 2}
-    flat = {"type": "MeshBasicMaterial", **seen}
-    ball = {"type": "MeshLambertMaterial", "opacity": 0.7, **seen}
-    return [
-        {"uuid": "marker-axes", "vertexColors": 2, **flat},
-        {"uuid": "marker-mass", "color": number_of("mass"), "emissive": 0x503000, **ball},
-        {"uuid": "marker-whole", "color": number_of("whole-mass"), "emissive": 0x201040, **ball},
-        {"uuid": "marker-contact", "color": number_of("base"), "opacity": 0.85, **flat},
-        {"uuid": "marker-roller", "color": number_of("roller"), "opacity": 0.85, **flat},
-        {"uuid": "marker-point", "color": number_of("point"), "opacity": 0.85, **flat},
-    ]
-
-
-def _axes() -> tuple[dict[str, threejs.Json], NDArray[np.int64]]:
-    """Return three thin boxes along the axes, each in its colour, and their triangles."""
-    creation = library("trimesh.creation")
-
-    vertices, colours, faces = [], [], []
-    for axis, name in enumerate("xyz"):
-        edges, middle = np.full(3, 0.05), np.zeros(3)
-        edges[axis], middle[axis] = 1.0, 0.5
-        box = creation.box(edges)
-        faces.append(box.faces + len(box.vertices) * axis)
-        vertices.append(box.vertices + middle)
-        colours.append(np.tile(rgb(light(name)), (len(box.vertices), 1)))
-    attributes = {
-        "position": threejs.attribute(np.concatenate(vertices).astype(np.float32)),
-        "color": threejs.attribute(np.concatenate(colours).astype(np.uint8), normalized=True),
-    }
-    return attributes, np.concatenate(faces)
-
-
-def _geometry(uuid: str, vertices: Array, faces: NDArray[np.int64]) -> threejs.Json:
-    unit = np.asarray(vertices, float)
-    lengths = np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-9)
-    attributes = {
-        "position": threejs.attribute(unit.astype(np.float32)),
-        "normal": threejs.attribute((unit / lengths).astype(np.float32)),
-    }
-    return threejs.geometry(uuid, attributes, np.asarray(faces))
-
-
-def _flat(upper: list[tuple[float, float]]) -> tuple[Array, NDArray[np.int64]]:
-    """Return a flat mesh in the xy plane, symmetric about the x axis, from its upper outline."""
-    edge = np.array(upper)
-    outline = np.concatenate([edge, edge[::-1] * [1.0, -1.0]])
-    count = len(edge)
-    faces = []
-    for k in range(count - 1):
-        a, b, c, d = k, k + 1, 2 * count - 2 - k, 2 * count - 1 - k
-        faces += [(a, b, c), (a, c, d)]
-    return np.column_stack([outline, np.zeros(len(outline))]), np.array(faces)
-
-
 def skeleton(
     robot: Robot, prefix: str, nodes_of: Callable[[int], list[threejs.Json]]
 ) -> threejs.Json:
@@ -286,8 +241,8 @@ def skeleton(
         for j in range(ROOT_JOINT, model.njoints)
     }
     for j in range(ROOT_JOINT + 1, model.njoints):
-        place = threejs.fixed_matrix(model.jointPlacements[j].homogeneous)
-        seat = threejs.node("Group", f"{prefix}-seat-{j}", children=[groups[j]], **place)
+        place = model.jointPlacements[j].homogeneous
+        seat = threejs.node("Group", f"{prefix}-seat-{j}", place, children=[groups[j]])
         groups[model.parents[j]]["children"].append(seat)
     return groups[ROOT_JOINT]
 

@@ -31,6 +31,13 @@ EDGE_OPACITY, FLOOR_OPACITY, FOOT_OPACITY, TOP_OPACITY = (
 TINT_RATIO = 0.22  # of the ground's radius: how far the floor beyond a wall is tinted
 WALL_PIECES = 64  # of a wall's length
 FADE_EXPONENT = 0.7  # exponent: how softly a wall ends where the ground does
+SEE_THROUGH = {  # it writes no depth, so it hides nothing
+    "type": "MeshBasicMaterial",
+    "vertexColors": 2,
+    "transparent": True,
+    "depthWrite": False,
+    "side": 2,
+}
 
 FadedMesh = tuple[trails.Mesh, Array]  # a mesh, and the opacity of its vertices
 
@@ -103,7 +110,7 @@ def obstacle_commands(
     """
     width = trails.trail_width(lower, upper)
     place = ground_disc(lower, upper)
-    geometries, materials, nodes = [], [], []
+    nodes = []
     for body in dict.fromkeys(obstacle.body for obstacle in obstacles):
         shapes = [obstacle.shape for obstacle in obstacles if obstacle.body == body]
         height, dashed = HEIGHT_RATIOS[body] * size, body == TIP
@@ -117,11 +124,11 @@ def obstacle_commands(
         if mesh is None:
             continue
         name, opacity = f"obstacles-{body}", np.concatenate([alpha for _, alpha in parts])
-        geometries.append(_geometry(name, mesh, opacity, ground + 0.2 * width))
-        materials.append(_material(name, number_of(name)))
-        nodes.append(threejs.node("Mesh", name, geometry=name, material=name, renderOrder=3))
+        entries = {"geometry": _geometry(mesh, opacity, ground + 0.2 * width)}
+        entries["material"] = {"color": number_of(name), **SEE_THROUGH}
+        nodes.append(threejs.node("Mesh", name, renderOrder=3, **entries))
     root = threejs.node("Group", "obstacles", children=nodes)
-    return [threejs.set_object(OBSTACLES_PATH, root, geometries, materials)] if nodes else []
+    return [threejs.set_object(OBSTACLES_PATH, root)] if nodes else []
 
 
 def column(disc: Disc, height: float, width: float, dashed: bool) -> list[FadedMesh]:
@@ -212,21 +219,12 @@ def _level(points: Array, height: float) -> Array:
     return np.column_stack([points, np.full(len(points), height)])
 
 
-def _geometry(name: str, mesh: trails.Mesh, opacity: Array, height: float) -> threejs.Json:
+def _geometry(mesh: trails.Mesh, opacity: Array, height: float) -> threejs.Json:
     """Return a mesh, raised by a height (m), white so that its material colours it."""
     vertices, faces = mesh[0] + np.array([0.0, 0.0, height]), mesh[1]
     paint = np.column_stack([np.full((len(opacity), 3), 255.0), 255.0 * opacity])
-    return threejs.geometry(
-        name,
-        {
-            "position": threejs.attribute(vertices.astype(np.float32)),
-            "color": threejs.attribute(np.rint(paint).astype(np.uint8), normalized=True),
-        },
-        faces,
-    )
-
-
-def _material(name: str, colour: int) -> threejs.Json:
-    """Return a material that pages may recolour; it writes no depth, so it hides nothing."""
-    look = {"vertexColors": 2, "transparent": True, "depthWrite": False, "side": 2}
-    return {"uuid": name, "type": "MeshBasicMaterial", "color": colour, **look}
+    attributes = {
+        "position": threejs.attribute(vertices.astype(np.float32)),
+        "color": threejs.attribute(np.rint(paint).astype(np.uint8), normalized=True),
+    }
+    return threejs.geometry(attributes, faces)

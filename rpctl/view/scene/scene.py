@@ -35,7 +35,9 @@ TRAIL_STEP_S = 0.1  # s: so near are the points of a trail, while they are no mo
 MAX_BASE_POINTS, MAX_TIP_POINTS = 9000, 3600  # a tube takes five times the room of a ribbon
 DESIRED_S = 180.0  # s of the desired path that are drawn
 ROBOTS_PATH = "/rpctl/robots"
-GHOST_OPACITY = 0.55  # of the robots of all motions but the first
+OWN_OBJECTS = ("Grid", "Axes", "Lights")  # of meshcat
+INVISIBLE = {"property": "visible", "value": False}
+LATER_OPACITY = 0.55  # of the robots of all motions but the first
 ACTUAL, REFERENCE = "robot", "reference"  # names of the nodes: robot-1 for joint 1, ...
 
 
@@ -245,8 +247,8 @@ def opening_commands(lower: Array, upper: Array, ground: float) -> list[bytes]:
         ground: Height of the ground, m.
     """
     return [
-        *(threejs.delete(path) for path in ("/Grid", "/Axes", "/Lights")),
-        threejs.set_property("/Background", "visible", False),
+        *(threejs.pack({"type": "delete", "path": f"/{name}"}) for name in OWN_OBJECTS),
+        threejs.pack({"type": "set_property", "path": "/Background", **INVISIBLE}),
         lights_command(lower, upper),
         ground_command(lower, upper, ground),
     ]
@@ -393,52 +395,20 @@ def node_prefix(motion: int) -> str:
 def _robots(motions: Sequence[Motion]) -> bytes:
     """Return the command that draws the robots and ghosts, which share their meshes.
 
-    A node stands for a joint and is animated; below it each part keeps a fixed matrix, mirrored
-    or scaled as it may be. The page gives ghosts of later motions the colours of their lines.
+    A node stands for a joint and is animated. The page gives ghosts of later motions the colours of
+    their lines.
     """
     groups: list[threejs.Json] = []
-    geometries: dict[bytes, threejs.Json] = {}  # by what they hold
-    paints: dict[str, threejs.Json] = {}
-    images: dict[str, list[threejs.Json]] = {}
     for k, motion in enumerate(motions, 1):
-        bodies, prefix = motion.bodies, node_prefix(k)
-        names: dict[str, str] = {}
-        for mesh in materials.geometries(bodies):
-            same = geometries.setdefault(
-                threejs.pack(mesh["data"]), {**mesh, "uuid": f"{prefix}{mesh['uuid']}"}
-            )
-            names[mesh["uuid"]] = same["uuid"]
-        for paint in materials.materials(bodies):
-            paints.setdefault(paint["uuid"], paint)
-        tint = f"{prefix}tint"
-        paints.setdefault(tint, {**paints["tint"], "uuid": tint, "opacity": GHOST_OPACITY})
-        images |= materials.images(bodies)
-        for joint in motion.joints:
-            ghost = _renamed(materials.ghost(bodies, joint), prefix, names, tint)
-            solid = _renamed(materials.solid(bodies, joint), prefix, names, tint)
-            shown = ghost if k > 1 else solid
+        prefix = node_prefix(k)
+        opacity = LATER_OPACITY if k > 1 else materials.GHOST_OPACITY
+        for joint, nodes in sorted(materials.robot_nodes(motion.bodies, prefix, opacity).items()):
+            shown = nodes.ghost if k > 1 else nodes.solid
             groups.append(threejs.node("Group", f"{prefix}{ACTUAL}-{joint}", children=shown))
             if motion.desired is not None and k == 1:
-                groups.append(threejs.node("Group", f"{REFERENCE}-{joint}", children=ghost))
-    root = threejs.node("Group", "robots", children=groups)
-    meshes = list(geometries.values())
-    return threejs.set_object(ROBOTS_PATH, root, meshes, list(paints.values()), **images)
-
-
-def _renamed(
-    parts: Sequence[threejs.Json], prefix: str, geometries: Mapping[str, str], tint: str
-) -> list[threejs.Json]:
-    """Return parts of a motion under its names, with the geometries and the tint that it has."""
-    return [
-        {
-            **part,
-            "uuid": f"{prefix}{part['uuid']}",
-            "name": f"{prefix}{part['name']}",
-            "geometry": geometries[part["geometry"]],
-            "material": tint if part["material"] == "tint" else part["material"],
-        }
-        for part in parts
-    ]
+                ghost = threejs.node("Group", f"{REFERENCE}-{joint}", children=nodes.ghost)
+                groups.append(ghost)
+    return threejs.set_object(ROBOTS_PATH, threejs.node("Group", "robots", children=groups))
 
 
 def _animation(motions: Sequence[Motion]) -> bytes:

@@ -33,29 +33,19 @@ def ground_command(lower: Array, upper: Array, height: float) -> bytes:
         height: Height of the ground, m.
     """
     centre, radius = ground_disc(lower, upper)
-    grid = _grid(centre, radius, height)
-    plane = {"uuid": "plane", "type": "PlaneGeometry", "width": 2 * radius, "height": 2 * radius}
+    plane = {"type": "PlaneGeometry", "width": 2 * radius, "height": 2 * radius}
     clear = {"transparent": True, "depthWrite": False}
-    materials = [
-        {"uuid": "grid", "type": "LineBasicMaterial", "vertexColors": 2, **clear},
-        {"uuid": "shadow", "type": "ShadowMaterial", "opacity": 0.16, **clear},
-    ]
+    lines = {"type": "LineBasicMaterial", "vertexColors": 2, **clear}
+    shadow = {"type": "ShadowMaterial", "opacity": 0.16, **clear}
     pose = np.eye(4)
     pose[:3, 3] = centre[0], centre[1], height
+    grid = {"geometry": _grid(centre, radius, height), "material": lines, "renderOrder": 1}
+    shade = {"geometry": plane, "material": shadow, "renderOrder": 2, "receiveShadow": True}
     nodes = [
-        threejs.node("LineSegments", "grid", geometry="grid", material="grid", renderOrder=1),
-        threejs.node(
-            "Mesh",
-            "shadow",
-            geometry="plane",
-            material="shadow",
-            receiveShadow=True,
-            renderOrder=2,
-            **threejs.fixed_matrix(pose),
-        ),
+        threejs.node("LineSegments", "grid", **grid),
+        threejs.node("Mesh", "shadow", pose, **shade),
     ]
-    root = threejs.node("Group", "ground", children=nodes)
-    return threejs.set_object("/rpctl/ground", root, [grid, plane], materials)
+    return threejs.set_object("/rpctl/ground", threejs.node("Group", "ground", children=nodes))
 
 
 def _grid(centre: Array, radius: float, height: float) -> threejs.Json:
@@ -66,7 +56,6 @@ def _grid(centre: Array, radius: float, height: float) -> threejs.Json:
     tone = rgb(light("grid"))
     colours = np.column_stack([np.tile(tone, (len(points), 1)), 150.0 * opacity]).astype(np.uint8)
     return threejs.geometry(
-        "grid",
         {
             "position": threejs.attribute(points.astype(np.float32)),
             "color": threejs.attribute(colours, normalized=True),
@@ -102,19 +91,11 @@ def lights_command(lower: Array, upper: Array) -> bytes:
     sky, fill = np.eye(4), np.eye(4)
     sky[2, 3] = 1.0
     fill[:3, 3] = 3.0, -1.0, 1.0
+    above = {"color": 0xFFFFFF, "groundColor": 0x9AA0A8, "intensity": 0.58}
     nodes = [
-        threejs.node(
-            "HemisphereLight",
-            "sky",
-            color=0xFFFFFF,
-            groundColor=0x9AA0A8,
-            intensity=0.58,
-            **threejs.fixed_matrix(sky),
-        ),
+        threejs.node("HemisphereLight", "sky", sky, **above),
         _sun(lower, upper),
-        threejs.node(
-            "DirectionalLight", "fill", color=0xFFFFFF, intensity=0.1, **threejs.fixed_matrix(fill)
-        ),
+        threejs.node("DirectionalLight", "fill", fill, color=0xFFFFFF, intensity=0.1),
     ]
     return threejs.set_object("/rpctl/lights", threejs.node("Group", "lights", children=nodes))
 
@@ -130,23 +111,19 @@ def _sun(lower: Array, upper: Array) -> threejs.Json:
     sun[:3, 3] = axes[2] * distance
     box = {"left": left, "right": right, "bottom": bottom, "top": top}
     box |= {"near": 0.1, "far": distance - near + 1.0}
-    camera = {"uuid": "sun-view", "type": "OrthographicCamera", "zoom": 1.0}
-    camera |= {key: float(value) for key, value in box.items()}
     shadow = {
         "mapSize": [SHADOW_MAP_PX, SHADOW_MAP_PX],
         "bias": -5e-4,
         "radius": 3,
-        "camera": camera,
+        "camera": {
+            "uuid": "sun-view",
+            "type": "OrthographicCamera",
+            "zoom": 1.0,
+            **{key: float(value) for key, value in box.items()},
+        },
     }
-    return threejs.node(
-        "DirectionalLight",
-        "sun",
-        color=0xFFFFFF,
-        intensity=0.36,
-        castShadow=True,
-        shadow=shadow,
-        **threejs.fixed_matrix(sun),
-    )
+    shine = {"color": 0xFFFFFF, "intensity": 0.36, "castShadow": True, "shadow": shadow}
+    return threejs.node("DirectionalLight", "sun", sun, **shine)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,8 @@ ARRAY_TYPES = {  # NumPy type: (its name in three.js, MessagePack extension of t
     "uint32": ("Uint32Array", 0x16),
     "float32": ("Float32Array", 0x17),
 }
+# What nodes, materials and textures hold, by their entry, and the list of it in a command
+HELD = {"geometry": "geometries", "material": "materials", "map": "textures", "image": "images"}
 
 
 def typed(array: NDArray[Any]) -> Any:
@@ -36,11 +38,10 @@ def attribute(array: NDArray[Any], normalized: bool = False) -> Json:
     }
 
 
-def geometry(uuid: str, attributes: Mapping[str, Json], index: NDArray[Any] | None = None) -> Json:
+def geometry(attributes: Mapping[str, Json], index: NDArray[Any] | None = None) -> Json:
     """Return a ``BufferGeometry``; ``index`` holds the corners of its triangles.
 
     Args:
-        uuid: Its name.
         attributes: Vertex attributes by name.
         index: Triangles (n, 3), as indices of vertices; None if vertices are listed in order.
     """
@@ -49,17 +50,22 @@ def geometry(uuid: str, attributes: Mapping[str, Json], index: NDArray[Any] | No
         small = index.size == 0 or index.max() < 2**16
         corners = index.reshape(-1).astype(np.uint16 if small else np.uint32)
         data["index"] = {"type": ARRAY_TYPES[corners.dtype.name][0], "array": typed(corners)}
-    return {"uuid": uuid, "type": "BufferGeometry", "data": data}
+    return {"type": "BufferGeometry", "data": data}
 
 
-def node(kind: str, name: str, **entries: Any) -> Json:
-    """Return an object of the scene graph."""
-    return {"uuid": name, "type": kind, "name": name, **entries}
+def node(kind: str, name: str, pose: NDArray[np.float64] | None = None, **entries: Any) -> Json:
+    """Return an object of the scene graph, which holds its geometry, its material and its children.
 
-
-def fixed_matrix(pose: NDArray[np.float64]) -> Json:
-    """Return the entries that fix an object at a matrix (4, 4), which may mirror."""
-    return {"matrix": pose.T.reshape(-1).tolist(), "matrixAutoUpdate": False}
+    Args:
+        kind: Its class in three.js.
+        name: Of the object.
+        pose: Matrix (4, 4) at which it is fixed, which may mirror; None: it can be moved.
+        entries: The rest of it.
+    """
+    found = {"uuid": name, "type": kind, "name": name, **entries}
+    if pose is not None:
+        found |= {"matrix": pose.T.reshape(-1).tolist(), "matrixAutoUpdate": False}
+    return found
 
 
 def colour(rgb: Sequence[float]) -> int:
@@ -68,47 +74,33 @@ def colour(rgb: Sequence[float]) -> int:
     return red << 16 | green << 8 | blue
 
 
-def set_object(
-    path: str,
-    root: Json,
-    geometries: Sequence[Json] = (),
-    materials: Sequence[Json] = (),
-    **images: Sequence[Json],
-) -> bytes:
+def set_object(path: str, root: Json) -> bytes:
     """Return the command that places an object, with its children, at a path.
 
-    Args:
-        path: The path.
-        root: The object.
-        geometries: All geometries that it and its children use.
-        materials: All materials that they use.
-        images: ``textures`` and ``images`` of the materials; pixels, as files would be loaded later
-            than the animation.
+    Geometries, materials, textures and images are listed once, whatever holds them. Pixels stand in
+    the command: files would be loaded later than the animation.
     """
-    scene = {
-        "metadata": {"version": 4.5, "type": "Object"},
-        "geometries": list(geometries),
-        "materials": list(materials),
-        **{kind: list(each) for kind, each in images.items()},
-        "object": root,
-    }
+    lists: dict[str, list[Json]] = {kind: [] for kind in HELD.values()}
+    known: dict[bytes, str] = {}
+
+    def listed(entry: Json) -> Json:
+        """Return an entry with names in the place of what it holds."""
+        found = dict(entry)
+        for key in [key for key in HELD if key in entry]:
+            held = listed(entry[key])
+            kind, content = HELD[key], pack(held)
+            if content not in known:
+                known[content] = f"{kind}-{len(lists[kind])}"
+                lists[kind].append({"uuid": known[content], **held})
+            found[key] = known[content]
+        if "children" in entry:
+            found["children"] = [listed(child) for child in entry["children"]]
+        return found
+
+    tree = listed(root)
+    scene = {"metadata": {"version": 4.5, "type": "Object"}, "object": tree}
+    scene |= {kind: entries for kind, entries in lists.items() if entries}
     return pack({"type": "set_object", "path": path, "object": scene})
-
-
-def set_property(path: str, key: str, value: Any) -> bytes:
-    """Return the command that sets a property of what is at a path.
-
-    Args:
-        path: The path.
-        key: The property.
-        value: Its value, of types that MessagePack knows.
-    """
-    return pack({"type": "set_property", "path": path, "property": key, "value": value})
-
-
-def delete(path: str) -> bytes:
-    """Return the command that removes the object at a path."""
-    return pack({"type": "delete", "path": path})
 
 
 def set_animation(path: str, tracks: Sequence[Json]) -> bytes:

@@ -36,7 +36,7 @@ def trails_command(motions: Mapping[str, dict[str, Array]], lower: Array, upper:
         upper: Largest coordinates (3,), m.
     """
     width = trail_width(lower, upper)
-    drawn: list[tuple[str, str, str, Mesh | None]] = []  # prefix, name, colour, mesh
+    nodes: list[threejs.Json] = []
     known: dict[str, list[Array]] = {"base": [], "tip": []}
     for layer, (prefix, paths) in enumerate(motions.items()):
         for kind, shape, thick in (("base", ribbon, width), ("tip", tube, 0.55 * width)):
@@ -46,27 +46,22 @@ def trails_command(motions: Mapping[str, dict[str, Array]], lower: Array, upper:
                 known[kind].append(desired)
                 pieces = fresh_dashes(desired + lift, thick)
                 mesh = join([shape(piece, 0.8 * thick) for piece in pieces])
-                drawn.append((prefix, f"{kind}-desired", "desired", mesh))
+                nodes += _trail(f"{prefix}trail-{kind}-desired", "desired", mesh)
             if kind in paths:
-                drawn.append((prefix, kind, kind, shape(paths[kind] + (2 + layer) * lift, thick)))
-    parts = [
-        _trail(f"{prefix}trail-{kind}", f"{prefix}{kind}", colour, mesh)
-        for prefix, kind, colour, mesh in drawn
-        if mesh is not None
-    ]
-    geometries, materials, nodes = zip(*parts, strict=True) if parts else ((), (), ())
-    root = threejs.node("Group", "trails", children=list(nodes))
-    return threejs.set_object("/rpctl/trails", root, geometries, materials)
+                mesh = shape(paths[kind] + (2 + layer) * lift, thick)
+                nodes += _trail(f"{prefix}trail-{kind}", kind, mesh)
+    return threejs.set_object("/rpctl/trails", threejs.node("Group", "trails", children=nodes))
 
 
-def _trail(node_name: str, name: str, colour: str, mesh: Mesh) -> tuple[threejs.Json, ...]:
-    """Return the geometry, the material and the node of a trail."""
+def _trail(name: str, colour: str, mesh: Mesh | None) -> list[threejs.Json]:
+    """Return the node of a trail, whose material pages recolour; none of a path without length."""
+    if mesh is None:
+        return []
     vertices, faces = mesh
-    position = {"position": threejs.attribute(vertices.astype(np.float32))}
-    paint = {"uuid": name, "type": "MeshBasicMaterial", "color": number_of(colour), "side": 2}
-    entries = {"geometry": name, "material": name, "renderOrder": 3}
-    node = threejs.node("Mesh", node_name, frustumCulled=False, **entries)
-    return threejs.geometry(name, position, faces), paint, node
+    shape = threejs.geometry({"position": threejs.attribute(vertices.astype(np.float32))}, faces)
+    paint = {"name": name, "type": "MeshBasicMaterial", "color": number_of(colour), "side": 2}
+    entries = {"geometry": shape, "material": paint, "renderOrder": 3, "frustumCulled": False}
+    return [threejs.node("Mesh", name, **entries)]
 
 
 def _covers(path: Array, other: Array) -> bool:

@@ -37,16 +37,16 @@ def made(kind: str, lossy: bool, folder: Path, rng: np.random.Generator) -> Robo
     return replace(robot, losses=losses if lossy else None)
 
 
-def rows(forces: ForceModel, split: Array | None) -> dict[str, Callable[[Forces], Array]]:
+def rows(forces: ForceModel, split: Array) -> dict[str, Callable[[Forces], Array]]:
     """What the rows are made of, and the rows; loads are split as ``split`` has it."""
     found: dict[str, Callable[[Forces], Array]] = {
         "force": lambda at: at.force,
         "wrench": lambda at: at.wrench,
         "efforts": forces.efforts,
     }
-    if split is not None:
-        found["tip"] = forces.tip_margins
-        found["grip"] = lambda at: forces.grip_margins(at, split)
+    ground = forces.ground
+    if ground is not None:
+        found |= {"tip": ground.tip, "grip": lambda at: ground.grip(at, split)}
     return found
 
 
@@ -59,16 +59,15 @@ def test_they_agree(kind: str, lossy: bool, tmp_path: Path, rng: np.random.Gener
     base = model.base_columns
     for _ in range(3):
         q, (nu, nu_dot) = robot.random_configuration(rng), 0.3 * rng.normal(size=(2, dof))
-        forces.update_contacts(q)
-        found = forces.with_derivatives(q, nu, nu_dot)
-        few = forces.with_derivatives(q, nu, nu_dot, accelerations=base)
+        if forces.ground is not None:
+            forces.ground.update(q)
+        found = forces.at(q, nu, nu_dot, dof, base)
+        few = forces.at(q, nu, nu_dot, base, base)
         values = []  # (before, after) a step along each ν̇, then along each ν that moves the base
         for along in np.eye(2 * dof)[[*range(dof), *range(dof, dof + base)]]:
             by_nu_dot, by_nu = STEP * along.reshape(2, dof)
-            values.append(
-                [forces.value(q, nu + s * by_nu, nu_dot + s * by_nu_dot) for s in (-1, 1)]
-            )
-        split = forces.load_split(found) if forces.rows else None
+            values.append([forces.at(q, nu + s * by_nu, nu_dot + s * by_nu_dot) for s in (-1, 1)])
+        split = np.empty(0) if forces.ground is None else forces.ground.load_split(found)
         for name, part in rows(forces, split).items():
             ends = np.array([[part(value)[:, 0] for value in pair] for pair in values])
             truth = (ends[:, 1] - ends[:, 0]).T / (2.0 * STEP)

@@ -119,16 +119,17 @@ def test_forces_and_their_jacobian(name: str, rng: np.random.Generator) -> None:
     assert contacts is not None
     model = make_model(dynamics, STEPS, DT)
     forces = ForceModel(model, contacts, tip_margin=0.02, grip=0.9)
+    assert forces.ground is not None
     _, joints, nu, nu_dot = state(model, rng)
     nu, nu_dot = 0.3 * nu, 0.3 * nu_dot[0]
     q = robot.configuration_at(rng.normal(size=3), joints)
     tau = dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot))
-    full = forces.with_derivatives(q, nu, nu_dot)
+    full = forces.at(q, nu, nu_dot, robot.dof, model.base_columns)
     np.testing.assert_allclose(forces.efforts(full)[:, 0], tau, atol=1e-9)
 
     # The least row of the polygon's edges is the margin, at the share of the weight that bears.
     ground = ground_reaction(dynamics, contacts, q, nu, tau)
-    edges = forces.rows - 8 * len(contacts.along)
+    edges = forces.ground.rows - 8 * len(contacts.along)
     weight = robot.mass * 9.81
     rows = forces.ground(full)
     assert ground.tip_margin is not None
@@ -136,7 +137,7 @@ def test_forces_and_their_jacobian(name: str, rng: np.random.Generator) -> None:
     assert rows[:edges, 0].min() == pytest.approx(expected, abs=1e-9)
 
     def value(nu: Array, nu_dot: Array) -> Array:
-        found = forces.value(q, nu, nu_dot)
+        found = forces.at(q, nu, nu_dot)
         efforts, room = forces.efforts(found), forces.ground(found)
         return np.concatenate([efforts[:, 0], room[:edges, 0]])
 
@@ -156,16 +157,17 @@ def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> Non
     dynamics = ReducedDynamics(tiago)
     model, bounds = make_model(dynamics, STEPS, DT), Bounds()
     forces = ForceModel(model, find_contacts(dynamics), bounds.tip_margin, bounds.grip)
+    assert forces.ground is not None
     rows, still = ForceBounds(model, bounds, forces), np.zeros((STEPS, tiago.dof))
     q, nu = tiago.configuration(), np.eye(tiago.dof)[0] * 0.4
     load_splits, found = [], []
     for braking in (0.0, -1.5):
         motion = model.predict(q, nu, still + braking * np.eye(tiago.dof)[0])
         now = rows.linearise(Sample(motion, Target(motion.pose, motion.joints, motion.nu), None))[1]
-        at = forces.with_derivatives(q, nu, motion.nu_dot[0], dynamics)
-        load_splits.append(forces.load_split(at))
+        at = forces.at(q, nu, motion.nu_dot[0], measured=dynamics)
+        load_splits.append(forces.ground.load_split(at))
         found.append(
-            (-now.value[0], [forces.grip_margins(at, piece)[:, 0] for piece in load_splits])
+            (-now.value[0], [forces.ground.grip(at, piece)[:, 0] for piece in load_splits])
         )
     assert not np.array_equal(load_splits[0], load_splits[1])
     assert found[0][0].shape == found[1][0].shape
@@ -182,6 +184,7 @@ def test_rows_of_the_grip_tell_slipping(rng: np.random.Generator) -> None:
     assert contacts is not None
     model = make_model(dynamics, STEPS, DT)
     forces = ForceModel(model, contacts, tip_margin=0.02, grip=0.9)
+    assert forces.ground is not None
     said = set()
     for _ in range(300):
         nu, nu_dot = rng.normal(size=(2, robot.dof)) * [[1.0, 1.0, 0.3, 0.1], [2.0, 2.0, 0.3, 0.1]]
@@ -190,7 +193,7 @@ def test_rows_of_the_grip_tell_slipping(rng: np.random.Generator) -> None:
         ground = ground_reaction(dynamics, contacts, q, nu, tau)
         if ground.load.min() <= 0.0:
             continue
-        rows = forces.ground(forces.value(q, nu, nu_dot))[-16:, 0]
+        rows = forces.ground(forces.at(q, nu, nu_dot))[-16:, 0]
         held = bool(rows.min() >= 0.0)
         said.add(held)
         # The polygon lies inside the circle, and touches it from within by 1 - cos(π/8).

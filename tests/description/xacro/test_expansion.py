@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl.cli.app import app
 from rpctl.description.xacro.messages import ExpansionError
-from rpctl.errors import DescriptionError, RpctlError
+from rpctl.errors import DescriptionError
 from tests.description.corpus import BASE
 
 pytest.importorskip("xacro")
@@ -133,28 +133,3 @@ def test_what_cannot_be_expanded_is_told(
     assert expected in message
     assert message.replace("\n", "").isprintable()
     assert message.startswith(str(path.parent))
-
-
-def test_entities_come_to_nothing(tmp_path: Path) -> None:
-    laughs = "<!ENTITY a0 'ha'>" + "".join(
-        f"<!ENTITY a{i} '{f'&a{i - 1};' * 10}'>" for i in range(1, 12)
-    )
-    secret = '<!ENTITY e SYSTEM "file:///etc/passwd">'
-    for entities, use in ((laughs, "&a11;"), (secret, "&e;")):
-        text = f'<!DOCTYPE r [{entities}]><robot name="r"><link name="l">{use}</link></robot>'
-        with pytest.raises(RpctlError) as caught:
-            rpctl.load(write(tmp_path / "r.xacro", text))
-        assert "root:" not in str(caught.value)
-
-
-def test_a_run_of_a_xacro_loads_its_robot_again(tmp_path: Path) -> None:
-    path = write(tmp_path / "bot" / "bot.urdf.xacro", folded())
-    write(tmp_path / "far" / "parts" / "w.xacro", PARTS)
-    robot = rpctl.load(path, package_dirs=[tmp_path / "far"])
-    run = rpctl.track(robot, "line", duration=0.1)
-    saved = rpctl.Run.load(run.save(tmp_path / "run.npz"))
-    assert saved.robot.package_dirs == (str(tmp_path / "far"),)
-    assert saved.load_robot().quasi_velocities == robot.quasi_velocities
-    write(tmp_path / "far" / "parts" / "w.xacro", PARTS.replace("0.15", "0.16"))
-    again = saved.load_robot()  # of the run, whatever the file has become
-    assert again.description.raw == robot.description.raw

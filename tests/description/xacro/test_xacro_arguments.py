@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli.app import app
-from rpctl.description.records import ReadSettings, as_xacro
+from rpctl.description.records import ReadSettings
 from rpctl.description.xacro.expansion import expand
 from rpctl.description.xacro.messages import ExpansionError
 from rpctl.errors import DescriptionError
@@ -41,17 +41,6 @@ def test_words_stand_anywhere(tmp_path: Path) -> None:
     assert json.loads(call("inspect", *words)[1])["mass"] == 8.0
     robot = rpctl.load(path, drive="fixed", xacro_args={"mass": 9})
     assert robot.mass == 9.0
-
-
-def test_truth_values_are_xacros(tmp_path: Path) -> None:
-    path = xacro(
-        tmp_path / "r.urdf.xacro", '<xacro:arg name="tall" default="false"/>',
-        '<xacro:if value="$(arg tall)">', link("base", "5"), "</xacro:if>",
-        '<xacro:unless value="$(arg tall)">', link("base", "4"), "</xacro:unless>",
-    )  # fmt: skip
-    for tall, expected in ((True, "5"), (False, "4")):
-        found = expand(path, ReadSettings(xacro_args={"tall": as_xacro(tall)})).text
-        assert f'<mass value="{expected}"/>' in found
 
 
 def test_a_missing_argument_lists_those_declared(tmp_path: Path) -> None:
@@ -135,23 +124,3 @@ def test_inspect_lists_the_arguments(tmp_path: Path) -> None:
     plain = write(tmp_path / "plain.urdf", f'<robot name="r">{link("base")}</robot>')
     code, out, _ = call("inspect", plain, "--xacro-args", "--json")
     assert (code, json.loads(out)) == (0, [])
-
-
-def test_runs_and_certificates_keep_them(tmp_path: Path) -> None:
-    path = xacro(tmp_path / "r.urdf.xacro", MASS, link("world"),
-        '<joint name="j" type="revolute"><parent link="world"/><child link="base"/>'
-        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint>',
-        USE)  # fmt: skip
-    robot = rpctl.load(path, "fixed", xacro_args={"mass": 7}, home={"j": 0.25})
-    run = rpctl.track(robot, duration=0.02)
-    again = rpctl.Run.load(run.save(tmp_path / "run.npz"))
-    assert again.robot.xacro_args == {"mass": "7"}
-    reloaded = again.load_robot()
-    assert reloaded.mass == robot.mass == 8.0
-    assert reloaded.home == pytest.approx([0.25])
-    certificate = rpctl.verify(robot, samples=1, engines=())
-    assert "the expansion of the xacro with mass:=7" in certificate.shared
-    kept = json.loads(json.dumps(certificate.to_dict()))["loaded_with"]
-    assert kept["xacro_args"] == {"mass": "7"}
-    same = rpctl.load(**kept)
-    assert (same.mass, same.drive, same.home.tolist()) == (robot.mass, robot.drive, [0.25])

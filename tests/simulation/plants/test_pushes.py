@@ -11,9 +11,7 @@ import pytest
 import rpctl
 from rpctl import PaperDynamic, Plant, ReducedDynamics, Robot, RpctlError, summarize, track
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
-from rpctl.dynamics.many_states import ManyStates
 from rpctl.dynamics.pushes import outside_at
-from rpctl.dynamics.reduced import OutsideForce
 from rpctl.errors import UnknownNameError
 from rpctl.robot.vary import add_losses
 from rpctl.simulation.plants.interfaces import pushes
@@ -91,22 +89,6 @@ def test_the_ground_holds_against_a_push(standing: Robot) -> None:
     np.testing.assert_allclose(left + local[0], 0.0, atol=1e-9)
     weight = SET_A["m_c"] * SET_A["d"] * 9.81
     np.testing.assert_allclose(-ahead + local[1] + weight, 0.0, atol=1e-9)
-
-
-def test_many_states_say_the_same(standing: Robot, rng: np.random.Generator) -> None:
-    robot = Plant(slope=(0.1, 0.2)).simulated_robot(standing)
-    dynamics = ReducedDynamics(robot)
-    q = np.array([robot.random_configuration(rng) for _ in range(3)])
-    nu, tau = rng.normal(size=(3, 2)), rng.normal(size=(3, 2))
-    pushed = [outside_at(dynamics, each, [Wrench("base", (1.0, 2.0, 3.0))]) for each in q]
-    together = OutsideForce(*(np.array(each) for each in zip(*pushed, strict=True)))
-    found = ManyStates(dynamics).reactions(q, nu, tau, together)
-    for k, outside in enumerate(pushed):
-        residual, wrench = dynamics.reaction(q[k], nu[k], tau[k], outside)
-        np.testing.assert_allclose(found.residual[k], residual, atol=1e-10)
-        np.testing.assert_allclose(found.wrench[k], wrench, atol=1e-10)
-        assert found.energy[k] == pytest.approx(dynamics.energy(q[k], nu[k]), rel=1e-12)
-        np.testing.assert_allclose(dynamics.basis(q[k]).T @ residual, 0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize("lossy", [False, True])

@@ -12,13 +12,16 @@ import pytest
 from rpctl.arrays import Array
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.check import CONTACT_ORACLE
-from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
-from rpctl.view.pages.certificate import TrialChart, certificate_page, trial_charts
+from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
+from rpctl.view.pages.certificate import (
+    TrialChart,
+    certificate_page,
+    plan_view,
+    trial_charts,
+)
 
 COUNT = 201
 T = np.linspace(0.0, 2.0, COUNT)
-PIXEL = 0.011  # of a picture's unit: points are written to a hundredth
-BAR = 0.05  # what the bar's own two ends, so rounded, make of the picture's width
 
 
 def motion(drift: float) -> ContactMotion:
@@ -52,120 +55,59 @@ def trial() -> ContactTrial:
     )
 
 
-def points(svg: str, kind: str) -> list[Array]:
-    """Return the points (n, 2) of every path of a class."""
-    found = re.findall(rf'class="{kind}" d="M([^"Z]*)', svg)
-    return [
-        np.array([[float(x) for x in pair.split()] for pair in text.split("L")]) for text in found
-    ]
+def path(text: str) -> Array:
+    """Return the points (n, 2) of a path of straight lines."""
+    return np.array([[float(x) for x in pair.split()] for pair in text.strip("M").split("L")])
 
 
-def plan_view(trial: ContactTrial) -> tuple[str, str]:
-    """Return the ground from above as SVG, and the page, whose style moves the robots."""
-    page = certificate_page(Certificate("robot", 1, 0, (), contact=trial))
-    return "<svg" + page.partition('<svg class="plan"')[2].partition("</svg>")[0], page
-
-
-def scale(svg: str) -> float:
-    """Return the units of the picture per m, by the bar: the edge of a square that it names."""
-    found = re.search(r'class="bar" d="M-([\d.]+) -4V0H0V-4"', svg)
-    label = re.search(r'y="-8" text-anchor="middle">([\d.]+) (c?m)</text>', svg)
-    assert found is not None
-    assert label is not None
-    metres = float(label[1]) * (0.01 if label[2] == "cm" else 1.0)
-    return float(found[1]) / metres
-
-
-def test_both_paths_are_the_actual_ones(trial: ContactTrial) -> None:
-    svg, _ = plan_view(trial)
-    (engine,), (reduced,) = points(svg, "ribbon"), points(svg, "thread")
-    size = scale(svg)
-    for drawn, side in ((engine, trial.engine), (reduced, trial.reduced)):
-        expected = side.pose[:, :2] * [size, -size]
-        np.testing.assert_allclose(drawn - drawn[0], expected - expected[0], atol=BAR)
-    np.testing.assert_allclose(reduced[-1] - engine[-1], [0.2 * size, 0.0], atol=BAR)
-    np.testing.assert_allclose(reduced[0], engine[0], atol=PIXEL)
-
-
-def test_the_robots_stand_where_they_end(trial: ContactTrial) -> None:
+def test_paths_robots_and_tracks_stand_where_they_are(trial: ContactTrial) -> None:
     """A quarter turn on, the ball at (.4, 0) m ahead of the root lies .4 m to its left."""
-    svg, _ = plan_view(trial)
-    size = scale(svg)
-    (path,) = points(svg, "ribbon")
-    corners = {kind: points(svg, f"stand {kind}")[0] for kind in ("start", "end engine")}
-    ends = {"start": (path[0], [0.4, 0.0]), "end engine": (path[-1], [0.0, -0.4])}
-    for kind, (root, arm) in ends.items():
-        tip = root + size * np.array(arm)
-        assert np.abs(corners[kind] - tip).max(axis=1).min() < BAR
-    shifted = points(svg, "stand end reduced")[0] - corners["end engine"]
-    np.testing.assert_allclose(shifted, np.tile([0.2 * size, 0.0], (3, 1)), atol=BAR)
+    plan = plan_view(trial)
+    for name in ("engine", "reduced"):
+        pose = getattr(trial, name).pose
+        np.testing.assert_allclose(path(plan["ways"][name]), pose[:, :2], atol=1e-4)
+    stands = {kind: path(text) for kind, text in plan["stands"].items()}
+    ends = {"start": (0.4, 0.0), "end engine": (1.0, 1.4), "end reduced": (1.2, 1.4)}
+    for kind, tip in ends.items():
+        assert np.abs(stands[kind] - tip).max(axis=1).min() < 1e-4
+    for way, (x, y) in zip(map(path, plan["tracks"]), trial.footprint, strict=True):
+        np.testing.assert_allclose(way[[0, -1]], [[x, y], [1.0 - y, 1.0 + x]], atol=1e-4)
 
 
-def test_tracks_are_those_of_the_contacts(trial: ContactTrial) -> None:
-    svg, _ = plan_view(trial)
-    (text,) = re.findall(r'class="track" d="([^"]*)"', svg)
-    ways = [
-        np.array([[float(x) for x in pair.split()] for pair in way.split("L")])
-        for way in text.split("M")[1:]
-    ]
-    (path,), size = points(svg, "ribbon"), scale(svg)
-    assert len(ways) == 3
-    for way, (x, y) in zip(ways, trial.footprint, strict=True):
-        np.testing.assert_allclose(way[0] - path[0], [size * x, -size * y], atol=BAR)
-        np.testing.assert_allclose(way[-1] - path[-1], [-size * y, -size * x], atol=BAR)
-
-
-def box(svg: str) -> tuple[float, float]:
-    """Return a picture's width and height."""
-    (found,) = re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
-    return float(found[0]), float(found[1])
-
-
-def test_the_grid_counts_from_the_worlds_origin(trial: ContactTrial) -> None:
-    """The root link starts there, so two lines cross at the start; the rest are squares apart."""
-    svg, _ = plan_view(trial)
-    (text,), (width, height) = re.findall(r'class="grid" d="([^"]*)"', svg), box(svg)
-    upright = [float(x) for x in re.findall(r"M([-\d.]+) 0V", text)]
-    level = [float(y) for y in re.findall(r"M0 ([-\d.]+)H", text)]
-    (path,) = points(svg, "ribbon")
-    square = 0.2 * scale(svg)  # at most 14 of them across 1.75 m
-    for lines, start, size in ((upright, path[0, 0], width), (level, path[0, 1], height)):
-        assert min(abs(line - start) for line in lines) < BAR
-        np.testing.assert_allclose(np.abs(np.diff(lines)), square, atol=BAR)
-        assert -BAR <= min(lines) < square
-        assert size + BAR >= max(lines) > size - square
-
-
-def test_the_picture_holds_all_and_wastes_nothing(trial: ContactTrial) -> None:
-    svg, _ = plan_view(trial)
-    drawn = [*points(svg, "ribbon"), *points(svg, "thread")]
-    for kind in ("start", "end engine", "end reduced"):
-        drawn += points(svg, f"stand {kind}")
-    every, size = np.vstack(drawn), np.array(box(svg))
-    np.testing.assert_allclose(every.min(axis=0), size - every.max(axis=0), atol=1.0)  # centred
-    assert every.min() == pytest.approx(34.0, abs=1.0)
-
-
-def keyframes(css: str, kind: str) -> Array:
-    """Return the share, x, y and turn of every keyframe of a robot (n, 4)."""
-    (block,) = re.findall(rf"@keyframes roll-{kind}\{{(.*)\}}", css)
-    frame = r"([\d.]+)%\{transform:translate\(([-\d.]+)px,([-\d.]+)px\) rotate\(([-\d.]+)deg\)\}"
-    return np.array([[float(x) for x in found] for found in re.findall(frame, block)])
+def test_the_picture_holds_all_and_its_grid_counts_from_the_origin(trial: ContactTrial) -> None:
+    plan = plan_view(trial)
+    texts = [*plan["ways"].values(), *plan["stands"].values()]
+    every, view = np.vstack([path(text) for text in texts]), plan["view"]
+    places = (every - [view.left, view.top]) * [view.scale, -view.scale]
+    size = np.array([plan["width"], view.height])
+    np.testing.assert_allclose(places.min(axis=0), size - places.max(axis=0), atol=0.1)  # centred
+    assert places.min() == pytest.approx(34.0, abs=0.1)
+    left, bottom, right, top = plan["box"]
+    for lines, low, high in ((plan["columns"], left, right), (plan["rows"], bottom, top)):
+        assert lines == pytest.approx(0.2 * np.round(np.array(lines) / 0.2))
+        assert low <= lines[0] < low + 0.2
+        assert high - 0.2 < lines[-1] <= high
+    start, end = plan["posts"]
+    assert start["place"] == pytest.approx((-view.left * view.scale, view.top * view.scale))
+    assert (start["text"], end["text"]) == ("start", "end")
 
 
 def test_the_robots_move_as_they_did_in_real_time(trial: ContactTrial) -> None:
-    svg, css = plan_view(trial)
-    for kind, line in (("engine", "ribbon"), ("reduced", "thread")):
-        frames, (path,) = keyframes(css, kind), points(svg, line)
-        (seconds,) = re.findall(rf"animation:roll-{kind} ([\d.]+)s linear infinite", css)
-        at = frames[:-1, 0] * float(seconds) / 100.0
+    plan = plan_view(trial)
+    for name in ("engine", "reduced"):
+        frames, pose = np.array(plan["moves"][name]), getattr(trial, name).pose
+        at = frames[:-1, 0] * plan["clock"] / 100.0
         picked = np.round(at / 0.01).astype(int)
-        np.testing.assert_allclose(at, T[picked], atol=1e-3)
-        np.testing.assert_allclose(frames[:-1, 1:3], path[picked], atol=PIXEL)
-        np.testing.assert_allclose(frames[:-1, 3], -45.0 * T[picked], atol=1e-2)
+        np.testing.assert_allclose(at, T[picked])
+        np.testing.assert_allclose(frames[:-1, 1:3], pose[picked, :2])
+        np.testing.assert_allclose(frames[:-1, 3], 45.0 * T[picked])
         assert picked[[0, -1]].tolist() == [0, COUNT - 1]
         assert frames[-1].tolist() == [100.0, *frames[-2, 1:]]
         assert len(frames) == 42
+    page = certificate_page(Certificate("robot", 1, 0, (), contact=trial))
+    (block,) = re.findall(r"@keyframes roll-reduced\{(.*)\}", page)
+    assert block.startswith("0.00%{transform:translate(0.0000px,0.0000px) rotate(0.000deg)}")
+    assert block.count("%") == 42
 
 
 def chart(trial: ContactTrial, title: str) -> TrialChart:
@@ -258,9 +200,9 @@ def test_a_path_that_breaks_off_is_drawn_as_far_as_it_goes(trial: ContactTrial) 
     lost = dataclasses.replace(
         trial, reduced=ContactMotion(**parts), checks=(row("path", math.inf, 0.3),)
     )
-    svg, css = plan_view(lost)
-    assert "nan" not in css.partition("<main>")[2]
-    assert "∞" in css or "inf" in css
-    (thread,) = points(svg, "thread")
-    assert len(thread) == 120
-    assert keyframes(css, "reduced")[-2, 3] == pytest.approx(-45.0 * T[119], abs=1e-2)
+    page = certificate_page(Certificate("robot", 1, 0, (), contact=lost))
+    assert "nan" not in page.partition("<main>")[2]
+    assert "∞" in page or "inf" in page
+    plan = plan_view(lost)
+    assert len(path(plan["ways"]["reduced"])) == 120
+    assert plan["moves"]["reduced"][-1][3] == pytest.approx(45.0 * T[119])

@@ -27,7 +27,7 @@ from rpctl.view.pages.panel import (
     residual,
     subtitle,
 )
-from rpctl.view.pages.settings import variation_texts
+from rpctl.view.pages.settings import setting_texts
 from tests.golden import COUNT, beside_its_path
 from tests.runs import vary
 from tests.view.readers import legend_text, panel_text
@@ -94,7 +94,7 @@ def test_panel_of_a_run(golden: Run) -> None:
         "Law within": "BoundedDynamic",
         "Horizon h, s (dynamic)": "0.5",
         "Control period, s": "0.002",
-        "Initial error (m, m, rad)": "0.1, -0.2, 0.3",
+        "Initial error, m, m, rad": "0.1, -0.2, 0.3",
         "Drive": "tricycle",
         "Wheels": "3, radius 0.1 m",
         "Quasi-velocities": "4",
@@ -260,66 +260,27 @@ def test_settings_that_differ_come_first(golden: Run) -> None:
 
 
 def test_what_the_plant_varies_is_told_with_units(golden: Run) -> None:
-    """The arm's joints turn, one of them slides: the robot knows their units."""
     plant = Plant(
-        masses={"fore*": 1.1}, centres={"fore*": (0.01, 0.0, -0.02)}, inertias={"base": 0.5},
-        radii={"*left": 0.98}, track=1.02, damping={"turns": 0.1, "slides": 2.0, "*": 0.0},
-        noise=Noise(position=0.002, heading=0.01, joints=1e-3, speed=0.1, turn_rate=0.2,
-                    joint_rates=0.3),
-        payload=CarriedLoad(mass=1.5, com=(0.0, 0.0, 0.1)), losses=3.0, effort=0.5, effort_lag=0.01,
-        backlash={"turns": 0.02, "slides": 1e-3}, encoder_bits=12, jitter=1e-4, slope=(0.1, -0.2),
-        sensor_bias=SensorBias(heading=-0.01, joint_rates=0.2),
-        wrenches=(Wrench("fore", (1.0, 0.0, -2.0), start=0.5),
-                  Wrench("aft", moment=(0.0, 0.0, 3.0), end=2.0)),
+        masses={"fore*": 1.1}, centres={"fore*": (0.01, 0.0, -0.02)}, track=1.02,
+        noise=Noise(position=0.002), payload=CarriedLoad(mass=1.5), effort=0.5,
+        backlash={"turns": 0.02}, slope=(0.1, -0.2), sensor_bias=SensorBias(heading=-0.01),
+        wrenches=(Wrench("fore", (1.0, 0.0, -2.0), start=0.5), Wrench("aft", end=2.0)),
     )  # fmt: skip
-    joints = {"joint_names": ("turns", "slides"), "units": ("rad", "m")}
-    page = panel_text(
-        panel(vary(golden, config=Config(plant=plant), **joints), summarize(golden), [])
-    )
-    expected = {
-        "Mass of fore*": "1.1 times the model's",
-        "Centre of mass of fore*": "moved by (0.01, 0, -0.02) m",
-        "Inertia of base": "0.5 times the model's",
-        "Radius of *left": "0.98 times the model's",
-        "Track": "1.02 times the model's",
-        "Damping of turns": "0.1 N·m·s/rad more",
-        "Damping of slides": "2 N·s/m more",
-        "Damping of *": "0 N·m·s/rad or N·s/m more",
-        "Noise of position, x and y": "0.002 m, standard deviation",
-        "Noise of heading": "0.01 rad, standard deviation",
-        "Noise of joints' positions": "0.001 rad or m, standard deviation",
-        "Noise of speed": "0.1 m/s, standard deviation",
-        "Noise of turning rate": "0.2 rad/s, standard deviation",
-        "Noise of joints' rates": "0.3 rad/s or m/s, standard deviation",
-        "Payload": "1.5 kg on the end effector, (0, 0, 0.1) m from its origin",
-        "Slope": "rises by 0.1 rad along x and -0.2 rad along y",
-        "Push 1": "(1, 0, -2) N on fore, from 0.5 s to the end",
-        "Push 2": "(0, 0, 3) N·m on aft, from 0 s to 2 s",
-        "Losses of the joints": "3 times the model's",
-        "Saturation of efforts": "at 0.5 times the model's limits",
-        "Lag of efforts": "0.01 s",
-        "Backlash of turns": "0.02 rad",
-        "Backlash of slides": "0.001 m",
-        "Constant error of heading": "-0.01 rad",
-        "Constant error of joints' rates": "0.2 rad/s or m/s",
-        "Encoders": "12 bits a turn, or a sliding joint's range",
-        "Jitter of samples": "0.0001 s, standard deviation",
+    plain = setting_texts(replace(golden, config=Config()))
+    told = setting_texts(replace(golden, config=Config(plant=plant)))
+    assert {label: told[label] for label in told.keys() - plain.keys()} == {
+        "Scale of the mass of fore*": "1.1",
+        "Offset of the centre of mass of fore*, m": "0.01, 0, -0.02",
+        "Scale of the track": "1.02",
+        "Noise: position, x and y, m": "0.002",
+        "Payload: mass, kg": "1.5",
+        "Scale of the effort limits": "0.5",
+        "Backlash of turns, rad or m": "0.02",
+        "Slope, rad": "0.1, -0.2",
+        "Constant error: heading, rad": "-0.01",
+        "Push 1: Link": "fore",
+        "Push 1: Force, N": "1, 0, -2",
+        "Push 1: Start, s": "0.5",
+        "Push 2: Link": "aft",
+        "Push 2: End, s": "2",
     }
-    told = rows(page)
-    assert {label: told.get(label) for label in expected} == expected
-    plain = rows(panel_text(panel(golden, summarize(golden), [])))
-    assert not plain.keys() & (expected.keys() - {"Track"})
-
-
-def test_damping_of_wheels_and_a_plain_track(golden: Run) -> None:
-    wheel = golden.robot.drive.wheels[0].joint
-    one = {"joint_names": ("slides",), "units": ("m",), "lower_limits": (0.0,)}
-    none = {"steering_names": (), "steering_limits": ()}
-    run = replace(golden, robot=replace(golden.robot, **one, **none, upper_limits=(1.0,)))  # type: ignore[arg-type]
-    assert variation_texts(Plant(damping={wheel: 0.5}), run.robot) == {
-        f"Damping of {wheel}": "0.5 N·m·s/rad more"
-    }
-    assert variation_texts(Plant(noise=Noise(joints=0.1)), run.robot) == {
-        "Noise of joints' positions": "0.1 m, standard deviation"
-    }
-    assert variation_texts(Plant(), run.robot) == {}

@@ -11,7 +11,7 @@ import pytest
 from rpctl.view.scene import stage as ground
 from rpctl.view.scene import trails
 from rpctl.view.scene.trails import dashes, fresh_dashes
-from tests.view.samples import numbers, unpack
+from tests.view.readers import trails as drawn_trails
 
 Array = np.ndarray[Any, Any]
 
@@ -119,12 +119,9 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
         "tip-desired": path,
     }
     lower, upper = np.zeros(3), np.array([3.0, 4.0, 1.0])  # a trail of 30 mm
-    drawn = unpack(trails.trails_command({"": paths}, lower, upper))["object"]
-    heights, widths = {}, {}
-    for item in drawn["geometries"]:
-        points = numbers(item["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
-        heights[item["uuid"]] = 0.5 * (points[:, 2].min() + points[:, 2].max())
-        widths[item["uuid"]] = np.ptp(points[:, 1])
+    drawn = {name.removeprefix("trail-"): points for name, points in found(paths, lower, upper)}
+    heights = {name: 0.5 * (p[:, 2].min() + p[:, 2].max()) for name, p in drawn.items()}
+    widths = {name: np.ptp(points[:, 1]) for name, points in drawn.items()}
     assert heights == pytest.approx(
         {"base-desired": 0.009, "base": 0.018, "tip-desired": 0.0, "tip": 1.0}, abs=1e-7
     )
@@ -132,16 +129,13 @@ def test_trails_lie_above_the_ground_and_the_actual_above_the_desired() -> None:
     assert widths["base-desired"] == pytest.approx(0.8 * 0.03)
     for name, width in (("tip", 0.55 * 0.03), ("tip-desired", 0.8 * 0.55 * 0.03)):
         assert np.sqrt(0.75) * width * 0.999 < widths[name] <= width * 1.001
-    only = unpack(trails.trails_command({"": {"tip": path, "tip-desired": path}}, lower, upper))[
-        "object"
-    ]
-    assert [node["name"] for node in only["object"]["children"]] == [
-        "trail-tip-desired",
-        "trail-tip",
-    ]
     still = {"base": path[:1], "base-desired": path}
-    only = unpack(trails.trails_command({"": still}, lower, upper))["object"]
-    assert [node["name"] for node in only["object"]["children"]] == ["trail-base-desired"]
+    assert [name for name, _ in found(still, lower, upper)] == ["trail-base-desired"]
+
+
+def found(paths: dict[str, Array], lower: Array, upper: Array) -> list[tuple[str, Array]]:
+    """Return the vertices (n, 3) of the trails of paths, by their nodes' names."""
+    return list(drawn_trails([trails.trails_command({"": paths}, lower, upper)]).items())
 
 
 def test_laps_on_one_another_have_the_dashes_of_one() -> None:
