@@ -48,7 +48,7 @@ def test_from_afar_they_keep_the_limits_that_the_papers_dynamic_law_breaks(paper
     assert {bound.limit for bound in kept.limits_bound} == {"effort"}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_on_tiago_they_keep_every_limit_and_bring_all_joints_home(tiago: Robot) -> None:
     """From (0.1, 0.3, 0.3) on a line; and what `make demo` shows, every joint below 1 mrad."""
     line = summarize(track(tiago, "line", initial_error=FAR))

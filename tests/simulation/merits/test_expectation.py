@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from typing import Any
 
-import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Plant, ReducedDynamics, Robot, summarize, track
+from rpctl import ReducedDynamics, Robot, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.law import Command
 from rpctl.reference.load import load_reference
@@ -103,19 +101,6 @@ def test_a_law_that_gives_up_is_told_and_fails_nothing(paper: Robot, error: Exce
     )
 
 
-def test_a_motion_that_diverges_is_told(paper: Robot) -> None:
-    """Feedback of the wrong sign, which only an error wakes up."""
-
-    def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
-        push = command.nu_d_dot + 200.0 * (nu - command.nu_d)
-        return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, push)))
-
-    found = expect(paper, Config(dynamic=law, run=COARSE))
-    assert found is not None
-    assert found.outcome == "diverging"
-    assert "diverging, it ended early (the motion diverged" in found.sentence
-
-
 def path(rms: float, length: float = 5.0) -> PathFigures:
     return PathFigures(rms, 0.0, 0.0, None, 0.0, 0.0, 0.12, 0.034, length)
 
@@ -137,12 +122,3 @@ def test_the_sentence() -> None:
     )
     coarse = replace(fixed, delay=0.0, base_path=path(0.01, 0.0), end_effector_path=None)
     assert coarse.sentence.startswith("with 10 % more mass: path error 10 mm rms, 0.12 s")
-
-
-def test_it_stays_with_the_run(paper: Robot, expected: Expectation, tmp_path: Any) -> None:
-    run = track(paper, "eight", duration=0.02)
-    assert run.perturbed is None
-    kept = replace(run, perturbed=expected.to_dict())
-    assert rpctl.Run.load(kept.save(tmp_path / "run.npz")).perturbed == expected.to_dict()
-    assert rpctl.Run.load(run.save(tmp_path / "run.npz")).perturbed is None
-    assert Plant().joint_friction == {}

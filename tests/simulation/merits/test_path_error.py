@@ -61,15 +61,6 @@ def test_a_lag_of_some_samples(samples: int) -> None:
     assert figures.largest_lag_distance == pytest.approx(trace.lag_distance.max())
 
 
-def test_a_robot_ahead_has_a_negative_lag() -> None:
-    s = 0.4 * T
-    ahead = eight(np.minimum(s + 0.1, s[-1]))
-    trace = trace_path(T, ahead, eight(s))
-    assert trace.error.max() < 1e-5
-    np.testing.assert_allclose(trace.lag[:-30], -0.25, atol=1e-4)
-    assert path_figures(trace, planar=True).largest_lag == pytest.approx(0.0, abs=1e-12)
-
-
 def test_the_crossing_of_the_eight_is_no_shortcut() -> None:
     """A robot 0.1 m to the left of one branch is nearer to the other one at the crossing."""
     reference = eight(0.4 * T)

@@ -6,17 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rpctl
 from rpctl import Plant, Robot, RpctlError, summarize, track
 from rpctl.arrays import Array
-from rpctl.cli.app import app
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.law import Command
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.vary import set_limits
-from rpctl.simulation.config import Config, RunSettings, read_config, write_config
+from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.plants.sensors import sample_times
 from rpctl.simulation.plants.settings import CarriedLoad, Noise, SensorBias, Wrench
 from tests.robots import SET_A, ball, platform, write
@@ -54,25 +52,6 @@ def test_a_file_says_all_of_it(tmp_path: Path) -> None:
         "plant.wrenches[1]: lacks link",
     ):
         assert part in str(found.value)
-
-
-@pytest.mark.slow
-def test_a_run_is_replayed_from_what_it_saved(paper: Robot, tmp_path: Path) -> None:
-    """Everything is on at once; its file and the configuration that is saved give it again."""
-    config = Config(run=RunSettings("eight", 0.04), plant=ALL)
-    file, again = write_config(config, tmp_path / "run.toml"), tmp_path / "again.toml"
-    words = ["track", "paper", "--config", str(file), "--save-config", str(again), "--samples", "0"]
-    result = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "out")])
-    assert result.exit_code in (0, 1), result.output
-    assert read_config(again) == config
-    one = rpctl.Run.load(tmp_path / "out" / "run.npz")
-    assert one.config.plant == ALL
-    other = track(paper, "eight", duration=0.04, plant=ALL, collisions=False)
-    np.testing.assert_array_equal(one.q, other.q)
-    other.save(tmp_path / "other.npz")
-    np.testing.assert_array_equal(one.tau, rpctl.Run.load(tmp_path / "other.npz").tau)
-    weak = np.abs(one.tau) <= 0.5 * paper.effort_limits
-    assert weak.all()
 
 
 @pytest.mark.thorough

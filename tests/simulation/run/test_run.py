@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -172,28 +172,6 @@ def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:
     np.savez(tmp_path / "pickle.npz", allow_pickle=True, header=objects)
     with pytest.raises(RunFileError, match='"header": no array of numbers'):
         Run.load(tmp_path / "pickle.npz")
-
-
-def test_saving_fails_whole(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An older file survives a failed save, and no temporary one stays."""
-    path = tmp_path / "run.npz"
-    path.write_bytes(b"older")
-
-    def full(self: Path, target: Path) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    with pytest.raises(RpctlError, match="No space left on device"):
-        run.save(path)
-    assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
-    assert path.read_bytes() == b"older"
-
-
-def test_locks_and_the_end_effector_come_back(tmp_path: Path) -> None:
-    robot = rpctl.load("tiago", lock={"torso_lift_joint": 0.2}, end_effector="arm_4_link")
-    back = replace(track(robot, "eight", duration=0.05), simulated=None).load_robot()
-    assert dict(back.locked) == dict(robot.locked)
-    assert back.end_effector == "arm_4_link"
 
 
 def test_the_robot_of_a_run_has_its_home_and_its_free_joints(tmp_path: Path) -> None:
