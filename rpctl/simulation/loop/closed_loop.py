@@ -24,7 +24,7 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.plants.sensors import Measurement, sample_times
 from rpctl.simulation.plants.settings import TIME_ROUNDING
-from rpctl.simulation.plants.starting import start_interface
+from rpctl.simulation.plants.starting import rest_at, start_interface
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 Shown = ParamSpec("Shown")
@@ -247,8 +247,7 @@ def rest_at_start(simulated: ReducedDynamics, config: Config, reference: Referen
     robot = simulated.robot
     first = require_state(robot, reference(0.0), 0.0)
     q = start_configuration(robot, first, config.run.initial_error)
-    holding = simulated.efforts(q, simulated.bias(q, np.zeros(robot.dof)))
-    return Rest(q, np.asarray(holding - config.plant.bias(robot)))
+    return rest_at(simulated, config.plant, q)
 
 
 def start_configuration(
