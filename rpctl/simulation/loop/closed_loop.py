@@ -111,11 +111,7 @@ class Watching(Generic[Shown]):
 
 
 def close_loop(loop: Loop, take: Callable[[LoopSample], object]) -> None:
-    """Close a loop in Python.
-
-    Args:
-        loop: What it needs; filled when it ends, early or not.
-        take: Gets every sample.
+    """Close a loop in Python; ``take`` gets every sample.
 
     Raises:
         DivergedError: The motion left the finite numbers.
@@ -133,16 +129,15 @@ def close_loop(loop: Loop, take: Callable[[LoopSample], object]) -> None:
         for k, t in enumerate(times):
             state = require_state(robot, loop.reference(t), t)
             q, nu, work, lost, felt = interface.state
-            e = tracking_error(robot, state, q)
             measured = measure(q, nu, t)
             if arrives[k]:
                 output = computing.step(t, *measured)
-            tau = interface.take(output, computing.late(t))
+            tau, e = interface.take(output, computing.late(t)), tracking_error(robot, state, q)
             loop.wall_time = time.perf_counter() - started_at
+            command, limits = output.command, output.limits
             sample = LoopSample(
-                t, q, e, tau, state, nu, output.command.nu_d, output.speeds, work, lost,
-                output.limits, felt,
-            )  # fmt: skip
+                t, q, e, tau, state, nu, command.nu_d, output.speeds, work, lost, limits, felt
+            )
             take(sample)
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(diverged_at(t))

@@ -5,27 +5,15 @@ from __future__ import annotations
 import pytest
 
 from rpctl import (
-    IntegralDynamic,
     PaperDynamic,
     PaperKinematic,
     Robot,
-    UnifiedKinematic,
     scale_limits,
     summarize,
     track,
 )
-from rpctl.control.controller import default_laws
-from rpctl.simulation.config import Config
 
 FAR = (0.1, 0.3, 0.3)
-
-
-def test_they_are_the_same_everywhere(paper: Robot) -> None:
-    laws = (UnifiedKinematic(), IntegralDynamic())
-    assert default_laws(paper) == laws
-    assert (Config().kinematic, Config().dynamic) == laws
-    config = track(paper, "line", duration=0.01).config
-    assert (config.kinematic, config.dynamic) == laws
 
 
 def test_from_afar_they_keep_the_limits_that_the_papers_dynamic_law_breaks(paper: Robot) -> None:

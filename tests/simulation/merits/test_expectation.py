@@ -10,8 +10,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.law import Command
-from rpctl.reference.load import load_reference
-from rpctl.simulation.config import Config, LimitOverrides, RunSettings
+from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.merits.expectation import Expectation, expect
 from rpctl.simulation.merits.path_error import PathFigures
 from rpctl.simulation.plants.starting import perturbed_plant
@@ -72,16 +71,6 @@ def test_it_is_the_run_with_that_plant(paper: Robot, expected: Expectation) -> N
         known = {key: value for key, value in asdict(theirs).items() if value is not None}
         found = {key: asdict(mine)[key] for key in known}
         assert found == pytest.approx(known, rel=1e-9, abs=1e-12)
-
-
-def test_the_limits_of_the_configuration_are_kept(paper: Robot, expected: Expectation) -> None:
-    limits = LimitOverrides(velocity={"wheel_*": 0.5})
-    config = Config(dynamic=rpctl.BoundedDynamic(), run=COARSE, limits=limits)
-    slow = expect(paper, config, load_reference(paper, "eight"))  # which fits wheels without them
-    assert slow is not None
-    assert slow.base_path is not None
-    assert expected.base_path is not None
-    assert slow.base_path.final_lag_distance > expected.base_path.final_lag_distance + 0.05
 
 
 def test_a_third_that_is_too_short_tells_nothing(paper: Robot) -> None:

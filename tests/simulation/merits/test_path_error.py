@@ -129,26 +129,6 @@ def test_a_path_in_space() -> None:
     assert not trace.lateral.any()
 
 
-def test_points_between_the_samples_count() -> None:
-    """A straight side of 2 m with a sample at either end only."""
-    reference = np.array([[0.0, 0.0], [2.0, 0.0]])
-    trace = trace_path(np.array([0.0, 4.0]), np.array([[0.0, 0.3], [0.5, -0.4]]), reference)
-    np.testing.assert_allclose(trace.error, [0.3, 0.4])
-    np.testing.assert_allclose(trace.lateral, [-0.3, 0.4])
-    np.testing.assert_allclose(trace.lag, [0.0, 3.0])
-    np.testing.assert_allclose(trace.lag_distance, [0.0, 1.5])
-    assert trace.length == 2.0
-
-
-def test_a_robot_that_is_behind_and_drives_back_leaves_its_place() -> None:
-    """From 1 m to .6 m, on a side of 2 m whose end the reference has reached."""
-    reference = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.0]])
-    actual = np.array([[0.0, 0.0], [1.0, 0.0], [0.6, 0.0]])
-    trace = trace_path(np.arange(3.0), actual, reference)
-    np.testing.assert_allclose(trace.error, [0.0, 0.0, 0.4])
-    np.testing.assert_allclose(trace.lag_distance, [0.0, 1.0, 1.0])
-
-
 def test_beyond_its_ends_the_path_is_as_far_as_its_end() -> None:
     reference = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
     actual = np.array([[-0.3, 0.4], [1.3, 0.4], [1.0, 0.25]])

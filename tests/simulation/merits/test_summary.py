@@ -114,17 +114,6 @@ def test_ground_of_a_robot_that_tips_all_the_time(run: Run) -> None:
     assert str(figures.ground.sentence).endswith("at worst, and nothing can be said of its grip")
 
 
-def test_three_contacts_have_one_number(run: Run) -> None:
-    figures = summarize(run)
-    slip = figures.ground.max_slip_ratio
-    assert figures.ground.slip_ratio_range == (slip, slip)
-    assert figures.ground.could_slip is figures.ground.would_slip is False
-    assert [(row.name, row.min, row.max) for row in figures.ground.contact_loads or ()] == [
-        (name, load.min(), load.max())
-        for name, load in zip(run.ground.contacts, run.log.contact_load.T, strict=True)
-    ]
-
-
 def test_a_run_that_logged_no_ranges_tells_of_one_split(run: Run) -> None:
     old = vary(run, contacts=("a",) * 4)
     figures = summarize(old)

@@ -96,25 +96,6 @@ def test_the_controller_is_told_when_its_samples_were_taken(paper: Robot) -> Non
     assert summarize(run).energy_residual < 1e-6
 
 
-def test_the_controller_sees_what_its_encoders_say(paper: Robot) -> None:
-    seen: list[Array] = []
-
-    def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
-        seen.append(np.concatenate([q, nu]))
-        return PaperDynamic()(dynamics, q, nu, command)
-
-    run = track(
-        paper, "circle", duration=0.2, dynamic=law, plant=Plant(encoder_bits=8), collisions=False
-    )
-    found, joint = np.array(seen), paper.joint_names[0]
-    np.testing.assert_array_equal(found[:, :4], run.q[:, :4])
-    steps = [paper.joint_position(row[: paper.nq], joint) * 2**8 / (2.0 * np.pi) for row in found]
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-    quantum = paper.drive.wheels[0].radius * 2.0 * np.pi / 2**8 / 0.002 / 2.0
-    speeds = found[:, paper.nq] / quantum
-    np.testing.assert_allclose(speeds, np.round(speeds), atol=1e-6)
-
-
 def test_odometry_believes_the_radii_that_it_knows(paper: Robot) -> None:
     """Wheels that are larger by a tenth drive faster by a tenth than their encoders say."""
     seen: list[Array] = []
@@ -136,17 +117,6 @@ def test_odometry_believes_the_radii_that_it_knows(paper: Robot) -> None:
     mean = 0.5 * (run.nu[100, 0] + run.nu[101, 0])
     assert mean > 0.05
     assert seen[101][0] == pytest.approx(mean / 1.1, rel=1e-3)
-
-
-@pytest.mark.thorough
-def test_backlash_leaves_no_more_than_the_gap(paper: Robot) -> None:
-    gap = 5e-3
-    plant = Plant(backlash={"arm_*": gap})
-    run = track(paper, "eight", duration=0.4, plant=plant, collisions=False)
-    plain = track(paper, "eight", duration=0.4, collisions=False)
-    apart = np.abs(run.log.joints - plain.log.joints).max()
-    assert 1e-7 < apart < gap
-    assert summarize(run).energy_residual < 1e-6
 
 
 @pytest.mark.parametrize(

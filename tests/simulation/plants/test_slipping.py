@@ -268,12 +268,6 @@ def test_gentle_motion_converges_to_rolling_with_the_stiffness(kind: str, tmp_pa
         assert softer / stiffer == pytest.approx(2.0, abs=0.15)
 
 
-def test_without_wheels_it_is_the_reduced_model() -> None:
-    robot = rpctl.load("arm")
-    q = robot.configuration(joints=dict(zip(robot.joint_names, robot.home, strict=True)))
-    assert slip_error(robot, q, 20.0, 0.001, 20) < 1e-7
-
-
 @pytest.mark.parametrize("kind", ["platform", "parallel"])
 def test_joints_lose_what_they_lose_where_wheels_roll(kind: str, tmp_path: Path) -> None:
     text = platform(SET_A, extra=ball(0.5)) if kind == "platform" else vehicle(kind)
@@ -292,20 +286,6 @@ def test_joints_lose_what_they_lose_where_wheels_roll(kind: str, tmp_path: Path)
     assert lost > 1e-4
     gained = energy(motion) - dynamics.energy(q, rest)
     assert gained == pytest.approx(work - lost, abs=1e-3 * work)
-
-
-@pytest.mark.thorough
-def test_steps_are_of_second_order(paper: Robot) -> None:
-    def end(dt: float) -> Array:
-        motion = motion_of(paper, friction=0.3, longest=dt)
-        v = np.array([0.4, 0.3, 1.0, 2.0, 1.0, 0.5, 0.1])
-        throw(motion, v)
-        motion.advance(np.array([2.0, 1.0, 1.0, 20.0]), 0.064)
-        return np.concatenate([motion.q, motion.state.v])
-
-    fine = end(0.00025)
-    coarse, quarter = (float(np.abs(end(dt) - fine).max()) for dt in (0.004, 0.001))
-    assert coarse / quarter > 15.0  # 16, or 4 of first order
 
 
 def test_it_stands_on_the_ground_as_it_is_put(paper: Robot) -> None:
