@@ -23,7 +23,7 @@ from rpctl.study.executor import Executor, ProcessExecutor
 from rpctl.study.provenance import installed
 from rpctl.study.runner import chunk_size
 from rpctl.study.store import read_runs
-from rpctl.study.study import Study, run_study, succeeded
+from rpctl.study.study import Study, run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, read_result
 from tests.grids import cells
@@ -267,14 +267,6 @@ def test_a_library_that_is_missing_is_named(
     with pytest.raises(RpctlError, match=rf"needs {package}; pip install 'rpctl\[study\]'"):
         run_study(paper, study, tmp_path / "out")
     assert not (tmp_path / "out" / "runs.parquet").exists()
-
-
-def test_a_threshold_may_be_reached() -> None:
-    merits = {"work": np.array([1.0, 2.0, np.inf]), "lost": np.array([0.0, 0.1, 0.0])}
-    outcomes = ("tracked", "away", "tracked")
-    assert succeeded(merits, outcomes, {}).tolist() == [True, False, True]
-    assert succeeded(merits, outcomes, {"work": 2.0}).tolist() == [True, True, False]
-    assert succeeded(merits, outcomes, {"work": 2.0, "lost": 0.0}).tolist() == [True, False, False]
 
 
 def test_chunks_suit_the_workers() -> None:
