@@ -32,7 +32,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-WIDTH_IN, PANEL_IN, HEAD_IN, BAR_IN = 7.0, 2.3, 0.4, 0.24  # inches: of the figure, and heights
+WIDTH_IN, PANEL_IN, SMALL_PANEL_IN, HEAD_IN, BAR_IN = (
+    7.0,
+    2.3,
+    1.7,
+    0.4,
+    0.24,
+)  # inches: of the figure, and heights
 TITLE_LETTERS, LABEL_LETTERS, NAME_LETTERS = 86, 36, 44  # in a line
 MOST_BARS = 10
 BINS = 32  # of a distribution
@@ -76,19 +82,35 @@ def study_runs_figure(result: StudyResult) -> Figure:
 def merits_figure(result: StudyResult) -> Figure:
     """Return the distribution of each merit."""
     panels = [partial(draw_distribution, result, name) for name in result.runs.merits]
-    figure = _figure(PANEL_IN * -(-len(panels) // 2))
-    _fill(figure, panels)
+    figure = _figure(SMALL_PANEL_IN * -(-len(panels) // 3))
+    _fill(figure, panels, 3)
     return figure
 
 
 @style.own_settings()
 def others_figure(result: StudyResult) -> Figure:
-    """Return what matters to the merits that runs are not compared by, one below the other."""
-    others = [each for each in result.sensitivities if each.merit != result.merit]
-    shown = min(MOST_BARS, len(result.runs.parameters))
-    figure = _figure((1.0 + BAR_IN * shown) * len(others))
-    for k, found in enumerate(others):
-        draw_importance(result, found, figure.add_subplot(len(others), 1, k + 1))
+    """Return how much each parameter matters to each merit, of what matters most to it."""
+    main = result.sensitivity_of(result.merit)
+    names = main.ranking[:MOST_BARS] if main is not None else ()
+    found = {each.merit: importances(each, len(each.parameters)) for each in result.sensitivities}
+    values = np.array(
+        [
+            [{each.name: each.value for each in bars}[name] for name in names]
+            for bars in found.values()
+        ]
+    )
+    shares = values / np.maximum(np.abs(values).max(axis=1, keepdims=True), 1e-300)
+    figure = _figure(1.2 + BAR_IN * len(found))
+    axes = figure.add_subplot()
+    axes.imshow(np.abs(shares), cmap="Blues", vmin=0.0, vmax=1.4, aspect="auto")
+    _style(axes, "What matters to each merit, of its largest", "", "")
+    axes.grid(False)
+    for (row, column), value in np.ndenumerate(values):
+        axes.text(column, row, number(float(value)), fontsize=SMALL_PT, ha="center", va="center")
+    words = [literal(fold(parameter_words(name).name, LABEL_LETTERS // 2)) for name in names]
+    axes.set_xticks(range(len(names)), words, fontsize=SMALL_PT, rotation=30, ha="right")
+    merits = [literal(merit_words(merit)) for merit in found]
+    axes.set_yticks(range(len(merits)), merits, fontsize=SMALL_PT)
     return figure
 
 
@@ -98,13 +120,13 @@ def _figure(height: float) -> Figure:
     return Figure((WIDTH_IN, height), layout="constrained", facecolor=style.PAPER)
 
 
-def _fill(figure: Figure | SubFigure, panels: Sequence[Draw]) -> None:
-    """Draw panels, two in a row; an odd one is as wide as the figure."""
+def _fill(figure: Figure | SubFigure, panels: Sequence[Draw], columns: int = 2) -> None:
+    """Draw panels, some in a row; one that is alone in its row is as wide as the figure."""
     if not panels:
         return
-    grid = figure.add_gridspec(-(-len(panels) // 2), 2)
+    grid = figure.add_gridspec(-(-len(panels) // columns), columns)
     for k, draw in enumerate(panels):
-        row, column = divmod(k, 2)
+        row, column = divmod(k, columns)
         alone = k == len(panels) - 1 and not column
         draw(figure.add_subplot(grid[row, :] if alone else grid[row, column]))
 
@@ -122,7 +144,9 @@ def draw_envelope(result: StudyResult, name: str, axes: Axes) -> None:
                       label="25 to 75 %")  # fmt: skip
     axes.plot(t, values[2], color=style.BASE, lw=1.5, label="median")
     _style(axes, f"{words[:1].upper()}{words[1:]} over time", "time (s)", f"error ({unit.name})")
-    axes.set(xlim=(t[0], t[-1]), ylim=(y.low, y.high), yscale=_scale(y))
+    axes.set(xlim=(t[0], t[-1]), yscale=_scale(y), ylim=(y.low, y.high))
+    if y.log:
+        axes.yaxis.set_major_formatter("{x:g}")
     _legend(axes)
 
 
@@ -133,7 +157,8 @@ def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
     unit = unit_of(result.units.get(merit, ""), _largest(values))
     inside, good = unit.factor * values[known], result.succeeded[known]
     words = merit_words(merit)
-    _style(axes, f"Distribution: {words}", f"{words} ({unit.name})".removesuffix(" ()"), "runs")
+    title = f"{words[:1].upper()}{words[1:]}"
+    _style(axes, title, f"{words} ({unit.name})".removesuffix(" ()"), "runs")
     if not len(inside) or np.ptp(inside) <= SAME * np.abs(inside).max():
         only = number(float(inside[0]), Unit(1.0, unit.name)) if len(inside) else "no value"
         text = f"{only} in {known.sum()} of {len(known)} runs"
@@ -147,6 +172,8 @@ def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
     middle = float(np.median(inside))
     axes.axvline(middle, color=style.INK, **style.LIMIT_STYLE, label="median")
     axes.set(xscale=_scale(x), xlim=(x.low, x.high))
+    if x.log:
+        axes.xaxis.set_major_formatter("{x:g}")
     _legend(axes)
 
 
