@@ -61,8 +61,11 @@ def _missing_packages(
         said.append(f"{package} (line {lines[meshes[0]]}{more})")
     line = min(lines[meshes[0]] for meshes in wanted.values())
     fix = fix.replace("above it", "above them")
-    text = f"{len(wanted)} packages of meshes were not found: {', '.join(said)}; {fix}"
-    return Finding("warning", line, text)
+    return Finding(
+        "warning",
+        line,
+        f"{len(wanted)} packages of meshes were not found: {', '.join(said)}; {fix}",
+    )
 
 
 def _listed(meshes: list[str]) -> str:
