@@ -44,7 +44,7 @@ def written(
     return run, motion, target, whole_qp(run, run.linearise(motion, target))
 
 
-@pytest.mark.parametrize("name", ["paper", "panda", "twin"])
+@pytest.mark.parametrize("name", ["paper", "twin"])
 def test_without_bounds_it_is_least_squares(
     name: str, rng: np.random.Generator, tmp_path: Path
 ) -> None:
