@@ -90,15 +90,6 @@ def workspace(tmp_path: Path) -> Path:
     xacro(wheels / "urdf" / "wheel.xacro", WHEEL)
     rover = package(source / "rover" / "rover_description")
     xacro(rover / "urdf" / "rover.urdf.xacro", BODY, FOUR_WHEELS)
-    arm = [
-        turning("shoulder", "base_link", "0.1 0 0.3", "0 0 1", 2.0),
-        turning("elbow", "shoulder", "0 0 0.1", "0 1 0", 2.5),
-        turning("wrist", "elbow", "0 0 0.3", "0 1 0", 2.5),
-        turning("finger_left", "wrist", "0 0.03 0.2", "1 0 0", 0.5),
-        turning("finger_right", "wrist", "0 -0.03 0.2", "1 0 0", 0.5,
-                '<mimic joint="finger_left_joint" multiplier="-1"/>'),
-    ]  # fmt: skip
-    xacro(rover / "urdf" / "manipulator.urdf.xacro", BODY, ARM, *arm)
     return source
 
 
@@ -135,17 +126,3 @@ def test_a_rover_on_four_wheels(
     assert summary["outcome"] == "tracked"
     assert summary["limits_violated"] == []
     assert summary["final_base_error"] < 1e-3
-
-
-@pytest.mark.slow
-def test_a_manipulator_without_its_meshes(workspace: Path, tmp_path: Path) -> None:
-    path = str(workspace / "rover" / "rover_description" / "urdf" / "manipulator.urdf.xacro")
-    known = answer("inspect", path)
-    assert known["drive"]["type"] == "differential"
-    assert known["end_effector"] == "wrist"
-    assert {"finger_left_joint", "finger_right_joint"} == known["locked"].keys()
-    assert "gripper joints are frozen" in messages(known)
-    summary = answer("track", path, "--samples", "0", "--out", str(tmp_path / "run"))
-    assert summary["outcome"] == "tracked"
-    assert summary["limits_violated"] == []
-    assert "Mesh missing" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
