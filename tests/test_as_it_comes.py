@@ -60,26 +60,6 @@ FOUR_WHEELS = """
 <gazebo><plugin name="drive" filename="libgazebo_ros_$(arg plugin).so">
   <wheelSeparation>0.62</wheelSeparation><wheelDiameter>0.2</wheelDiameter></plugin></gazebo>
 """
-ARM = """
-<xacro:include filename="$(find wheels_description)/urdf/wheel.xacro"/>
-<xacro:wheel name="left" parent="base_link" x="0" y="0.25"/>
-<xacro:wheel name="right" parent="base_link" x="0" y="-0.25"/>
-<link name="caster">
-  <collision><geometry><sphere radius="0.05"/></geometry></collision>
-</link>
-<joint name="caster_mount" type="fixed">
-  <parent link="base_link"/><child link="caster"/><origin xyz="-0.25 0 0.05"/>
-</joint>
-"""
-
-
-def turning(name: str, parent: str, xyz: str, axis: str, span: float, mimic: str = "") -> str:
-    """Return a link of an arm or a finger and the joint that turns it."""
-    return f"""<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="0.6"/>
-      <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-    <joint name="{name}_joint" type="revolute"><parent link="{parent}"/><child link="{name}"/>
-      <origin xyz="{xyz}"/><axis xyz="{axis}"/>
-      <limit lower="{-span}" upper="{span}" effort="20" velocity="2"/>{mimic}</joint>"""
 
 
 @pytest.fixture
