@@ -15,7 +15,7 @@ from rpctl.files.writing import write_atomically
 from rpctl.simulation.run.run import Run
 from rpctl.view.chart import ERROR_FLOOR, PANELS, PATHS, Chart, Panel, decades
 from rpctl.view.charts import ALL_SPLITS, charts, coloured_joints, has_base
-from rpctl.view.marks import marked
+from rpctl.view.marks import MARK, comment
 from rpctl.view.plots import style
 from rpctl.view.plots.paths import draw_paths
 from rpctl.view.plots.style import (
@@ -48,7 +48,7 @@ PanelChart = tuple[Panel, Chart | None]  # a panel and its chart; None where it 
 
 def tracking_image(run: Run) -> bytes:
     """Return the figure of a run as the bytes of a PNG."""
-    return marked(to_png(tracking_figure(run), DPI), ".png", run.digest)
+    return to_png(tracking_figure(run), DPI, run.digest)
 
 
 def save_figure(
@@ -73,8 +73,9 @@ def save_figure(
     if suffix not in (".pdf", ".png"):
         raise RpctlError(f"{path}: figures are .pdf or .png; give a name that ends so")
     figure = tracking_figure(run, panels=panels, column=column)
-    content = to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI)
-    return write_atomically(path, marked(content, suffix, run.digest))
+    if suffix == ".pdf":
+        return write_atomically(path, to_pdf(figure, run.digest))
+    return write_atomically(path, to_png(figure, PRINT_DPI, run.digest))
 
 
 @own_settings()
@@ -135,10 +136,17 @@ def _choose(found: list[PanelChart], wanted: Sequence[str]) -> list[PanelChart]:
 
 
 @own_settings()
-def to_png(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as the bytes of a PNG with a palette of 256 colours."""
+def to_png(figure: Figure, dpi: int, run: str | None = None) -> bytes:
+    """Return a figure as the bytes of a PNG with a palette of 256 colours.
+
+    Args:
+        figure: The figure.
+        dpi: Dots per inch.
+        run: Digest of the run that it is of, which the file tells; None: of no run.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
 
     figure.set_dpi(dpi)
     canvas: Any = FigureCanvasAgg(figure)
@@ -149,20 +157,23 @@ def to_png(figure: Figure, dpi: int) -> bytes:
     colours = np.array(paletted.getpalette()).reshape(-1, 3)
     colours[np.asarray(paletted)[0, 0]] = pixels[0, 0]
     paletted.putpalette(colours.ravel().tolist())
-    buffer = io.BytesIO()
-    paletted.save(buffer, "PNG", dpi=(dpi, dpi))
+    buffer, info = io.BytesIO(), PngInfo()
+    if run is not None:
+        info.add_text(MARK, run)
+    paletted.save(buffer, "PNG", dpi=(dpi, dpi), pnginfo=info)
     return buffer.getvalue()
 
 
 @own_settings()
-def to_pdf(figure: Figure) -> bytes:
-    """Return a figure as the bytes of a PDF, its fonts in it."""
+def to_pdf(figure: Figure, run: str | None = None) -> bytes:
+    """Return a figure as the bytes of a PDF, its fonts and the digest of its run in it."""
     from matplotlib import rc_context
 
     buffer = io.BytesIO()
     with rc_context({"pdf.fonttype": TRUETYPE}):
         # Without a date the same run gives the same file.
-        figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
+        metadata = {"CreationDate": None, "Keywords": comment(run) or None}
+        figure.savefig(buffer, format="pdf", metadata=metadata)
     return buffer.getvalue()
 
 
