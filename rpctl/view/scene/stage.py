@@ -98,8 +98,7 @@ def lights_command(lower: Array, upper: Array) -> bytes:
 def _sun(lower: Array, upper: Array) -> threejs.Json:
     """Return the sun, whose shadows cover the box between two corners (3,), m."""
     axes = view_axes(SUN_DIRECTION)
-    corners = np.array([[(lower, upper)[k >> i & 1][i] for i in range(3)] for k in range(8)])
-    seen = corners @ axes.T
+    seen = corners_of(lower, upper) @ axes.T
     (left, bottom, near), (right, top, far) = seen.min(axis=0) - 0.2, seen.max(axis=0) + 0.2
     sun = np.eye(4)
     distance = max(far, 0.0) + 1.0  # the sun shines towards the origin, wherever the motion is
@@ -119,6 +118,11 @@ def _sun(lower: Array, upper: Array) -> threejs.Json:
     }
     shine = {"color": 0xFFFFFF, "intensity": 0.36, "castShadow": True, "shadow": shadow}
     return threejs.node("DirectionalLight", "sun", sun, **shine)
+
+
+def corners_of(lower: Array, upper: Array) -> Array:
+    """Return the corners (8, 3) of the box between two of them (3,)."""
+    return np.array(np.meshgrid(*np.stack([lower, upper], axis=1))).reshape(3, -1).T
 
 
 def view_axes(direction: Array) -> Array:
