@@ -6,7 +6,7 @@ import time
 
 from rpctl.arrays import Array
 from rpctl.control.controller import Controller, ControllerOutput
-from rpctl.control.horizon.background import SimulatedTime
+from rpctl.control.horizon.law import SimulatedTime
 
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 
