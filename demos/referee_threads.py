@@ -13,7 +13,6 @@ from pathlib import Path
 import rpctl
 from rpctl.engines.engine import Engine, installed_engines
 from rpctl.engines.referee import EngineVerdict, Referee
-from rpctl.engines.words import line, turn_line
 
 DURATION = 1.6  # s of each motion
 RADIUS = 0.1  # m, of wheels
@@ -197,7 +196,7 @@ def main() -> None:
             continue
         with tempfile.TemporaryDirectory() as folder:
             verdict = judge(thread, found[0], Path(folder))
-        said = turn_line(verdict) if thread in TURNS else line(verdict)
+        said = verdict.turn_line if thread in TURNS else verdict.line
         print(f"{thread.cited}: {thread.asked}\n  {said}\n")
 
 

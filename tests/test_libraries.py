@@ -56,12 +56,6 @@ def test_it_is_forgotten_with_what_it_took_along() -> None:
     assert lean_host.lean_extra.__name__ == "lean_extra"
 
 
-@pytest.mark.usefixtures("packages")
-def test_what_cannot_do_without_is_whole() -> None:
-    needy = lean_library("lean_needy", ("lean_needy",), ("lean_extra",))
-    assert needy.lean_extra.__name__ == "lean_extra"
-
-
 def test_another_thread_finds_what_this_one_does_not() -> None:
     from rpctl.libraries import _absent
 

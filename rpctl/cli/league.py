@@ -11,9 +11,8 @@ from rpctl.cli.streams import say
 from rpctl.cli.terminal import progress_bar
 from rpctl.engines.engine import Engine
 from rpctl.engines.referee import EngineVerdict, Referee
-from rpctl.engines.words import line
 from rpctl.errors import RpctlError
-from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor, SerialExecutor
+from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def play_league(
     found: dict[LeagueMatch, EngineVerdict] = {}
     refused: dict[str, RpctlError] = {}
     lost: dict[str, RpctlError] = {}
-    executor: Executor = SerialExecutor() if workers == 1 else ProcessExecutor(workers)
+    executor: Executor = Executor() if workers == 1 else ProcessExecutor(workers)
     work = partial(judge_match, options, motion)
     with executor, progress_bar("referee", f"{len(matches)} matches") as advance:
         try:
@@ -75,7 +74,7 @@ def play_league(
                     refused[match.robot] = verdict
                 else:
                     found[match] = verdict
-                    say(f"{match.robot}: {line(verdict)}", err=as_json)
+                    say(f"{match.robot}: {verdict.line}", err=as_json)
                 advance(done, len(matches))
         except LostChunksError as error:
             lost = {str(match): error for match in error.chunks}

@@ -19,7 +19,6 @@ from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.engines.comparison import EngineGap
 from rpctl.engines.engine import ENGINES, Engine, installed_engines
 from rpctl.engines.referee import DURATION_S, EngineVerdict, Referee
-from rpctl.engines.words import line, turn_line, verdict_to_dict
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable
 from rpctl.robot.catalog import ENTRIES
@@ -136,7 +135,7 @@ def _show(judged: dict[str, tuple[EngineVerdict, ...]], refused: dict[str, Rpctl
     out.print(table)
     for verdicts in () if several else judged.values():
         for verdict in verdicts:
-            for said in filter(None, (line(verdict), turn_line(verdict))):
+            for said in filter(None, (verdict.line, verdict.turn_line)):
                 out.print(escape(said), soft_wrap=True)
         notes = dict.fromkeys(note for verdict in verdicts for note in verdict.notes)
         for note in notes:
@@ -178,7 +177,7 @@ def _to_dict(
 ) -> dict[str, Any]:
     """Return all that was found as plain values for JSON."""
     return {
-        "robots": {name: [verdict_to_dict(one) for one in found] for name, found in judged.items()},
+        "robots": {name: [one.to_dict() for one in found] for name, found in judged.items()},
         "refused": {name: str(error) for name, error in refused.items()},
         "missing": list(missing),
     }

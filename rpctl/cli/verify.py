@@ -17,8 +17,8 @@ from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.check import CONTACT_ORACLE, Check, Skipped
-from rpctl.equivalence.contact.record import ContactTrial, Gap
-from rpctl.equivalence.onset.record import ASKEW, INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
+from rpctl.equivalence.contact.trial import ContactTrial, Gap
+from rpctl.equivalence.onset.trial import ASKEW, INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
 from rpctl.equivalence.verify import verify
 from rpctl.files.writing import require_writable
 from rpctl.robot.model import Robot

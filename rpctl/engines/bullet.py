@@ -8,19 +8,23 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.dynamics.stance import find_supports
-from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_shapes
-from rpctl.engines.engine import EngineFault, EngineMissing, LinkMotion, Switch, Switches
+from rpctl.engines.edited_urdf import SUPPORTS_HOLD, Dialect
+from rpctl.engines.engine import (
+    EngineFault,
+    EngineMissing,
+    LinkMotion,
+    Mended,
+    Switch,
+    joint_losses,
+)
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
-from rpctl.equivalence.contact.shapes import Tyre
+from rpctl.equivalence.contact.model import Tyre
 from rpctl.libraries import library
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
@@ -87,29 +91,30 @@ class BulletRun(UrdfRun):
     Args:
         robot: The robot.
         q: Configuration (nq,).
-        switches: What is mended.
+        mended: What is mended.
         friction: Between wheels and ground, where ``friction`` is mended.
 
     Raises:
         EngineFault: PyBullet refuses the robot.
     """
 
-    engine = "PyBullet"
+    dialect = DIALECT
+    steps = (DEFAULT_STEP, MENDED_STEP)
+    forgets = True
 
-    def __init__(self, robot: Robot, q: Array, switches: Switches, friction: float) -> None:
-        step = MENDED_STEP if switches.mended("timestep") else DEFAULT_STEP
-        super().__init__(robot, q, switches, step)
+    def __init__(self, robot: Robot, q: Array, mended: Mended, friction: float) -> None:
+        super().__init__(robot, q, mended)
         self._p = p = load_pybullet()
-        p.setTimeStep(step)
+        p.setTimeStep(self.step)
         p.setGravity(*robot.model.gravity.linear.tolist())
-        p.setPhysicsEngineParameter(enableConeFriction=int(not switches.mended("cone")))
-        if switches.mended("softness"):
+        p.setPhysicsEngineParameter(enableConeFriction=int("cone" not in mended))
+        if "softness" in mended:
             p.setPhysicsEngineParameter(
                 solverResidualThreshold=RESIDUAL, numSolverIterations=SOLVER_ITERATIONS
             )
         self._plane = p.createMultiBody(0.0, p.createCollisionShape(p.GEOM_PLANE))
         p.changeDynamics(self._plane, -1, lateralFriction=PLANE_FRICTION)
-        self._body = self._load(q, switches)
+        self._body = self._load(q, mended)
         self._links = {p.getBodyInfo(self._body)[0].decode(): -1}
         self._numbers: dict[str, int] = {}
         for number in range(p.getNumJoints(self._body)):
@@ -119,20 +124,16 @@ class BulletRun(UrdfRun):
                 self._numbers[info[1].decode()] = number
         for name in robot.entries:
             p.resetJointState(self._body, self._numbers[name], robot.joint_position(q, name))
-        self._mend(switches, friction)
+        self._mend(mended, friction)
 
-    def _load(self, q: Array, switches: Switches) -> int:
-        edited = edit_urdf(self.robot, switches, DIALECT)
-        self.notes = edited.notes
-        flags = self._p.URDF_USE_INERTIA_FROM_FILE if switches.mended("inertia") else 0
+    def _load(self, q: Array, mended: Mended) -> int:
+        flags = self._p.URDF_USE_INERTIA_FROM_FILE if "inertia" in mended else 0
         x, y, theta = read_root(q)
         turn = (0.0, 0.0, math.sin(0.5 * theta), math.cos(0.5 * theta))
         place, refusal = (x, y, -self.robot.drive.ground), None
-        with tempfile.TemporaryDirectory() as folder, captured() as printed:
-            path = Path(folder) / "robot.urdf"
-            path.write_text(edited.text, encoding="utf-8")
+        with self.file(mended) as path, captured() as printed:
             try:
-                return int(self._p.loadURDF(str(path), place, turn, flags=flags))
+                return int(self._p.loadURDF(path, place, turn, flags=flags))
             except self._p.error as error:
                 refusal = error
         raise EngineFault(f"PyBullet refuses {self.robot.name}: {' '.join(printed) or refusal}")
@@ -141,31 +142,28 @@ class BulletRun(UrdfRun):
         for link in links:
             self._p.changeDynamics(self._body, link, **values)
 
-    def _mend(self, switches: Switches, friction: float) -> None:
+    def _mend(self, mended: Mended, friction: float) -> None:
         p, robot, every = self._p, self.robot, (*self._links.values(),)
         none = {"spinningFriction": 0.0, "rollingFriction": 0.0}
-        if switches.mended("friction"):
+        if "friction" in mended:
             self._set(every, lateralFriction=friction / PLANE_FRICTION, **none)
-        if switches.mended("caster"):
+        if "caster" in mended:
             supports = [self._links[link] for link in self._named.carriers]
             self._set(supports, lateralFriction=0.0, **none)
-        if switches.mended("softness"):
+        if "softness" in mended:
             part = robot.mass / len(self.contacts)
             stiffness = part * float(np.linalg.norm(robot.model.gravity.linear)) / SINK_M
             damping = 2.0 * math.sqrt(stiffness * part)
             self._set(every, contactStiffness=stiffness, contactDamping=damping)
-        if switches.mended("losses"):
+        if "losses" in mended:
             self._set(every, linearDamping=0.0, angularDamping=0.0)
             for name in robot.entries:
-                losses, k, number = robot.losses, robot.velocity_index(name), self._numbers[name]
-                self._set(
-                    [number], jointDamping=0.0 if losses is None else float(losses.damping[k])
-                )
-                dry = 0.0 if losses is None else float(losses.friction[k])
+                (damping, dry), number = joint_losses(robot, name), self._numbers[name]
+                self._set([number], jointDamping=damping)
                 p.setJointMotorControl2(
                     self._body, number, p.VELOCITY_CONTROL, targetVelocity=0.0, force=dry
                 )
-        if switches.mended("mimic"):
+        if "mimic" in mended:
             self._gear()
 
     def _gear(self) -> None:
@@ -183,10 +181,6 @@ class BulletRun(UrdfRun):
                 erp=GEAR_ERP,
                 maxForce=GEAR_FORCE,
             )
-
-    def stride(self, dt: float) -> float:
-        """Return for how long efforts may hold in ``dt`` (s): PyBullet forgets them."""
-        return self.step
 
     def exert(self, efforts: Mapping[str, float]) -> None:
         """Go on to ``t`` under efforts (N·m or N, by joint)."""
@@ -251,99 +245,67 @@ def _sphere(tread: Tyre) -> str:
     return f'<sphere radius="{tread.radius!r}"/>'
 
 
-def bullet_switches(robot: Robot) -> tuple[Switch, ...]:
-    """Return the switches that mean something in PyBullet, of a robot."""
-    found = [*_material(robot), *_solver()]
-    if edged_wheels(robot):
-        fault = "its wheels meet the plane with their width, and scrub"
-        setting = "give the wheels <sphere> as <collision>, of the wheels' radius"
-        found.append(Switch("wheel", fault, setting))
-    if find_supports(robot).parts:
-        fault = "its supports hold the ground with friction"
-        found.append(
-            Switch("caster", fault, "call changeDynamics(body, support, lateralFriction=0)")
-        )
-    if robot.mimics or robot.drive.followers:
-        fault = "it leaves mimic joints and tie rods loose"
-        setting = "call createConstraint(…, jointType=JOINT_GEAR) and changeConstraint(gearRatio=…)"
-        found.append(Switch("mimic", fault, setting))
-    if other_shapes(robot):
-        fault = "shapes besides wheels and supports can touch the plane"
-        setting = "call setCollisionFilterPair(body, plane, link, -1, 0) for them"
-        found.append(Switch("collisions", fault, setting))
-    return tuple(found)
+SAID = {
+    "wheel": (
+        "its wheels meet the plane with their width, and scrub",
+        "give the wheels <sphere> as <collision>, of the wheels' radius",
+    ),
+    "caster": (SUPPORTS_HOLD, "call changeDynamics(body, support, lateralFriction=0)"),
+    # The pyramid that stands for the cone lies along the world's axes: it is right while nothing
+    # slips, and steers what slips towards them.
+    "cone": (
+        "its implicit friction cone lets the wheels of an axle push against each other until"
+        " they slip",
+        "call setPhysicsEngineParameter(enableConeFriction=0)",
+    ),
+    "friction": (
+        "its coefficient of friction is .5",
+        "call changeDynamics(body, wheel, lateralFriction=MU)",
+    ),
+    "softness": (
+        "its solver stops after 50 iterations",
+        f"call setPhysicsEngineParameter(numSolverIterations={SOLVER_ITERATIONS},"
+        " solverResidualThreshold=1e-12)",
+    ),
+    "timestep": (
+        f"its step is {1e3 * DEFAULT_STEP:.2g} ms",
+        f"call setTimeStep(1/{round(1.0 / MENDED_STEP)})",
+    ),
+    "losses": (
+        "a velocity motor holds each joint still, and the bodies of all links are braked by"
+        " damping .04",
+        "call setJointMotorControl2(body, joint, VELOCITY_CONTROL, force=0) and"
+        " changeDynamics(body, link, linearDamping=0, angularDamping=0)",
+    ),
+    "collisions": (
+        "shapes besides wheels and supports can touch the plane",
+        "call setCollisionFilterPair(body, plane, link, -1, 0) for them",
+    ),
+}
 
 
-def _material(robot: Robot) -> list[Switch]:
-    """Return what concerns friction, inertia and losses."""
-    massless = [link.name for link in robot.description.links if link.mass is None]
-    root = robot.description.link[robot.description.root]
-    guess = "it guesses inertias from collision shapes"
-    if massless:
-        guess += f", lets {massless[0]}, which has none, weigh 1 kg"
-    if root.mass == 0.0:
-        guess += f", nails the robot to the world since {root.name} weighs nothing"
-    setting = "load it with flags=URDF_USE_INERTIA_FROM_FILE"
-    if massless or root.mass == 0.0:
-        setting += ", the root's own mass in <inertial>, and mass 0 where a fixed link has none"
-    return [
-        Switch(
-            "losses",
-            "a velocity motor holds each joint still, and the bodies of all links are braked by"
-            " damping .04",
-            "call setJointMotorControl2(body, joint, VELOCITY_CONTROL, force=0) and"
-            " changeDynamics(body, link, linearDamping=0, angularDamping=0)",
-        ),
-        Switch("inertia", guess, setting),
-        Switch(
-            "friction",
-            "its coefficient of friction is .5",
-            "call changeDynamics(body, wheel, lateralFriction=MU)",
-        ),
-    ]
-
-
-def _solver() -> list[Switch]:
-    """Return what concerns steps and the solver.
-
-    The pyramid that stands for the cone lies along the world's axes: it is right while nothing
-    slips, and steers what slips towards them.
-    """
-    return [
-        Switch(
-            "cone",
-            "its implicit friction cone lets the wheels of an axle push against each other until"
-            " they slip",
-            "call setPhysicsEngineParameter(enableConeFriction=0)",
-        ),
-        Switch(
-            "timestep",
-            f"its step is {1e3 * DEFAULT_STEP:.2g} ms",
-            f"call setTimeStep(1/{round(1.0 / MENDED_STEP)})",
-        ),
-        Switch(
-            "softness",
-            "its solver stops after 50 iterations",
-            f"call setPhysicsEngineParameter(numSolverIterations={SOLVER_ITERATIONS},"
-            " solverResidualThreshold=1e-12)",
-        ),
-    ]
-
-
-@dataclass(frozen=True)
 class BulletEngine(UrdfEngine):
     """PyBullet, as ``loadURDF`` with its defaults leaves a robot."""
 
-    name: str = "PyBullet"
-    tick: float = DEFAULT_STEP
-    module: str = "pybullet"
-    distribution: str = "pybullet"
-    extra: str = "bullet"
+    name, tick, run, said = "PyBullet", DEFAULT_STEP, BulletRun, SAID
+    module, distribution, extra = "pybullet", "pybullet", "bullet"
 
-    def switches(self, robot: Robot) -> tuple[Switch, ...]:
-        """Return the switches that mean something here, of this robot."""
-        return bullet_switches(robot)
-
-    def run(self, robot: Robot, q: Array, switches: Switches, friction: float) -> BulletRun:
-        """Return the robot at rest at q (nq,), whatever its wheels are."""
-        return BulletRun(robot, q, switches, friction)
+    def own_switches(self, robot: Robot) -> Iterator[Switch]:
+        """Yield the switches that the robot has words for."""
+        massless = [link.name for link in robot.description.links if link.mass is None]
+        root = robot.description.link[robot.description.root]
+        guess = "it guesses inertias from collision shapes"
+        if massless:
+            guess += f", lets {massless[0]}, which has none, weigh 1 kg"
+        if root.mass == 0.0:
+            guess += f", nails the robot to the world since {root.name} weighs nothing"
+        setting = "load it with flags=URDF_USE_INERTIA_FROM_FILE"
+        if massless or root.mass == 0.0:
+            setting += ", the root's own mass in <inertial>, and mass 0 where a fixed link has none"
+        yield Switch("inertia", guess, setting)
+        if robot.mimics or robot.drive.followers:
+            yield Switch(
+                "mimic",
+                "it leaves mimic joints and tie rods loose",
+                "call createConstraint(…, jointType=JOINT_GEAR) and changeConstraint(gearRatio=…)",
+            )

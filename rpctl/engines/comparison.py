@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts
+from rpctl.engines.engine import joint_losses
 from rpctl.engines.recording import EngineRecording
-from rpctl.equivalence.contact.record import travelled
+from rpctl.equivalence.contact.trial import travelled
 from rpctl.robot.model import Robot
 
 # Mended engines keep within these wherever they were run over the catalogue, but for the rear
@@ -60,6 +62,11 @@ class EngineGap:
         """Whether it stays within the band; what is no number does not."""
         return self.ratio <= 1.0
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values for JSON; what is infinite is None."""
+        gap = self.gap if math.isfinite(self.gap) else None
+        return {**asdict(self), "gap": gap, "agrees": self.agrees}
+
 
 def compare(
     robot: Robot,
@@ -86,15 +93,25 @@ def compare(
     return tuple(sorted(rows, key=lambda row: -row.ratio if row.ratio == row.ratio else -math.inf))
 
 
+def _largest(gaps: Array) -> float:
+    """Return the gap of the largest size, with its sign."""
+    return float(gaps.flat[int(np.abs(gaps).argmax())])
+
+
+def _more(gap: float, more: str, less: str) -> str:
+    """Return the word for a gap's sign."""
+    return more if gap > 0.0 else less
+
+
 def _stance(robot: Robot, model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
     """Yield how it stands: leaning, sinking, hopping, creeping before it is driven."""
-    lean = float((engine.tilt - model.tilt)[np.abs(engine.tilt - model.tilt).argmax()])
-    yield EngineGap("tilt", lean, TILT_BAND, "rad", f"leans {math.degrees(abs(lean)):.2g}°")
+    lean = _largest(engine.tilt - model.tilt)
+    yield EngineGap("tilt", lean, TILT_BAND, "rad", f"leans {_degrees(lean)}")
     sunk = engine.sunk - model.sunk
-    how = "sinks" if sunk > 0.0 else "stands high by"
-    yield EngineGap("height", sunk, HEIGHT_BAND_M, "m", f"{how} {_mm(sunk)}")
-    heights = engine.root[:, 2] - engine.root[0, 2] - (model.root[:, 2] - model.root[0, 2])
-    hop = float(heights[np.abs(heights).argmax()])
+    words = f"{_more(sunk, 'sinks', 'stands high by')} {_mm(sunk)}"
+    yield EngineGap("height", sunk, HEIGHT_BAND_M, "m", words)
+    ours, theirs = model.root[:, 2], engine.root[:, 2]
+    hop = _largest(theirs - theirs[0] - (ours - ours[0]))
     yield EngineGap("hop", hop, HEIGHT_BAND_M, "m", f"rises and falls by {_mm(hop)} as it goes")
     crept = engine.crept - model.crept
     words = f"moves by {_mm(crept)} before anything drives it"
@@ -105,16 +122,14 @@ def _path(model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap
     apart = engine.pose - model.pose
     way, turned = travelled(model.pose), float(np.abs(np.diff(model.pose[:, 2])).sum())
     k = int(np.hypot(*apart[:, :2].T).argmax())
-    gap = float(np.hypot(*apart[k, :2]))
-    yield EngineGap(
-        "path", gap, PATH_BAND * way + PATH_BAND_FLOOR_M, "m", _path_words(model, engine, k, gap)
-    )
-    turn = float(apart[np.abs(apart[:, 2]).argmax(), 2])
-    words = f"veers {math.degrees(abs(turn)):.2g}° to the {'left' if turn > 0.0 else 'right'}"
+    gap, band = float(np.hypot(*apart[k, :2])), PATH_BAND * way + PATH_BAND_FLOOR_M
+    yield EngineGap("path", gap, band, "m", _path_words(model, engine, k, gap))
+    turn = _largest(apart[:, 2])
+    words = f"veers {_degrees(turn)} to the {_more(turn, 'left', 'right')}"
     asked, did = float(model.pose[-1, 2]), float(engine.pose[-1, 2])
     if abs(asked) > STRAIGHT and abs(did - asked) > LENGTH_RATIO * abs(turn):
         ratio = did / asked - 1.0
-        words = f"turns {_percent(ratio)} too {'much' if ratio > 0.0 else 'little'}"
+        words = f"turns {_percent(ratio)} too {_more(ratio, 'much', 'little')}"
         words = "does not turn" if abs(ratio + 1.0) < STUCK else words
         words = "turns the other way" if ratio <= -1.0 - STUCK else words
     band = HEADING_BAND * turned + HEADING_BAND_FLOOR
@@ -127,11 +142,11 @@ def _path_words(model: EngineRecording, engine: EngineRecording, k: int, gap: fl
         ratio = did / asked - 1.0
         if ratio < STUCK - 1.0:
             return "does not move"
-        return f"drives {_percent(ratio)} too {'far' if ratio > 0.0 else 'short'}"
+        return f"drives {_percent(ratio)} too {_more(ratio, 'far', 'short')}"
     turn = float(model.pose[k, 2])
     x, y = (engine.pose - model.pose)[k, :2]
     left = -math.sin(turn) * x + math.cos(turn) * y
-    return f"gets {_mm(gap)} off the path, to the {'left' if left > 0.0 else 'right'}"
+    return f"gets {_mm(gap)} off the path, to the {_more(left, 'left', 'right')}"
 
 
 def _slip(robot: Robot, model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
@@ -151,25 +166,20 @@ def _loads(
     robot: Robot, contacts: Contacts, model: EngineRecording, engine: EngineRecording
 ) -> Iterator[EngineGap]:
     """Yield the loads, or their centre where statics do not fix them."""
-    weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+    band = LOAD_BAND * robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+    gaps = engine.load - model.load
     if contacts.determinate:
-        gaps = engine.load - model.load
         at = np.unravel_index(int(np.abs(gaps).argmax()), gaps.shape)
-        gap = float(gaps[at])
-        words = (
-            f"{contacts.names[at[1]]} bears {abs(gap):.3g} N too {'much' if gap > 0 else 'little'}"
-        )
-        yield EngineGap("load", gap, LOAD_BAND * weight, "N", words)
-        return
-    gaps = engine.load.sum(axis=1) - model.load.sum(axis=1)
-    gap = float(gaps[np.abs(gaps).argmax()])
-    words = f"wheels and supports bear {abs(gap):.3g} N too {'much' if gap > 0 else 'little'}"
-    yield EngineGap("load", gap, LOAD_BAND * weight, "N", words)
-    span = float(np.hypot(*(contacts.points[:, None] - contacts.points[None]).T).max())
-    shift = np.hypot(*(_centre(contacts, engine) - _centre(contacts, model)).T)
-    centre = float(shift.max())
-    words = f"the load's centre is {_mm(centre)} off"
-    yield EngineGap("load centre", centre, CENTRE_BAND * span, "m", words)
+        gap, bearer = float(gaps[at]), f"{contacts.names[at[1]]} bears"
+    else:
+        gap, bearer = _largest(gaps.sum(axis=1)), "wheels and supports bear"
+    words = f"{bearer} {abs(gap):.3g} N too {_more(gap, 'much', 'little')}"
+    yield EngineGap("load", gap, band, "N", words)
+    if not contacts.determinate:
+        span = float(np.hypot(*(contacts.points[:, None] - contacts.points[None]).T).max())
+        shift = float(np.hypot(*(_centre(contacts, engine) - _centre(contacts, model)).T).max())
+        words = f"the load's centre is {_mm(shift)} off"
+        yield EngineGap("load centre", shift, CENTRE_BAND * span, "m", words)
 
 
 def _centre(contacts: Contacts, recording: EngineRecording) -> Array:
@@ -189,10 +199,9 @@ def _joints(
         if name in free:
             continue
         slides = robot.description.joint[name].kind == "prismatic"
-        gaps = engine.joints[name] - model.joints[name]
-        gap = float(gaps[np.abs(gaps).argmax()])
+        gap = _largest(engine.joints[name] - model.joints[name])
         unit, band = ("m", SLIDE_BAND_M) if slides else ("rad", TURN_BAND)
-        size = _mm(gap) if slides else f"{math.degrees(abs(gap)):.2g}°"
+        size = _mm(gap) if slides else _degrees(gap)
         band += slack.get(name, 0.0)
         rows.append(EngineGap("joint", gap, band, unit, f"{name} is {size} off"))
     if rows:
@@ -209,10 +218,8 @@ def _energy(
     made = (engine.energy - engine.energy[0] - engine.work) - (
         model.energy - model.energy[0] - model.work
     )
-    gap = float(made[np.abs(made).argmax()])
-    moved = float(np.abs(np.diff(model.work)).sum())
-    words = f"{'creates' if gap > 0.0 else 'loses'} {abs(gap):.2g} J"
-    band = ENERGY_BAND * moved
+    gap, band = _largest(made), ENERGY_BAND * float(np.abs(np.diff(model.work)).sum())
+    words = f"{_more(gap, 'creates', 'loses')} {abs(gap):.2g} J"
     for name in slack:
         band += abs(_lost(robot, name, engine) - _lost(robot, name, model))
     return EngineGap("energy", gap, band, "J", words)
@@ -220,12 +227,13 @@ def _energy(
 
 def _lost(robot: Robot, name: str, recording: EngineRecording) -> float:
     """Return what a joint's friction and damping take, J."""
-    losses, at = robot.losses, robot.velocity_index(name)
-    if losses is None:
-        return 0.0
+    damping, friction = joint_losses(robot, name)
     turns, times = np.diff(recording.joints[name]), np.diff(recording.t)
-    dry = losses.friction[at] * np.abs(turns).sum()
-    return float(dry + losses.damping[at] * (turns**2 / times).sum())
+    return float(friction * np.abs(turns).sum() + (damping * turns**2 / times).sum())
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(abs(angle)):.2g}°"
 
 
 def _mm(length: float) -> str:

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import logging
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.stance import find_supports
-from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_shapes
-from rpctl.engines.engine import EngineFault, EngineMissing, LinkMotion, Switch, Switches
+from rpctl.engines.edited_urdf import SUPPORTS_HOLD, Dialect
+from rpctl.engines.engine import (
+    EngineFault,
+    EngineMissing,
+    LinkMotion,
+    Mended,
+    Switch,
+    joint_losses,
+)
 from rpctl.engines.mujoco.bodies import link_fault
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
-from rpctl.equivalence.contact.shapes import Tyre
+from rpctl.equivalence.contact.model import Tyre
 from rpctl.libraries import library
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
@@ -27,6 +31,10 @@ DEFAULT_STEP = 1e-3  # s, of MultibodyPlantConfig
 MENDED_STEP = 5e-4  # s
 DEFAULT_FRICTION = 1.0  # of a shape that says nothing of it
 STIFFNESS = 1e7  # N/m of a shape, mended; 1e6 by default
+MODULES = (
+    *("systems.framework", "systems.analysis", "geometry", "math"),
+    *("multibody.plant", "multibody.parsing"),
+)
 HALF_SPACE = "deformable contact"  # Drake warns of each ground that it has no such contact with
 DIALECT = Dialect(
     name="Drake",
@@ -38,37 +46,19 @@ DIALECT = Dialect(
 )
 
 
-class DrakeModules(NamedTuple):
-    """The modules of Drake that an engine needs."""
-
-    common: Any
-    framework: Any
-    analysis: Any
-    geometry: Any
-    math: Any
-    plant: Any
-    parsing: Any
-
-
-def load_drake() -> DrakeModules:
-    """Return Drake's modules.
+def load_drake() -> Any:
+    """Return what an engine needs of Drake's modules, as one.
 
     Raises:
         EngineMissing: Drake is not installed.
     """
-    names = (
-        "common",
-        "systems.framework",
-        "systems.analysis",
-        "geometry",
-        "math",
-        "multibody.plant",
-        "multibody.parsing",
-    )
+    drake = SimpleNamespace()
     try:
-        return DrakeModules(*(library(f"pydrake.{name}") for name in names))
+        for name in MODULES:
+            vars(drake).update(vars(library(f"pydrake.{name}")))
     except ImportError as error:
         raise EngineMissing(f"Drake: {error}; pip install 'rpctl[drake]'") from error
+    return drake
 
 
 class _Heard(logging.Handler):
@@ -104,92 +94,88 @@ class DrakeRun(UrdfRun):
     Args:
         robot: The robot.
         q: Configuration (nq,).
-        switches: What is mended.
+        mended: What is mended.
         friction: Between wheels and ground, where ``friction`` is mended.
 
     Raises:
         EngineFault: Drake refuses the robot.
     """
 
-    engine = "Drake"
+    dialect = DIALECT
+    steps = (DEFAULT_STEP, MENDED_STEP)
 
-    def __init__(self, robot: Robot, q: Array, switches: Switches, friction: float) -> None:
-        step = MENDED_STEP if switches.mended("timestep") else DEFAULT_STEP
-        super().__init__(robot, q, switches, step)
-        drake, self._dry = load_drake(), switches.mended("losses") and robot.losses is not None
-        builder = drake.framework.DiagramBuilder()
-        plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, time_step=step)
-        if switches.mended("softness"):
+    def __init__(self, robot: Robot, q: Array, mended: Mended, friction: float) -> None:
+        super().__init__(robot, q, mended)
+        drake = load_drake()
+        self.forgets = "losses" in mended and robot.losses is not None  # friction changes
+        builder = drake.DiagramBuilder()
+        plant, scene = drake.AddMultibodyPlantSceneGraph(builder, time_step=self.step)
+        if "softness" in mended:
             _harden(scene)
         self._plant: Any = plant
         with heard() as warnings:
             try:
-                left_out = self._add(drake, switches)
-                self._ground(drake, switches, friction)
+                self._add(drake, mended)
+                self._ground(drake, mended, friction)
                 plant.mutable_gravity_field().set_gravity_vector(robot.model.gravity.linear)
-                self._mend(switches)
+                self._mend(mended)
                 plant.Finalize()
                 diagram = builder.Build()
             except (RuntimeError, ValueError) as error:
                 raise EngineFault(f"Drake refuses {robot.name}: {error}") from error
-            if switches.mended("collisions"):
+            if "collisions" in mended:
                 self._let_pass(drake, scene)
             root = diagram.CreateDefaultContext()
             self._context = plant.GetMyMutableContextFromRoot(root)
-            self._simulator = drake.analysis.Simulator(diagram, root)
+            self._simulator = drake.Simulator(diagram, root)
             self._place(drake, q)
             self._simulator.Initialize()
         said = [line for line in warnings if HALF_SPACE not in line]
-        self.notes = (*left_out, *(f"Drake warns: {line}" for line in said))
+        self.notes = (*self.notes, *(f"Drake warns: {line}" for line in said))
 
-    def _add(self, drake: DrakeModules, switches: Switches) -> tuple[str, ...]:
-        edited = edit_urdf(self.robot, switches, DIALECT)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "robot.urdf"
-            path.write_text(edited.text, encoding="utf-8")
-            (self._instance,) = drake.parsing.Parser(self._plant).AddModels(str(path))
+    def _add(self, drake: Any, mended: Mended) -> None:
+        with self.file(mended) as path:
+            (self._instance,) = drake.Parser(self._plant).AddModels(path)
         self._drake_joints = {
             name: self._plant.GetJointByName(name, self._instance) for name in self.robot.entries
         }
-        return edited.notes
 
-    def _ground(self, drake: DrakeModules, switches: Switches, friction: float) -> None:
+    def _ground(self, drake: Any, mended: Mended, friction: float) -> None:
         """Register a half space; Drake takes the harmonic mean of two coefficients."""
         own = DEFAULT_FRICTION
-        if switches.mended("friction"):
+        if "friction" in mended:
             own = friction / (2.0 - friction / DEFAULT_FRICTION)
         self._plant.RegisterCollisionGeometry(
             self._plant.world_body(),
-            drake.math.RigidTransform(),
-            drake.geometry.HalfSpace(),
+            drake.RigidTransform(),
+            drake.HalfSpace(),
             "ground",
-            drake.plant.CoulombFriction(own, own),
+            drake.CoulombFriction(own, own),
         )
 
-    def _mend(self, switches: Switches) -> None:
+    def _mend(self, mended: Mended) -> None:
         robot = self.robot
         for name, joint in self._drake_joints.items():
             index = robot.velocity_index(name)
-            if switches.mended("losses"):
-                damping = 0.0 if robot.losses is None else robot.losses.damping[index]
-                joint.set_default_damping(float(damping))
-            if switches.mended("inertia") and robot.armature[index] > 0.0:
+            if "losses" in mended:
+                joint.set_default_damping(joint_losses(robot, name)[0])
+            if "inertia" in mended and robot.armature[index] > 0.0:
                 rotor = self._plant.AddJointActuator(f"rotor of {name}", joint)
                 rotor.set_default_gear_ratio(1.0)
                 rotor.set_default_rotor_inertia(float(robot.armature[index]))
 
-    def _let_pass(self, drake: DrakeModules, scene: Any) -> None:
+    def _let_pass(self, drake: Any, scene: Any) -> None:
         """Let the robot's own shapes pass through each other."""
         bodies = [self._plant.get_body(i) for i in self._plant.GetBodyIndices(self._instance)]
         shapes = [g for body in bodies for g in self._plant.GetCollisionGeometriesForBody(body)]
-        declared = drake.geometry.CollisionFilterDeclaration()
-        declared.ExcludeWithin(drake.geometry.GeometrySet(shapes))
+        declared = drake.CollisionFilterDeclaration()
+        declared.ExcludeWithin(drake.GeometrySet(shapes))
         scene.collision_filter_manager().Apply(declared)
 
-    def _place(self, drake: DrakeModules, q: Array) -> None:
+    def _place(self, drake: Any, q: Array) -> None:
         (x, y, theta), plant = read_root(q), self._plant
-        turn = drake.math.RotationMatrix.MakeZRotation(theta)
-        pose = drake.math.RigidTransform(turn, np.array([x, y, -self.robot.drive.ground]))
+        turn = drake.RotationMatrix.MakeZRotation(theta)
+        pose = drake.RigidTransform(turn, np.array([x, y, -self.robot.drive.ground]))
         plant.SetFreeBodyPose(self._context, self._body(self.robot.description.root), pose)
         positions = np.array(plant.GetPositions(self._context))
         for name, joint in self._drake_joints.items():
@@ -198,10 +184,6 @@ class DrakeRun(UrdfRun):
 
     def _body(self, link: str) -> Any:
         return self._plant.GetBodyByName(link, self._instance)
-
-    def stride(self, dt: float) -> float:
-        """Return for how long efforts may hold in ``dt`` (s): dry friction changes in each step."""
-        return self.step if self._dry else dt
 
     def exert(self, efforts: Mapping[str, float]) -> None:
         """Go on to ``t`` under efforts (N·m or N, by joint)."""
@@ -219,7 +201,7 @@ class DrakeRun(UrdfRun):
     def _brake(self) -> None:
         """Let each joint's damping stand for its dry friction, too, at the rate it has now."""
         losses, v = self.robot.losses, np.zeros(self.robot.nv)
-        if not self._dry or losses is None:
+        if not self.forgets or losses is None:
             return
         for name, (_, rate) in self.joints().items():
             v[self.robot.velocity_index(name)] = rate
@@ -281,92 +263,65 @@ def _ellipsoid(tread: Tyre) -> str:
     return f'<drake:ellipsoid a="{tread.radius!r}" b="{tread.radius!r}" c="{tread.half_width!r}"/>'
 
 
-def drake_switches(robot: Robot) -> tuple[Switch, ...]:
-    """Return the switches that mean something in Drake, of a robot."""
-    found = [
-        Switch(
-            "friction",
-            f"its coefficient of friction is {DEFAULT_FRICTION:g}",
-            "register the ground with CoulombFriction(MU/(2 − MU), MU/(2 − MU)), for of a pair it"
-            " takes the harmonic mean",
-        ),
-        Switch(
-            "timestep",
-            f"its step is {1e3 * DEFAULT_STEP:g} ms",
-            f"set MultibodyPlantConfig.time_step={MENDED_STEP:g}",
-        ),
-        Switch(
-            "softness",
-            "its contacts are springs of 1e6 N/m",
-            f"set SceneGraphConfig.default_proximity_properties.point_stiffness={STIFFNESS:g}",
-        ),
-        *_inertia(robot),
-        *_losses(robot),
-    ]
-    if edged_wheels(robot):
-        fault = "a cylinder touches the ground at one point, which leaps from edge to edge"
-        setting = "give the wheels <drake:ellipsoid> as <collision>"
-        found.append(Switch("wheel", fault, setting))
-    if find_supports(robot).parts:
-        fault = "its supports hold the ground with friction"
-        setting = "write <drake:mu_static value='0'/> and <drake:mu_dynamic value='0'/> into theirs"
-        found.append(Switch("caster", fault, setting))
-    if robot.drive.followers:
-        fault = "nothing ties the swivels that one rod steers"
-        found.append(Switch("mimic", fault, "add a constraint between them"))
-    if other_shapes(robot):
-        fault = "shapes besides wheels and supports collide with the ground and with each other"
-        setting = "exclude them with CollisionFilterDeclaration().ExcludeWithin(…)"
-        found.append(Switch("collisions", fault, setting))
-    return tuple(found)
+SAID = {
+    "wheel": (
+        "a cylinder touches the ground at one point, which leaps from edge to edge",
+        "give the wheels <drake:ellipsoid> as <collision>",
+    ),
+    "caster": (
+        SUPPORTS_HOLD,
+        "write <drake:mu_static value='0'/> and <drake:mu_dynamic value='0'/> into theirs",
+    ),
+    "friction": (
+        f"its coefficient of friction is {DEFAULT_FRICTION:g}",
+        "register the ground with CoulombFriction(MU/(2 − MU), MU/(2 − MU)), for of a pair it"
+        " takes the harmonic mean",
+    ),
+    "softness": (
+        "its contacts are springs of 1e6 N/m",
+        f"set SceneGraphConfig.default_proximity_properties.point_stiffness={STIFFNESS:g}",
+    ),
+    "timestep": (
+        f"its step is {1e3 * DEFAULT_STEP:g} ms",
+        f"set MultibodyPlantConfig.time_step={MENDED_STEP:g}",
+    ),
+    "collisions": (
+        "shapes besides wheels and supports collide with the ground and with each other",
+        "exclude them with CollisionFilterDeclaration().ExcludeWithin(…)",
+    ),
+}
 
 
-def _inertia(robot: Robot) -> tuple[Switch, ...]:
-    """Return the switch of inertias for a file with one that Drake does not take as it is."""
-    wrong = [link.name for link in robot.description.links if link_fault(link)]
-    faults = [f"it puts a ball of water in place of {wrong[0]}'s inertia"] if wrong else []
-    settings = ["write inertias that fulfil the triangle inequality"] if wrong else []
-    guessed = robot.description.estimated_links
-    if guessed:
-        faults.append(f"{guessed[0]} weighs nothing")
-        settings.append("write <inertial> for each link")
-    if robot.armature.any():
-        faults.append("it leaves out rotors")
-        settings.append("call JointActuator.set_default_rotor_inertia")
-    if not faults:
-        return ()
-    return (Switch("inertia", " and ".join(faults), " and ".join(settings)),)
-
-
-def _losses(robot: Robot) -> tuple[Switch, ...]:
-    """Return the switch of losses for a file that has any."""
-    dry = [joint.name for joint in robot.description.joints if joint.friction]
-    damped = [joint.name for joint in robot.description.joints if joint.damping]
-    if not dry and not damped:
-        return ()
-    fault = (
-        f"it leaves out the dry friction of {dry[0]}"
-        if dry
-        else f"it damps {damped[0]} as its file says, and the robot has no losses"
-    )
-    setting = "call joint.SetDamping(context, d + f/|rate|) at each step"
-    return (Switch("losses", fault, setting if dry else "call joint.set_default_damping(0)"),)
-
-
-@dataclass(frozen=True)
 class DrakeEngine(UrdfEngine):
     """Drake's discrete multibody plant, as its parser and its configuration leave a robot."""
 
-    name: str = "Drake"
-    tick: float = DEFAULT_STEP
-    module: str = "pydrake"
-    distribution: str = "drake"
-    extra: str = "drake"
+    name, tick, run, said = "Drake", DEFAULT_STEP, DrakeRun, SAID
+    module, distribution, extra = "pydrake", "drake", "drake"
 
-    def switches(self, robot: Robot) -> tuple[Switch, ...]:
-        """Return the switches that mean something here, of this robot."""
-        return drake_switches(robot)
-
-    def run(self, robot: Robot, q: Array, switches: Switches, friction: float) -> DrakeRun:
-        """Return the robot at rest at q (nq,), whatever its wheels are."""
-        return DrakeRun(robot, q, switches, friction)
+    def own_switches(self, robot: Robot) -> Iterator[Switch]:
+        """Yield the switches that the robot has words for."""
+        wrong = [link.name for link in robot.description.links if link_fault(link)]
+        faults = {}
+        if wrong:
+            fault = f"it puts a ball of water in place of {wrong[0]}'s inertia"
+            faults[fault] = "write inertias that fulfil the triangle inequality"
+        if robot.description.estimated_links:
+            fault = f"{robot.description.estimated_links[0]} weighs nothing"
+            faults[fault] = "write <inertial> for each link"
+        if robot.armature.any():
+            faults["it leaves out rotors"] = "call JointActuator.set_default_rotor_inertia"
+        if faults:
+            yield Switch("inertia", " and ".join(faults), " and ".join(faults.values()))
+        if robot.drive.followers:
+            fault = "nothing ties the swivels that one rod steers"
+            yield Switch("mimic", fault, "add a constraint between them")
+        joints = robot.description.joints
+        dry = [joint.name for joint in joints if joint.friction]
+        damped = [joint.name for joint in joints if joint.damping]
+        if dry:
+            fault = f"it leaves out the dry friction of {dry[0]}"
+            setting = "call joint.SetDamping(context, d + f/|rate|) at each step"
+            yield Switch("losses", fault, setting)
+        elif damped:
+            fault = f"it damps {damped[0]} as its file says, and the robot has no losses"
+            yield Switch("losses", fault, "call joint.set_default_damping(0)")

@@ -17,13 +17,14 @@ from rpctl.arrays import Array
 from rpctl.description.meshes.paths import MeshError
 from rpctl.description.records import Shape
 from rpctl.dynamics.stance import find_supports
-from rpctl.engines.engine import Switches
-from rpctl.equivalence.contact.shapes import Tyre, support_shapes, tyre
+from rpctl.engines.engine import Mended
+from rpctl.equivalence.contact.model import Tyre, support_shapes, tyre
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
 SIZES = {"box": ("size",), "sphere": ("radius",)}  # attributes of a shape; others have these two:
 ROUND_SIZES = ("radius", "length")
+SUPPORTS_HOLD = "its supports hold the ground with friction"  # what Drake and PyBullet let them do
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class EditedUrdf:
     notes: tuple[str, ...]
 
 
-def edit_urdf(robot: Robot, switches: Switches, dialect: Dialect) -> EditedUrdf:
+def edit_urdf(robot: Robot, mended: Mended, dialect: Dialect) -> EditedUrdf:
     """Return a robot's file for an engine: what no switch mends stays as the user wrote it.
 
     Locked joints become fixed ones. What only draws is left out, and transmissions are, for
@@ -64,7 +65,7 @@ def edit_urdf(robot: Robot, switches: Switches, dialect: Dialect) -> EditedUrdf:
 
     Args:
         robot: The robot.
-        switches: What is mended.
+        mended: What is mended.
         dialect: The engine's.
     """
     root = robot.description.document()
@@ -78,17 +79,17 @@ def edit_urdf(robot: Robot, switches: Switches, dialect: Dialect) -> EditedUrdf:
     _lock(root, robot)
     links = {element.get("name"): element for element in root.findall("link")}
     treads = [tyre(robot, wheel) for wheel in robot.drive.wheels]
-    if switches.mended("collisions"):
+    if "collisions" in mended:
         _keep_contacts(root, robot)
-    if switches.mended("caster"):
+    if "caster" in mended:
         _put_supports(links, robot, dialect)
-    if switches.mended("wheel"):
+    if "wheel" in mended:
         for wheel, tread in zip(robot.drive.wheels, treads, strict=True):
             child = robot.description.joint[wheel.joint].child
             _drop_collisions(links[name] for name, _ in robot.tree.rigid_links(child))
             links[tread.link].append(_collision(dialect.crowned(tread), tread.pose))
             notes += [tread.note] if tread.note else []
-    if switches.mended("inertia"):
+    if "inertia" in mended:
         _put_inertias(links, robot, dialect)
     notes += _resolve_meshes(root, robot, dialect)
     return EditedUrdf(etree.tostring(root, encoding="unicode"), tuple(dict.fromkeys(notes)))

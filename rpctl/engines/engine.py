@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Protocol, cast
 
@@ -18,8 +18,6 @@ from rpctl.equivalence.contact.plan import DrivenRobot
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 
-DEFAULT = "default"  # as the engine takes the URDF of a user who sets nothing
-MENDED = "mended"  # as the reduced model means it
 ENGINES = {  # by the name that users give
     "mujoco": "rpctl.engines.mujoco.engine:MujocoSimulator",
     "drake": "rpctl.engines.drake:DrakeEngine",
@@ -27,59 +25,26 @@ ENGINES = {  # by the name that users give
 }
 
 
-@dataclass(frozen=True)
-class Switches:
-    """One state, :data:`DEFAULT` or :data:`MENDED`, for each thing that engines do differently.
-
-    Attributes:
-        wheel: Shape of the wheels where they meet the ground: as drawn, or crowned, so that they
-            touch at one point and, of a mecanum or omni wheel, hold along the roller only.
-        caster: Supports and balls: as drawn and with friction, or sliding without any; those that
-            the engine does not see are added.
-        cone: Friction pyramid, or cone.
-        friction: The engine's own coefficients, torsional and rolling ones too; or the referee's.
-        inertia: As the engine's loader leaves it (dropped, balanced, guessed from shapes, rotors
-            left out), or the robot's.
-        softness: Compliance of contacts, and how well the solver converges.
-        timestep: The engine's own, or one short enough.
-        mimic: Mimic joints and tie rods left free, or tied.
-        losses: Damping and friction of joints and of free bodies as the loader takes them, or the
-            robot's.
-        collisions: Whether links of the robot collide with each other and, but for wheels and
-            supports, with the ground.
-    """
-
-    wheel: str = DEFAULT
-    caster: str = DEFAULT
-    cone: str = DEFAULT
-    friction: str = DEFAULT
-    inertia: str = DEFAULT
-    softness: str = DEFAULT
-    timestep: str = DEFAULT
-    mimic: str = DEFAULT
-    losses: str = DEFAULT
-    collisions: str = DEFAULT
-
-    def mended(self, name: str) -> bool:
-        """Return whether a switch is mended."""
-        return str(getattr(self, name)) == MENDED
-
-    def turned(self, names: Iterable[str], state: str) -> Switches:
-        """Return the same with some switches in a state.
-
-        Raises:
-            UnknownNameError: There is no such switch.
-        """
-        names = tuple(names)
-        for name in names:
-            if name not in SWITCH_NAMES:
-                raise UnknownNameError("switch", name, SWITCH_NAMES)
-        return replace(self, **dict.fromkeys(names, state))
-
-
-SWITCH_NAMES = tuple(field.name for field in fields(Switches))
-ALL_DEFAULT = Switches()
-ALL_MENDED = Switches(**dict.fromkeys(SWITCH_NAMES, MENDED))
+SWITCHES = {  # what engines do differently by default, and how it is meant when it is mended
+    "wheel": "Shape of the wheels where they meet the ground: as drawn, or crowned, so that they"
+    " touch at one point and, of a mecanum or omni wheel, hold along the roller only.",
+    "caster": "Supports and balls: as drawn and with friction, or sliding without any; those that"
+    " the engine does not see are added.",
+    "cone": "Friction pyramid, or cone.",
+    "friction": "The engine's own coefficients, torsional and rolling ones too; or the referee's.",
+    "inertia": "As the engine's loader leaves it (dropped, balanced, guessed from shapes, rotors"
+    " left out), or the robot's.",
+    "softness": "Compliance of contacts, and how well the solver converges.",
+    "timestep": "The engine's own, or one short enough.",
+    "mimic": "Mimic joints and tie rods left free, or tied.",
+    "losses": "Damping and friction of joints and of free bodies as the loader takes them, or the"
+    " robot's.",
+    "collisions": "Whether links of the robot collide with each other and, but for wheels and"
+    " supports, with the ground.",
+}
+Mended = frozenset[str]  # names of the switches that are mended; the others are at default
+ALL_DEFAULT: Mended = frozenset()  # as the engine takes the URDF of a user who sets nothing
+ALL_MENDED: Mended = frozenset(SWITCHES)  # as the reduced model means it
 
 
 @dataclass(frozen=True)
@@ -87,7 +52,7 @@ class Switch:
     """A switch that means something in an engine, for a robot, in that engine's own words.
 
     Attributes:
-        name: One of :data:`SWITCH_NAMES`.
+        name: One of :data:`SWITCHES`.
         fault: What the engine does by default, a clause: ``"its wheels are 8 cm wide and scrub"``.
         setting: What mends it, an imperative with attribute or option: ``'set <option
             cone="elliptic"/>'``.
@@ -98,9 +63,9 @@ class Switch:
     setting: str
 
     def __post_init__(self) -> None:
-        """Refuse a name that :class:`Switches` does not have."""
-        if self.name not in SWITCH_NAMES:
-            raise UnknownNameError("switch", self.name, SWITCH_NAMES)
+        """Refuse a name that is none of them."""
+        if self.name not in SWITCHES:
+            raise UnknownNameError("switch", self.name, SWITCHES)
 
 
 class EngineMissing(RpctlError):
@@ -173,6 +138,12 @@ def wheel_slip(robot: Robot, wheel: Wheel, motion: LinkMotion) -> tuple[float, f
     return float(velocity[0] * left[1] - velocity[1] * left[0]), float(velocity[:2] @ left)
 
 
+def joint_losses(robot: Robot, name: str) -> tuple[float, float]:
+    """Return a joint's damping (N·m·s/rad or N·s/m) and dry friction (N·m or N) in the model."""
+    losses, at = robot.losses, robot.velocity_index(name)
+    return (0.0, 0.0) if losses is None else (float(losses.damping[at]), float(losses.friction[at]))
+
+
 class EngineRun(DrivenRobot, Protocol):
     """A robot in an engine, from its start on; ``dt`` is a multiple of the engine's tick.
 
@@ -209,13 +180,13 @@ class Engine(Protocol):
     def switches(self, robot: Robot) -> tuple[Switch, ...]:
         """Return the switches that mean something here, of this robot."""
 
-    def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> EngineRun:
+    def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> EngineRun:
         """Return the robot at rest at q, its wheels at the height of the ground; not yet settled.
 
         Args:
             robot: The robot.
             q: Configuration (nq,).
-            switches: What is left as the engine's default, and what is mended.
+            mended: What is mended.
             friction: Coefficient between wheels and ground where ``friction`` is mended.
 
         Raises:

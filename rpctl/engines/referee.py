@@ -19,12 +19,10 @@ from rpctl.engines.comparison import EngineGap, compare
 from rpctl.engines.engine import (
     ALL_DEFAULT,
     ALL_MENDED,
-    DEFAULT,
-    MENDED,
     Engine,
     EngineFault,
+    Mended,
     Switch,
-    Switches,
 )
 from rpctl.engines.recording import EngineRecording, ReducedRun, record, referee_course
 from rpctl.engines.turning import TurnVerdict, judge_turn
@@ -32,7 +30,7 @@ from rpctl.equivalence.contact.plan import SERVO_BANDWIDTH, ContactPlan, plan_mo
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
-RunWith = Callable[[Switches], EngineRecording]
+RunWith = Callable[[Mended], EngineRecording]
 Compare = Callable[[EngineRecording, EngineRecording], tuple[EngineGap, ...]]
 DURATION_S = 3.0  # s of the motion
 
@@ -53,6 +51,26 @@ class Cause:
     def names(self) -> tuple[str, ...]:
         """Names of the switches."""
         return tuple(switch.name for switch in self.switches)
+
+    def setting(self, friction: float) -> str:
+        """Return the setting that mends it, with the coefficient of the ground where it says MU."""
+        settings = "; ".join(switch.setting for switch in self.switches)
+        return settings.replace("MU", f"{friction:g}")
+
+    def words(self, friction: float) -> str:
+        """Return it, what it does alone, and the setting that mends it."""
+        fault = ", and ".join(switch.fault for switch in self.switches)
+        does = f" (alone: {self.gaps[0].words})" if self.gaps else " (with the others only)"
+        return f"{fault}{does}; {self.setting(friction)}"
+
+    def to_dict(self, friction: float) -> dict[str, Any]:
+        """Return it as plain values for JSON."""
+        return {
+            "switches": list(self.names),
+            "fault": "; ".join(switch.fault for switch in self.switches),
+            "setting": self.setting(friction),
+            "alone": [gap.to_dict() for gap in self.gaps],
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +111,11 @@ def trace(
         return Trace((), mended, remaining, ())
 
     def alone(chosen: tuple[Switch, ...]) -> tuple[EngineGap, ...]:
-        names = tuple(switch.name for switch in chosen)
-        return beyond(compare(mended, run(ALL_MENDED.turned(names, DEFAULT))))
+        return beyond(compare(mended, run(ALL_MENDED - {switch.name for switch in chosen})))
 
     def left(causes: Sequence[Cause]) -> tuple[EngineGap, ...]:
         known = {switch.name for switch in switches}  # others mean nothing: as the mended engine
-        start = ALL_MENDED.turned(known, DEFAULT)
-        return beyond(compare(mended, run(start.turned(_names(causes), MENDED))))
+        return beyond(compare(mended, run(ALL_MENDED - known | {*_names(causes)})))
 
     causes = list(_causes(combinations(switches, 1), alone))
     causes = causes or list(_causes(combinations(switches, 2), alone))
@@ -200,6 +216,49 @@ class EngineVerdict:
         """What was assumed or left out, of the model and of the engine, in sentences."""
         return tuple(dict.fromkeys((*self.model.notes, *self.recording.notes)))
 
+    @property
+    def head(self) -> str:
+        """The engine and its version."""
+        return f"{self.engine} {self.version}"
+
+    @property
+    def line(self) -> str:
+        """What the referee says of the engine, in one line."""
+        found = self.trace
+        if found is None:
+            return f"{self.head}: agrees with the reduced model"
+        said = f"{self.head}: {beyond(self.gaps)[0].words}"
+        if found.mended.fault:
+            return f"{said}; all mended it still does not run: {found.mended.fault}"
+        if found.causes:
+            said += f": {'; also '.join(cause.words(self.friction) for cause in found.causes)}"
+        if found.cured:
+            said += f"; with that mended it still {found.cured[0].words}"
+        if found.remaining:
+            said += f"; all mended it still {found.remaining[0].words}, which no setting explains"
+        return said
+
+    @property
+    def turn_line(self) -> str:
+        """What the referee says of a skid-steer base's turn in place; empty if nothing."""
+        return "" if self.turn is None else self.turn.line(self.head)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values for JSON; what is infinite is None."""
+        causes, remaining = (self.trace.causes, self.trace.remaining) if self.trace else ((), ())
+        return {
+            "engine": self.engine,
+            "version": self.version,
+            "agrees": self.agrees,
+            "traced": self.traced,
+            "line": self.line,
+            "gaps": [gap.to_dict() for gap in self.gaps],
+            "causes": [cause.to_dict(self.friction) for cause in causes],
+            "remaining": [gap.to_dict() for gap in remaining],
+            "notes": list(self.notes),
+            "turn": None if self.turn is None else self.turn.to_dict(self.head),
+        }
+
 
 class Referee:
     """A robot, its motion, and what the reduced model does.
@@ -253,7 +312,7 @@ class Referee:
         if beyond(gaps):
             found = trace(
                 engine.switches(self.robot),
-                lambda switches: self.run(engine, switches),
+                lambda mended: self.run(engine, mended),
                 self.compare,
                 model,
             )
@@ -262,11 +321,11 @@ class Referee:
             engine.name, engine.version, gaps, found, model, recording, self._friction, turn
         )
 
-    def run(self, engine: Engine, switches: Switches) -> EngineRecording:
-        """Return what an engine does with switches."""
+    def run(self, engine: Engine, mended: Mended) -> EngineRecording:
+        """Return what an engine does with some switches mended."""
         plan, model = self.motion(engine.tick)
         try:
-            run = engine.start(self.robot, plan.q[0], switches, self._friction)
+            run = engine.start(self.robot, plan.q[0], mended, self._friction)
         except EngineFault as fault:
             return _refused(model, str(fault))
         return record(run, self.robot, plan, engine.tick)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -83,6 +83,41 @@ class TurnVerdict:
     def agrees(self) -> bool:
         """Whether the mended engine turns as the wheels' places say, at the commanded speed."""
         return self.mended.off < AT_SPEED and near(self.mended.track, self.own)
+
+    def line(self, engine: str) -> str:
+        """Return what the referee says of it in an engine; empty where nothing explains it."""
+        if not self.agrees:
+            return ""
+        mended, default = f"{self.mended.track:.2f} m", self.default
+        known = (
+            f"(the reduced model: {self.declared:.2f} m as declared; its own wheels' places: "
+            f"{self.own:.2f} m)"
+        )
+        if default is not None and near(default.track, self.mended.track):
+            said = f"turns in place as on a track of {mended} {known}"
+        elif default is not None and math.isfinite(default.track):
+            hops = " and its wheels hop" if default.swing > SWINGS else ""
+            said = f"turns in place as on a track of {default.track:.2f} m{hops}; as on {mended}"
+            said += f" once mended {known}: {self.setting}"
+        else:
+            said = f"does not turn in place; as on {mended} once mended {known}: {self.setting}"
+        if not near(self.declared, self.mended.track):
+            said += f"; declare [drive] track = {self.mended.track:.3g}"
+        return f"{engine}: {said}"
+
+    def to_dict(self, engine: str) -> dict[str, Any]:
+        """Return it as plain values for JSON; an infinite track is None."""
+        tracks = {
+            "track": math.inf if self.default is None else self.default.track,
+            "mended": self.mended.track,
+        }
+        return {
+            **{name: track if math.isfinite(track) else None for name, track in tracks.items()},
+            "declared": self.declared,
+            "own": self.own,
+            "agrees": self.agrees,
+            "line": self.line(engine),
+        }
 
 
 def near(track: float, other: float) -> bool:

@@ -3,33 +3,38 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.dynamics.stance import find_supports
+from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_shapes
 from rpctl.engines.engine import (
+    SWITCHES,
     EngineFault,
     EngineMissing,
     EngineState,
     LinkMotion,
+    Mended,
     Switch,
-    Switches,
     wheel_slip,
 )
-from rpctl.equivalence.contact.mujoco_body import one_directional, tie_rod_efforts
-from rpctl.equivalence.contact.shapes import support_shapes
+from rpctl.equivalence.contact.model import support_shapes
+from rpctl.equivalence.contact.mujoco_body import STABLE, one_directional, tie_rod_efforts
 from rpctl.robot.model import Robot
 
 NEAR_M = 0.02  # m: how far off the edge of a support's shape its contact may lie
 BANDWIDTH = 200.0  # rad/s of tie rods, against the inertia of the swivel that each turns
-STABLE = 0.2  # bandwidth times the step at which a spring that is pulled once a step stays stable
 MAX_SPEED = 1e4  # m/s: faster is no motion
 Point = tuple[str, Array, float]  # link that touches the ground, where (3,), upward force N
 
@@ -88,22 +93,26 @@ class UrdfRun(ABC):
     Args:
         robot: The robot.
         q: Where it starts (nq,).
-        switches: What is left as the engine's default, and what is mended.
-        step: Of the engine, s.
+        mended: What is mended.
 
     Attributes:
-        engine: Its name.
+        dialect: What the engine reads.
+        steps: Its step by default and mended, s.
+        forgets: Whether efforts hold for a step only.
         notes: What was left out, in sentences.
     """
 
-    engine = ""
+    dialect: ClassVar[Dialect]
+    steps: ClassVar[tuple[float, float]]
+    forgets = False
     notes: tuple[str, ...] = ()
 
-    def __init__(self, robot: Robot, q: Array, switches: Switches, step: float) -> None:
-        self.robot, self.step, self.t = robot, step, 0.0
+    def __init__(self, robot: Robot, q: Array, mended: Mended) -> None:
+        self.robot, self.t = robot, 0.0
+        self.step = self.steps["timestep" in mended]
         self._named = NamedContacts(robot)
         self.contacts = self._named.names
-        tied = switches.mended("mimic") and robot.drive.followers
+        tied = "mimic" in mended and robot.drive.followers
         self.rods = follower_inertia(robot, q) if tied else {}  # of tie rods: what they turn
 
     @abstractmethod
@@ -126,9 +135,15 @@ class UrdfRun(ABC):
     def exert(self, efforts: Mapping[str, float]) -> None:
         """Go on to ``t`` under efforts (N·m or N, by joint)."""
 
-    def stride(self, dt: float) -> float:
-        """Return for how long efforts may hold in ``dt`` (s), where no rod pulls."""
-        return dt
+    @contextmanager
+    def file(self, mended: Mended) -> Iterator[str]:
+        """Have the robot's file, mended, for the engine to read; what was left out is noted."""
+        edited = edit_urdf(self.robot, mended, self.dialect)
+        self.notes = edited.notes
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "robot.urdf"
+            path.write_text(edited.text, encoding="utf-8")
+            yield str(path)
 
     def measured(self, names: Sequence[str]) -> tuple[Array, Array]:
         """Return positions (n,), rad or m, and rates (n,) of joints."""
@@ -143,12 +158,12 @@ class UrdfRun(ABC):
             EngineFault: The motion diverges.
         """
         efforts = dict(zip(self.robot.actuators, tau.tolist(), strict=True))
-        stride = self.step if self.rods else self.stride(dt)
+        stride = self.step if self.rods or self.forgets else dt
         for _ in range(round(dt / stride)):
             self.t += stride
             self.exert(self._with_rods(efforts))
         if not np.linalg.norm(self.motion(self.robot.description.root).velocity) < MAX_SPEED:
-            raise EngineFault(f"{self.engine}'s motion of {self.robot.name} diverges")
+            raise EngineFault(f"{self.dialect.name}'s motion of {self.robot.name} diverges")
 
     def _with_rods(self, efforts: dict[str, float]) -> dict[str, float]:
         """Return efforts and those of the rods, which pull anew in each step."""
@@ -189,16 +204,21 @@ class UrdfEngine(ABC):
         module: What is imported of it, when it starts.
         distribution: The name of its package.
         extra: What installs it.
+        run: Its robots.
+        said: What it does by default and what mends it, by switch: those of any robot, and those of
+            wheels, supports and other shapes where they matter.
 
     Raises:
         EngineMissing: It is not installed.
     """
 
-    name: str
-    tick: float
-    module: str
-    distribution: str
-    extra: str
+    name: ClassVar[str]
+    tick: ClassVar[float]
+    module: ClassVar[str]
+    distribution: ClassVar[str]
+    extra: ClassVar[str]
+    run: ClassVar[Callable[[Robot, Array, Mended, float], UrdfRun]]
+    said: ClassVar[Mapping[str, tuple[str, str]]]
 
     def __post_init__(self) -> None:
         """Refuse where it is not installed; its library is imported when it starts."""
@@ -211,20 +231,28 @@ class UrdfEngine(ABC):
         return version(self.distribution)
 
     @abstractmethod
+    def own_switches(self, robot: Robot) -> Iterator[Switch]:
+        """Yield the switches that the robot has words for."""
+
     def switches(self, robot: Robot) -> tuple[Switch, ...]:
         """Return the switches that mean something here, of this robot."""
+        matters = {
+            "wheel": edged_wheels(robot),
+            "caster": bool(find_supports(robot).parts),
+            "collisions": other_shapes(robot),
+        }
+        common = [Switch(n, *words) for n, words in self.said.items() if matters.get(n, True)]
+        switches = [*common, *self.own_switches(robot)]
+        names = [*SWITCHES]
+        return tuple(sorted(switches, key=lambda switch: names.index(switch.name)))
 
-    @abstractmethod
-    def run(self, robot: Robot, q: Array, switches: Switches, friction: float) -> UrdfRun:
-        """Return the robot at rest at q (nq,), whatever its wheels are."""
-
-    def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> UrdfRun:
+    def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> UrdfRun:
         """Return the robot at rest at q (nq,), its wheels at the height of the ground.
 
         Args:
             robot: The robot.
             q: Configuration (nq,).
-            switches: What is left as the engine's default, and what is mended.
+            mended: What is mended.
             friction: Coefficient between wheels and ground where ``friction`` is mended.
 
         Raises:
@@ -232,11 +260,11 @@ class UrdfEngine(ABC):
                 its friction is the same in all directions.
         """
         held = [wheel for wheel in robot.drive.wheels if one_directional(robot, wheel)]
-        if switches.mended("wheel") and held:
+        if "wheel" in mended and held:
             sliding = f"wheel that slides sideways, as {held[0].joint} does"
             what = "rollers" if robot.drive.type in ("mecanum", "omni") else sliding
             raise EngineFault(f"{robot.name} is not compared in {self.name}: it has no {what}")
-        return self.run(robot, q, switches, friction)
+        return type(self).run(robot, q, mended, friction)
 
 
 def follower_inertia(robot: Robot, q: Array) -> dict[str, float]:

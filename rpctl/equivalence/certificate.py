@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rpctl.equivalence.check import CONTACT_ORACLE, Check, Skipped
-from rpctl.equivalence.contact.record import ContactTrial
-from rpctl.equivalence.onset.record import OnsetTrial
+
+if TYPE_CHECKING:
+    from rpctl.equivalence.contact.trial import ContactTrial
+    from rpctl.equivalence.onset.trial import OnsetTrial
 
 
 @dataclass(frozen=True)

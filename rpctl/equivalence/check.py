@@ -109,20 +109,23 @@ def worst(
     against: str,
     gap: NDArray[np.floating[Any]],
     limit: float,
-    names: Sequence[str],
+    *names: Sequence[str],
 ) -> Check:
     """Return the largest deviation of an array and its entry; NaN counts as infinite.
 
     Args:
         gap: Deviations, relative.
         limit: Largest deviation allowed.
-        names: Names of the entries along each axis.
+        names: Names of the entries along each axis; the last along all that follow, too.
     """
     if not gap.size:
         return Check(name, against, 0.0, limit)
     size = np.where(np.isfinite(gap), np.abs(gap), np.inf)
     index = np.unravel_index(int(np.argmax(size)), size.shape)
-    labels = [names[int(i)] if i < len(names) else str(i) for i in index]
+    labels = []
+    for axis, i in enumerate(index):
+        known = names[min(axis, len(names) - 1)]
+        labels.append(known[i] if i < len(known) else str(i))
     return Check(name, against, float(size[index]), limit, entry=", ".join(labels))
 
 

@@ -7,7 +7,6 @@ Contacts and limits are left out; so is friction, which MuJoCo makes a constrain
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.description.density import inertial_element
+from rpctl.equivalence.contact.mujoco_body import quaternion
 from rpctl.equivalence.file_reading import FileReading, read, rotor_inertias
 from rpctl.equivalence.raw_file import RawFile, document
 from rpctl.errors import RpctlError
@@ -51,15 +51,35 @@ class Inertial:
         R, p = pose[:3, :3], pose[:3, 3]
         return Inertial(self.mass, p + R @ self.com, R @ self.inertia @ R.T)
 
-    def fault(self) -> str:
-        """Return why MuJoCo refuses it, or nothing."""
-        a, b, c = np.linalg.eigvalsh(self.inertia)
-        moments = f"(principal moments {a:.3g}, {b:.3g}, {c:.3g} kg·m²)"
-        if a < -LAMINA_TOLERANCE * abs(c):
-            return f"inertia is not positive definite {moments}"
-        if c - a - b > LAMINA_TOLERANCE * abs(c):
-            return f"inertia breaks the triangle rule {moments}"
-        return ""
+    def put(self, body: Any) -> None:
+        """Give it to an ``MjsBody``, by principal axes: MuJoCo finds them to 1e-12 kg·m² only."""
+        moments, axes = np.linalg.eigh(self.inertia)
+        axes *= np.sign(np.linalg.det(axes))
+        a, b, c = np.maximum(moments, 0.0)
+        body.mass, body.ipos, body.iquat = self.mass, self.com, quaternion(axes)
+        body.inertia, body.fullinertia = [a, b, min(c, a + b)], np.full(6, np.nan)
+        body.explicitinertial = True
+
+
+def inertia_fault(inertia: Array, tolerance: float = LAMINA_TOLERANCE) -> str:
+    """Return why no body has an inertia (3, 3), which MuJoCo then refuses, or nothing.
+
+    Args:
+        inertia: About the centre of mass, kg·m².
+        tolerance: Of the largest principal moment, to which a lamina meets A + B = C.
+    """
+    a, b, c = np.linalg.eigvalsh(inertia)
+    if a < -tolerance * abs(c):
+        return f"inertia is not positive definite ({moments_text(inertia)})"
+    if c - a - b > tolerance * abs(c):
+        return f"inertia breaks the triangle rule ({moments_text(inertia)})"
+    return ""
+
+
+def moments_text(inertia: Array) -> str:
+    """Return the principal moments of an inertia (3, 3) in words."""
+    a, b, c = np.linalg.eigvalsh(inertia)
+    return f"principal moments {a:.3g}, {b:.3g}, {c:.3g} kg·m²"
 
 
 MASSLESS = Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -136,13 +156,8 @@ class MujocoModel:
         for name, position in self._robot.locked.items():
             joint = self._raw.joint[name]
             body = spec.body(NAME_PREFIX + joint.child)
-            if joint.type == "prismatic":
-                body.pos = body.pos + self._rotation(body.quat) @ (position * joint.axis)
-                continue
-            turn = np.array([math.cos(0.5 * position), *(math.sin(0.5 * position) * joint.axis)])
-            turned = np.zeros(4)
-            self._mujoco.mju_mulQuat(turned, body.quat, turn)
-            body.quat = turned
+            pose = joint.motion(position)
+            body.pos, body.quat = pose[:3, 3], quaternion(pose)
 
     def _give_inertia(self, spec: Any, head: str, poses: dict[str, Array]) -> None:
         """Set the inertias of the links that move as one body with the link ``head``.
@@ -150,7 +165,8 @@ class MujocoModel:
         Where MuJoCo would refuse one of them, the whole body's inertia is given to the head.
         """
         bodies = {link: self._read(spec.body(NAME_PREFIX + link)) for link in poses}
-        faults = {link: body.fault() for link, body in bodies.items() if body.fault()}
+        faults = {link: inertia_fault(body.inertia) for link, body in bodies.items()}
+        faults = {link: fault for link, fault in faults.items() if fault}
         if faults:
             lines = self._robot.description.link
             named = tuple(f'link "{k}" (line {lines[k].line}): {why}' for k, why in faults.items())
@@ -160,11 +176,11 @@ class MujocoModel:
             self.fused += tuple(_fusion_note(link, head) for link in faults)
             bodies = {link: whole if link == head else MASSLESS for link in poses}
         for link, body in bodies.items():
-            self._write(spec.body(NAME_PREFIX + link), body)
+            body.put(spec.body(NAME_PREFIX + link))
 
     def _require(self, whole: Inertial, named: tuple[str, ...], links: tuple[str, ...]) -> None:
         """Refuse a moving body that is unphysical as a whole."""
-        fault = whole.fault()
+        fault = inertia_fault(whole.inertia)
         if not fault and np.linalg.eigvalsh(whole.inertia)[0] < MIN_INERTIA:
             fault = "a principal moment is 0"
         if fault:
@@ -177,25 +193,11 @@ class MujocoModel:
     def _read(self, body: Any) -> Inertial:
         """Return a link's inertia as MuJoCo read it; a link without one weighs nothing."""
         xx, yy, zz, xy, xz, yz = np.nan_to_num(body.fullinertia)
-        R = self._rotation(body.iquat)
-        inertia = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
-        return Inertial(float(body.mass), np.nan_to_num(body.ipos), inertia)
-
-    def _write(self, body: Any, inertial: Inertial) -> None:
-        """Give a link its inertia by principal axes: MuJoCo finds them to 1e-12 kg·m² only."""
-        moments, axes = np.linalg.eigh(inertial.inertia)
-        axes *= np.sign(np.linalg.det(axes))
-        a, b, c = np.maximum(moments, 0.0)
-        turn = np.zeros(4)
-        self._mujoco.mju_mat2Quat(turn, axes.ravel())
-        body.mass, body.ipos, body.iquat = inertial.mass, inertial.com, turn
-        body.inertia, body.fullinertia = [a, b, min(c, a + b)], np.full(6, np.nan)
-        body.explicitinertial = True
-
-    def _rotation(self, quaternion: Array) -> Array:
         R = np.zeros(9)
-        self._mujoco.mju_quat2Mat(R, quaternion)
-        return R.reshape(3, 3)
+        self._mujoco.mju_quat2Mat(R, body.iquat)
+        axes = R.reshape(3, 3)
+        inertia = axes @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ axes.T
+        return Inertial(float(body.mass), np.nan_to_num(body.ipos), inertia)
 
 
 def _bare_urdf(robot: Robot) -> str:

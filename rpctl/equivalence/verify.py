@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import RollingConstraints, find_rolling
-from rpctl.equivalence import checks
+from rpctl.equivalence import checks, mujoco_engine
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.check import CONTACT_ORACLE, EXACT_TOLERANCE, Check, Skipped
 from rpctl.equivalence.file_reading import FileReading, read, shared
@@ -31,9 +31,6 @@ from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.inspection import idealisations
 from rpctl.robot.model import Robot
 
-if TYPE_CHECKING:
-    from rpctl.equivalence.mujoco_engine import MujocoEngine
-
 ENGINES = ("mujoco",)
 ABSENT = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
 
@@ -49,7 +46,7 @@ class _Derivations:
     rolling: RollingConstraints
     oracle: GibbsAppell
     geometry: Geometry
-    mujoco: MujocoEngine | None
+    mujoco: mujoco_engine.MujocoEngine | None
 
 
 def verify(
@@ -199,39 +196,39 @@ def _broken_down(group: str, error: Exception) -> Check:
 
 def _engine(
     robot: Robot, reading: FileReading, engines: Sequence[str]
-) -> tuple[MujocoEngine | None, tuple[Skipped, ...]]:
+) -> tuple[mujoco_engine.MujocoEngine | None, tuple[Skipped, ...]]:
     """Return MuJoCo's view of the robot, or the row that says why there is none."""
     for name in engines:
         if name not in ENGINES:
             raise UnknownNameError("engine", name, ENGINES)
     if "mujoco" not in engines:
         return None, ()
-    from rpctl.equivalence.mujoco_engine import EngineRefused, MujocoEngine, installed
-
     note = ABSENT
-    if installed():
+    if mujoco_engine.installed():
         try:
-            return MujocoEngine(robot, reading), ()
-        except EngineRefused as refusal:
+            return mujoco_engine.MujocoEngine(robot, reading), ()
+        except mujoco_engine.EngineRefused as refusal:
             note = f"refused: {refusal}"
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
 
 
 def _with_trials(robot: Robot, certificate: Certificate, contact: bool, onset: bool) -> Certificate:
     """Return a certificate with trials in MuJoCo, or the rows that say why there are none."""
-    from rpctl.equivalence.contact.trial import CHECK_NAME, contact_trial
-    from rpctl.equivalence.mujoco_engine import installed
-    from rpctl.equivalence.onset.trial import TRIAL_NAME, onset_trial
+    from rpctl.equivalence.contact import trial as contact_trial
+    from rpctl.equivalence.onset import trial as onset_trial
 
-    trials: dict[str, Any] = {}
-    if contact:
-        trials["contact"] = contact_trial(robot) if installed() else _absent(CHECK_NAME)
-    if onset:
-        trials["onset"] = onset_trial(robot) if installed() else _absent(TRIAL_NAME)
-    skipped = [trial for trial in trials.values() if isinstance(trial, Skipped)]
-    made = {name: trial for name, trial in trials.items() if trial not in skipped}
-    return replace(certificate, skipped=(*certificate.skipped, *skipped), **made)
-
-
-def _absent(name: str) -> Skipped:
-    return Skipped(name, CONTACT_ORACLE, ABSENT)
+    asked = {
+        "contact": (contact, contact_trial.CHECK_NAME, contact_trial.contact_trial),
+        "onset": (onset, onset_trial.TRIAL_NAME, onset_trial.onset_trial),
+    }
+    made: dict[str, Any] = {}
+    skipped = list(certificate.skipped)
+    for kind, (wanted, name, run) in asked.items():
+        if wanted:
+            absent = Skipped(name, CONTACT_ORACLE, ABSENT)
+            trial = run(robot) if mujoco_engine.installed() else absent
+            if isinstance(trial, Skipped):
+                skipped.append(trial)
+            else:
+                made[kind] = trial
+    return replace(certificate, skipped=tuple(skipped), **made)

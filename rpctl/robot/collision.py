@@ -17,6 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.description.density import primitive
 from rpctl.description.meshes.paths import MeshError
 from rpctl.description.meshes.reading import Hull, Surface, convex_hull, read_shape
 from rpctl.description.meshes.service import start_hulls, start_reader
@@ -339,11 +340,7 @@ def _geometry(robot: Robot, shape: Shape) -> Any:
     if shape.mesh is not None:
         mesh = read_shape(shape.mesh, shape.size, robot.description.mesh_paths)
         return _convex(*_hull(mesh.surfaces, shape.size))
-    if shape.kind == "box":
-        return coal.Box(*shape.size)
-    if shape.kind == "sphere":
-        return coal.Sphere(*shape.size)
-    return {"cylinder": coal.Cylinder, "capsule": coal.Capsule}[shape.kind](*shape.size)
+    return primitive(shape)
 
 
 def _hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
@@ -103,8 +103,13 @@ def freeze_grippers(
         )
     if not told:
         return tree, ()
-    text = f"gripper joints are frozen: {'; '.join(told)}; --free PATTERN releases them"
-    return replace(tree, locked=frozen), (Finding("info", None, text),)
+    return replace(tree, locked=frozen), (
+        Finding(
+            "info",
+            None,
+            f"gripper joints are frozen: {'; '.join(told)}; --free PATTERN releases them",
+        ),
+    )
 
 
 def _branches(description: Description) -> dict[str, list[Joint]]:
@@ -123,14 +128,9 @@ def _branches(description: Description) -> dict[str, list[Joint]]:
     return branches
 
 
-def _below(description: Description, joint: Joint) -> Iterator[Joint]:
-    """Yield a joint and the moving ones below it."""
-    stack = [joint]
-    while stack:
-        joint = stack.pop()
-        if joint.moving:
-            yield joint
-        stack += description.child_joints[joint.child]
+def _below(description: Description, joint: Joint) -> list[Joint]:
+    """Return a joint and the moving ones below it."""
+    return [below for below in description.below(joint) if below.moving]
 
 
 def _arm_above(tree: FrozenTree, joint: Joint) -> list[Joint]:
@@ -140,28 +140,19 @@ def _arm_above(tree: FrozenTree, joint: Joint) -> list[Joint]:
 
 def _is_short(tree: FrozenTree, joint: Joint) -> bool:
     """Return whether a branch can be a finger: short, light, and nothing in it turns for ever."""
-    description = tree.description
-    below = list(_below(description, joint))
-    if any(each.endless and each.mimic is None for each in below):
-        return False
-    return _is_small(tree, joint)
+    below = _below(tree.description, joint)
+    return _is_small(tree, joint) and not any(each.endless and not each.mimic for each in below)
 
 
 def _is_small(tree: FrozenTree, joint: Joint) -> bool:
     """Return whether a joint moves little: no far link, no heavy one."""
-    description = tree.description
-    start, mass, stack = tree.frame(joint)[:3, 3], 0.0, [joint]
-    while stack:
-        below = stack.pop()
-        link, pose = description.link[below.child], tree.pose(below.child)
-        mass += link.mass or 0.0
-        centre = pose[:3, :3] @ link.com + pose[:3, 3]
-        if max(np.linalg.norm(pose[:3, 3] - start), np.linalg.norm(centre - start)) > (
-            MAX_FINGER_REACH
-        ):
-            return False
-        stack += description.child_joints[below.child]
-    return mass <= MAX_FINGER_MASS
+    start = tree.frame(joint)[:3, 3]
+    links = [tree.description.link[below.child] for below in tree.description.below(joint)]
+    poses = [tree.pose(link.name) for link in links]
+    origins = [pose[:3, 3] for pose in poses]
+    centres = [(pose @ [*link.com, 1.0])[:3] for pose, link in zip(poses, links, strict=True)]
+    reach = np.linalg.norm(np.array([*origins, *centres]) - start, axis=1).max()
+    return reach <= MAX_FINGER_REACH and sum(each.mass or 0.0 for each in links) <= MAX_FINGER_MASS
 
 
 def _fingers(tree: FrozenTree, short: list[Joint], complete: bool) -> tuple[list[Joint], str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -72,35 +71,10 @@ def find_losses(description: Description, model: pin.Model) -> Losses | None:
     Args:
         model: Of the robot, with a planar root; its locked joints lose nothing.
     """
-    joints = {name: description.joint[name] for name in joint_entries(model)}
-    return make_losses(
-        description,
-        model,
-        {name: joint.damping for name, joint in joints.items()},
-        {name: joint.friction for name, joint in joints.items()},
-    )
-
-
-def make_losses(
-    description: Description,
-    model: pin.Model,
-    damping: Mapping[str, float],
-    friction: Mapping[str, float],
-) -> Losses | None:
-    """Return losses by the names of joints, or None where they are all 0.
-
-    Args:
-        description: The robot's file, which says what joints slide.
-        model: Of the robot, with a planar root.
-        damping: N·m·s/rad or N·s/m; 0 of joints left out.
-        friction: N·m or N, likewise.
-    """
-    if not (any(damping.values()) or any(friction.values())):
-        return None
     d, f, rate = np.zeros(model.nv), np.zeros(model.nv), np.full(model.nv, TURNING_RATE)
     for name in joint_entries(model):
-        index = model.joints[model.getJointId(name)].idx_v
-        d[index], f[index] = damping.get(name, 0.0), friction.get(name, 0.0)
-        if description.joint[name].kind == "prismatic":
+        joint, index = description.joint[name], model.joints[model.getJointId(name)].idx_v
+        d[index], f[index] = joint.damping, joint.friction
+        if joint.kind == "prismatic":
             rate[index] = SLIDING_RATE
-    return Losses(d, f, rate)
+    return Losses(d, f, rate) if d.any() or f.any() else None

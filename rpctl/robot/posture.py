@@ -295,19 +295,19 @@ class Branch:
     @cached_property
     def _moved(self) -> LinkPoints:
         """Points of all links that the branch moves."""
-        return LinkPoints(self.robot, links_below(self.robot.description, self._name(0)))
+        return LinkPoints(self.robot, _links_below(self.robot.description, self._name(0)))
 
     @cached_property
     def _outer(self) -> LinkPoints:
         """Points of the links beyond the middle of the branch."""
         middle = (len(self.joints) - 1) // 2
-        return LinkPoints(self.robot, links_below(self.robot.description, self._name(middle)))
+        return LinkPoints(self.robot, _links_below(self.robot.description, self._name(middle)))
 
     @cached_property
     def _rest(self) -> LinkBoxes:
         """Boxes of the links that stay, or that move with the first joints only."""
         first = max(0, (len(self.joints) - 1) // 2 - 2)
-        moved = set(links_below(self.robot.description, self._name(first)))
+        moved = set(_links_below(self.robot.description, self._name(first)))
         others = [name for name in self.robot.description.link if name not in moved]
         return LinkBoxes(self.robot, others, GROWTH)
 
@@ -339,13 +339,9 @@ def rate_columns(robot: Robot, names: Sequence[str]) -> Array:
     return columns
 
 
-def links_below(description: Description, joint: str) -> list[str]:
+def _links_below(description: Description, joint: str) -> list[str]:
     """Return the links that a joint moves."""
-    links, stack = [], [description.joint[joint].child]
-    while stack:
-        links.append(stack.pop())
-        stack += [below.child for below in description.child_joints[links[-1]]]
-    return links
+    return [below.child for below in description.below(description.joint[joint])]
 
 
 def split_branches(robot: Robot) -> list[tuple[str, tuple[int, ...]]]:

@@ -234,8 +234,7 @@ class LinkInertias:
 
 def pseudo_inertia(inertia: pin.Inertia) -> Array:
     """Return the pseudo-inertia (4, 4) of Pinocchio's inertia, about its frame's origin."""
-    m, c = inertia.mass, inertia.lever
-    return _pseudo(m, c, _second_moments(inertia.inertia))
+    return np.asarray(inertia.toPseudoInertia().toMatrix())
 
 
 def inertia_of(pseudo: Array) -> pin.Inertia:
@@ -243,33 +242,14 @@ def inertia_of(pseudo: Array) -> pin.Inertia:
 
     It need not be that of a body alone: a robot is sound if its inertia matrix is.
     """
-    m = float(pseudo[3, 3])
-    c = pseudo[:3, 3] / m
-    found = pin.Inertia.Zero()
-    found.mass, found.lever = m, c
-    found.inertia = _second_moments_to_inertia(pseudo[:3, :3] - m * np.outer(c, c))
-    return found
+    return pin.Inertia.FromPseudoInertia(pin.PseudoInertia.FromMatrix(pseudo))
 
 
 def _about_centre(link: Link) -> Array:
     """Return the pseudo-inertia (4, 4) of a link's spread about its centre of mass alone."""
-    return _pseudo(0.0, np.zeros(3), _second_moments(link.inertia))
-
-
-def _pseudo(m: float, c: Array, about_centre: Array) -> Array:
-    found = np.zeros((4, 4))
-    found[:3, :3] = about_centre
-    r = np.array([*c, 1.0])
-    return np.asarray(found + m * np.outer(r, r))
-
-
-def _second_moments(inertia: Array) -> Array:
-    """Return ∫ r rᵀ dm (3, 3) for ∫ (r·r − r rᵀ) dm."""
-    return np.asarray(0.5 * np.trace(inertia) * np.eye(3) - inertia)
-
-
-def _second_moments_to_inertia(second: Array) -> Array:
-    return np.asarray(np.trace(second) * np.eye(3) - second)
+    spread = np.zeros((4, 4))
+    spread[:3, :3] = 0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia
+    return spread
 
 
 def require_slope(slope: Slope) -> None:

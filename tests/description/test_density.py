@@ -13,7 +13,7 @@ import trimesh
 
 import rpctl
 from rpctl.description.records import Link
-from rpctl.errors import DescriptionError, RpctlError
+from rpctl.errors import DescriptionError
 from tests.description.corpus import BASE
 
 ARM = """<inertial><mass value="2"/>
@@ -148,9 +148,3 @@ def test_an_unknown_mesh_is_not_taken_as_nothing(mesh: str, expected: str, tmp_p
     assert message.startswith(f'{path}:{line}: error: mesh "{mesh}" of link "arm" gives no')
     assert expected in message
     assert message.endswith("its link has no <inertial>: give one, or the mesh")
-
-
-@pytest.mark.parametrize("density", [0.0, -1.0, math.nan, math.inf, 1e300])
-def test_a_density_is_positive_and_finite(density: float) -> None:
-    with pytest.raises(RpctlError, match=r"density is .*; give kg/m3"):
-        rpctl.load("paper", density=density)

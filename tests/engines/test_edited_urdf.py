@@ -11,7 +11,7 @@ from lxml import etree
 
 import rpctl
 from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_shapes
-from rpctl.engines.engine import ALL_DEFAULT, MENDED, Switches
+from rpctl.engines.engine import ALL_DEFAULT
 from rpctl.robot.model import Robot
 from tests import urdf
 
@@ -30,7 +30,7 @@ def robot() -> Robot:
 
 
 def edited(robot: Robot, *mended: str) -> tuple[Any, tuple[str, ...]]:
-    found = edit_urdf(robot, ALL_DEFAULT.turned(mended, MENDED), DIALECT)
+    found = edit_urdf(robot, frozenset(mended), DIALECT)
     return etree.fromstring(found.text), found.notes
 
 
@@ -129,7 +129,7 @@ def test_a_transmission_without_an_actuator_is_told(tmp_path: Path, strict: bool
     more = '<transmission name="t"><joint name="wheel_left_joint"/></transmission>'
     robot = rpctl.load(two_wheels(tmp_path / "two.urdf", more=more))
     dialect = Dialect("Engine", (), lambda tread: "<x/>", strict_transmissions=strict)
-    found = edit_urdf(robot, Switches(), dialect)
+    found = edit_urdf(robot, ALL_DEFAULT, dialect)
     assert "transmission" not in found.text
     assert bool(found.notes) is strict
 

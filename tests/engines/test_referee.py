@@ -14,16 +14,13 @@ import rpctl
 from rpctl.arrays import Array
 from rpctl.engines.engine import (
     ALL_MENDED,
-    DEFAULT,
-    MENDED,
     EngineMissing,
-    Switches,
+    Mended,
     installed_engines,
 )
 from rpctl.engines.mujoco import library
 from rpctl.engines.mujoco.engine import MujocoRun, MujocoSimulator
 from rpctl.engines.referee import EngineVerdict, Referee, beyond
-from rpctl.engines.words import line, verdict_to_dict
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 from tests.cli.test_app import run
@@ -42,10 +39,9 @@ class Planted(MujocoSimulator):
 
     planted: tuple[str, ...] = ()
 
-    def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> MujocoRun:
+    def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
         """Start with the switches that are not planted mended."""
-        others = {name for name in vars(switches) if name not in self.planted}
-        return super().start(robot, q, switches.turned(others, MENDED), friction)
+        return super().start(robot, q, mended | (ALL_MENDED - {*self.planted}), friction)
 
 
 def rover(wheel: str = CYLINDER, ball: str = "collision", extra: str = "") -> str:
@@ -97,7 +93,7 @@ def test_the_mended_engine_agrees_with_the_reduced_model(name: str) -> None:
 def test_nothing_is_named_where_engines_agree(load: Callable[[str], Robot]) -> None:
     verdict = judged(load(rover()))
     assert verdict.agrees and verdict.traced and verdict.trace is None
-    assert line(verdict) == f"MuJoCo {mujoco.__version__}: agrees with the reduced model"
+    assert verdict.line == f"MuJoCo {mujoco.__version__}: agrees with the reduced model"
 
 
 TRAY = link("tray", shape('box size="0.2 0.2 0.1"')) + joint(
@@ -124,21 +120,21 @@ def test_what_is_planted_is_named(
 ) -> None:
     verdict = judged(load(text), switch)
     assert named(verdict) == [(switch,)] and verdict.traced
-    assert all(word in line(verdict) for word in words)
+    assert all(word in verdict.line for word in words)
 
 
 @pytest.mark.thorough
 def test_tie_rods_that_are_left_out_are_named() -> None:
     verdict = judged(rpctl.load("car"), "mimic")
     assert named(verdict) == [("mimic",)]
-    assert 'joint1="steering_right_joint" joint2="steering_left_joint" polycoef="' in line(verdict)
+    assert 'joint1="steering_right_joint" joint2="steering_left_joint" polycoef="' in verdict.line
 
 
 @pytest.mark.slow
 def test_tie_rods_as_springs_bear_the_default_step() -> None:
     judge, engine = Referee(rpctl.load("swerve"), duration=DURATION), MujocoSimulator()
     judge.motion(engine.tick)
-    long = judge.run(engine, ALL_MENDED.turned(["timestep"], DEFAULT))
+    long = judge.run(engine, ALL_MENDED - {"timestep"})
     assert not beyond(judge.compare(judge.run(engine, ALL_MENDED), long))
 
 
@@ -150,7 +146,7 @@ def test_losses_that_the_model_leaves_out_are_named(tmp_path: Path) -> None:
     file.write_text(text)
     verdict = judged(rpctl.load(file, "differential", losses=False), "losses")
     assert named(verdict) == [("losses",)]
-    assert "drives" in line(verdict) and "too short" in line(verdict)
+    assert "drives" in verdict.line and "too short" in verdict.line
 
 
 @pytest.mark.thorough
@@ -158,9 +154,9 @@ def test_all_defaults_are_traced_and_cured(load: Callable[[str], Robot]) -> None
     verdict = Referee(load(rover()), duration=DURATION).judge(MujocoSimulator())
     assert {name for names in named(verdict) for name in names} >= {"wheel", "caster"}
     assert verdict.traced
-    plain = verdict_to_dict(verdict)
+    plain = verdict.to_dict()
     assert json.loads(json.dumps(plain))["causes"][0]["setting"]
-    assert plain["agrees"] is False and plain["line"] == line(verdict)
+    assert plain["agrees"] is False and plain["line"] == verdict.line
 
 
 @pytest.mark.slow
@@ -170,14 +166,14 @@ def test_an_unknown_cause_is_not_traced(load: Callable[[str], Robot]) -> None:
 
     @dataclass(frozen=True)
     class Heavy(MujocoSimulator):
-        def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> MujocoRun:
+        def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
             model = robot.model.copy()
             model.inertias[1].mass *= 1.5
-            return super().start(replace(robot, model=model), q, switches, friction)
+            return super().start(replace(robot, model=model), q, mended, friction)
 
     verdict = Referee(robot, duration=DURATION).judge(Heavy())
     assert not verdict.traced and verdict.trace is not None and verdict.trace.remaining
-    assert "no setting explains" in line(verdict)
+    assert "no setting explains" in verdict.line
 
 
 def test_robots_without_ground_or_stance_are_refused() -> None:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
 
 import rpctl
 from rpctl.engines.mujoco.engine import MujocoSimulator
-from rpctl.engines.referee import EngineVerdict, Referee
+from rpctl.engines.referee import Referee
 from rpctl.engines.turning import (
     Turn,
     TurnVerdict,
@@ -19,7 +17,6 @@ from rpctl.engines.turning import (
     scrubbing_track,
     wheel_places,
 )
-from rpctl.engines.words import turn_line
 
 W, L = 0.64, 0.54  # m, track and wheelbase of urdf/skid_steer.urdf
 CORNERS = 0.5 * np.array([(L, W), (L, -W), (-L, W), (-L, -W)])
@@ -73,27 +70,22 @@ def test_a_turn_is_measured_by_its_heading_and_its_rims() -> None:
     np.testing.assert_allclose(turn.load, [10.0, 20.0], rtol=2e-2)
 
 
-def verdict_of(default: float, mended: float, declared: float, swing: float = 0.0) -> EngineVerdict:
-    load = np.ones(4)
-    turn = TurnVerdict(
-        Turn(default, load, swing, 0.0), Turn(mended, load, 0.0, 0.0), declared, 1.1, "mend it"
-    )
-    return cast(Any, SimpleNamespace(engine="E", version="1", turn=turn))
+def verdict_of(default: float, mended: float, declared: float, swing: float = 0.0) -> TurnVerdict:
+    turns = [Turn(track, np.ones(4), s, 0.0) for track, s in ((default, swing), (mended, 0.0))]
+    return TurnVerdict(*turns, declared, 1.1, "mend it")
 
 
 def test_the_line_tells_the_tracks_and_what_to_declare() -> None:
-    said = turn_line(verdict_of(2.9, 1.1, 0.64, swing=0.4))
+    said = verdict_of(2.9, 1.1, 0.64, swing=0.4).line("E 1")
     assert "on a track of 2.90 m and its wheels hop; as on 1.10 m once mended" in said
     assert "0.64 m as declared; its own wheels' places: 1.10 m): mend it; declare" in said
     assert said.endswith("[drive] track = 1.1")
-    assert "mend it" not in turn_line(verdict_of(1.1, 1.1, 0.64))
-    assert "declare [" not in turn_line(verdict_of(2.9, 1.1, 1.1))
-    assert "does not turn" in turn_line(verdict_of(np.inf, 1.1, 1.1))
-    assert turn_line(verdict_of(2.9, 1.2, 0.64)) == ""  # nothing explains it: nothing is said
-    late = verdict_of(2.9, 1.1, 0.64)
-    assert late.turn is not None
-    slow = replace(late.turn, mended=replace(late.turn.mended, off=0.1))
-    assert not slow.agrees and late.turn.agrees
+    assert "mend it" not in verdict_of(1.1, 1.1, 0.64).line("E 1")
+    assert "declare [" not in verdict_of(2.9, 1.1, 1.1).line("E 1")
+    assert "does not turn" in verdict_of(np.inf, 1.1, 1.1).line("E 1")
+    assert verdict_of(2.9, 1.2, 0.64).line("E 1") == ""  # nothing explains it: nothing is said
+    turn = verdict_of(2.9, 1.1, 0.64)
+    assert turn.agrees and not replace(turn, mended=replace(turn.mended, off=0.1)).agrees
 
 
 @pytest.mark.slow

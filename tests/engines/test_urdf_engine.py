@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,23 +16,21 @@ from rpctl.engines.bullet import captured
 from rpctl.engines.engine import (
     ALL_DEFAULT,
     ALL_MENDED,
-    MENDED,
     EngineFault,
     LinkMotion,
+    Mended,
     Switch,
-    Switches,
     wheel_slip,
 )
 from rpctl.engines.urdf_engine import (
     BANDWIDTH,
-    STABLE,
     NamedContacts,
     Point,
     UrdfEngine,
     UrdfRun,
     follower_inertia,
 )
-from rpctl.equivalence.contact.mujoco_body import tie_rod_efforts
+from rpctl.equivalence.contact.mujoco_body import STABLE, tie_rod_efforts
 from rpctl.robot.model import Robot
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -83,8 +81,10 @@ def test_a_wheel_that_rolls_does_not_slip_and_one_that_does_not_turn_drags(paper
 class StillRun(UrdfRun):
     """A robot that stands wherever its joints are put, and notes the efforts it gets."""
 
-    def __init__(self, robot: Robot, switches: Switches, step: float) -> None:
-        super().__init__(robot, robot.configuration(), switches, step)
+    steps = (1e-3, 1e-3)
+
+    def __init__(self, robot: Robot, q: Array, mended: Mended, friction: float = 0.7) -> None:
+        super().__init__(robot, q, mended)
         self.places = dict.fromkeys(robot.moving_joint_names, (0.0, 0.0))
         self.given: list[dict[str, float]] = []
 
@@ -104,21 +104,14 @@ class StillRun(UrdfRun):
         self.given.append(dict(efforts))
 
 
-@dataclass(frozen=True)
 class StillEngine(UrdfEngine):
     """An engine that is always there."""
 
-    name: str = "Still"
-    tick: float = 1e-3
-    module: str = "math"
-    distribution: str = "numpy"
-    extra: str = "still"
+    name, tick, run, said = "Still", 1e-3, StillRun, {"cone": ("it slips", "grip")}
+    module, distribution, extra = "math", "numpy", "still"
 
-    def switches(self, robot: Robot) -> tuple[Switch, ...]:
-        return ()
-
-    def run(self, robot: Robot, q: Array, switches: Switches, friction: float) -> StillRun:
-        return StillRun(robot, switches, self.tick)
+    def own_switches(self, robot: Robot) -> Iterator[Switch]:
+        yield Switch("caster", "it drags", "oil it")
 
 
 def test_only_rollers_that_are_to_be_mended_are_refused() -> None:
@@ -133,8 +126,8 @@ def test_rods_pull_anew_in_each_step_and_only_where_they_are_mended(car: Robot) 
     step = 1e-3
     leader, follower = car.drive.steered[0].joint, car.drive.followers[0].joint
     tau = np.array([1.0 if name == leader else 0.0 for name in car.actuators])
-    for switches, count in ((replace(ALL_DEFAULT, losses=MENDED), 1), (ALL_MENDED, 2)):
-        run = StillRun(car, switches, step)
+    for mended, count in ((frozenset({"losses"}), 1), (ALL_MENDED, 2)):
+        run = StillRun(car, car.configuration(), mended)
         run.places |= {leader: (0.3, 0.0), follower: (0.0, 0.0)}
         run.advance(tau, 2.0 * step)
         assert len(run.given) == count and run.t == 2.0 * step

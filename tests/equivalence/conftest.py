@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rpctl import Robot
-from rpctl.equivalence.contact.record import ContactTrial
-from rpctl.equivalence.contact.trial import contact_trial
+from rpctl.equivalence.contact.trial import ContactTrial, contact_trial
 
 
 @pytest.fixture(scope="session")

@@ -26,7 +26,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics import rolling
-from rpctl.equivalence import checks, lagrange, wheel_slip
+from rpctl.equivalence import checks, wheel_slip
 from rpctl.equivalence.check import Check
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import MujocoEngine
@@ -252,9 +252,9 @@ PROBES: dict[str, tuple[str, Injection]] = {
     "MuJoCo: M": (GENERAL, in_class(MujocoEngine, "reduced", field("M"))),
     "MuJoCo: h": (GENERAL, in_class(MujocoEngine, "reduced", field("h"))),
     "MuJoCo: B": (GENERAL, in_class(MujocoEngine, "reduced", field("B"))),
-    "Lagrange: v̇": (GENERAL, result_of(lagrange.constrained_motion, field("v_dot"))),
-    "Lagrange: Aᵀλ": (GENERAL, result_of(lagrange.constrained_motion, field("force"))),
-    "Pinocchio: v̇": (GENERAL, result_of(lagrange.pinocchio_motion, scaled(1.0 + SMALL))),
+    "Lagrange: v̇": (GENERAL, result_of(checks.constrained_motion, field("v_dot"))),
+    "Lagrange: Aᵀλ": (GENERAL, result_of(checks.constrained_motion, field("force"))),
+    "Pinocchio: v̇": (GENERAL, result_of(checks.pinocchio_motion, scaled(1.0 + SMALL))),
     "inverse: 1e-11 of M ν̇": (GENERAL, in_method("inverse", heavier)),
     "forward: 1e-6": (GENERAL, in_method("forward", mutations.scaled(slice(None)))),
     "energy: 1 %": (GENERAL, in_class(ReducedDynamics, "energy", scaled(1.01))),

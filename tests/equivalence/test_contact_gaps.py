@@ -12,8 +12,7 @@ import pytest
 from rpctl import ReducedDynamics, Robot
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.equivalence import mujoco_engine
-from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
-from rpctl.equivalence.contact.trial import gaps
+from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap, gaps
 
 if not mujoco_engine.installed():
     pytest.skip("MuJoCo is optional", allow_module_level=True)

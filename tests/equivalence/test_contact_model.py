@@ -16,9 +16,7 @@ from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence.contact import model as contact_model
 from rpctl.equivalence.contact import mujoco_body
 from rpctl.equivalence.contact import plan as contact_plan
-from rpctl.equivalence.contact import shapes as contact_shapes
-from rpctl.equivalence.contact.model import ContactModel
-from rpctl.equivalence.contact.shapes import tyre
+from rpctl.equivalence.contact.model import ContactModel, tyre
 from tests.robots import SET_A, ball, cargo, four_wheels, platform, write
 
 if not mujoco_engine.installed():
@@ -246,7 +244,7 @@ def test_a_mesh_in_millimetres_that_is_turned_and_moved(tmp_path: Path) -> None:
     np.testing.assert_allclose(tread.pose[:3, 3], [0.0, -0.01, 0.0], atol=1e-9)
 
 
-@pytest.mark.parametrize("module", [contact_model, contact_shapes, mujoco_body])
+@pytest.mark.parametrize("module", [contact_model, mujoco_body])
 def test_mujocos_side_asks_neither_pinocchio_nor_the_rolling(module: object) -> None:
     tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
     imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}

@@ -8,8 +8,7 @@ import pytest
 
 import rpctl
 from rpctl.equivalence import mujoco_engine
-from rpctl.equivalence.contact.record import ContactTrial
-from rpctl.equivalence.contact.trial import contact_trial
+from rpctl.equivalence.contact.trial import ContactTrial, contact_trial
 from tests.robots import SET_A, ball, platform, write
 
 if not mujoco_engine.installed():

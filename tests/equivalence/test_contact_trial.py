@@ -22,10 +22,10 @@ from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence import verify as verify_module
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.check import Skipped
-from rpctl.equivalence.contact import model as contact_model
+from rpctl.equivalence.contact import mujoco_body
 from rpctl.equivalence.contact import plan as contact_plan
 from rpctl.equivalence.contact import trial as contact_trial
-from rpctl.equivalence.contact.record import ContactTrial
+from rpctl.equivalence.contact.trial import ContactTrial
 from rpctl.robot.vary import set_limits
 from tests.grids import cells
 
@@ -182,7 +182,7 @@ def test_a_wrong_model_of_any_drive_is_noticed(
 @pytest.mark.thorough
 def test_a_car_needs_its_tie_rod(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each front wheel's drag turns its knuckle, and only the rod holds the two against it."""
-    monkeypatch.setattr(contact_model, "TIE_ROD_BANDWIDTH", 1e-6)
+    monkeypatch.setattr(mujoco_body, "TIE_ROD_BANDWIDTH", 1e-6)
     assert {"path", "joint torques"} <= broken(rolled(rpctl.load("car"))).keys()
 
 

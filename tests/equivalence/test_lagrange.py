@@ -10,7 +10,7 @@ import pytest
 
 from rpctl import ReducedDynamics, Robot
 from rpctl.dynamics.rolling import constraint, constraint_drift, find_rolling
-from rpctl.equivalence.lagrange import constrained_motion, effort_columns, pinocchio_motion
+from rpctl.equivalence.checks import constrained_motion, effort_columns, pinocchio_motion
 
 
 def doubled(robot: Robot) -> Robot:

@@ -23,7 +23,7 @@ from rpctl.equivalence.check import (
     relative,
     worst,
 )
-from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
+from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
 
 
 def test_a_limit_grows_with_the_products_and_no_other_way() -> None:

@@ -23,7 +23,7 @@ from rpctl.equivalence.onset.prediction import (
     manoeuvres,
     predict,
 )
-from rpctl.equivalence.onset.record import INSIDE, SAFE, WITHIN, WRONG, Onset
+from rpctl.equivalence.onset.trial import INSIDE, SAFE, WITHIN, WRONG, Onset
 from rpctl.robot.load import load
 from tests.equivalence import trolley as paper_and_pencil
 from tests.equivalence.trolley import trolley

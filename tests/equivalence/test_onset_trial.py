@@ -19,8 +19,7 @@ from rpctl.equivalence.onset import prediction
 from rpctl.equivalence.onset import trial as trial_module
 from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, PushedBody, measure
 from rpctl.equivalence.onset.prediction import SLIPS, TIPS, circle_radius, manoeuvres
-from rpctl.equivalence.onset.record import ASKEW, WITHIN, NoOnset, Onset, OnsetTrial
-from rpctl.equivalence.onset.trial import onset_trial
+from rpctl.equivalence.onset.trial import ASKEW, WITHIN, NoOnset, Onset, OnsetTrial, onset_trial
 from rpctl.robot.load import load
 from tests.equivalence import trolley as paper_and_pencil
 from tests.equivalence.test_onset_prediction import AHEAD, BRAKES, CIRCLE, DRIVES, LEFT, lifted

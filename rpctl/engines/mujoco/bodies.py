@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +20,7 @@ from rpctl.description.records import Joint, Link
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.equivalence.contact.mujoco_body import quaternion
+from rpctl.equivalence.mujoco_model import Inertial, inertia_fault, moments_text
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
@@ -32,15 +33,7 @@ STOP_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)
 RESERVED = "world"  # MuJoCo's own body
 
 
-class BodyInertia(NamedTuple):
-    """Mass (kg), centre of mass (3,) in the body's frame (m), inertia (3, 3) about it (kg·m²)."""
-
-    mass: float
-    com: Array
-    inertia: Array
-
-
-def body_inertia(robot: Robot, joint: int) -> tuple[BodyInertia, tuple[str, ...]]:
+def body_inertia(robot: Robot, joint: int) -> tuple[Inertial, tuple[str, ...]]:
     """Return the inertia of what a joint carries, mended, and the sentences that say how.
 
     Args:
@@ -57,24 +50,15 @@ def body_inertia(robot: Robot, joint: int) -> tuple[BodyInertia, tuple[str, ...]
 
 def link_fault(link: Link) -> str:
     """Return why no body has the inertia that a file gives a link, or nothing."""
-    if not link.mass:
-        return ""
-    return _fault(_principal(link.inertia))
+    fault = inertia_fault(link.inertia, ROUNDING) if link.mass else ""
+    return fault and f"its {fault}"
 
 
-def is_physical(given: BodyInertia) -> bool:
+def is_physical(given: Inertial) -> bool:
     """Return whether some body may have an inertia, and MuJoCo lets it move."""
-    moments = _principal(given.inertia)
-    return bool(given.mass >= MIN_MASS and moments[0] >= MIN_MOMENT and not _fault(moments))
-
-
-def set_inertia(body: Any, given: BodyInertia) -> None:
-    """Give a body of a spec its inertia, by principal axes."""
-    moments, axes = np.linalg.eigh(given.inertia)
-    axes *= np.sign(np.linalg.det(axes))
-    a, b, c = np.maximum(moments, 0.0)
-    body.mass, body.ipos, body.iquat = given.mass, given.com, quaternion(axes)
-    body.inertia, body.explicitinertial = [a, b, min(c, a + b)], True
+    least = float(np.linalg.eigvalsh(given.inertia)[0])
+    sound = not inertia_fault(given.inertia, ROUNDING)
+    return sound and given.mass >= MIN_MASS and least >= MIN_MOMENT
 
 
 def _links(robot: Robot, joint: int) -> Iterator[Link]:
@@ -91,7 +75,7 @@ def head_link(robot: Robot, joint: int) -> str:
     return robot.description.root if joint == 1 or known is None else known.child
 
 
-def _mended(carried: pin.Inertia, head: Link) -> tuple[BodyInertia, tuple[str, ...]]:
+def _mended(carried: pin.Inertia, head: Link) -> tuple[Inertial, tuple[str, ...]]:
     """Return a physical inertia near one that is given, and what was changed."""
     mass, inertia = float(carried.mass), np.array(carried.inertia)
     where = f'link "{head.name}" (line {head.line})'
@@ -99,16 +83,16 @@ def _mended(carried: pin.Inertia, head: Link) -> tuple[BodyInertia, tuple[str, .
     if mass < MIN_MASS:
         said += (f"{where} moves and weighs {mass:g} kg; it gets {MIN_MASS:g} kg",)
         mass = MIN_MASS
-    fault = _fault(_principal(inertia))
+    fault = inertia_fault(inertia, ROUNDING)
     if fault:
         inertia = _physical(inertia)
-        said += (f"{where}: {fault}; {_moments(_principal(inertia))} are used",)
-    least = _principal(inertia)[0]
+        said += (f"{where}: its {fault}; {moments_text(inertia)} are used",)
+    least = np.linalg.eigvalsh(inertia)[0]
     if least < MIN_MOMENT:
         inertia = inertia + MIN_MOMENT * np.eye(3)
         if not fault and least <= ROUNDING * MIN_MOMENT:
             said += (f"{where} has no inertia about some axis; {MIN_MOMENT:g} kg·m² is added",)
-    return BodyInertia(mass, np.array(carried.lever), inertia), said
+    return Inertial(mass, np.array(carried.lever), inertia), said
 
 
 def _physical(inertia: Array) -> Array:
@@ -117,26 +101,6 @@ def _physical(inertia: Array) -> Array:
     moments, axes = np.linalg.eigh(second)
     kept = (axes * np.maximum(moments, 0.0)) @ axes.T
     return np.asarray(np.trace(kept) * np.eye(3) - kept)
-
-
-def _principal(inertia: Array) -> Array:
-    """Return the ascending principal moments (3,) of an inertia (3, 3)."""
-    return np.asarray(np.linalg.eigvalsh(inertia), dtype=float)
-
-
-def _fault(moments: Array) -> str:
-    """Return why a body cannot have three ascending principal moments, or nothing."""
-    a, b, c = moments
-    if a < -ROUNDING * abs(c):
-        return f"its inertia is not positive definite ({_moments(moments)})"
-    if c - a - b > ROUNDING * abs(c):
-        return f"its inertia breaks the triangle rule ({_moments(moments)})"
-    return ""
-
-
-def _moments(moments: Array) -> str:
-    a, b, c = moments
-    return f"principal moments {a:.3g}, {b:.3g}, {c:.3g} kg·m²"
 
 
 def _fusion(link: Link, head: str, count: int) -> str:
@@ -165,7 +129,7 @@ def add_bodies(spec: Any, robot: Robot, settings: ContactSettings) -> tuple[str,
         body.pos, body.quat = place[:3, 3], quaternion(place)
         bodies[joint] = body
         inertia, mended = body_inertia(robot, joint)
-        set_inertia(body, inertia)
+        inertia.put(body)
         said += mended
         if joint == ROOT_JOINT:
             body.add_freejoint()

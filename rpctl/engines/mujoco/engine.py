@@ -9,16 +9,22 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.engines.engine import EngineFault, EngineState, LinkMotion, Switch, Switches, wheel_slip
+from rpctl.engines.engine import (
+    EngineFault,
+    EngineState,
+    LinkMotion,
+    Mended,
+    Switch,
+    joint_losses,
+    wheel_slip,
+)
 from rpctl.engines.mujoco.build import build
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
-from rpctl.engines.mujoco.switches import Touching, mend, mujoco_switches
+from rpctl.engines.mujoco.switches import mend, mujoco_switches
 from rpctl.engines.mujoco.user_load import PREFIX, compiled, load_as_user
 from rpctl.engines.mujoco.world import MujocoWorld
-from rpctl.engines.urdf_engine import STABLE
-from rpctl.equivalence.contact.model import TIE_ROD_BANDWIDTH
-from rpctl.equivalence.contact.mujoco_body import MujocoBody, Rollers, TieRods, muted
+from rpctl.equivalence.contact.mujoco_body import MujocoBody, RollingBody, Touching
 from rpctl.errors import DivergedError
 from rpctl.robot.model import Robot
 
@@ -70,14 +76,16 @@ class MujocoSimulator:
         """Return the switches that mean something of this robot."""
         return tuple(mujoco_switches(robot))
 
-    def start(self, robot: Robot, q: Array, switches: Switches, friction: float) -> MujocoRun:
+    def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
         """Return the robot at rest at q (nq,); :meth:`rpctl.engines.engine.Engine.start`."""
         loaded = load_as_user(robot)
-        touching = mend(loaded.spec, robot, switches, friction)
+        touching = mend(loaded.spec, robot, mended, friction)
         model, told = compiled(loaded.spec)
-        run = MujocoRun(robot, model, touching, switches, friction)
+        run = MujocoRun(robot, model, touching, friction)
         run.notes = (*loaded.notes, *(f"MuJoCo: {note}" for note in told))
-        run.place(q)
+        if "losses" in mended:
+            run.set_losses()
+        run.start(q, tied="mimic" in mended and not touching.tied)
         return run
 
     def turning_speed(self, friction: float) -> float:
@@ -121,47 +129,23 @@ def body_state(body: MujocoBody, t: float, load: Array, slip: Array) -> EngineSt
     return EngineState(t, body.pose, joints, load, slip, body.energy)
 
 
-class MujocoRun(MujocoBody):
+class MujocoRun(RollingBody):
     """A robot in MuJoCo as a user loads it, or mended; an ``EngineRun``."""
 
-    def __init__(
-        self, robot: Robot, model: Any, touching: Touching, switches: Switches, friction: float
-    ) -> None:
+    def __init__(self, robot: Robot, model: Any, touching: Touching, friction: float) -> None:
         root = PREFIX + robot.description.root
-        super().__init__(robot, model, root, touching.contacts, touching.owner)
+        super().__init__(robot, model, root, touching, friction)
         self.notes: tuple[str, ...] = ()
-        crowned = {name: model.geom(geom).id for name, geom in touching.crowned.items()}
-        self._rollers = Rollers(self, crowned, friction)
-        self._rods = TieRods(self, min(TIE_ROD_BANDWIDTH, STABLE / model.opt.timestep))
-        self._pulled = switches.mended("mimic") and not touching.tied
-        if switches.mended("losses"):
-            self._set_losses()
-        self._motors = [self.dofs[name] for name in robot.actuators]
         self._load = np.zeros(len(self.contacts))
-
-    def place(self, q: Array) -> None:
-        """Put the robot at q (nq,), at rest, its wheels at the height of the ground."""
-        self.put(q, -self.robot.drive.ground)
-        self.mujoco.mj_forward(self.mjm, self.data)
-        self._rods.measure()
 
     def advance(self, tau: Array, dt: float) -> None:
         """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
-        mujoco, data = self.mujoco, self.data
         steps = max(1, math.ceil(dt / self.mjm.opt.timestep - STEP_ROUNDING))
         self._load[:] = 0.0
-        with muted():
-            for _ in range(steps):
-                data.qfrc_applied[:] = 0.0
-                data.qfrc_applied[self._motors] = tau
-                if self._pulled:
-                    self._rods.pull()
-                mujoco.mj_step1(self.mjm, data)
-                self._rollers.turn()
-                mujoco.mj_step2(self.mjm, data)
-                self._load += self.loads() / steps
+        for _ in self.steps(tau, steps):
+            self._load += self.loads() / steps
         if self.diverged:
-            raise EngineFault(f"MuJoCo diverges {data.time:.3g} s after it was put down")
+            raise EngineFault(f"MuJoCo diverges {self.data.time:.3g} s after it was put down")
 
     def state(self) -> EngineState:
         """Return the state now."""
@@ -178,12 +162,9 @@ class MujocoRun(MujocoBody):
         rotation = self.data.xmat[body].reshape(3, 3)
         return LinkMotion(rotation, self.data.xpos[body], twist[:3], twist[3:])
 
-    def _set_losses(self) -> None:
+    def set_losses(self) -> None:
         """Give the joints the robot's damping and friction."""
-        losses, model = self.robot.losses, self.mjm
+        model = self.mjm
         model.dof_damping[:], model.dof_frictionloss[:] = 0.0, 0.0
-        if losses is not None:
-            for name, dof in self.dofs.items():
-                at = self.robot.velocity_index(name)
-                model.dof_damping[dof] = losses.damping[at]
-                model.dof_frictionloss[dof] = losses.friction[at]
+        for name, dof in self.dofs.items():
+            model.dof_damping[dof], model.dof_frictionloss[dof] = joint_losses(self.robot, name)

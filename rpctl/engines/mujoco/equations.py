@@ -16,7 +16,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.equivalence.check import Check
+from rpctl.equivalence.check import Check, worst
 from rpctl.equivalence.state import draw_state
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root
@@ -30,37 +30,21 @@ ROOT_NV = 6  # of a free root in MuJoCo
 NO_LIMIT = 1e6  # rad, m: MuJoCo's range has two ends
 
 
-@dataclass(frozen=True, eq=False)
-class WitnessState:
-    """The reduced model at one state, in MuJoCo's coordinates: M ν̇ + h = B τ, v = S ν.
-
-    Attributes:
-        qpos: Root x, y, z, quaternion w, x, y, z (7,), then the joints (n_joints,); m, rad.
-        nu: Quasi-velocities (dof,).
-        S: Basis (6 + n_joints, dof), the root's rows first: linear in the world's axes, angular in
-            the root's.
-        drift: Ṡν (6 + n_joints,).
-        M: Inertia (dof, dof).
-        h: Bias (dof,).
-        B: Actuation (dof, n_act).
-    """
-
-    qpos: Array
-    nu: Array
-    S: Array
-    drift: Array
-    M: Array
-    h: Array
-    B: Array
+# The axes of a witness's arrays: actuators, joints, speeds, coordinates of the free tree, those
+# of qpos, and states.
+SHAPES = {
+    "effort": "a", "lower": "j", "upper": "j", "damping": "j", "friction": "j", "armature": "j",
+    "qpos": "sq", "nu": "sd", "S": "scd", "drift": "sc", "M": "sdd", "h": "sd", "B": "sda",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """A robot's equations at some states, and its limits and losses.
+    """A robot's limits and losses, and its equations at some states, M ν̇ + h = B τ, v = S ν.
 
     Attributes:
         root: The body of the root link.
-        joints: The moving joints, as the states' rows name them.
+        joints: The moving joints, in the order of the states' rows.
         speeds: Names of ν.
         actuators: Names of τ.
         effort: Limits of τ (n_act,), N·m or N; inf where there is none.
@@ -69,7 +53,14 @@ class Witness:
         damping: N·m·s/rad or N·s/m (n_joints,).
         friction: N·m or N (n_joints,).
         armature: kg·m² or kg (n_joints,).
-        states: The states.
+        qpos: At each state root x, y, z, quaternion w, x, y, z, then the joints (n, 7 + n_joints).
+        nu: Quasi-velocities (n, dof).
+        S: Bases (n, 6 + n_joints, dof), the root's rows first: linear in the world's axes, angular
+            in the root's.
+        drift: Ṡν (n, 6 + n_joints).
+        M: Inertias (n, dof, dof).
+        h: Biases (n, dof).
+        B: Actuation (n, dof, n_act).
     """
 
     root: str
@@ -82,7 +73,13 @@ class Witness:
     damping: Array
     friction: Array
     armature: Array
-    states: tuple[WitnessState, ...]
+    qpos: Array
+    nu: Array
+    S: Array
+    drift: Array
+    M: Array
+    h: Array
+    B: Array
 
 
 def take_witness(
@@ -102,6 +99,8 @@ def take_witness(
     described = [robot.description.joint[name] for name in joints]
     none = np.zeros(len(joints))
     lossy = robot.losses if losses else None
+    draws = [draw_state(robot, seed, sample) for sample in range(samples)]
+    states = [_state(dynamics, draw.q, draw.nu, index) for draw in draws]
     return Witness(
         root=root,
         joints=joints,
@@ -113,14 +112,11 @@ def take_witness(
         damping=none if lossy is None else lossy.damping[index],
         friction=none if lossy is None else lossy.friction[index],
         armature=robot.armature[index],
-        states=tuple(
-            _state(dynamics, draw.q, draw.nu, index)
-            for draw in (draw_state(robot, seed, sample) for sample in range(samples))
-        ),
+        **{name: np.array([state[name] for state in states]) for name in states[0]},
     )
 
 
-def _state(dynamics: ReducedDynamics, q: Array, nu: Array, index: list[int]) -> WitnessState:
+def _state(dynamics: ReducedDynamics, q: Array, nu: Array, index: list[int]) -> dict[str, Array]:
     """Return the reduced model at q (nq,) and ν (dof,), in MuJoCo's coordinates.
 
     Of the root, Pinocchio's v is along the body's axes: v_world = R v, and Ṙ v = ω ẑ × R v.
@@ -138,15 +134,15 @@ def _state(dynamics: ReducedDynamics, q: Array, nu: Array, index: list[int]) -> 
     turning[:2] = -speed[5] * speed[1], speed[5] * speed[0]
     half = 0.5 * theta
     places = [robot.joint_position(q, name) for name in robot.moving_joint_names]
-    return WitnessState(
-        qpos=np.array([x, y, 0.0, math.cos(half), 0.0, 0.0, math.sin(half), *places]),
-        nu=np.array(nu),
-        S=T @ S,
-        drift=T @ drift + turning,
-        M=dynamics.inertia(q),
-        h=dynamics.bias(q, nu),
-        B=dynamics.actuation(q),
-    )
+    return {
+        "qpos": np.array([x, y, 0.0, math.cos(half), 0.0, 0.0, math.sin(half), *places]),
+        "nu": nu,
+        "S": T @ S,
+        "drift": T @ drift + turning,
+        "M": dynamics.inertia(q),
+        "h": dynamics.bias(q, nu),
+        "B": dynamics.actuation(q),
+    }
 
 
 def compare_with_witness(
@@ -164,15 +160,13 @@ def compare_with_witness(
         RpctlError: The model lacks a body, a joint or an actuator that the witness names.
     """
     tree, room = _FreeTree(model, witness), ROUNDING_ROOM * rounding
-    worst: dict[str, Check] = {}
-    for sample, state in enumerate(witness.states):
-        for name, residual, entry in tree.gaps(state):
-            limit = max(EQUATIONS_TOLERANCE, room)
-            check = Check(name, against, residual, limit, sample, entry)
-            if name not in worst or check.residual > worst[name].residual:
-                worst[name] = check
-    limits = (replace(row, against=against, limit=max(row.limit, room)) for row in tree.limits())
-    return (*worst.values(), *limits)
+    found: dict[str, Check] = {}
+    for sample in range(len(witness.nu)):
+        for check in tree.gaps(sample):
+            if check.name not in found or check.residual > found[check.name].residual:
+                found[check.name] = replace(check, sample=sample)
+    rows = (*found.values(), *tree.limits())
+    return tuple(replace(row, against=against, limit=max(row.limit, room)) for row in rows)
 
 
 class _FreeTree:
@@ -199,28 +193,28 @@ class _FreeTree:
         self._dofs = [*range(int(model.jnt_dofadr[free]), int(model.jnt_dofadr[free]) + ROOT_NV),
                       *(int(model.jnt_dofadr[j]) for j in self._joints)]  # fmt: skip
 
-    def gaps(self, state: WitnessState) -> Iterator[tuple[str, float, str]]:
-        """Yield the name of a row, the largest gap at a state, and the entry where it is."""
+    def gaps(self, sample: int) -> Iterator[Check]:
+        """Yield the rows of the equations at a state."""
         witness, names = self._witness, self._witness.speeds
-        M, bias = self._terms(state)
-        own_M = state.S.T @ M @ state.S
-        own_h = state.S.T @ (bias + M @ state.drift)
-        own_B = state.S.T @ self._columns()
-        size = np.sqrt(np.diag(state.M))
-        yield _worst("inertia M", (own_M - state.M) / np.outer(size, size), names, names)
-        rate = float(np.sqrt(state.nu @ state.M @ state.nu))
-        scale = size * max(rate, 1.0)
-        heavy = max(1.0, float(np.abs(state.h / scale).max()))
-        yield _worst("bias h", ((own_h - state.h) / (scale * heavy))[:, None], names, ("",))
-        largest = max(1.0, float(np.abs(state.B).max(initial=0.0)))
-        yield _worst("actuation B", (own_B - state.B) / largest, names, witness.actuators)
+        nu, S, M, h, B = (vars(witness)[name][sample] for name in ("nu", "S", "M", "h", "B"))
+        free_M, free_h = self._terms(sample)
+        size = np.sqrt(np.diag(M))
+        gap = (S.T @ free_M @ S - M) / np.outer(size, size)
+        yield worst("inertia M", REDUCED, gap, EQUATIONS_TOLERANCE, names)
+        own_h = S.T @ (free_h + free_M @ witness.drift[sample])
+        scale = size * max(float(np.sqrt(nu @ M @ nu)), 1.0)
+        heavy = max(1.0, float(np.abs(h / scale).max()))
+        yield worst("bias h", REDUCED, (own_h - h) / (scale * heavy), EQUATIONS_TOLERANCE, names)
+        largest = max(1.0, float(np.abs(B).max(initial=0.0)))
+        gap = (S.T @ self._columns() - B) / largest
+        yield worst("actuation B", REDUCED, gap, EQUATIONS_TOLERANCE, names, witness.actuators)
 
-    def _terms(self, state: WitnessState) -> tuple[Array, Array]:
+    def _terms(self, sample: int) -> tuple[Array, Array]:
         """Return the free tree's inertia (nv, nv) and bias (nv,), as the witness orders them."""
         mujoco, model, data = self._mujoco, self._model, self._data
         mujoco.mj_resetData(model, data)
-        data.qpos[self._qpos] = state.qpos
-        data.qvel[self._dofs] = state.S @ state.nu
+        data.qpos[self._qpos] = self._witness.qpos[sample]
+        data.qvel[self._dofs] = self._witness.S[sample] @ self._witness.nu[sample]
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         M = np.zeros((model.nv, model.nv))
@@ -276,40 +270,21 @@ class _FreeTree:
         return index
 
 
-def _worst(
-    name: str, gap: Array, rows: tuple[str, ...], columns: tuple[str, ...]
-) -> tuple[str, float, str]:
-    """Return the name, the largest of gaps (n_rows, n_columns), and where it is."""
-    if not gap.size:
-        return name, 0.0, ""
-    size = np.where(np.isfinite(gap), np.abs(gap), np.inf)
-    row, column = divmod(int(size.argmax()), size.shape[1])
-    entry = f"{rows[row]}, {columns[column]}" if columns[column] else rows[row]
-    return name, float(size[row, column]), entry
-
-
 def _equal(name: str, has: Array, wanted: Array, rows: tuple[str, ...]) -> Check:
     """Return the row of numbers (n, k) that must be those of the robot; infinities, too."""
     with np.errstate(invalid="ignore"):
         gap = np.abs(has - wanted) / np.maximum(1.0, np.abs(wanted))
-    gap = np.where(has == wanted, 0.0, np.where(np.isfinite(gap), gap, np.inf))
-    _, largest, entry = _worst(name, gap, rows, ("",) * gap.shape[1] if gap.size else ("",))
-    return Check(name, REDUCED, largest, LIMIT_TOLERANCE, 0, entry)
+    gap = np.where(has == wanted, 0.0, gap)
+    return worst(name, REDUCED, gap.max(axis=1, initial=0.0), LIMIT_TOLERANCE, rows)
 
 
 def as_plain(witness: Witness) -> dict[str, Any]:
-    """Return a witness as plain values for JSON; an infinite limit is None."""
-    found: dict[str, Any] = {}
-    for name, value in vars(witness).items():
-        if name == "states":
-            found[name] = [
-                {key: array.tolist() for key, array in vars(state).items()} for state in value
-            ]
-        elif isinstance(value, np.ndarray):
-            found[name] = [each if math.isfinite(each) else None for each in value.tolist()]
-        else:
-            found[name] = list(value) if isinstance(value, tuple) else value
-    return found
+    """Return a witness as plain values for JSON; an infinite limit is the word for it."""
+    plain: dict[str, Any] = dict(vars(witness))
+    for name in SHAPES:
+        value = plain[name]
+        plain[name] = np.where(np.isfinite(value), value.astype(object), value.astype(str)).tolist()
+    return plain
 
 
 def from_plain(plain: Mapping[str, Any]) -> Witness:
@@ -318,32 +293,16 @@ def from_plain(plain: Mapping[str, Any]) -> Witness:
     Raises:
         ValueError: They are none.
     """
-    infinite = {"effort": math.inf, "upper": math.inf, "lower": -math.inf}
-    fields: dict[str, Any] = {"root": str(plain["root"])}
-    for name in ("joints", "speeds", "actuators"):
-        fields[name] = tuple(str(each) for each in plain[name])
-    for name in ("effort", "lower", "upper", "damping", "friction", "armature"):
-        numbers = [infinite.get(name) if each is None else each for each in plain[name]]
-        fields[name] = np.array(numbers, dtype=float)
-    size = {"n": ROOT_NV + len(fields["joints"]), "d": len(fields["speeds"]),
-            "a": len(fields["actuators"]), "q": ROOT_NV + 1 + len(fields["joints"])}  # fmt: skip
-    shapes = {"qpos": "q", "nu": "d", "S": "nd", "drift": "n", "M": "dd", "h": "d", "B": "da"}
-    fields["states"] = tuple(
-        WitnessState(**{
-            key: _array(state[key], tuple(size[letter] for letter in shape))
-            for key, shape in shapes.items()
-        })
-        for state in plain["states"]
-    )  # fmt: skip
-    for name, count in (("effort", "actuators"), *((k, "joints") for k in
-                        ("lower", "upper", "damping", "friction", "armature"))):  # fmt: skip
-        if fields[name].shape != (len(fields[count]),):
-            raise ValueError(f"{name} is not as long as {count}")
-    return Witness(**fields)
-
-
-def _array(value: Any, shape: tuple[int, ...]) -> Array:
-    found: Array = np.array(value, dtype=float).reshape(shape)
-    if not np.isfinite(found).all():
-        raise ValueError("a number is not finite")
-    return found
+    texts = {key: tuple(map(str, plain[key])) for key in ("joints", "speeds", "actuators")}
+    joints, states = len(texts["joints"]), len(plain["nu"])
+    size = {"a": len(texts["actuators"]), "j": joints, "d": len(texts["speeds"]),
+            "c": ROOT_NV + joints, "q": ROOT_NV + 1 + joints, "s": states}  # fmt: skip
+    arrays = {}
+    for key, axes in SHAPES.items():
+        arrays[key] = np.array(plain[key], dtype=float)
+        wanted = tuple(size[axis] for axis in axes)
+        if arrays[key].shape != wanted:
+            raise ValueError(f"{key} is of the shape {arrays[key].shape}, not {wanted}")
+        if "s" in axes and not np.isfinite(arrays[key]).all():
+            raise ValueError("a number is not finite")
+    return Witness(root=str(plain["root"]), **texts, **arrays)

@@ -17,7 +17,6 @@ from typing import Any
 
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.engines.mujoco.appearance import Drawn, draw
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.certificate import MjcfCertificate
@@ -26,7 +25,7 @@ from rpctl.engines.mujoco.equations import Witness, compare_with_witness, take_w
 from rpctl.engines.mujoco.ground import has_rollers
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.mjcf_reader import StrictMjcf, parse_mjcf, tabulate
-from rpctl.engines.mujoco.mjcf_writer import Part, numbers, to_bytes, write_model
+from rpctl.engines.mujoco.mjcf_writer import Drawn, Part, draw, numbers, to_bytes, write_model
 from rpctl.engines.mujoco.sensors import FREE, HOME, HOW, sensor_parts
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.trial import run_on_ground, settle
@@ -63,6 +62,8 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bo
     """
     _require_possible(robot)
     built = build(robot, settings, friction)
+    if built.heights is not None:
+        raise RpctlError("a model with height fields is not written as MJCF")
     spec = built.spec
     for body in spec.bodies:
         for joint in body.joints:
@@ -191,7 +192,7 @@ def write_mjcf(
     built = prepare(robot, settings, friction, hidden=bool(drawn.parts))
     root, model = body_name(robot.description.root), built.compile()
     sections = _sections(robot, model, root, drawn)
-    bare = to_bytes(_document(model, drawn, sections, path))
+    bare = to_bytes(_document(built.spec, drawn, sections, path))
     file = parse_mjcf(bare, path)
     witness = take_witness(robot, root, settings.losses)
     rolling = robot if settings.losses else without_losses(robot)
@@ -202,7 +203,7 @@ def write_mjcf(
     certificate = _certificate(robot, file, witness, checks, verified, given)
     sections["custom"] = certificate.parts(HOW)
     written = all(check.passed for check in checks)
-    data = to_bytes(_document(model, drawn, sections, path))
+    data = to_bytes(_document(built.spec, drawn, sections, path))
     files = _put(path, data, drawn) if written else ()
     notes = (*built.repairs, *built.notes, *drawn.notes, *trial.notes)
     return MjcfExport(
@@ -259,7 +260,7 @@ def _controls(robot: Robot, model: Any, efforts: Array) -> list[float]:
     return found
 
 
-def _document(model: Any, drawn: Drawn, sections: dict[str, list[Part]], path: Path) -> Any:
+def _document(spec: Any, drawn: Drawn, sections: dict[str, list[Part]], path: Path) -> Any:
     """Return the root element of the file."""
     light = Part("light", {"name": "sun", "pos": "0 0 4", "dir": "0 0 -1", "directional": "true"})
     parts = {**drawn.parts, "world": [light]}
@@ -267,7 +268,7 @@ def _document(model: Any, drawn: Drawn, sections: dict[str, list[Part]], path: P
         f" Written by rpctl {VERSION}. Units: m, kg, s, rad, N. Controls are efforts at "
         f"the joints (N m, N). `rpctl check {path.name.replace('--', '- -')}` proves it again. "
     )
-    root = write_model(model, parts, sections, comment)
+    root = write_model(spec, parts, sections, comment)
     if drawn.files:
         root.find("compiler").set("meshdir", mesh_folder(path).name)
     return root

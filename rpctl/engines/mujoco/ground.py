@@ -18,17 +18,12 @@ from rpctl.arrays import Array
 from rpctl.description.records import Shape, rotation
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.stance import find_supports
-from rpctl.engines.mujoco.bodies import (
-    BodyInertia,
-    body_name,
-    is_physical,
-    place_in_body,
-    set_inertia,
-)
+from rpctl.engines.mujoco.bodies import body_name, is_physical, place_in_body
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.equivalence.contact.model import about, geom_size, support_shapes, tyre
 from rpctl.equivalence.contact.mujoco_body import quaternion, vertical_inverse_masses
-from rpctl.equivalence.contact.shapes import about, geom_size, support_shapes, tyre
+from rpctl.equivalence.mujoco_model import Inertial
 from rpctl.robot.model import Robot
 
 GROUND = "ground"  # name of the ground's geom
@@ -154,7 +149,7 @@ class GroundContacts:
         size = [b, b, math.sqrt(b * (wheel.radius - b * cos**2) / (1.0 - cos**2))]
         carried = robot.model.inertias[robot.model.getJointId(wheel.joint)]
         mass = ROLLER_MASS * float(carried.mass)
-        inertia = BodyInertia(mass, np.zeros(3), 0.4 * mass * b * b * np.eye(3))
+        inertia = Inertial(mass, np.zeros(3), 0.4 * mass * b * b * np.eye(3))
         places = []
         for k in range(ROLLERS):
             turn = rotation(axle, 2.0 * math.pi * k / ROLLERS)
@@ -162,7 +157,7 @@ class GroundContacts:
             place = wheel.offset * axle + (wheel.radius - b) * (turn @ down)
             roller = body.add_body(name=name, pos=place)
             roller.add_joint(name=name, type=mujoco_library().mjtJoint.mjJNT_HINGE, axis=axis)
-            set_inertia(roller, inertia)
+            inertia.put(roller)
             pair = self._add(roller, name, "ellipsoid", size, about(axis), self._friction)
             pair.solref = [ROLLER_STEPS * self._settings.timestep, 1.0]
             pair.solimp = ROLLER_IMPEDANCE
@@ -170,7 +165,7 @@ class GroundContacts:
             places.append(place)
         rest = _without(carried, inertia, places)
         if is_physical(rest):
-            set_inertia(body, rest)
+            rest.put(body)
 
     def _add_supports(self) -> None:
         tree = self._robot.tree
@@ -264,7 +259,7 @@ def _harder(impedance: float, ratio: float) -> float:
     return odds / (1.0 + odds)
 
 
-def _without(carried: pin.Inertia, roller: BodyInertia, places: list[Array]) -> BodyInertia:
+def _without(carried: pin.Inertia, roller: Inertial, places: list[Array]) -> Inertial:
     """Return what is left of a wheel without rollers at some places (3,), by Steiner's rule."""
     mass = float(carried.mass) - len(places) * roller.mass
     moment = carried.mass * carried.lever - roller.mass * np.sum(places, axis=0)
@@ -272,7 +267,7 @@ def _without(carried: pin.Inertia, roller: BodyInertia, places: list[Array]) -> 
     inertia = carried.inertia + carried.mass * _spread(carried.lever)
     for place in places:
         inertia = inertia - roller.inertia - roller.mass * _spread(place)
-    return BodyInertia(mass, com, inertia - mass * _spread(com))
+    return Inertial(mass, com, inertia - mass * _spread(com))
 
 
 def _spread(r: Array) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,19 +13,25 @@ from rpctl.description.records import Shape
 from rpctl.drive.drive import Wheel
 from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.stance import find_supports
-from rpctl.engines.engine import Switch, Switches
+from rpctl.engines.engine import Mended, Switch
 from rpctl.engines.mujoco.bodies import (
     body_inertia,
     head_link,
     link_fault,
     place_in_body,
-    set_inertia,
 )
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.user_load import GROUND, PREFIX, geom_name
-from rpctl.equivalence.contact.model import IMPRATIO, SOLIMP, SOLREF, STEP_S
-from rpctl.equivalence.contact.mujoco_body import one_directional, quaternion
-from rpctl.equivalence.contact.shapes import geom_size, support_shapes, tyre
+from rpctl.equivalence.contact.model import (
+    IMPRATIO,
+    SOLIMP,
+    SOLREF,
+    STEP_S,
+    geom_size,
+    support_shapes,
+    tyre,
+)
+from rpctl.equivalence.contact.mujoco_body import Touching, one_directional, quaternion
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
@@ -37,44 +42,27 @@ SOLREF_WORDS = " ".join(f"{value:g}" for value in SOLREF)
 SOLIMP_WORDS = " ".join(f"{value:g}" for value in SOLIMP[:3])
 
 
-@dataclass(frozen=True, eq=False)
-class Touching:
-    """What of a robot meets the ground in MuJoCo.
-
-    Attributes:
-        contacts: Names of the contacts, as ``Contacts.names``.
-        owner: Name of the contact of each geom, by the geom's name.
-        crowned: Name of the geom of each wheel that touches at one point, by its joint.
-        tied: Whether swivels follow another one by an equality.
-    """
-
-    contacts: tuple[str, ...]
-    owner: dict[str, str]
-    crowned: dict[str, str]
-    tied: bool
-
-
-def mend(spec: Any, robot: Robot, switches: Switches, friction: float) -> Touching:
+def mend(spec: Any, robot: Robot, mended: Mended, friction: float) -> Touching:
     """Mend what the switches say, and return what then meets the ground.
 
     Args:
         spec: The ``MjSpec``, of :func:`rpctl.engines.mujoco.user_load.load_as_user`.
         robot: The robot.
-        switches: What is mended.
+        mended: What is mended.
         friction: Coefficient between the robot and the ground.
     """
-    mender = _Mender(spec, robot, switches)
+    mender = _Mender(spec, robot, mended)
     supports = list(support_shapes(robot, find_supports(robot)))
-    tied = switches.mended("mimic") and mender.tie()
+    tied = "mimic" in mended and mender.tie()
     mender.open_to_all()
     for wheel in robot.drive.wheels:
         mender.take_wheel(wheel)
     for name, link, shape in supports:
         mender.take_support(name, link, shape)
-    if switches.mended("collisions"):
+    if "collisions" in mended:
         mender.close()
     mender.set_contacts(friction)
-    if switches.mended("inertia"):
+    if "inertia" in mended:
         mender.give_inertias()
     wheels = [wheel.joint for wheel in robot.drive.wheels]
     contacts = (*wheels, *(name for name, _, _ in supports))
@@ -84,8 +72,8 @@ def mend(spec: Any, robot: Robot, switches: Switches, friction: float) -> Touchi
 class _Mender:
     """Edits the spec of a robot that a user loaded."""
 
-    def __init__(self, spec: Any, robot: Robot, switches: Switches) -> None:
-        self._spec, self._robot, self._switches = spec, robot, switches
+    def __init__(self, spec: Any, robot: Robot, mended: Mended) -> None:
+        self._spec, self._robot, self._mended = spec, robot, mended
         self._mujoco = mujoco_library()
         self.owner: dict[str, str] = {}
         self.crowned: dict[str, str] = {}
@@ -116,7 +104,7 @@ class _Mender:
             for k in range(len(robot.description.link[link].collisions))
         ]
         # A ball that slides belongs to the casters.
-        crowned = self._switches.mended("caster" if wheel.slides else "wheel")
+        crowned = ("caster" if wheel.slides else "wheel") in self._mended
         self._take(drawn, wheel.joint, replaced=crowned)
         if crowned:
             tread = tyre(robot, wheel)
@@ -128,7 +116,7 @@ class _Mender:
         """Find the geoms of a support; where that is mended, let another one slide instead."""
         shapes, sliding = (
             self._robot.description.link[link].collisions,
-            self._switches.mended("caster"),
+            "caster" in self._mended,
         )
         drawn = [geom_name(link, k) for k, one in enumerate(shapes) if one.line == shape.line]
         self._take(drawn, name, replaced=sliding)
@@ -164,21 +152,21 @@ class _Mender:
 
     def set_contacts(self, friction: float) -> None:
         """Set the cone, the friction, the softness and the step."""
-        spec, switches, option = self._spec, self._switches, self._spec.option
-        if switches.mended("cone"):
+        spec, mended, option = self._spec, self._mended, self._spec.option
+        if "cone" in mended:
             option.cone = self._mujoco.mjtCone.mjCONE_ELLIPTIC
-        if switches.mended("timestep"):
+        if "timestep" in mended:
             option.timestep = STEP_S
-        if switches.mended("softness"):
+        if "softness" in mended:
             option.impratio = IMPRATIO
             for soft in (*spec.geoms, *spec.equalities):
                 soft.solref, soft.solimp = SOLREF, SOLIMP
             for joint in spec.joints:
                 joint.solref_friction = SOLREF
-        if switches.mended("friction"):
+        if "friction" in mended:
             for geom in spec.geoms:
                 geom.friction[0] = friction
-        if switches.mended("mimic"):
+        if "mimic" in mended:
             for tie in spec.equalities:
                 tie.solref, tie.solimp = SOLREF, SOLIMP
         option.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_ISLAND)  # contacts are edited
@@ -195,7 +183,7 @@ class _Mender:
             body.fullinertia, body.explicitinertial = np.full(6, np.nan), True
         for index in range(ROOT_JOINT, robot.model.njoints):
             inertia, _ = body_inertia(robot, index)
-            set_inertia(spec.body(PREFIX + head_link(robot, index)), inertia)
+            inertia.put(spec.body(PREFIX + head_link(robot, index)))
         for name in robot.moving_joint_names:
             spec.joint(name).armature = float(robot.armature[robot.velocity_index(name)])
 

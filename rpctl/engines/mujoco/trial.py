@@ -31,8 +31,7 @@ from rpctl.equivalence.contact.plan import (
     rest_plan,
     start,
 )
-from rpctl.equivalence.contact.record import Gap, travelled
-from rpctl.equivalence.contact.trial import tilt_note
+from rpctl.equivalence.contact.trial import Gap, tilt_note, travelled
 from rpctl.errors import ActuationError, DivergedError, RpctlError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import Robot

@@ -13,6 +13,8 @@ slides sideways, has friction along one direction only.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -20,11 +22,133 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.stance import find_supports
-from rpctl.equivalence.contact.mujoco_body import MujocoBody, Rollers, TieRods, quaternion
-from rpctl.equivalence.contact.shapes import geom_size, support_shapes, tyre
+from rpctl.description.meshes import reading as mesh_files
+from rpctl.description.meshes.paths import MeshError, MeshPaths
+from rpctl.description.records import Joint, Shape
+from rpctl.drive.drive import Wheel
+from rpctl.dynamics.stance import Supports, find_supports
+from rpctl.equivalence.contact.mujoco_body import RollingBody, Touching, quaternion
 from rpctl.equivalence.mujoco_model import NAME_PREFIX, MujocoModel
 from rpctl.robot.model import Robot
+
+MAX_AXIS_SINE = (
+    0.02  # sine of the largest angle between a wheel's cylinder and its axle (CAD rounding)
+)
+MIN_HALF_WIDTH_M = 1e-3  # m: least half width of a tyre; a thinner one is a knife
+DECLARED = "drive file"  # source of a radius that the user gives
+
+
+@dataclass(frozen=True)
+class Tyre:
+    """A wheel's tread, crowned: an ellipsoid about the axle, which meets the ground at one point.
+
+    A cylinder on a plane touches along a line, and whatever turns on a line scrubs. The crown
+    keeps the radius, the width and the middle that the file draws, and leaves scrubbing out.
+
+    Attributes:
+        link: The link that draws it.
+        pose: Its pose (4, 4) in that link's frame, z along the axle.
+        radius: m.
+        half_width: m.
+        note: What the file does not say of it, or nothing.
+    """
+
+    link: str
+    pose: Array
+    radius: float
+    half_width: float
+    note: str = ""
+
+
+def tyre(robot: Robot, wheel: Wheel) -> Tyre:
+    """Return the tread of a wheel as its file draws it: collision before visual, the widest.
+
+    Where the user declares the radius, or the file draws nothing round, the radius is the
+    drive's, and the note says so.
+    """
+    joint = robot.description.joint[wheel.joint]
+    drawn = max(_treads(robot, joint), key=lambda found: found.radius, default=None)
+    if drawn is None:
+        pose = about(joint.axis)
+        pose[:3, 3] = wheel.offset * np.array(wheel.axis)
+        note = f"{wheel.joint} draws no wheel: its radius and centre are the drive's"
+        return Tyre(joint.child, pose, wheel.radius, MIN_HALF_WIDTH_M, note)
+    if wheel.source == DECLARED:
+        note = f"the radius of {wheel.joint} is the drive file's"
+        return Tyre(drawn.link, drawn.pose, wheel.radius, drawn.half_width, note)
+    return drawn
+
+
+def support_shapes(robot: Robot, supports: Supports) -> Iterator[tuple[str, str, Shape]]:
+    """Yield the name, the link and the shape of every support."""
+    for part in supports.parts:
+        link = robot.description.link[part.link]
+        yield (
+            part.name,
+            part.link,
+            next(shape for shape in link.collisions + link.visuals if shape.line == part.line),
+        )
+
+
+def _treads(robot: Robot, joint: Joint) -> list[Tyre]:
+    """Return the round shapes of a wheel, of the first of its links that draws any."""
+    paths = MeshPaths(robot.description.path, robot.description.read_with.package_dirs)
+    stack = [(joint.child, joint.axis)]
+    while stack:
+        name, axis = stack.pop(0)
+        link = robot.description.link[name]
+        for shapes in (link.collisions, link.visuals):
+            found = [_tread(name, shape, axis, paths) for shape in shapes]
+            if any(found):
+                return [one for one in found if one is not None]
+        fixed = (below for below in robot.description.child_joints[name] if not below.moving)
+        stack.extend((below.child, below.origin[:3, :3].T @ axis) for below in fixed)
+    return []
+
+
+def _tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre | None:
+    """Return the tread that a shape is of a wheel about ``axis`` (3,) in its link, or None."""
+    if shape.kind == "sphere":
+        return Tyre(link, shape.origin, shape.size[0], shape.size[0])
+    if shape.kind in ("cylinder", "capsule"):
+        if np.linalg.norm(np.cross(shape.origin[:3, 2], axis)) > MAX_AXIS_SINE:
+            return None
+        radius, length = shape.size
+        return Tyre(link, shape.origin, radius, max(0.5 * length, MIN_HALF_WIDTH_M))
+    return _mesh_tread(link, shape, axis, paths) if shape.kind == "mesh" else None
+
+
+def _mesh_tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre | None:
+    """Return the tread that bounds a mesh, its centre on the link's z axis turned to ``axis``."""
+    try:
+        surfaces = mesh_files.read_shape(str(shape.mesh), shape.size, paths).surfaces
+    except MeshError:
+        return None
+    points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
+    pose = about(axis)
+    points = (points @ shape.origin[:3, :3].T + shape.origin[:3, 3]) @ pose[:3, :3]
+    low, high = points.min(axis=0), points.max(axis=0)
+    pose[:3, 3] = 0.5 * (low[2] + high[2]) * axis
+    radius = 0.5 * float((high - low)[:2].max())
+    return Tyre(link, pose, radius, max(0.5 * float(high[2] - low[2]), MIN_HALF_WIDTH_M))
+
+
+def geom_size(shape: Shape) -> list[float]:
+    """Return a URDF shape's size as MuJoCo counts it: half edges, half lengths; three numbers."""
+    if shape.kind == "box":
+        return [0.5 * edge for edge in shape.size]
+    radius, *length = shape.size
+    return [radius, 0.5 * length[0] if length else 0.0, 0.0]
+
+
+def about(axis: Array) -> Array:
+    """Return a pose (4, 4) at the origin whose z axis is ``axis`` (3,)."""
+    across = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
+    across /= math.sqrt(across @ across)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([across, np.cross(axis, across), axis])
+    return pose
+
 
 STEP_S = 5e-4  # s: below the contacts' time constant
 SOLREF = (2e-3, 1.0)  # time constant (s), least that STEP allows with a margin, and damping ratio
@@ -32,7 +156,6 @@ SOLIMP = (0.99, 0.999, 1e-4, 0.5, 2.0)  # impedance near 1: hard contacts, which
 IMPRATIO = 0.1  # friction softer than the load: axles a hair apart creep, they do not fight
 FRICTION = 0.7  # of rubber on a dry indoor floor, as the margins of the reduced model assume
 MIN_LOAD_N = 1e-9  # N: below it nothing bears a load
-TIE_ROD_BANDWIDTH = 300.0  # rad/s: as hard as small steps allow
 
 
 @dataclass(frozen=True)
@@ -47,7 +170,7 @@ class Contact:
     zmp: Array
 
 
-class ContactModel(MujocoBody):
+class ContactModel(RollingBody):
     """MuJoCo's model of a robot on the ground, and its state.
 
     Args:
@@ -57,8 +180,6 @@ class ContactModel(MujocoBody):
 
     Attributes:
         contacts: The wheels' joints, then the supports, as ``Contacts.names``.
-        rollers: The wheels that are held in one direction only.
-        rods: The tie rods.
         notes: What the file does not say of them.
         ground: What the ground did in the first step of the last advance.
     """
@@ -66,31 +187,15 @@ class ContactModel(MujocoBody):
     def __init__(self, robot: Robot, friction: float = FRICTION) -> None:
         builder = _Builder(robot, friction)
         tree = MujocoModel(robot, release=builder.release)
-        root = tree.mjm.body(tree.root).name
-        super().__init__(robot, tree.mjm, root, tuple(builder.geoms.values()), builder.geoms)
+        crowned = {wheel.joint: NAME_PREFIX + wheel.joint for wheel in robot.drive.wheels}
+        touching = Touching(tuple(builder.geoms.values()), builder.geoms, crowned)
+        super().__init__(robot, tree.mjm, tree.mjm.body(tree.root).name, touching, friction)
         self.notes = tuple(builder.notes)
-        ids = {wheel.joint: geom_id(self.mjm, wheel.joint) for wheel in robot.drive.wheels}
-        self.rollers = Rollers(self, ids, friction)
-        self.rods = TieRods(self, TIE_ROD_BANDWIDTH)
-        self._motors = [self.dofs[name] for name in robot.actuators]
         self.ground = Contact(np.zeros(len(self.contacts)), np.zeros(3), np.zeros(2))
-
-    def start(self, q: Array) -> None:
-        """Put the robot at q (nq,), at rest, its wheels at the height of the ground."""
-        self.put(q, -self.robot.drive.ground)
-        self.mujoco.mj_forward(self.mjm, self.data)
-        self.rods.measure()
 
     def advance(self, tau: Array, dt: float) -> None:
         """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
-        mujoco, model, data = self.mujoco, self.mjm, self.data
-        for step in range(round(dt / STEP_S)):
-            data.qfrc_applied[:] = 0.0
-            data.qfrc_applied[self._motors] = tau
-            self.rods.pull()
-            mujoco.mj_step1(model, data)
-            self.rollers.turn()
-            mujoco.mj_step2(model, data)
+        for step in self.steps(tau, round(dt / STEP_S)):
             if step == 0:
                 self.ground = self._ground()
 
@@ -102,11 +207,6 @@ class ContactModel(MujocoBody):
             total += frames[k].T @ wrench[:3]
             moment += wrench[0] * places[k][:2]
         return Contact(load, total, moment / max(float(load.sum()), MIN_LOAD_N))
-
-
-def geom_id(model: Any, contact: str) -> int:
-    """Return the index of a contact's geom."""
-    return int(model.geom(NAME_PREFIX + contact).id)
 
 
 class _Builder:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -24,6 +25,8 @@ from rpctl.robot.model import BASE_NV, Robot
 BAD = ("QPOS", "QVEL", "QACC", "CTRL")  # MuJoCo's warnings of what leaves the finite numbers
 DIFFERENCE_STEP = 1e-6  # rad, of a difference quotient
 ROLLER_FRICTION = 1e-5  # along which a roller runs, or a ball slides: the least MuJoCo takes
+TIE_ROD_BANDWIDTH = 300.0  # rad/s: as hard as small steps allow
+STABLE = 0.2  # bandwidth times the step at which a spring that is pulled once a step stays stable
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -319,8 +322,13 @@ class TieRods:
             self.inertia = {name: float(M[dof, dof]) for name, dof in dofs.items()}
 
     def pull(self) -> None:
-        """Pull each swivel that follows towards its place, and those that it follows back."""
+        """Pull each swivel that follows towards its place, and those that it follows back.
+
+        Rods that were not measured do not pull.
+        """
         body, drive = self._body, self._body.robot.drive
+        if not self.inertia:
+            return
         swivels = [swivel.joint for swivel in (*drive.steered, *drive.followers)]
         joints = {name: body.joint(name) for name in swivels}
         efforts = tie_rod_efforts(drive, joints, self.inertia, self._bandwidth)
@@ -375,6 +383,73 @@ class Rollers:
         ahead = np.array([axle[1], -axle[0], 0.0]) / math.hypot(axle[0], axle[1])
         x, y = _off_rolling(self._body.robot, wheel)
         return np.array([x * ahead[0] - y * ahead[1], x * ahead[1] + y * ahead[0], 0.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """What of a robot meets the ground in MuJoCo.
+
+    Attributes:
+        contacts: Names of the contacts, as ``Contacts.names``.
+        owner: Name of the contact of each geom, by the geom's name.
+        crowned: Name of the geom of each wheel that touches at one point, by its joint.
+        tied: Whether swivels follow another one by an equality.
+    """
+
+    contacts: tuple[str, ...]
+    owner: Mapping[str, str]
+    crowned: Mapping[str, str]
+    tied: bool = False
+
+
+class RollingBody(MujocoBody):
+    """A robot in MuJoCo whose rollers and tie rods are worked in each step.
+
+    Args:
+        robot: The robot, whose names the model has.
+        model: The ``MjModel``.
+        root: Name of the root link's body.
+        touching: What of it meets the ground.
+        friction: Coefficient along the direction in which rollers and balls are held.
+
+    Attributes:
+        rollers: The wheels that are held in one direction only.
+        rods: The tie rods.
+    """
+
+    def __init__(
+        self, robot: Robot, model: Any, root: str, touching: Touching, friction: float
+    ) -> None:
+        super().__init__(robot, model, root, touching.contacts, touching.owner)
+        geoms = {name: int(model.geom(geom).id) for name, geom in touching.crowned.items()}
+        self.rollers = Rollers(self, geoms, friction)
+        self.rods = TieRods(self, min(TIE_ROD_BANDWIDTH, STABLE / model.opt.timestep))
+        self._motors = [self.dofs[name] for name in robot.actuators]
+
+    def start(self, q: Array, tied: bool = True) -> None:
+        """Put the robot at q (nq,), at rest, its wheels at the height of the ground.
+
+        Args:
+            q: Configuration.
+            tied: Whether tie rods hold the swivels that follow others.
+        """
+        self.put(q, -self.robot.drive.ground)
+        self.mujoco.mj_forward(self.mjm, self.data)
+        if tied:
+            self.rods.measure()
+
+    def steps(self, tau: Array, count: int) -> Iterator[int]:
+        """Step under efforts (n_act,), N·m or N, and yield the number of each step."""
+        mujoco, model, data = self.mujoco, self.mjm, self.data
+        with muted():
+            for step in range(count):
+                data.qfrc_applied[:] = 0.0
+                data.qfrc_applied[self._motors] = tau
+                self.rods.pull()
+                mujoco.mj_step1(model, data)
+                self.rollers.turn()
+                mujoco.mj_step2(model, data)
+                yield step
 
 
 def one_directional(robot: Robot, wheel: Wheel) -> bool:

@@ -20,9 +20,10 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, stance_at
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.contact.model import MIN_LOAD_N, SOLREF, ContactModel, geom_id
+from rpctl.equivalence.contact.model import MIN_LOAD_N, SOLREF, ContactModel
 from rpctl.equivalence.contact.mujoco_body import UP, vertical_inverse_masses
 from rpctl.equivalence.contact.plan import TICK_S, rest_plan
+from rpctl.equivalence.mujoco_model import NAME_PREFIX
 from rpctl.equivalence.onset.prediction import SLIPS, Instant, Manoeuvre, instant
 from rpctl.robot.model import Robot
 
@@ -62,7 +63,8 @@ class PushedBody(ContactModel):
         level = vertical_inverse_masses(model, self.owner).mean()
         model.body_invweight0[bodies, 0] = level  # equally stiff, as predictions assume
         self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
-        self._wheels = [(geom_id(model, wheel.joint), wheel) for wheel in robot.drive.wheels]
+        wheels = robot.drive.wheels
+        self._wheels = [(int(model.geom(NAME_PREFIX + w.joint).id), w) for w in wheels]
         self._settled: Array = np.zeros(0)
 
     def brake(self) -> None:

@@ -13,7 +13,6 @@ from rpctl.arrays import Array
 from rpctl.engines.comparison import EngineGap
 from rpctl.engines.recording import EngineRecording
 from rpctl.engines.referee import Cause, EngineVerdict, beyond
-from rpctl.engines.words import line, setting
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.chart import Chart, Line
@@ -97,7 +96,7 @@ def _verdict_section(verdict: EngineVerdict) -> Section:
     found = verdict.trace
     causes = [_cause(cause, verdict) for cause in (found.causes if found else ())]
     rest = [gap.words for gap in ((*found.cured, *found.remaining) if found else ())]
-    told = [] if causes else [line(verdict)]
+    told = [] if causes else [verdict.line]
     told += [f"Not explained: {'; '.join(rest)}"] if rest else []
     return Section(
         f"{verdict.engine} {verdict.version} ",
@@ -118,7 +117,7 @@ def _cause(cause: Cause, verdict: EngineVerdict) -> tuple[str, str]:
     """Return a cause, what it does alone, and its mend."""
     fault = ", and ".join(switch.fault for switch in cause.switches)
     alone = f"Alone: {cause.gaps[0].words}. " if cause.gaps else ""
-    return fault, f". {alone}To mend it, {setting(cause, verdict.friction)}."
+    return fault, f". {alone}To mend it, {cause.setting(verdict.friction)}."
 
 
 def _gap_row(gap: EngineGap) -> tuple[str, list[str]]:

@@ -75,6 +75,22 @@ def test_an_argument_used_too_early_has_its_default(tmp_path: Path) -> None:
         expand(path)
 
 
+def test_a_default_that_names_no_file_is_told(tmp_path: Path) -> None:
+    write(tmp_path / "ur5.yaml", "m: 4")
+    write(tmp_path / "ur10.yaml", "m: 5")
+    write(tmp_path / "notes.txt", "")
+    lines = ('<xacro:arg name="type" default="ur5x"/>', '<xacro:arg name="b" default="1"/>')
+    load = "<xacro:property name=\"m\" value=\"${xacro.load_yaml('$(arg type).yaml')['m']}\"/>"
+    path = xacro(tmp_path / "r.urdf.xacro", *lines, load, link("base", "${m}"))
+    with pytest.raises(ExpansionError) as caught:
+        rpctl.load(path)
+    fault, *hints = str(caught.value).splitlines()
+    assert "ur5x.yaml: No such file or directory" in fault
+    declared = f'{path}:2: info: declares type, which is "ur5x" by default'
+    assert hints == [f"{declared}; there are ur10, ur5"]
+    assert mass(path, "type:=ur5") == 4.0
+
+
 def test_an_argument_that_nobody_declares_is_an_error(tmp_path: Path) -> None:
     path = xacro(tmp_path / "r.urdf.xacro", MASS, USE)
     with pytest.raises(ExpansionError) as caught:
@@ -108,23 +124,3 @@ def test_inspect_lists_the_arguments(tmp_path: Path) -> None:
     plain = write(tmp_path / "plain.urdf", f'<robot name="r">{link("base")}</robot>')
     code, out, _ = call("inspect", plain, "--xacro-args", "--json")
     assert (code, json.loads(out)) == (0, [])
-
-
-def test_runs_and_certificates_keep_them(tmp_path: Path) -> None:
-    path = xacro(tmp_path / "r.urdf.xacro", MASS, link("world"),
-        '<joint name="j" type="revolute"><parent link="world"/><child link="base"/>'
-        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint>',
-        USE)  # fmt: skip
-    robot = rpctl.load(path, "fixed", xacro_args={"mass": 7}, home={"j": 0.25})
-    run = rpctl.track(robot, duration=0.02)
-    again = rpctl.Run.load(run.save(tmp_path / "run.npz"))
-    assert again.robot.xacro_args == {"mass": "7"}
-    reloaded = again.load_robot()
-    assert reloaded.mass == robot.mass == 8.0
-    assert reloaded.home == pytest.approx([0.25])
-    certificate = rpctl.verify(robot, samples=1, engines=())
-    assert "the expansion of the xacro with mass:=7" in certificate.shared
-    kept = json.loads(json.dumps(certificate.to_dict()))["loaded_with"]
-    assert kept["xacro_args"] == {"mass": "7"}
-    same = rpctl.load(**kept)
-    assert (same.mass, same.drive, same.home.tolist()) == (robot.mass, robot.drive, [0.25])

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from rpctl.engines.engine import installed_engines
-from rpctl.engines.words import line, turn_line
 
 pytestmark = pytest.mark.thorough
 DEMO = Path(__file__).parents[3] / "demos" / "referee_threads.py"
@@ -48,7 +47,7 @@ def test_the_referee_names_the_cause_and_its_mending_cures(thread: Any, tmp_path
     assert causes[thread.cause].gaps  # it alone makes the engine disagree
     assert found.complete  # with the causes mended, and nothing else, it does as the model
     for words in WORDS[thread.robot]:
-        assert words in line(verdict)
+        assert words in verdict.line
 
 
 @pytest.mark.parametrize("thread", THREADS.TURNS, ids=lambda thread: thread.robot)
@@ -64,7 +63,7 @@ def test_the_referee_tells_why_a_skid_steer_base_turns_too_little(
     assert turn.own == pytest.approx(0.8, rel=1e-6)  # 0.4 + 0.4²/0.4: the wheels are a square
     assert turn.mended.track == pytest.approx(turn.own, rel=0.01) and turn.mended.swing < 0.01
     assert turn.default.track > 2.0 * turn.own and turn.default.swing > 0.2
-    said = turn_line(verdict)
+    said = verdict.turn_line
     assert thread.cause in said and "rpctl export" in said and "[drive] track = 0.8" in said
 
 

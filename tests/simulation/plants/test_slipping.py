@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError
 from rpctl.robot.load import load
-from rpctl.robot.losses import make_losses
+from rpctl.robot.vary import add_losses
 from rpctl.simulation.plants.settings import Slipping, Wrench
 from rpctl.simulation.plants.slipping import SlippingMotion
 from tests.grids import cells
@@ -325,8 +324,7 @@ def test_joints_lose_what_they_lose_where_wheels_roll(kind: str, tmp_path: Path)
     robot = load(write(tmp_path, text))
     joints = robot.moving_joint_names
     damping, friction = (dict.fromkeys(joints, each) for each in (0.4, 0.6))
-    losses = make_losses(robot.description, robot.model, damping, friction)
-    lossy = replace(robot, losses=losses)
+    lossy = add_losses(robot, damping, friction)
     q = robot.configuration(0.1, 0.2, 0.3)
     assert slip_error(lossy, q, 1e4, 0.001, 30) < 1e-5
     dynamics, rest = ReducedDynamics(robot), np.zeros(robot.dof)

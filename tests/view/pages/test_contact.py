@@ -12,7 +12,7 @@ import pytest
 from rpctl.arrays import Array
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.check import CONTACT_ORACLE
-from rpctl.equivalence.contact.record import ContactMotion, ContactTrial, Gap
+from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
 from rpctl.view.pages.certificate import (
     TrialChart,
     certificate_page,
