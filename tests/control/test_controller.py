@@ -17,7 +17,7 @@ from rpctl.control.law import Command, Efforts, Rest
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SolverError
-from rpctl.reference.quasi_velocities import configuration_along
+from rpctl.reference.motion import configuration_along
 
 PERIOD = 0.002
 

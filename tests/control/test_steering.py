@@ -13,9 +13,8 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.law import Command
-from rpctl.reference.motion import ReferenceState
+from rpctl.reference.motion import ReferenceState, direction, reference_rates, steering
 from rpctl.reference.named import reference_by_name
-from rpctl.reference.quasi_velocities import direction, reference_rates, steering
 from tests.grids import cells
 from tests.robots import write
 from tests.vehicles import vehicle

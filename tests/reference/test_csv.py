@@ -14,7 +14,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.errors import DescriptionError
 from rpctl.reference.load import load_reference
-from rpctl.reference.recorded.speeds import base_limits
+from rpctl.reference.recorded.recording import base_limits
 from rpctl.reference.recorded.table_file import MAX_LINE, read_table
 
 HEADER = "t,x,y,theta"

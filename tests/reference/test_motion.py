@@ -12,9 +12,8 @@ import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.errors import UnknownNameError
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, reference_rates
 from rpctl.reference.named import BASE_PATHS, reference_by_name
-from rpctl.reference.quasi_velocities import reference_rates
 from rpctl.robot.catalog import names
 from tests.grids import cells
 

@@ -15,10 +15,9 @@ from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, steering
 from rpctl.reference.named import BASE_PATHS, LAP_RATE, reference_by_name
 from rpctl.reference.path_reference import PathReference, TimedPath
-from rpctl.reference.quasi_velocities import steering
 from rpctl.reference.sizing import Sizing, robot_length
 from rpctl.robot.vary import set_limits
 from rpctl.simulation.loop.track import default_duration

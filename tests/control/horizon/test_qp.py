@@ -12,12 +12,17 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.horizon.cost import wrap_angles
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.pace import Preview
 from rpctl.control.horizon.planner import Planner
 from rpctl.control.horizon.prediction import PredictedMotion
-from rpctl.control.horizon.target import EndEffectorKinematics, Target, TimeScaling, look_ahead
+from rpctl.control.horizon.target import (
+    EndEffectorKinematics,
+    Preview,
+    Target,
+    TimeScaling,
+    look_ahead,
+)
+from rpctl.reference.motion import steering
 from rpctl.reference.named import reference_by_name
-from rpctl.reference.quasi_velocities import steering
 from tests.control.horizon.whole_qp import WholeQp, whole_qp
 from tests.robots import write
 from tests.vehicles import KINDS, vehicle
