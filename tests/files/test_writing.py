@@ -196,10 +196,10 @@ ELSEWHERE = {
     "files/writing.py": "it is the one writer",
     "simulation/run/part.py": "it sets an older folder aside, under another name",
     "files/worker.py": "it writes to the pipes of a process",
+    "simulation/run/file.py": "adds entries to an archive in the file that the one writer opened",
     "study/runner.py": "a reference that was sent lies in a folder of this process alone",
     "study/journal.py": "adds a line a run to the file that the one writer began",
-    "engines/bullet.py": "PyBullet wants a name: it lies in a folder of this process alone",
-    "engines/drake.py": "Drake wants a name: it lies in a folder of this process alone",
+    "engines/urdf_engine.py": "engines want a name: it lies in a folder of this process alone",
     "engines/mujoco/export.py": "read back before it is put in place, in a folder of its own",
     "view/film.py": "encoders want a name: it lies in a folder of this process alone",
 }
