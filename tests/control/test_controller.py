@@ -138,6 +138,7 @@ def test_before_the_first_good_sample_the_efforts_are_those_of_the_rest(paper: R
         np.testing.assert_array_equal(output.efforts, rest.tau)
 
 
+@pytest.mark.slow
 def test_silence_ends_in_a_stop_and_the_next_good_sample_ends_that(paper: Robot) -> None:
     controller = Controller(paper, "circle", "unified", "integral", stale_after=0.05)
     robot = Simulated(controller)

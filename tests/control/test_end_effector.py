@@ -147,6 +147,7 @@ def unbounded(_: EndEffectorLaw, robot: Robot, *others: Array) -> Box:
     return Box(WithRate(-wide, 0.0 * robot.home), WithRate(wide, 0.0 * robot.home))
 
 
+@pytest.mark.slow
 def test_limits_hold_where_the_end_effector_would_break_them(
     tiago: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,6 +174,7 @@ def test_limits_hold_where_the_end_effector_would_break_them(
     assert share > 1.1
 
 
+@pytest.mark.slow
 def test_rates_stay_bounded_near_a_stretched_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     """A UR5 with its elbow almost straight, asked to draw its hand in along the arm."""
     robot = rpctl.load("ur5")
