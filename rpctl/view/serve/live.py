@@ -263,7 +263,7 @@ class Broadcast:
         Args:
             report: What is served from now on.
         """
-        self._server.serve(report.read_bytes)
+        self._server.page = report.read_bytes
         readers = self._stream.readers
         before = self._server.delivered
         self._stream.send("done", None)
