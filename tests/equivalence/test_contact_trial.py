@@ -251,14 +251,14 @@ def test_verify_makes_the_trial_when_asked(
 ) -> None:
     monkeypatch.setattr(contact_trial, "contact_trial", lambda robot: trial)
     assert rpctl.verify(paper, samples=1).contact is None
-    certificate = rpctl.verify(paper, samples=1, contact=True)
+    certificate = rpctl.verify(paper, samples=1, trials=["contact"])
     assert certificate.contact is trial
     assert certificate.to_dict()["contact"]["passed"]
 
 
 def test_without_mujoco_the_row_says_so(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mujoco_engine, "installed", lambda: False)
-    certificate = rpctl.verify(paper, samples=1, engines=(), contact=True)
+    certificate = rpctl.verify(paper, samples=1, engines=(), trials=["contact"])
     assert certificate.contact is None
     (row,) = certificate.skipped
     assert (row.name, row.note) == ("motion on the ground", verify_module.ABSENT)

@@ -180,7 +180,7 @@ def test_a_wrong_prediction_ends_the_command(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_without_mujoco_it_is_skipped(monkeypatch: pytest.MonkeyPatch, robot: Robot) -> None:
     monkeypatch.setattr(mujoco_engine, "installed", lambda: False)
-    certificate = verify_module.verify(robot, samples=1, engines=(), onset=True)
+    certificate = verify_module.verify(robot, samples=1, engines=(), trials=["onset"])
     assert certificate.onset is None
     assert certificate.skipped[-1].note == verify_module.ABSENT
     assert certificate.to_dict()["onset"] is None

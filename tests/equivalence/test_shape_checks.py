@@ -212,7 +212,7 @@ def test_a_declared_number_is_told_and_fails_when_strict(files: Files) -> None:
     assert declared_row.entry == "left_joint slides forward at 9.1 % of the robot's speed"
     assert "radius of left_joint: 0.165 in the drive, 0.15 as drawn" in declared_row.note
     assert proof.shared == ("declared radius of left_joint",)
-    strict = rpctl.verify(robot, samples=3, engines=(), strict=True)
+    strict = proof.strict()
     assert not strict.passed
     assert [check.name for check in strict.checks if not check.passed] == ["declared numbers"]
     assert strict.declared == ()
