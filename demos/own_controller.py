@@ -1,15 +1,15 @@
 """A kinematic law of one's own, in ten lines, beside rpctl's on a figure-eight.
 
 A law is anything that can be called so; one that is known by the twist it asks of the base is a
-``BaseLaw``. This one steers at a point ahead of P by feedback linearisation, and takes the twist's
-derivative from the reference alone.
+``BaseLaw``: a formula, of which rpctl makes the rate that the dynamic law needs, and machine code.
+This one steers at a point ahead of P by feedback linearisation.
 """
 
 from dataclasses import dataclass
-
-import numpy as np
+from typing import Any
 
 import rpctl
+from rpctl import math
 
 
 @dataclass(frozen=True)
@@ -19,15 +19,15 @@ class PointAhead(rpctl.BaseLaw):
     horizon: float = 0.65
     ahead: float = 0.3
 
-    def unicycle(self, tracking: rpctl.Tracking) -> rpctl.Twist:
-        """Return the twist to ask of a base that cannot move sideways."""
-        (v_r, _, omega_r), x = tracking.state.twist, tracking.e
-        cos, sin = np.cos(x[2]), np.sin(x[2])
+    def unicycle(self, at: rpctl.Tracking) -> tuple[Any, Any]:
+        """Return the speed and the turning rate to ask of a base that cannot move sideways."""
+        (v_r, _, omega_r), (x1, x2, x3) = at.twist, at.e
+        cos, sin = math.cos(x3), math.sin(x3)
         v_d = v_r * cos - omega_r * self.ahead * sin
-        v_d += (x[0] + self.ahead * (cos - 1.0)) / self.horizon
+        v_d += (x1 + self.ahead * (cos - 1.0)) / self.horizon
         omega_d = v_r * sin / self.ahead + omega_r * cos
-        omega_d += (x[1] / self.ahead + sin) / self.horizon
-        return rpctl.Twist(np.array([v_d, 0.0, omega_d]), tracking.state.twist_dot)
+        omega_d += (x2 / self.ahead + sin) / self.horizon
+        return v_d, omega_d
 
 
 def main() -> None:

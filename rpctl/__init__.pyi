@@ -11,7 +11,6 @@ from rpctl.control.dynamic import PaperDynamic as PaperDynamic
 from rpctl.control.end_effector import EndEffector as EndEffector
 from rpctl.control.error import Leash as Leash
 from rpctl.control.error import Tracking as Tracking
-from rpctl.control.error import Twist as Twist
 from rpctl.control.feedback_linearization import FeedbackLinearization as FeedbackLinearization
 from rpctl.control.horizon.law import Horizon as Horizon
 from rpctl.control.integral import IntegralDynamic as IntegralDynamic

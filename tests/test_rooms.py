@@ -14,7 +14,17 @@ import pytest
 import rpctl
 from tests.package_statements import modules
 
-ROOMS = ["arrays", "errors", "files", "libraries", "kernels", "description", "drive", "robot"]
+ROOMS = [
+    "arrays",
+    "math",
+    "errors",
+    "files",
+    "libraries",
+    "kernels",
+    "description",
+    "drive",
+    "robot",
+]
 ROOMS += [
     "dynamics",
     "equivalence",

@@ -4,39 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from rpctl.cli.options import (
-    JsonOption,
-    LoadOptions,
-    RobotArgument,
-    default_folder,
-    split_names,
-)
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, split_names
+from rpctl.cli.results import run_shown, writable_folder, write_results
 from rpctl.cli.streams import print_json
-from rpctl.cli.terminal import console, escape, new_table, progress_bar
+from rpctl.cli.terminal import console, escape, new_table
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
 from rpctl.errors import RpctlError, require_positive
-from rpctl.files.writing import require_writable, to_json, write_together
-from rpctl.study.attraction import (
-    DURATION,
-    PERIOD,
-    REACH_M,
-    Attraction,
-    Ending,
-    Fraction,
-    Start,
-    fractions,
-    start_errors,
-)
-from rpctl.study.cells import run_cells
-from rpctl.study.executor import executor_for
+from rpctl.study.attraction import DURATION, REACH_M, RUN, Start, fractions, row_dict, start_errors
+from rpctl.study.cells import REFUSED, CellRunner, References, Row
 
-DPI = 200
 FILES = ("attraction.json", "attraction.png", "attraction.pdf")
 
 
@@ -97,69 +80,40 @@ def attraction_command(
     loaded = options.load(robot)
     if not loaded.drive.base_speeds:
         raise RpctlError(f"{loaded.name} has a fixed base: it starts where it is")
-    folder = settings.out or default_folder(loaded.name, "attraction")
-    for name in FILES:
-        require_writable(folder / name, makes_folder=True)
-    asked = [
-        Start(law, name, e)
-        for law in laws
-        for name in references
-        for e in start_errors(settings.starts)
+    folder = writable_folder(settings.out, loaded.name, "attraction", FILES)
+    run = replace(RUN, duration=settings.duration)
+    errors = start_errors(settings.starts)
+    cells = [
+        Start(law, settings.dynamic, replace(run, reference=name, initial_error=error))
+        for law, name, error in product(laws, references, errors)
     ]
-    study = Attraction(loaded, settings.dynamic, settings.duration)
-    with (
-        executor_for(min(settings.jobs, len(asked))) as executor,
-        progress_bar("attraction") as advance,
-    ):
-        endings = run_cells(study, asked, executor, advance)
-    if all(ending.outcome is None for ending in endings):
-        raise RpctlError(f"nothing ran: {endings[0].sentence}")
-    summary = _summary(study, endings)
-    _write(folder, summary, endings, loaded.name)
+    rows = run_shown("attraction", CellRunner(References(loaded)), cells, settings.jobs)
+    summary = {
+        "robot": loaded.name,
+        "drive": str(loaded.drive.type),
+        "dynamic": settings.dynamic,
+        "duration": settings.duration,
+        "control_period": run.control_period,
+        "reach": REACH_M,
+        "fractions": [{**each._asdict(), "undecided": each.undecided} for each in fractions(rows)],
+        "starts": [row_dict(row) for row in rows],
+    }
+    from rpctl.view.plots.attraction import attraction_figure  # imports Matplotlib
+
+    figure = attraction_figure(rows, f"{loaded.name}: region of attraction")
+    write_results(folder, FILES, summary, figure)
     if as_json:
         print_json(summary)
     else:
-        _show(fractions(endings), endings, folder)
+        _show(rows, folder)
 
 
-def _summary(study: Attraction, endings: Sequence[Ending]) -> dict[str, Any]:
-    """Return all that is known, as JSON says it."""
-    return {
-        "robot": study.robot.name,
-        "drive": str(study.robot.drive.type),
-        "dynamic": study.dynamic,
-        "duration": study.duration,
-        "control_period": PERIOD,
-        "reach": REACH_M,
-        "fractions": [
-            {**each._asdict(), "undecided": each.undecided} for each in fractions(endings)
-        ],
-        "starts": [ending.to_dict() for ending in endings],
-    }
-
-
-def _write(folder: Path, summary: dict[str, Any], endings: Sequence[Ending], name: str) -> None:
-    """Write the endings as JSON, and the picture as PNG and PDF, all of one study."""
-    from rpctl.view.plots.attraction import attraction_figure
-    from rpctl.view.plots.figures import to_pdf, to_png
-
-    figure = attraction_figure(endings, f"{name}: region of attraction")
-    contents = (to_json(summary) + "\n").encode(), to_png(figure, DPI), to_pdf(figure)
-    write_together(folder, dict(zip(FILES, contents, strict=True)))
-
-
-def _show(found: Sequence[Fraction], endings: Sequence[Ending], folder: Path) -> None:
-    """Print a row for each law on each reference, the worst of those that failed, and the folder.
-
-    Args:
-        found: The rows.
-        endings: Of all starts.
-        folder: Where the files lie.
-    """
+def _show(rows: Sequence[Row[Start]], folder: Path) -> None:
+    """Print a row for each law on each reference, why others did not run, and the folder."""
     out = console()
     table = new_table("law", "reference", ">starts", ">converged", ">on the way", ">failed",
                       ">slowest\ns")  # fmt: skip
-    for each in found:
+    for each in fractions(rows):
         style = "green" if each.converged == each.starts else "yellow"
         table.add_row(
             each.kinematic,
@@ -171,6 +125,7 @@ def _show(found: Sequence[Fraction], endings: Sequence[Ending], folder: Path) ->
             "-" if each.slowest is None else f"{each.slowest:.1f}",
         )
     out.print(table)
-    for sentence in dict.fromkeys(each.sentence for each in endings if each.outcome is None):
+    refused = (row.figures.sentence for row in rows if row.figures.outcome == REFUSED)
+    for sentence in dict.fromkeys(refused):
         out.print(f"[dim]did not run:[/] {escape(sentence)}")
     out.print(f"wrote [bold]{escape(str(folder))}[/]: {', '.join(FILES)}")

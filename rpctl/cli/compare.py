@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -20,20 +18,20 @@ from rpctl.cli.options import (
     JsonOption,
     LoadOptions,
     RobotArgument,
-    default_folder,
     read_triple,
     split_names,
 )
+from rpctl.cli.results import run_shown, writable_folder, write_results
 from rpctl.cli.streams import print_json
-from rpctl.cli.terminal import console, escape, new_table, progress_bar
+from rpctl.cli.terminal import console, escape, new_table
 from rpctl.control.registry import DYNAMIC_LAWS
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import UnknownNameError
 from rpctl.files.records import Plain
-from rpctl.files.writing import require_writable, to_json, write_together
-from rpctl.reference.sizing import SizingRequest, read_smoothing
+from rpctl.reference.sizing import read_smoothing
+from rpctl.robot.model import Robot
 from rpctl.simulation.config import RunSettings
 from rpctl.simulation.merits.outcome import TRACKED
-from rpctl.study.cells import run_cells
+from rpctl.study.cells import CellRunner, References, csv_text
 from rpctl.study.compare import (
     INITIAL_ERROR,
     MEASURES,
@@ -41,26 +39,23 @@ from rpctl.study.compare import (
     REFERENCES,
     SCENARIOS,
     TIE_RATIO,
-    Benchmark,
-    Cell,
+    CompareCell,
+    CompareRow,
     LawPair,
-    Row,
     Verdict,
     best,
     controllers,
     grid,
     group_rows,
     proposed,
+    row_dict,
     verdicts,
 )
-from rpctl.study.executor import executor_for
-from rpctl.study.stress_report import csv_literal
 
 MM_PER_M, US_PER_S = 1e3, 1e6
-DPI = 200
 TABLE_WIDTH = 136  # characters that the table needs
 AUTO = "auto"
-SUFFIXES = (".json", ".csv", ".pdf", ".png")  # of the files
+FILES = ("compare.json", "compare.csv", "compare.png", "compare.pdf")
 
 
 @dataclass(frozen=True)
@@ -93,8 +88,8 @@ class GridOptions:
         str, typer.Option(metavar="NAME,...", help=f"Of {', '.join(SCENARIOS)}; all if not given.")
     ] = ""
 
-    def cells(self) -> list[Cell]:
-        """Return the runs, scenario by scenario.
+    def cells(self, robot: Robot, run: RunSettings) -> list[CompareCell]:
+        """Return the runs of a robot, scenario by scenario.
 
         Raises:
             UnknownNameError: There is no such law, scenario or reference.
@@ -108,7 +103,7 @@ class GridOptions:
         for name in references:
             if name not in REFERENCES and not Path(name).suffix:
                 raise UnknownNameError("reference", name, (*REFERENCES, "FILE.csv", "FILE.toml"))
-        return grid(scenarios, references, pairs)
+        return grid(robot, scenarios, references, pairs, run)
 
 
 @dataclass(frozen=True)
@@ -135,6 +130,13 @@ class CompareOptions:
         typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-compare if not given."),
     ] = None
 
+    def run(self) -> RunSettings:
+        """Return what all runs have in common."""
+        sizing = {name: value for name, value in self.sizing.items() if value is not None}
+        sizing["smooth"] = read_smoothing(sizing.get("smooth"))
+        error = read_triple(self.initial_error)
+        return RunSettings(duration=self.duration, initial_error=error, **sizing)
+
 
 def compare_command(
     *,
@@ -148,77 +150,34 @@ def compare_command(
 
     A cell that cannot run says why in the table.
     """
-    error = read_triple(settings.initial_error)
-    cells = selection.cells()
+    run = settings.run()
     loaded = options.load(robot)
-    folder = settings.out or default_folder(loaded.name, "compare")
-    for suffix in SUFFIXES:
-        require_writable(folder / f"compare{suffix}", makes_folder=True)
-    bench = Benchmark(
-        loaded,
-        settings.duration,
-        error,
-        SizingRequest(*(settings.sizing.get(name) for name in REFERENCE_FIELDS[:3])),
-        read_smoothing(settings.sizing.get("smooth")),
-        bool(settings.sizing.get("retime")),
-    )
-    with (
-        executor_for(min(settings.jobs, len(cells))) as executor,
-        progress_bar("compare") as advance,
-    ):
-        rows = run_cells(bench, cells, executor, advance)
-    if all(row.figures is None for row in rows):
-        raise RpctlError(f"nothing ran: {rows[0].failure}")
+    cells = selection.cells(loaded, run)
+    folder = writable_folder(settings.out, loaded.name, "compare", FILES)
+    rows = run_shown("compare", CellRunner(References(loaded), timed=True), cells, settings.jobs)
     ours = proposed(loaded)
-    summary = _summary(bench, rows, ours)
-    _write(folder, summary, rows, ours)
+    dicts = [row_dict(row) for row in rows]
+    summary = {
+        "robot": loaded.name,
+        "duration": cells[0].run.duration,
+        "initial_error": list(run.initial_error),
+        "scenarios": {cell.scenario: SCENARIOS[cell.scenario].summary for cell in cells},
+        "controllers": list(dict.fromkeys(str(cell.controller) for cell in cells)),
+        "ours": str(ours),
+        "rows": dicts,
+        "verdicts": [verdict.to_dict() for verdict in verdicts(rows, ours)],
+    }
+    from rpctl.view.plots.study import study_figure  # imports Matplotlib
+
+    figure = study_figure(rows, loaded.name, ours)
+    write_results(folder, FILES, summary, figure, csv_text(dicts, [*dicts[0]]))
     if as_json:
         print_json(summary)
     else:
         show_comparison(rows, ours, folder)
 
 
-def _summary(bench: Benchmark, rows: Sequence[Row], ours: LawPair) -> dict[str, Any]:
-    """Return all that is known of a benchmark, as JSON says it."""
-    cells = [row.cell for row in rows]
-    return {
-        "robot": bench.robot.name,
-        "duration": bench.duration,
-        "initial_error": list(bench.initial_error),
-        "scenarios": {cell.scenario: SCENARIOS[cell.scenario].summary for cell in cells},
-        "controllers": list(dict.fromkeys(str(cell.controller) for cell in cells)),
-        "ours": str(ours),
-        "rows": [row.to_dict() for row in rows],
-        "verdicts": [verdict.to_dict() for verdict in verdicts(rows, ours)],
-    }
-
-
-def _write(folder: Path, summary: Mapping[str, Any], rows: Sequence[Row], ours: LawPair) -> None:
-    """Write the table as JSON and CSV, and the picture as PNG and PDF, all of one comparison."""
-    from rpctl.view.plots.figures import to_pdf, to_png
-    from rpctl.view.plots.study import study_figure
-
-    figure = study_figure(rows, summary["robot"], ours)
-    contents = {
-        ".json": (to_json(summary) + "\n").encode(),
-        ".csv": _csv(summary["rows"]).encode("utf-8", "backslashreplace"),
-        ".pdf": to_pdf(figure),
-        ".png": to_png(figure, DPI),
-    }
-    write_together(folder, {f"compare{suffix}": each for suffix, each in contents.items()})
-
-
-def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        cells = {**row, "violations": "; ".join(row["violations"] or ())}
-        writer.writerow({name: csv_literal(cell) for name, cell in cells.items()})
-    return text.getvalue()
-
-
-def show_comparison(rows: Sequence[Row], ours: LawPair, folder: Path) -> None:
+def show_comparison(rows: Sequence[CompareRow], ours: LawPair, folder: Path) -> None:
     """Print a table a scenario, who won, and where the files lie.
 
     Args:
@@ -238,7 +197,7 @@ def show_comparison(rows: Sequence[Row], ours: LawPair, folder: Path) -> None:
     out.print(f"wrote [bold]{escape(str(folder))}[/]: compare.json, .csv, .png, .pdf")
 
 
-def _table(rows: Sequence[Row], ours: LawPair) -> Table:
+def _table(rows: Sequence[CompareRow], ours: LawPair) -> Table:
     """Return the rows of one scenario; the least errors of working laws are green."""
     table = new_table(
         "reference", "law", ">base rms\nmm", ">final\nmm", ">e.e. rms\nmm", ">final\nmm",
@@ -246,7 +205,7 @@ def _table(rows: Sequence[Row], ours: LawPair) -> Table:
     )  # fmt: skip
     for column in table.columns:
         column.no_wrap = True
-    for (_, reference), group in group_rows(rows):
+    for (_, reference), group in group_rows(rows).items():
         least = [best(group, measure) for measure in ("rms_base", "rms_end_effector")]
         for number, row in enumerate(group):
             name = escape(Path(reference).name) if number == 0 else ""
@@ -256,9 +215,9 @@ def _table(rows: Sequence[Row], ours: LawPair) -> Table:
     return table
 
 
-def _figures(row: Row, least: Sequence[tuple[float, LawPair] | None]) -> list[str]:
+def _figures(row: CompareRow, least: Sequence[tuple[float, LawPair] | None]) -> list[str]:
     figures = row.figures
-    if figures is None:
+    if figures.failure is not None:
         return ["[dim]-[/]"] * 9
     broken, failed = len(figures.violations), not figures.succeeded
     return [
@@ -271,8 +230,10 @@ def _figures(row: Row, least: Sequence[tuple[float, LawPair] | None]) -> list[st
             for share in (figures.peak_effort, figures.rms_effort)
         ),
         f"[bold red]{broken}[/]" if broken else "0",
-        f"{US_PER_S * figures.sample_time:.0f}",
-        f"{US_PER_S * figures.sample_time_99:.0f}",
+        *(
+            f"{US_PER_S * (each or 0.0):.0f}"
+            for each in (figures.sample_time, figures.sample_time_99)
+        ),
     ]
 
 
@@ -283,7 +244,7 @@ def _error_text(error: float | None, least: tuple[float, LawPair] | None) -> str
     return f"[green]{summary}[/]" if least and error <= TIE_RATIO * least[0] else summary
 
 
-def _show_notes(out: Console, rows: Sequence[Row]) -> None:
+def _show_notes(out: Console, rows: Sequence[CompareRow]) -> None:
     """Print why cells did not run, or what became of them and what they broke; alike ones once."""
     notes: dict[tuple[LawPair, str], list[str]] = {}
     for row in rows:
@@ -296,13 +257,14 @@ def _show_notes(out: Console, rows: Sequence[Row]) -> None:
         out.print(f"[dim]{controller}, {escape(', '.join(references))}:[/] {escape(faults)}")
 
 
-def _faults(row: Row) -> str:
+def _faults(row: CompareRow) -> str:
     """Return what a cell's run was short of, in words; nothing where it tracked within limits."""
-    if row.figures is None:
-        return f"did not run: {row.failure}"
-    words = [] if row.figures.outcome == TRACKED else [row.figures.outcome]
-    if row.figures.violations:
-        words.append(f"broke {', '.join(row.figures.violations)}")
+    figures = row.figures
+    if figures.failure is not None:
+        return f"did not run: {figures.failure}"
+    words = [] if figures.outcome == TRACKED else [figures.outcome]
+    if figures.violations:
+        words.append(f"broke {', '.join(figures.violations)}")
     return "; ".join(words)
 
 

@@ -12,7 +12,7 @@ from rpctl.cli.terminal import progress_bar
 from rpctl.engines.engine import Engine
 from rpctl.engines.referee import EngineVerdict, Referee
 from rpctl.errors import RpctlError
-from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor, SerialExecutor
+from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def play_league(
     found: dict[LeagueMatch, EngineVerdict] = {}
     refused: dict[str, RpctlError] = {}
     lost: dict[str, RpctlError] = {}
-    executor: Executor = SerialExecutor() if workers == 1 else ProcessExecutor(workers)
+    executor: Executor = Executor() if workers == 1 else ProcessExecutor(workers)
     work = partial(judge_match, options, motion)
     with executor, progress_bar("referee", f"{len(matches)} matches") as advance:
         try:

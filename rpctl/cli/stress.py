@@ -3,37 +3,33 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from shlex import join
+from shlex import join, quote
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
-from rpctl.cli.options import (
-    CHECK_FAILED,
-    JsonOption,
-    LoadOptions,
-    RobotArgument,
-    default_folder,
-    split_names,
-)
+from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument, split_names
+from rpctl.cli.results import writable_folder, write_results
 from rpctl.cli.streams import print_json, say
-from rpctl.cli.stress_summary import show_stress
-from rpctl.cli.terminal import kept_told, progress_bar
+from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar
 from rpctl.engines.engine import EngineMissing
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.errors import UnknownNameError, require_positive
-from rpctl.files.writing import require_writable, to_json, write_together
 from rpctl.libraries import library
 from rpctl.reference.sizing import robot_length
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import RunSettings
 from rpctl.simulation.plants.plant import SIMULATED
+from rpctl.study.cells import CONTACT, REFUSED
 from rpctl.study.compare import LawPair, controllers
 from rpctl.study.executor import executor_for
 from rpctl.study.stress_battery import (
-    CONTACT,
     DURATION,
     STRESSES,
     Battery,
@@ -43,16 +39,28 @@ from rpctl.study.stress_battery import (
     stresses_by_name,
 )
 from rpctl.study.stress_report import (
+    DEGRADE,
+    FAIL,
+    PASS,
     TOLERANCE_RATIO,
+    VERDICTS,
     StressReport,
+    StressRow,
+    error_text,
     report_csv,
     report_of,
+    rule,
     write_worst,
 )
+from rpctl.study.study_result import replay_command
 
 FILES = ("stress.json", "stress.csv", "envelope.png")
 PICTURE = "rpctl.view.plots.stress"
 COMBINATIONS, QUICK_COMBINATIONS = 10, 2
+WIDTH = 100  # characters
+WHY_WIDTH = 40  # characters of a line that says why
+MARKS = {PASS: "✓", DEGRADE: "~", FAIL: "✗", REFUSED: "-"}
+STYLES = {PASS: "green", DEGRADE: "yellow", FAIL: "bold red", REFUSED: "dim"}
 DEFAULT = "default"  # as a law: what the robot gets if nobody names others
 
 
@@ -159,11 +167,10 @@ def _default_plants(robot: Robot, quick: bool) -> tuple[str, ...]:
         return tuple(kind for kind in SIMULATED if kind != CONTACT)
 
 
-def stress_command(
-    *,
-    robot: RobotArgument,
-    options: LoadOptions,
-    selection: BatteryOptions,
+@dataclass(frozen=True)
+class StressOptions:
+    """How a battery is judged and run, and what is written where."""
+
     tolerance: Annotated[
         float | None,
         typer.Option(
@@ -171,17 +178,25 @@ def stress_command(
             help="How far from its reference a run that passes may be, m; "
             f"{100 * TOLERANCE_RATIO:g} % of the robot's length if not given.",
         ),
-    ] = None,
+    ] = None
     workers: Annotated[
         int, typer.Option(min=1, help="Processes; as many as there are processors.")
-    ] = os.cpu_count() or 1,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with what the folder holds.")
-    ] = False,
+    ] = os.cpu_count() or 1
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what the folder holds.")] = (
+        False
+    )
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-stress if not given."),
-    ] = None,
+    ] = None
+
+
+def stress_command(
+    *,
+    robot: RobotArgument,
+    options: LoadOptions,
+    selection: BatteryOptions,
+    settings: StressOptions,
     as_json: JsonOption = False,
 ) -> None:
     """Find how far laws hold as payload, grip, delay, wheels, sensors, efforts, ground worsen.
@@ -192,21 +207,21 @@ def stress_command(
     replays. Exit 1 if the first of the laws fails where nothing is stressed.
     """
     loaded = options.load(robot)
-    battery = selection.battery(loaded)
-    bound = TOLERANCE_RATIO * robot_length(loaded) if tolerance is None else tolerance
+    battery, bound = selection.battery(loaded), settings.tolerance
+    bound = TOLERANCE_RATIO * robot_length(loaded) if bound is None else bound
     require_positive("--tolerance", bound)
-    folder = out or default_folder(loaded.name, "stress")
-    for name in FILES:
-        require_writable(folder / name, makes_folder=True)
+    folder = writable_folder(settings.out, loaded.name, "stress", FILES)
     words = [robot, *options.words()]
     with (
-        executor_for(workers) as executor,
-        kept_told(folder, _again(words, selection, tolerance, folder)),
+        executor_for(settings.workers) as executor,
+        kept_told(folder, _again(words, selection, settings.tolerance, folder)),
         progress_bar("stress", f"{len(battery.cells)} runs") as advance,
     ):
-        figures = run_battery(battery, folder, executor, advance, resume)
+        figures = run_battery(battery, folder, executor, advance, settings.resume)
     report = report_of(battery, figures, bound)
-    worst = write_files(report, folder)
+    picture = library(PICTURE).stress_figure(report)  # imports Matplotlib
+    write_results(folder, FILES, report.to_dict(), picture, report_csv(report))
+    worst = write_worst(report, folder)
     if as_json:
         print_json(report.to_dict())
     else:
@@ -218,14 +233,7 @@ def stress_command(
 def _again(
     words: list[str], selection: BatteryOptions, tolerance: float | None, folder: Path
 ) -> str:
-    """Return the command line that goes on with a battery.
-
-    Args:
-        words: The robot and how it is loaded.
-        selection: Which runs.
-        tolerance: As it was given.
-        folder: Where they are kept.
-    """
+    """Return the command line that goes on with a battery of a robot, which ``words`` name."""
     given = {**vars(selection), "tolerance": tolerance}
     defaults = {**vars(BatteryOptions()), "tolerance": None}
     more = []
@@ -235,21 +243,97 @@ def _again(
     return join(["rpctl", "stress", *words, *more, "--out", str(folder), "--resume"])
 
 
-def write_files(report: StressReport, folder: Path) -> list[Path]:
-    """Write the report, its table, its picture and the worst cases.
+def show_stress(report: StressReport, worst: Sequence[Path], command: str) -> None:
+    """Print what a battery found.
 
     Args:
-        report: The report.
-        folder: Where.
-
-    Returns:
-        The configurations of the worst cases, in the report's order.
+        report: It.
+        worst: Configurations of the worst cases, in the report's order.
+        command: What tracks the robot.
     """
-    picture = library(PICTURE)  # imports Matplotlib
-    contents = (
-        (to_json(report.to_dict()) + "\n").encode(),
-        report_csv(report).encode("utf-8", "backslashreplace"),
-        picture.stress_image(report),
-    )
-    write_together(folder, dict(zip(FILES, contents, strict=True)))
-    return write_worst(report, folder)
+    out = console()
+    out.width = min(out.width, WIDTH)
+    battery = report.battery
+    out.print(f"[bold]{escape(battery.robot.name)}[/]: {len(report.rows)} runs of "
+              f"{battery.run.duration:g} s on {escape(battery.run.reference)}, "
+              f"seed {battery.seed}; errors in mm, base's or end effector's")  # fmt: skip
+    out.print(f"[dim]{escape(rule(report.tolerance))}[/]")
+    for plant in battery.plants:
+        out.print()
+        out.print(_table(report, plant))
+        _show_left_out(out, report, plant)
+    out.print()
+    _show_worst(out, report, worst, command)
+    failure = report.nominal_failure
+    if failure is not None:
+        out.print(f"[bold red]{escape(str(failure.cell))}[/]: {escape(failure.verdict.reason)}")
+
+
+def _table(report: StressReport, plant: str) -> Table:
+    """Return the ladders of one plant: a block a stress, a line a pair of laws."""
+    battery = report.battery
+    stresses = battery.stresses_on(plant)
+    most = max((len(stress.levels) for stress in stresses), default=1)
+    table = new_table(f"[bold]{plant}[/]", *[">"] * most)
+    table.padding = (0, 1, 0, 0)
+    for stress in stresses:
+        label = f"{stress.name} {stress.unit}".rstrip()
+        table.add_row(f"[dim]{label}[/]", *(f"[dim]{stress.text(x)}  [/]" for x in stress.levels))
+        for law in battery.laws:
+            rows = [report.row(plant, law, stress, level) for level in stress.levels]
+            table.add_row(f"  {law}", *map(cell_text, rows))
+    if battery.combinations and len(stresses) > 1:
+        table.add_row("[dim]two at once[/]", *(f"[dim]{name}  [/]" for name in VERDICTS[:most]))
+        for law in battery.laws:
+            table.add_row(f"  {law}", *_counts(report, plant, law)[:most])
+    return table
+
+
+def _counts(report: StressReport, plant: str, law: LawPair) -> list[str]:
+    found = Counter(row.verdict.name for row in report.combined(plant, law))
+    return [f"[{STYLES[name]}]{found[name]} {MARKS[name]}[/]" for name in VERDICTS]
+
+
+def cell_text(row: StressRow) -> str:
+    """Return the verdict on a run and its error in mm, as markup: ``3.1 ✓``."""
+    name = row.verdict.name
+    return f"[{STYLES[name]}]{f'{error_text(row.figures.late_error)} {MARKS[name]}'.strip()}[/]"
+
+
+def _show_left_out(out: Console, report: StressReport, plant: str) -> None:
+    """Print what a plant leaves out, where wheels hang, and why runs were refused, once each."""
+    left = [
+        f"{stress} ({reason})"
+        for (of, stress), reason in report.battery.left_out.items()
+        if of == plant
+    ]
+    if left:
+        out.print(f"[dim]left out: {escape(', '.join(left))}[/]")
+    for sentence in report.hanging(plant):
+        out.print(f"[yellow]{escape(sentence)}[/]")
+    refused = (r for r in report.rows if r.cell.plant == plant and r.verdict.name == REFUSED)
+    for law, reason in dict.fromkeys((str(row.cell.law), row.verdict.reason) for row in refused):
+        out.print(f"[dim]{law}: did not run: {escape(reason)}[/]")
+
+
+def _show_worst(out: Console, report: StressReport, worst: Sequence[Path], command: str) -> None:
+    """Print the worst case of each pair of laws on each plant, and how to replay one."""
+    table = new_table("worst case", "plant", "law", "", "stressed", "why")
+    table.columns[-1].max_width = WHY_WIDTH
+    for row, path in zip(report.worst(), worst, strict=True):
+        name = row.verdict.name
+        table.add_row(
+            path.name,
+            row.cell.plant,
+            str(row.cell.law),
+            f"[{STYLES[name]}]{name}[/]",
+            row.cell.words,
+            escape(row.verdict.reason),
+        )
+    out.print(table)
+    path = worst[0]
+    replay = f"{replay_command(command, path)}; rpctl view {quote(str(path.with_suffix('')))}"
+    out.print("replay one, and look at it:")
+    out.print(f"  [bold]{escape(replay)}[/]", soft_wrap=True)
+    out.print(f"wrote [bold]{escape(str(path.parent))}[/]: stress.json, stress.csv, envelope.png "
+              f"and {len(worst)} worst cases")  # fmt: skip

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
 
 import typer
 
@@ -13,7 +14,10 @@ from rpctl.control.bandwidth import joint_gains
 from rpctl.control.law_sentences import gains_sentence
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
-from rpctl.study.tuning import SECONDS, TuningResult, tune, tuning_bandwidths
+from rpctl.simulation.config import RunSettings
+from rpctl.study.cells import CellRunner, References, run_cells
+from rpctl.study.executor import Executor
+from rpctl.study.tuning import SECONDS, row_dict, tune_cells, tuning_bandwidths
 
 
 def tune_command(
@@ -24,11 +28,8 @@ def tune_command(
         str, typer.Option(metavar="NAME|FILE", help="What is tracked, as track takes it.")
     ] = "eight",
     bandwidth: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HZ,...", help="Bandwidths to try; a quarter to four times the usual."
-        ),
-    ] = None,
+        str, typer.Option(metavar="HZ,...", help="To try; a quarter to four times the usual.")
+    ] = "",
     duration: Annotated[float, typer.Option(metavar="S", help="Of each run, s.")] = SECONDS,
     as_json: JsonOption = False,
 ) -> None:
@@ -39,23 +40,19 @@ def tune_command(
     """
     require_positive("--duration", duration)
     loaded = options.load(robot)
-    tried = tuning_bandwidths(loaded) if bandwidth is None else _read(bandwidth)
+    tried = _read(bandwidth) if bandwidth else tuning_bandwidths(loaded)
+    cells = tune_cells(loaded, tried, RunSettings(reference, duration))
     with progress_bar("tune") as advance:
-        results = tune(loaded, tried, reference, duration, advance)
+        rows = run_cells(CellRunner(References(loaded)), cells, Executor(), advance)
+    results = [row_dict(loaded, row) for row in rows]
     if as_json:
-        print_json(
-            {
-                "robot": loaded.name,
-                "reference": reference,
-                "duration": duration,
-                "bandwidths": [result.to_dict() for result in results],
-            }
-        )
+        given = {"reference": reference, "duration": duration}
+        print_json({"robot": loaded.name, **given, "bandwidths": results})
     else:
         gains = joint_gains(ReducedDynamics(loaded))
         console().print(escape(gains_sentence(loaded.joint_names, gains)))
         _show(results)
-    if not any(result.succeeded for result in results):
+    if not any(result["succeeded"] for result in results):
         raise typer.Exit(CHECK_FAILED)
 
 
@@ -67,22 +64,23 @@ def _read(text: str) -> tuple[float, ...]:
         raise RpctlError(f"--bandwidth {text}: give numbers in Hz, as 3,6,12") from None
 
 
-def _show(results: list[TuningResult]) -> None:
+def _show(results: Sequence[Mapping[str, Any]]) -> None:
     table = new_table(
         "bandwidth", ">h", ">h1", ">k", ">least stiffness", ">stands lateness of",
         ">peak effort", ">joint error", "outcome",
     )  # fmt: skip
     for each in results:
+        effort, error = each["effort_ratio"], each["joint_error"]
         table.add_row(
-            f"{each.bandwidth:.2g} Hz",
-            f"{each.horizon:.2g} s",
-            f"{each.horizon_dyn:.2g} s",
-            f"{each.gain:.2g} 1/s",
-            f"{each.stiffness:.2g} N m/rad",
-            f"{1e3 * each.lateness:.2g} ms",
-            "-" if each.effort_ratio is None else f"{100.0 * each.effort_ratio:.0f} %",
-            "-" if each.joint_error is None else f"{1e3 * each.joint_error:.2g} mrad",
-            escape(each.outcome),
-            style="" if each.succeeded else "bold red",
+            f"{each['bandwidth']:.2g} Hz",
+            f"{each['horizon']:.2g} s",
+            f"{each['horizon_dyn']:.2g} s",
+            f"{each['gain']:.2g} 1/s",
+            f"{each['stiffness']:.2g} N m/rad",
+            f"{1e3 * each['lateness']:.2g} ms",
+            "-" if effort is None else f"{100.0 * effort:.0f} %",
+            "-" if error is None else f"{1e3 * error:.2g} mrad",
+            escape(each["outcome"]),
+            style="" if each["succeeded"] else "bold red",
         )
     console().print(table)

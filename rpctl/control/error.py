@@ -1,96 +1,110 @@
-"""The tracking error e, reference minus actual, in the robot's frame; its leash; a twist."""
+"""The tracking error e, reference minus actual, in the robot's frame; its leash; what laws read."""
 
 from __future__ import annotations
 
-import math
+import math as numbers
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from rpctl import math
 from rpctl.arrays import Array
-from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.files.records import POSITIVE, Record, Setting
+from rpctl.kernels.sheet import Sheet
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import Robot
 
 BASE_ERRORS = 3  # x1, x2, x3: longitudinal, lateral, heading
-SERIES_RADIUS = 1e-2  # of u: below it the series of g(u) is exact to rounding, its quotient is not
+SERIES_RADIUS = 1e-2  # of u: below it the series of tanh(u)/u is exact to rounding
 
 
 class Tracking(NamedTuple):
-    """A reference, and the tracking error with its rate."""
+    """What a kinematic law reads, in scalars that a formula can be made of.
 
-    state: ReferenceState
-    e: Array  # (3 + n_joints,) x1, x2 (m), x3 (rad), then the joints' errors (rad or m)
-    e_dot: Array  # (3 + n_joints,)
+    Attributes:
+        sheet: Names what a reader of the formula would want to see, and takes rates.
+        twist: Of the reference (3,): forward and to the left (m/s), turning rate (rad/s).
+        twist_dot: Their derivatives (3,).
+        direction: Along the twist (3,); not all 0 where the reference stands still, either.
+        error: x1, x2 (m) and x3 (rad), as they are.
+        e: The same on the law's leash, if it has one.
+        own_twist: Of the robot (3,).
+    """
 
-
-def observe(dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array) -> Tracking:
-    """Return the tracking error of a robot, and its rate."""
-    e = tracking_error(dynamics.robot, state, q)
-    rates = nu[dynamics.robot.dof - len(dynamics.robot.joints) :]
-    return Tracking(state, e, error_rate(e, state, dynamics.twist(q, nu), rates))
+    sheet: Sheet
+    twist: Sequence[Any]
+    twist_dot: Sequence[Any]
+    direction: Sequence[Any]
+    error: Sequence[Any]
+    e: Sequence[Any]
+    own_twist: Sequence[Any]
 
 
 def tracking_error(robot: Robot, state: ReferenceState, q: Array) -> Array:
-    """Return e (3 + n_joints,): x1, x2 (m), x3 (rad), then the joints' errors (rad or m).
-
-    [MS21, Eq. 6-10]: the base's error in the axes of the robot, its heading wrapped into (−π, π];
-    so are the errors of unlimited joints.
-    """
-    pose = robot.base_pose(q)
-    dx, dy = state.pose[0] - pose[0], state.pose[1] - pose[1]
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    base = (cos * dx + sin * dy, cos * dy - sin * dx, wrap(state.pose[2] - pose[2]))
-    joints = state.joints - robot.joint_positions(q)
-    for index, joint in enumerate(robot.joints):
-        if joint.kind == "continuous":
-            joints[index] = wrap(joints[index])
-    return np.concatenate([base, joints])
+    """Return e (3 + n_joints,): x1, x2 (m), x3 (rad), then the joints' errors (rad or m)."""
+    base = base_error(state.pose, robot.base_pose(q))
+    joints = joint_errors(robot, state.joints, robot.joint_positions(q))
+    return np.array([*base, *joints])
 
 
-def error_rate(e: Array, state: ReferenceState, twist: Array, joint_rates: Array) -> Array:
-    """Return ė (3 + n_joints,) of a robot that moves.
-
-    [MS21, Eq. 10]: ẋ1 = v_r cos x3 − v + x2 ω, ẋ2 = v_r sin x3 − x1 ω, ẋ3 = ω_r − ω. Speeds to the
-    left, where base or reference have them, enter in the same way.
+def base_error(wanted: Any, pose: Any) -> list[Any]:
+    """Return x1, x2, x3, the base's error in the axes of the robot; [MS21, Eq. 6-8].
 
     Args:
-        e: Tracking error (3 + n_joints,).
-        twist: The robot's twist (3,): P's speed forward and to the left (m/s), turning rate.
-        joint_rates: Rates of its joints (n_joints,), rad/s or m/s.
+        wanted: Pose of P on the reference (3,), floats or scalars.
+        pose: Pose of P (3,), likewise.
+    """
+    dx, dy = wanted[0] - pose[0], wanted[1] - pose[1]
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    return [cos * dx + sin * dy, cos * dy - sin * dx, wrap(wanted[2] - pose[2])]
+
+
+def base_error_rate(e: Any, wanted: Any, twist: Any) -> list[Any]:
+    """Return the rates of x1, x2, x3 of a base that moves; [MS21, Eq. 10].
+
+    ẋ1 = v_r cos x3 − v + x2 ω, ẋ2 = v_r sin x3 − x1 ω, ẋ3 = ω_r − ω. Speeds to the left, where base
+    or reference have them, enter in the same way.
+
+    Args:
+        e: x1, x2, x3, floats or scalars.
+        wanted: Twist of the reference (3,).
+        twist: Twist of the robot (3,).
     """
     cos, sin = math.cos(e[2]), math.sin(e[2])
-    vx, vy, omega = twist
-    vx_r, vy_r, omega_r = state.twist
-    base = (
-        vx_r * cos - vy_r * sin - vx + e[1] * omega,
-        vx_r * sin + vy_r * cos - vy - e[0] * omega,
-        omega_r - omega,
-    )
-    return np.concatenate([base, state.joint_rates - joint_rates])
+    return [
+        wanted[0] * cos - wanted[1] * sin - twist[0] + e[1] * twist[2],
+        wanted[0] * sin + wanted[1] * cos - twist[1] - e[0] * twist[2],
+        wanted[2] - twist[2],
+    ]
 
 
-def wrap(angle: float) -> float:
-    """Return an angle (rad) wrapped into (−π, π]."""
-    return math.pi - (math.pi - angle) % (2.0 * math.pi)
+def joint_errors(robot: Robot, wanted: Sequence[Any], positions: Sequence[Any]) -> list[Any]:
+    """Return the errors of the arm's joints; those of unlimited ones the short way round."""
+    gaps = [a - b for a, b in zip(wanted, positions, strict=True)]
+    kinds = [joint.kind for joint in robot.joints]
+    return [
+        wrap(gap) if kind == "continuous" else gap for gap, kind in zip(gaps, kinds, strict=True)
+    ]
+
+
+def wrap(angle: Any) -> Any:
+    """Return an angle (rad), a float or a scalar, wrapped into (−π, π]."""
+    turn = 2.0 * numbers.pi
+    rest = numbers.pi - angle
+    return numbers.pi - (rest - turn * math.floor(rest / turn))
 
 
 @dataclass(frozen=True)
 class Leash(Record):
-    """A smooth bound of the base's error, with its exact rate.
+    """A smooth bound of the base's error.
 
     v_d of a kinematic law contains x2 ω_d, which grows with the square of the error: far from its
     reference a robot is asked for speeds that it has not. With p = (x1, x2) and u = |p|/L the law
     is given
 
         p' = p tanh(u)/u,    x3' = T tanh(x3/T)
-
-    and their derivatives along the motion, so that ν̇_d stays analytic:
-
-        ṗ' = ṗ tanh(u)/u + p (p·ṗ) g(u)/L²,    g(u) = (sech² u − tanh(u)/u)/u²,
-        ẋ3' = ẋ3 sech²(x3/T)
 
     The direction of p stays. Errors much smaller than the leash pass as they are, to third order:
     the law near its reference is what it was.
@@ -105,45 +119,21 @@ class Leash(Record):
         float, POSITIVE, Setting("rad", "", "T: the heading error that a law is given, likewise.")
     ] = 1.0
 
-    def __call__(self, tracking: Tracking) -> Tracking:
-        """Return a tracking error on the leash, and its rate; joints' errors pass as they are."""
-        state, e, e_dot = tracking
-        position, position_rate = self.position(e[:2], e_dot[:2])
-        turn = math.tanh(e[2] / self.heading)
-        angle, angle_rate = self.heading * turn, (1.0 - turn**2) * e_dot[2]
-        rest = slice(BASE_ERRORS, None)
-        return Tracking(
-            state,
-            np.concatenate([position, [angle], e[rest]]),
-            np.concatenate([position_rate, [angle_rate], e_dot[rest]]),
-        )
-
-    def position(self, p: Array, p_dot: Array) -> tuple[Array, Array]:
-        """Return a position error (2,), m, on the leash, and its rate (2,), m/s.
-
-        Args:
-            p: Position error (2,), m.
-            p_dot: Its rate (2,), m/s.
-        """
-        u = math.hypot(p[0], p[1]) / self.distance
-        if u < SERIES_RADIUS:
-            scale, bend = 1.0 - u**2 / 3.0 + 2.0 * u**4 / 15.0, -2.0 / 3.0 + 8.0 * u**2 / 15.0
-        else:
-            scale = math.tanh(u) / u
-            bend = (1.0 - math.tanh(u) ** 2 - scale) / u**2
-        along = float(p @ p_dot) / self.distance**2
-        return scale * p, scale * p_dot + bend * along * p
+    def __call__(self, sheet: Sheet, error: Sequence[Any]) -> list[Any]:
+        """Return the base's error (3,) on the leash."""
+        x1, x2, x3 = error
+        square = sheet.named("u_square", (x1**2 + x2**2) / self.distance**2)
+        near = square < SERIES_RADIUS**2
+        u = sheet.named("u", math.sqrt(math.fmax(square, SERIES_RADIUS**2)))
+        series = 1.0 - square / 3.0 + 2.0 * square**2 / 15.0
+        scale = sheet.named("k", math.if_else(near, series, math.tanh(u) / u))
+        turned = self.heading * math.tanh(x3 / self.heading)
+        leashed = scale * x1, scale * x2, turned
+        return [sheet.named(f"y{i}", each) for i, each in enumerate(leashed, start=1)]
 
 
-class Twist(NamedTuple):
-    """P's speed forward and to the left (m/s) and the turning rate (rad/s), and their rates."""
-
-    value: Array  # (3,)
-    rate: Array  # (3,)
-
-
-def omnidirectional_twist(tracking: Tracking, horizon: float, leash: Leash | None = None) -> Twist:
-    """Return the twist that drives x1, x2 and x3 to zero, each as ẋ = −x/h.
+def omnidirectional_twist(at: Tracking, horizon: Any) -> list[Any]:
+    """Return the twist (3,) that drives x1, x2 and x3 to zero, each as ẋ = −x/h.
 
     It is the prediction of [MS21, Eq. 11-20] with the errors themselves as outputs: three inputs
     for three outputs. References that a base with an axle could follow have no speed to the left,
@@ -154,20 +144,14 @@ def omnidirectional_twist(tracking: Tracking, horizon: float, leash: Leash | Non
     error fall from anywhere.
 
     Args:
+        at: What the law reads.
         horizon: Prediction time h, s.
-        leash: Bounds the error; None: it does not.
     """
-    state, actual, actual_dot = tracking
-    _, x, x_dot = tracking if leash is None else leash(tracking)
-    vx_r, vy_r, omega_r = state.twist
-    ax_r, ay_r, alpha_r = state.twist_dot
-    cos, sin, turn = math.cos(actual[2]), math.sin(actual[2]), actual_dot[2]
-    omega_d, alpha_d = omega_r + x[2] / horizon, alpha_r + x_dot[2] / horizon
-    ahead, left = vx_r * cos - vy_r * sin, vx_r * sin + vy_r * cos
-    ahead_rate = ax_r * cos - ay_r * sin - left * turn
-    left_rate = ax_r * sin + ay_r * cos + ahead * turn
-    vx_d = ahead + x[1] * omega_d + x[0] / horizon
-    vy_d = left - x[0] * omega_d + x[1] / horizon
-    ax_d = ahead_rate + x_dot[1] * omega_d + x[1] * alpha_d + x_dot[0] / horizon
-    ay_d = left_rate - x_dot[0] * omega_d - x[0] * alpha_d + x_dot[1] / horizon
-    return Twist(np.array([vx_d, vy_d, omega_d]), np.array([ax_d, ay_d, alpha_d]))
+    (vx_r, vy_r, omega_r), (x1, x2, x3) = at.twist, at.e
+    cos, sin = math.cos(at.error[2]), math.sin(at.error[2])
+    omega_d = at.sheet.named("omega_d", omega_r + x3 / horizon)
+    return [
+        at.sheet.named("v_d", vx_r * cos - vy_r * sin + x2 * omega_d + x1 / horizon),
+        at.sheet.named("vl_d", vx_r * sin + vy_r * cos - x1 * omega_d + x2 / horizon),
+        omega_d,
+    ]

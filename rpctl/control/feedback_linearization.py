@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any
 
-import numpy as np
-
+from rpctl import math
 from rpctl.control.approach import Approach
-from rpctl.control.error import Leash, Tracking, Twist
+from rpctl.control.error import Leash, Tracking
 from rpctl.control.twist_law import BaseLaw
-from rpctl.errors import UnfitLawError
 from rpctl.files.records import POSITIVE, Setting
-from rpctl.reference.motion import ReferenceState
 
 SPIN_RADIUS = 1e-6  # m; a reference that turns about a point nearer than this spins
 
@@ -54,58 +50,38 @@ class FeedbackLinearization(BaseLaw):
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
     approach: Approach | None = field(default_factory=Approach, kw_only=True)
 
-    def leashed(self, tracking: Tracking) -> Tracking:
-        """Return the error as it is: the law reads the robot's own speed off it.
+    refusal = (
+        "the reference turns on the spot, where feedback linearisation does not know which way "
+        "to head; take --kinematic unified"
+    )
 
-        Only the feedback of the position error is on the leash.
+    def refuses(self, at: Tracking) -> Any:
+        """Return whether the reference turns on the spot."""
+        v_r, _, omega_r = at.twist
+        return math.fabs(v_r) < SPIN_RADIUS * math.fabs(omega_r)
+
+    def unicycle(self, at: Tracking) -> tuple[Any, Any]:
+        """Return the speed and the turning rate to ask of a base that cannot move sideways.
+
+        The feedback of the position error is on the leash; the heading is not.
         """
-        return tracking
-
-    def unicycle(self, tracking: Tracking) -> Twist:
-        """Return the twist of a base that cannot move sideways.
-
-        Raises:
-            UnfitLawError: The reference turns on the spot.
-        """
-        state, x, x_dot = tracking
-        v_r, _, omega_r = state.twist
-        a_r, _, alpha_r = state.twist_dot
-        _refuse_spin(v_r, omega_r)
-        cos, sin, turn = math.cos(x[2]), math.sin(x[2]), x_dot[2]
-        omega = omega_r - turn
-        v = v_r * cos + x[1] * omega - x_dot[0]  # what ẋ1 says of the robot's own speed
-        z, z_dot = x[:2], x_dot[:2]
-        if self.leash is not None:
-            z, z_dot = self.leash.position(z, z_dot)
-        across, across_rate = v_r * omega_r, a_r * omega_r + v_r * alpha_r
-        u1 = a_r * cos - across * sin + self.kd * (v_r * cos - v) + self.kp * z[0]
-        u2 = a_r * sin + across * cos + self.kd * v_r * sin + self.kp * z[1]
-        u2_rate = (
-            (_jerk(state) - across * turn) * sin
-            + (a_r * turn + across_rate) * cos
-            + self.kd * (a_r * sin + v_r * cos * turn)
-            + self.kp * z_dot[1]
-        )
-        slow = abs(v) < self.slowest
-        inverse = v / self.slowest**2 if slow else 1.0 / v
-        slope = 1.0 / self.slowest**2 if slow else -1.0 / v**2
-        return Twist(
-            np.array([v, 0.0, u2 * inverse]),
-            np.array([u1, 0.0, u2_rate * inverse + u2 * slope * u1]),
-        )
+        sheet, (v_r, _, omega_r), a_r = at.sheet, at.twist, at.twist_dot[0]
+        x1, x2, _ = at.e
+        cos, sin = math.cos(at.error[2]), math.sin(at.error[2])
+        sheet.moves(a_r, _jerk(at))
+        v = sheet.symbol("v_d", at.own_twist[0])
+        across = v_r * omega_r
+        u1 = a_r * cos - across * sin + self.kd * (v_r * cos - v) + self.kp * x1
+        u2 = a_r * sin + across * cos + self.kd * v_r * sin + self.kp * x2
+        sheet.moves(v, sheet.named("u1", u1))
+        slow = math.fabs(v) < self.slowest
+        over = 1.0 / math.if_else(slow, self.slowest, v)
+        inverse = math.if_else(slow, v / self.slowest**2, over)
+        return v, sheet.named("omega_d", sheet.named("u2", u2) * inverse)
 
 
-def _jerk(state: ReferenceState) -> float:
+def _jerk(at: Tracking) -> Any:
     """Return v̈_r of a reference that keeps its pace along its direction."""
-    if state.direction is None or not state.direction[0].any():
-        return 0.0
-    along, _, twice = state.direction
-    return float(twice[0] * (state.twist @ along) / (along @ along))
-
-
-def _refuse_spin(v_r: float, omega_r: float) -> None:
-    if abs(v_r) < SPIN_RADIUS * abs(omega_r):
-        raise UnfitLawError(
-            "the reference turns on the spot, where feedback linearisation does not know which way "
-            "to head; take --kinematic unified"
-        )
+    square = sum(each**2 for each in at.direction)
+    pace = sum(a * b for a, b in zip(at.twist, at.direction, strict=True)) / square
+    return at.sheet.rate(at.sheet.rate(at.direction[0])) * pace

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any
 
-import numpy as np
-
+from rpctl import math
 from rpctl.control.approach import Approach
-from rpctl.control.error import Leash, Tracking, Twist
+from rpctl.control.error import Leash, Tracking
 from rpctl.control.twist_law import BaseLaw
 from rpctl.files.records import POSITIVE, Setting
 
@@ -40,16 +38,9 @@ class Kanayama(BaseLaw):
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
     approach: Approach | None = field(default_factory=Approach, kw_only=True)
 
-    def unicycle(self, tracking: Tracking) -> Twist:
-        """Return the twist of a base that cannot move sideways."""
-        state, x, x_dot = tracking
-        v_r, _, omega_r = state.twist
-        a_r, _, alpha_r = state.twist_dot
-        cos, sin, direction = math.cos(x[2]), math.sin(x[2]), np.sign(v_r)
-        gain = self.ky * x[1] + direction * self.ktheta * sin
-        gain_rate = self.ky * x_dot[1] + direction * self.ktheta * cos * x_dot[2]
-        v_d = v_r * cos + self.kx * x[0]
-        a_d = a_r * cos - v_r * sin * x_dot[2] + self.kx * x_dot[0]
-        omega_d = omega_r + v_r * gain
-        alpha_d = alpha_r + a_r * gain + v_r * gain_rate
-        return Twist(np.array([v_d, 0.0, omega_d]), np.array([a_d, 0.0, alpha_d]))
+    def unicycle(self, at: Tracking) -> tuple[Any, Any]:
+        """Return the speed and the turning rate to ask of a base that cannot move sideways."""
+        (v_r, _, omega_r), (x1, x2, x3) = at.twist, at.e
+        gain = at.sheet.named("K", self.ky * x2 + math.sign(v_r) * self.ktheta * math.sin(x3))
+        v_d = at.sheet.named("v_d", v_r * math.cos(x3) + self.kx * x1)
+        return v_d, at.sheet.named("omega_d", omega_r + v_r * gain)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
+from rpctl import math
 from rpctl.arrays import Array
-from rpctl.control.error import Tracking, Twist
+from rpctl.control.error import Tracking
 from rpctl.control.twist_law import BaseLaw
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.files.records import POSITIVE, POSITIVE_OR_NONE, WITHIN, Setting
@@ -52,45 +52,31 @@ class PaperKinematic(BaseLaw):
         """
         return np.full(len(dynamics.robot.joints), self.joint_horizon or self.horizon)
 
-    def unicycle(self, tracking: Tracking) -> Twist:
-        """Return the twist to ask of a base that cannot move sideways."""
-        state, x, x_dot = tracking
-        turn = state.twist[2] + x[2] / self.horizon, state.twist_dot[2] + x_dot[2] / self.horizon
-        sign, sign_rate = self._sign(state.twist[2], state.twist_dot[2])
-        return coupled(tracking, turn, (self.beta * sign, self.beta * sign_rate), self.horizon)
-
-    def _sign(self, omega_r: float, alpha_r: float) -> tuple[float, float]:
-        """Return s and ṡ; the sign's own jump has no derivative to speak of."""
-        if self.smoothing == 0.0:
-            return float(np.sign(omega_r)), 0.0
-        size = math.hypot(omega_r, self.smoothing)
-        return omega_r / size, alpha_r * self.smoothing**2 / size**3
+    def unicycle(self, at: Tracking) -> tuple[Any, Any]:
+        """Return the speed and the turning rate to ask of a base that cannot move sideways."""
+        omega_r = at.twist[2]
+        omega_d = at.sheet.named("omega_d", omega_r + at.e[2] / self.horizon)
+        b = at.sheet.named("b", self.beta * smooth_sign(omega_r, self.smoothing))
+        return coupled_speed(at, omega_d, b, self.horizon), omega_d
 
 
-def coupled(
-    tracking: Tracking, turn: tuple[float, float], beta_sign: tuple[float, float], horizon: float
-) -> Twist:
-    """Return the twist of a turning base that lets x1 − b x2 decay at 1/h while b is steady.
+def smooth_sign(value: Any, slow: Any) -> Any:
+    """Return value/√(value² + slow²), 0 where both are 0; the sign where ``slow`` is 0."""
+    square = value**2 + slow**2
+    moves = square > 0.0
+    return math.if_else(moves, value, 0.0) / math.sqrt(math.if_else(moves, square, 1.0))
+
+
+def coupled_speed(at: Tracking, omega_d: Any, b: Any, horizon: Any) -> Any:
+    """Return the speed of a turning base that lets x1 − b x2 decay at 1/h while b is steady.
 
     Args:
-        turn: ω_d (rad/s) and its derivative along the actual motion (rad/s²).
-        beta_sign: b = β s, and its derivative.
+        at: What the law reads.
+        omega_d: Turning rate that the base is asked for, rad/s.
+        b: β s.
         horizon: Prediction time h, s.
     """
-    state, x, x_dot = tracking
-    v_r, a_r = state.twist[0], state.twist_dot[0]
-    (omega_d, alpha_d), (b, b_rate) = turn, beta_sign
-    cos, sin = math.cos(x[2]), math.sin(x[2])
-    drift = v_r * sin - x[0] * omega_d
-    drift_rate = a_r * sin + v_r * cos * x_dot[2] - x_dot[0] * omega_d - x[0] * alpha_d
-    v_d = v_r * cos + x[1] * omega_d - b * drift + (x[0] - b * x[1]) / horizon
-    a_d = (
-        a_r * cos
-        - v_r * sin * x_dot[2]
-        + x_dot[1] * omega_d
-        + x[1] * alpha_d
-        - b * drift_rate
-        - b_rate * drift
-        + (x_dot[0] - b * x_dot[1] - b_rate * x[1]) / horizon
-    )
-    return Twist(np.array([v_d, 0.0, omega_d]), np.array([a_d, 0.0, alpha_d]))
+    (x1, x2, x3), v_r = at.e, at.twist[0]
+    drift = at.sheet.named("c", v_r * math.sin(x3) - x1 * omega_d)
+    v_d = v_r * math.cos(x3) + x2 * omega_d - b * drift + (x1 - b * x2) / horizon
+    return at.sheet.named("v_d", v_d)

@@ -1,17 +1,21 @@
-"""Convert a desired twist of the base into its quasi-velocities: speeds and steering rates."""
+"""A desired twist of the base as its quasi-velocities: speeds and steering rates, in scalars."""
 
 from __future__ import annotations
 
-import math
+import math as numbers
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpctl.arrays import Array
-from rpctl.control.error import Twist
-from rpctl.drive.steering import steer
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl import math
+from rpctl.control.error import Tracking
+from rpctl.drive.drive import Drive
+from rpctl.drive.steering import steered_angles
+from rpctl.kernels.scalars import clipped, dot, rounded
+from rpctl.kernels.sheet import Sheet
 from rpctl.reference.motion import ReferenceState
-from rpctl.reference.quasi_velocities import direction, steering
+from rpctl.robot.model import BASE_NV, Robot
 
 SLOW_SPEED = 0.1  # m/s: well below it steering follows the reference, well above it the twist
 STEERING_HORIZON_RATIO = 0.25  # of the law's horizon: steering has to be faster than the base
@@ -24,10 +28,83 @@ BRAKE_TIME = 0.3  # s: approach to a steering limit, twice the dynamic law's hor
 ANGLE_MARGIN = 0.02  # rad between a commanded steering angle and the joint's limits
 
 
+class Rolling(NamedTuple):
+    """How a base rolls whose wheels all steer, at one state."""
+
+    rows: Sequence[Sequence[Any]]  # (3, 1 + n_steered) of P's twist by the base's ν
+    drift: Sequence[Any]  # (3,) of P's twist that the steering rates make
+    unit_drift: Sequence[Any]  # (3,) with a speed of 1 beside them
+
+
+class Measured(NamedTuple):
+    """A robot's state in scalars, as far as kinematic laws read it."""
+
+    pose: Sequence[Any]  # (3,) of the root link: x, y in m, heading in rad
+    twist: Sequence[Any]  # (3,) of P
+    joints: Sequence[Any]  # (n_joints,) positions of the arm
+    joint_rates: Sequence[Any]  # (n_joints,)
+    steered: Sequence[Any] = ()  # (n_steered,) positions of steered joints, rad
+    steering_rates: Sequence[Any] = ()  # (n_steered,)
+    rolling: Rolling | None = None  # of a base whose wheels all steer
+
+    @staticmethod
+    def sizes(robot: Robot) -> list[int]:
+        """Return how many numbers each part has, those of ``rolling`` one by one."""
+        joints, steered = len(robot.joints), len(robot.drive.steered)
+        sizes = [BASE_NV, BASE_NV, joints, joints, steered, steered]
+        if steered and not robot.drive.has_axle:
+            sizes += [BASE_NV * (1 + steered), BASE_NV, BASE_NV]
+        return sizes
+
+    @classmethod
+    def of(cls, robot: Robot, column: Any) -> Measured:
+        """Return the parts of a column (n, 1) in which they stand one after the other."""
+        sizes = cls.sizes(robot)
+        parts = [
+            math.vertsplit(part) for part in math.vertsplit(column, np.cumsum([0, *sizes]).tolist())
+        ]
+        state, rest = parts[:6], parts[6:]
+        if not rest:
+            return cls(*state)
+        rows, drift, unit_drift = rest
+        width = len(rows) // BASE_NV
+        rows = [rows[width * i : width * (i + 1)] for i in range(BASE_NV)]
+        return cls(*state, Rolling(rows, drift, unit_drift))
+
+
+def reference_direction(sheet: Sheet, state: ReferenceState) -> list[Any]:
+    """Write the direction of travel (3,) of a reference, with its first two derivatives.
+
+    That of :func:`rpctl.reference.motion.direction`: where a reference gives none, its
+    twist, and where there is neither, straight ahead.
+
+    Args:
+        sheet: Where to write.
+        state: The reference, in symbols; a direction of zeros is none.
+    """
+    assert state.direction is not None
+    given = sheet.named("g_any", sum(each**2 for each in state.direction[0]))
+    moves = sheet.named("t_any", sum(each**2 for each in state.twist))
+    ahead, still, found = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0), []
+    others = zip(state.twist, state.twist_dot, still, strict=True)
+    rests = zip(ahead, still, still, strict=True)
+    for i, (other, rest) in enumerate(zip(others, rests, strict=True)):
+        levels = []
+        for mark, own, twist, else_ in zip(
+            ("", "_dot", "_ddot"), (row[i] for row in state.direction), other, rest, strict=True
+        ):
+            value = math.if_else(given > 0.0, own, math.if_else(moves > 0.0, twist, else_))
+            levels.append(sheet.symbol(f"G{i + 1}{mark}", value))
+        sheet.moves(levels[0], levels[1])
+        sheet.moves(levels[1], levels[2])
+        found.append(levels[0])
+    return found
+
+
 def base_command(
-    dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, twist: Twist, h: float
-) -> tuple[Array, Array]:
-    """Return the base's part of ν_d and of ν̇_d, for a twist that it follows as far as it can.
+    sheet: Sheet, robot: Robot, at: Tracking, twist: Sequence[Any], measured: Measured, h: Any
+) -> tuple[list[Any], list[Any]]:
+    """Write the base's part of ν_d and of ν̇_d, for a twist that it follows as far as it can.
 
     Without steered wheels these are the twist's own entries. Steered wheels turn towards
     m = ĝ + u t⊥/(u² + ρ²): ĝ is the reference's direction, u and t⊥ are the twist's parts along
@@ -40,133 +117,141 @@ def base_command(
     predictive laws of first order, whose one approximation is the reference's δ̈_r for δ̈*.
 
     Args:
-        twist: Desired twist of the base.
+        sheet: Where to write.
+        robot: The robot.
+        at: The reference.
+        twist: Desired twist (3,) of the base.
+        measured: The robot's state.
         h: Prediction time of the law, s.
     """
-    drive = dynamics.robot.drive
+    drive = robot.drive
     if not drive.steered:
         keep = [0, 2] if drive.has_axle else list(range(len(drive.base_speeds)))
-        return twist.value[keep], twist.rate[keep]
-    rates, accelerations = _steering(dynamics, state, q, nu, twist, STEERING_HORIZON_RATIO * h)
-    speed = twist.value[0], twist.rate[0]
-    if not drive.has_axle:
-        speed = _rolling(dynamics, q, nu, accelerations, twist)
-    return np.array([speed[0], *rates]), np.array([speed[1], *accelerations])
+        return [twist[k] for k in keep], [sheet.rate(twist[k]) for k in keep]
+    time = sheet.named("h_s", STEERING_HORIZON_RATIO * h)
+    towards = _direction(sheet, drive, at.direction, twist)
+    wanted = steered_angles(sheet, drive, _of_root(sheet, robot, "m", towards), "d")
+    along = steered_angles(sheet, drive, _of_root(sheet, robot, "r", at.direction), "f")
+    commands = [
+        _joint_command(sheet, robot, k, measured, angle, sheet.rate(sheet.rate(own)), time)
+        for k, (angle, own) in enumerate(zip(wanted, along, strict=True))
+    ]
+    rates, changes = (list(part) for part in zip(*commands, strict=True))
+    speed, change = twist[0], sheet.rate(twist[0])
+    if measured.rolling is not None:
+        speed, change = _rolling(sheet, drive, twist, measured, changes)
+    return [speed, *rates], [change, *changes]
+
+
+def _of_root(sheet: Sheet, robot: Robot, mark: str, twist: Sequence[Any]) -> list[Any]:
+    """Write P's twist as one of the root link."""
+    rows = robot.root_velocity.tolist()
+    return [sheet.named(f"{mark}{i}", dot(row, twist)) for i, row in enumerate(rows, start=1)]
+
+
+def _weighted(weights: Sequence[float], a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return sum(w * x * y for w, x, y in zip(weights, a, b, strict=True))
 
 
 def _rolling(
-    dynamics: ReducedDynamics, q: Array, nu: Array, accelerations: Array, twist: Twist
-) -> tuple[float, float]:
-    """Return the base's speed ν₁, and its rate, whose twist is nearest to the desired one.
+    sheet: Sheet, drive: Drive, twist: Sequence[Any], measured: Measured, changes: Sequence[Any]
+) -> tuple[Any, Any]:
+    """Write the base's speed ν₁, and its rate, whose twist is nearest to the desired one.
 
     With the present steering the twist is T = n ν₁ + T_δ, T_δ the part due to steering rates of
     wheels beside their axis: ν₁ = n·(t − T_δ)/n·n. Ṡ is linear in the steering rates and does not
     depend on ν₁, so ṅ is the difference of two drifts.
 
     Args:
-        accelerations: Commanded accelerations of the steered joints (n_steered,).
-        twist: Desired twist of the base.
+        sheet: Where to write.
+        drive: The drive.
+        twist: Desired twist (3,) of the base.
+        measured: The robot's state.
+        changes: Commanded accelerations of the steered joints (n_steered,).
     """
-    robot, count = dynamics.robot, len(dynamics.robot.drive.steered)
-    weights = twist_weights(dynamics)
-    unit, turning, turned = np.eye(robot.dof)[0], np.zeros(robot.dof), np.zeros(robot.dof)
-    turning[1 : 1 + count], turned[1 : 1 + count] = nu[1 : 1 + count], accelerations
-    drift = dynamics.basis_drift(q, turning)
-    n = dynamics.twist(q, unit)
-    n_dot = robot.point_velocity @ (dynamics.basis_drift(q, turning + unit) - drift)[:3]
-    t = twist.value - dynamics.twist(q, turning)
-    t_dot = twist.rate - dynamics.twist(q, turned) - robot.point_velocity @ drift[:3]
-    square = n @ (weights * n)
-    speed = float(n @ (weights * t) / square)
-    rate = n_dot @ (weights * t) + n @ (weights * t_dot)
-    return speed, float((rate - 2.0 * speed * (n @ (weights * n_dot))) / square)
+    assert measured.rolling is not None
+    rows, drift, unit_drift = measured.rolling
+    weights, n, t, t_dot = twist_weights(drive), [row[0] for row in rows], [], []
+    for i, row in enumerate(rows):
+        t.append(sheet.named(f"t{i + 1}", twist[i] - dot(row[1:], measured.steering_rates)))
+        t_dot.append(sheet.rate(twist[i]) - dot(row[1:], changes) - drift[i])
+    n_dot = [a - b for a, b in zip(unit_drift, drift, strict=True)]
+    square = sheet.named("n_square", _weighted(weights, n, n))
+    speed = sheet.named("v_1", _weighted(weights, n, t) / square)
+    rate = _weighted(weights, n_dot, t) + _weighted(weights, n, t_dot)
+    rate -= 2.0 * speed * _weighted(weights, n, n_dot)
+    return speed, sheet.named("v_1_dot", rate / square)
 
 
-def _steering(
-    dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, twist: Twist, h: float
-) -> tuple[Array, Array]:
-    """Return the commanded rates and accelerations (n_steered,) of the steered joints."""
-    robot = dynamics.robot
-    wanted, wanted_rate = steering_targets(dynamics, state, twist)
-    feedforward = steering(robot, state)[2]
-    steered = robot.drive.steered
-    actual = np.array([robot.joint_position(q, swivel.joint) for swivel in steered])
-    rates = nu[1 : 1 + len(steered)]
-    # A wheel may as well roll backwards: δ* counts modulo π.
-    wanted = wanted + math.pi * np.round((actual - wanted) / math.pi)
-    limits = robot.steering_limits
-    lower, upper, fastest = (
-        limits.lower + ANGLE_MARGIN,
-        limits.upper - ANGLE_MARGIN,
-        RATE_FRACTION * limits.fastest,
-    )
-    held = (wanted < lower) | (wanted > upper)
-    wanted = np.clip(wanted, lower, upper)
-    wanted_rate = np.where(held, 0.0, wanted_rate)
-    asked = wanted_rate + (wanted - actual) / h
-    change = np.where(held, 0.0, feedforward) + (wanted_rate - rates) / h
-    # The nearer a limit, the slower towards it: (limit − δ)/BRAKE_TIME, which never passes it.
-    least = np.maximum(-fastest, (lower - actual) / BRAKE_TIME)
-    most = np.minimum(fastest, (upper - actual) / BRAKE_TIME)
-    bound = np.clip(asked, least, most)
-    braking = (bound != asked) & (np.abs(bound) < fastest)
-    change = np.where(bound != asked, 0.0, change)
-    return bound, np.where(braking, -rates / BRAKE_TIME, change)
-
-
-def steering_targets(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
-    """Return the angles δ* that take the base along m, and their rates, (2, n_steered).
+def _joint_command(
+    sheet: Sheet, robot: Robot, k: int, measured: Measured, angle: Any, feed: Any, time: Any
+) -> tuple[Any, Any]:
+    """Write the commanded rate and acceleration of a steered joint, within its limits.
 
     Args:
-        twist: Desired twist of the base.
+        sheet: Where to write.
+        robot: The robot.
+        k: Which of the steered joints.
+        measured: The robot's state.
+        angle: Where the joint shall be, rad.
+        feed: Its acceleration on the reference, rad/s².
+        time: Prediction time, s.
     """
-    robot = dynamics.robot
-    return steer(robot.drive, _direction(dynamics, state, twist) @ robot.root_velocity.T)[:2]
+    limits, name = robot.steering_limits, f"s{k + 1}"
+    lower, upper = float(limits.lower[k]) + ANGLE_MARGIN, float(limits.upper[k]) - ANGLE_MARGIN
+    fastest = RATE_FRACTION * float(limits.fastest[k])
+    actual, rate = measured.steered[k], measured.steering_rates[k]
+    # A wheel may as well roll backwards: δ* counts modulo π.
+    turns = rounded((actual - angle) / numbers.pi)
+    wanted = sheet.named(f"{name}_any", angle + numbers.pi * turns)
+    goal = sheet.named(f"{name}_goal", clipped(wanted, lower, upper))
+    free = sheet.named(f"{name}_free", wanted == goal)
+    follow = sheet.named(f"{name}_rate", math.if_else(free, sheet.rate(angle), 0.0))
+    asked = sheet.named(f"{name}_ask", follow + (goal - actual) / time)
+    change = math.if_else(free, feed, 0.0) + (follow - rate) / time
+    # The nearer a limit, the slower towards it: (limit − δ)/BRAKE_TIME, which never passes it.
+    near = [(limit - actual) / BRAKE_TIME for limit in (lower, upper)]
+    least = -fastest if numbers.isinf(lower) else clipped(near[0], -fastest, numbers.inf)
+    most = fastest if numbers.isinf(upper) else clipped(near[1], -numbers.inf, fastest)
+    bound = sheet.named(f"{name}_d", clipped(asked, least, most))
+    braking = -rate / BRAKE_TIME
+    if numbers.isfinite(fastest):
+        braking = math.if_else(math.fabs(bound) < fastest, braking, 0.0)
+    return bound, sheet.named(f"{name}_d_dot", math.if_else(bound == asked, change, braking))
 
 
-def _direction(dynamics: ReducedDynamics, state: ReferenceState, twist: Twist) -> Array:
-    """Return m, ṁ and zeros (3, 3): the direction in which the wheels steer the base."""
-    weights = twist_weights(dynamics)
-    g, g_dot, _ = direction(state)
-    size = math.sqrt(g @ (weights * g))
-    g_hat = g / size
-    g_hat_dot = (g_dot - g_hat * (g_hat @ (weights * g_dot))) / size
-    t, t_dot = twist
-    u = g_hat @ (weights * t)
-    u_dot = g_hat_dot @ (weights * t) + g_hat @ (weights * t_dot)
-    across = t - u * g_hat
-    across_dot = t_dot - u_dot * g_hat - u * g_hat_dot
-    square = u**2 + SLOW_SPEED**2
-    direction_gain, direction_gain_dot = u / square, u_dot * (SLOW_SPEED**2 - u**2) / square**2
-    deviation, deviation_dot = (
-        direction_gain * across,
-        direction_gain_dot * across + direction_gain * across_dot,
-    )
-    most = max_deviation(dynamics)
-    scale = 1.0 / math.sqrt(1.0 + deviation @ (weights * deviation) / most**2)
-    scale_dot = -(scale**3) * (deviation @ (weights * deviation_dot)) / most**2
-    rate = g_hat_dot + scale * deviation_dot + scale_dot * deviation
-    return np.array([g_hat + scale * deviation, rate, np.zeros(3)])
+def _direction(sheet: Sheet, drive: Drive, g: Sequence[Any], t: Sequence[Any]) -> list[Any]:
+    """Write m (3,), the direction in which the wheels steer the base."""
+    W = twist_weights(drive)
+    size = sheet.named("g_size", math.sqrt(_weighted(W, g, g)))
+    unit = [sheet.named(f"gh{i}", each / size) for i, each in enumerate(g, start=1)]
+    u = sheet.named("along", _weighted(W, unit, t))
+    gain = sheet.named("gain", u / (u**2 + SLOW_SPEED**2))
+    off = [
+        sheet.named(f"dev{i}", gain * (each - u * own))
+        for i, (each, own) in enumerate(zip(t, unit, strict=True), start=1)
+    ]
+    ratio = _weighted(W, off, off) / max_deviation(drive) ** 2
+    level = sheet.named("level", math.sqrt(1.0 + ratio))
+    return [own + each / level for own, each in zip(unit, off, strict=True)]
 
 
-def max_deviation(dynamics: ReducedDynamics) -> float:
+def max_deviation(drive: Drive) -> float:
     """Return the largest deviation of m from ĝ that leaves the steering well defined.
 
     Where only steered wheels carry the base, its centre of rotation must not lie on the line
     through the first two steered pivots: there their axles do not determine it.
     """
-    drive = dynamics.robot.drive
     if drive.has_axle:
         return AXLE_MAX_DEVIATION
     first, second = (np.array(swivel.pivot) for swivel in drive.steered[:2])
     along, off = second - first, np.array(drive.point) - first
     apart = abs(along[0] * off[1] - along[1] * off[0]) / float(np.linalg.norm(along))
-    reach = math.sqrt(twist_weights(dynamics)[2])
-    return max(STEERED_MAX_DEVIATION * apart / reach, MIN_DEVIATION)
+    reach = numbers.sqrt(twist_weights(drive)[2])
+    return max(float(STEERED_MAX_DEVIATION * apart / reach), MIN_DEVIATION)
 
 
-def twist_weights(dynamics: ReducedDynamics) -> Array:
+def twist_weights(drive: Drive) -> list[float]:
     """Return the weights (3,) of a twist's entries: turning counts by the steered wheels' reach."""
-    drive = dynamics.robot.drive
-    reach = max(math.dist(drive.point, swivel.pivot) for swivel in drive.steered)
-    return np.array([1.0, 1.0, reach**2])
+    reach = max(numbers.dist(drive.point, swivel.pivot) for swivel in drive.steered)
+    return [1.0, 1.0, reach**2]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any
 
+from rpctl import math
 from rpctl.control.approach import Approach
-from rpctl.control.error import Leash, Tracking, Twist
-from rpctl.control.kinematic import coupled
+from rpctl.control.error import Leash, Tracking
+from rpctl.control.kinematic import coupled_speed, smooth_sign
 from rpctl.control.twist_law import BaseLaw
 from rpctl.files.records import POSITIVE, POSITIVE_OR_NONE, WITHIN, Setting
-from rpctl.reference.motion import ReferenceState
 
 
 @dataclass(frozen=True)
@@ -84,29 +83,16 @@ class UnifiedKinematic(BaseLaw):
     leash: Leash | None = field(default_factory=Leash, kw_only=True)
     approach: Approach | None = field(default_factory=Approach, kw_only=True)
 
-    def unicycle(self, tracking: Tracking) -> Twist:
-        """Return the twist to ask of a base that cannot move sideways."""
-        h, w, (state, x, x_dot) = self.horizon, self.weight, tracking
-        v, v_dot = state.twist[0], state.twist_dot[0]
-        cos, sin = math.cos(x[2]), math.sin(x[2])
-        p2 = x[1] + h * v * sin
-        p2_rate = x_dot[1] + h * (v_dot * sin + v * cos * x_dot[2])
-        a, a_rate = 0.0, 0.0
-        if cos > 0.0:
-            a = 0.5 * h**2 * v * cos
-            a_rate = 0.5 * h**2 * (v_dot * cos - v * sin * x_dot[2])
-        size = a**2 + w * h**2
-        d = (a * p2 + w * h * x[2]) / size
-        d_rate = (a_rate * p2 + a * p2_rate + w * h * x_dot[2] - 2.0 * d * a * a_rate) / size
-        turn = state.twist[2] + d, state.twist_dot[2] + d_rate
-        return coupled(tracking, turn, self._beta_sign(state), h)
-
-    def _beta_sign(self, state: ReferenceState) -> tuple[float, float]:
-        """Return β s and its derivative."""
-        vectors = (state.twist, state.twist_dot) if state.direction is None else state.direction
-        (v, _, omega), (a, _, alpha) = vectors[0], vectors[1]
-        size = math.hypot(omega, self.bend * v)
-        if size == 0.0:
-            return 0.0, 0.0
-        rate = self.bend**2 * v * (alpha * v - omega * a) / size**3
-        return self.beta * omega / size, self.beta * rate
+    def unicycle(self, at: Tracking) -> tuple[Any, Any]:
+        """Return the speed and the turning rate to ask of a base that cannot move sideways."""
+        sheet, h, w, v = at.sheet, self.horizon, self.weight, at.twist[0]
+        _, x2, x3 = at.e
+        cos, sin = math.cos(x3), math.sin(x3)
+        p2 = sheet.named("p2", x2 + h * v * sin)
+        a = sheet.named("a", math.if_else(cos > 0.0, 0.5 * h**2 * v * cos, 0.0))
+        size = sheet.named("D", a**2 + w * h**2)
+        d = sheet.named("d", (a * p2 + w * h * x3) / size)
+        omega_d = sheet.named("omega_d", at.twist[2] + d)
+        along, _, turn = at.direction
+        b = sheet.named("b", self.beta * smooth_sign(turn, self.bend * along))
+        return coupled_speed(at, omega_d, b, h), omega_d

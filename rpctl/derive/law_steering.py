@@ -125,7 +125,7 @@ def steered_command(
         rolling: What rolling makes of ν.
         h: Prediction time of the law.
     """
-    weights = [rational(float(w)) for w in twist_weights(ReducedDynamics(robot))]
+    weights = [rational(float(w)) for w in twist_weights(robot.drive)]
     m = _direction(sheet, twist, g, weights, ReducedDynamics(robot))
     root = robot.root_velocity
     along = [sheet.follow(f"m{i + 1}", _row(root[i], m)) for i in PLANE]
@@ -169,7 +169,7 @@ def _direction(
     u = sheet.follow("along", _dot(weights, unit, t))
     gain = sheet.follow("gain", u / (u**2 + rational(SLOW_SPEED) ** 2))
     off = [sheet.follow(f"dev{i + 1}", gain * (t[i] - u * unit[i])) for i in PLANE]
-    most = rational(max_deviation(dynamics))
+    most = rational(max_deviation(dynamics.robot.drive))
     level = sheet.follow("level", sp.sqrt(1 + _dot(weights, off, off) / most**2))
     return [sheet.follow(f"mh{i + 1}", unit[i] + off[i] / level) for i in PLANE]
 

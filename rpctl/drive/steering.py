@@ -6,16 +6,20 @@ N = l₁ × l₂, and every further wheel has to head along the velocity that N 
 
 from __future__ import annotations
 
-import math
+import math as numbers
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpctl import math
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
 from rpctl.drive.drive import Drive, Swivel
-from rpctl.drive.rows import angle_of, lateral_row, rolling_row
+from rpctl.drive.rows import PLANAR, angle_of, lateral_row, rolling_row
+from rpctl.kernels.scalars import rounded
+from rpctl.kernels.sheet import Evaluator, Sheet
 
 NEWTON_STEPS = 4  # steps to the angle of wheels that mimic one another; quadratic from near
 MIN_SPEED = 1e-12  # m/s: a place that stands still has no heading
@@ -49,9 +53,9 @@ def free_twist(drive: Drive, positions: Mapping[str, float]) -> Array:
 def heading_along(swivel: Swivel, twist: Array) -> float:
     """Return the joint position (rad), within ±π/2 of 0, at which a swivel heads along a twist."""
     x, y = swivel.pivot
-    angle = math.atan2(twist[1] + twist[2] * x, twist[0] - twist[2] * y)
+    angle = numbers.atan2(twist[1] + twist[2] * x, twist[0] - twist[2] * y)
     position = swivel.sign * (angle - swivel.heading)
-    return position - math.pi * round(position / math.pi)
+    return position - numbers.pi * round(position / numbers.pi)
 
 
 def follower_positions(drive: Drive, positions: Mapping[str, float]) -> dict[str, float]:
@@ -73,7 +77,7 @@ def is_regular(drive: Drive, positions: Mapping[str, float]) -> bool:
     """
     if not drive.steered:
         return True
-    size = max(math.dist(drive.point, swivel.pivot) for swivel in drive.steered)
+    size = max(numbers.dist(drive.point, swivel.pivot) for swivel in drive.steered)
     scale = np.array([1.0, 1.0, 1.0 / size])
     first = drive.steered[0]
     speed = rolling_row(drive.point, drive.heading)
@@ -86,11 +90,6 @@ def is_regular(drive: Drive, positions: Mapping[str, float]) -> bool:
 def steer(drive: Drive, direction: Array) -> Array:
     """Return the steered joints' positions, rates and accelerations (3, n_steered) along a twist.
 
-    With V the velocity of a wheel's place, its lateral row asks n·V = 0, so that the angle φ is
-    V's; differentiated, φ̇ d·V = n·V̇ and φ̈ d·V = n·V̈ − 2 φ̇ d·V̇ − φ̇² n·V. Swivels that mimic
-    another one count along with it, each by its ratio. A contact off the steering axis (trail k)
-    turns a steady bend's angle by asin(k ω/|V|).
-
     Args:
         direction: A twist of the root link of any length but zero, and its first two derivatives
             by time (3, 3).
@@ -98,39 +97,100 @@ def steer(drive: Drive, direction: Array) -> Array:
     Returns:
         Positions within ±π/2 of 0, for heading back is heading along; rad, rad/s, rad/s².
     """
-    found = np.zeros((3, len(drive.steered)))
-    for column, swivel in zip(found.T, drive.steered, strict=True):
-        group = [s for s in drive.swivels if s.role == "mimic" and s.shares == swivel.joint]
-        places = [(swivel, 1.0, 0.0), *((s, s.ratio, s.offset) for s in group)]
-        position = heading_along(swivel, direction[0])
-        for _ in range(NEWTON_STEPS if group else 0):
-            position += _newton_step(places, direction, position)[0]
-        _, *rates = _newton_step(places, direction, position)
-        column[:] = position, *rates
-        if swivel.trail:
-            column += swivel.sign * _caster_angle(swivel, direction)
-    return found
+    (found,) = _steering_function(drive)(np.ravel(direction))
+    return found.reshape(3, len(drive.steered))
 
 
-def _pivot_velocities(swivel: Swivel, direction: Array) -> Array:
-    """Return the velocity of a swivel's pivot under a twist, and its derivatives (3, 2)."""
-    (x, y), turn = swivel.pivot, direction[:, 2]
-    return np.column_stack([direction[:, 0] - turn * y, direction[:, 1] + turn * x])
+@lru_cache(maxsize=64)
+def _steering_function(drive: Drive) -> Evaluator:
+    sheet, column = Sheet(), math.SX.sym("direction", 9)
+    twist, once, twice = math.vertsplit(column, [0, 3, 6, 9])
+    for k in range(PLANAR):
+        sheet.moves(twist[k], once[k])
+        sheet.moves(once[k], twice[k])
+    positions = steered_angles(sheet, drive, math.vertsplit(twist), "d")
+    rates = [sheet.rate(each) for each in positions]
+    whole = math.vertcat(*positions, *rates, *(sheet.rate(each) for each in rates))
+    return Evaluator(math.Function("steer", [column], sheet.resolved([whole])))
 
 
-def _caster_angle(swivel: Swivel, direction: Array) -> Array:
-    """Return asin(k ω/|V|) of a swivel with trail k, and its first two derivatives (3,)."""
-    V, turn = _pivot_velocities(swivel, direction), direction[:, 2]
-    size = max(float(np.linalg.norm(V[0])), MIN_SPEED)
-    pace, spread = V[0] @ V[1] / size**2, (V[1] @ V[1] + V[0] @ V[2]) / size**2
-    u = swivel.trail * turn[0] / size
-    u_dot = swivel.trail * turn[1] / size - u * pace
-    u_ddot = swivel.trail * (turn[2] - turn[1] * pace) / size - u_dot * pace
-    u_ddot -= u * (spread - 2.0 * pace**2)
-    if abs(u) >= 1.0:  # the bend is tighter than the trail: no steady angle
-        return np.array([math.copysign(0.5 * math.pi, u), 0.0, 0.0])
-    level = 1.0 / math.sqrt(1.0 - u**2)
-    return np.array([math.asin(u), level * u_dot, level * u_ddot + level**3 * u * u_dot**2])
+def steered_angles(sheet: Sheet, drive: Drive, twist: Sequence[Any], mark: str) -> list[Any]:
+    """Write the positions (n_steered,) of the steered joints along a twist, in scalars.
+
+    With V the velocity of a wheel's place, its lateral row asks n·V = 0, so that the angle φ is
+    V's; its rate follows from the row's own, φ̇ d·V = n·V̇. Swivels that mimic another one count
+    along with it, each by its ratio. A contact off the steering axis (trail k) turns a steady
+    bend's angle by asin(k ω/|V|).
+
+    Args:
+        sheet: Where to write.
+        drive: The drive.
+        twist: Of the root link (3,), of any length but zero.
+        mark: What names begin with.
+    """
+    return [
+        _steered_angle(sheet, drive, swivel, twist, f"{mark}{k}")
+        for k, swivel in enumerate(drive.steered, start=1)
+    ]
+
+
+def _steered_angle(
+    sheet: Sheet, drive: Drive, swivel: Swivel, twist: Sequence[Any], name: str
+) -> Any:
+    group = [s for s in drive.swivels if s.role == "mimic" and s.shares == swivel.joint]
+    places = [(swivel, 1.0, 0.0), *((s, s.ratio, s.offset) for s in group)]
+    V = [_pivot_velocity(sheet, s, twist, f"{name}_V{i}") for i, (s, *_) in enumerate(places)]
+    turned = swivel.sign * (math.atan2(V[0][1], V[0][0]) - swivel.heading)
+    turned = sheet.named(f"{name}_any", turned)
+    position = turned - numbers.pi * rounded(turned / numbers.pi)
+    for step in range(NEWTON_STEPS if group else 0):
+        position = sheet.named(f"{name}_{step}", position)
+        across, along = _rows(places, V, position)
+        position = position + across * _safe_inverse(along)
+    position = sheet.symbol(name, position)
+    sheet.moves(position, 0.0)  # its rate follows from the row's
+    across, along = _rows(places, V, position)
+    inverse = sheet.named(f"{name}_inv", _safe_inverse(sheet.named(f"{name}_along", along)))
+    sheet.moves(position, sheet.named(f"{name}_dot", sheet.rate(across) * inverse))
+    if not swivel.trail:
+        return position
+    size = math.sqrt(math.fmax(V[0][0] ** 2 + V[0][1] ** 2, MIN_SPEED**2))
+    u = sheet.named(f"{name}_u", swivel.trail * twist[2] / size)
+    tight = math.fabs(u) >= 1.0  # the bend is tighter than the trail: no steady angle
+    right = 0.5 * numbers.pi * math.sign(u)
+    lag = math.if_else(tight, right, math.asin(math.if_else(tight, 0.0, u)))
+    return sheet.named(f"{name}_lag", position + swivel.sign * lag)
+
+
+def _pivot_velocity(sheet: Sheet, swivel: Swivel, twist: Sequence[Any], name: str) -> list[Any]:
+    """Write the velocity (2,) of a swivel's pivot under a twist."""
+    (x, y), (ahead, left, turn) = swivel.pivot, twist
+    return [sheet.named(f"{name}x", ahead - turn * y), sheet.named(f"{name}y", left + turn * x)]
+
+
+def _rows(
+    places: Sequence[tuple[Swivel, float, float]], V: Sequence[Sequence[Any]], position: Any
+) -> tuple[Any, Any]:
+    """Return Σ n·V and −∂/∂φ of it, Σ g d·V, where swivel after swivel turns at g φ̇.
+
+    Args:
+        places: The swivels, each with its ratio to the position φ and its offset.
+        V: Velocities of their pivots.
+        position: φ, rad.
+    """
+    across, along = math.SX(0), math.SX(0)
+    for (swivel, ratio, offset), (x, y) in zip(places, V, strict=True):
+        angle = swivel.heading + swivel.sign * (ratio * position + offset)
+        cos, sin = math.cos(angle), math.sin(angle)
+        across += cos * y - sin * x
+        along += swivel.sign * ratio * (cos * x + sin * y)
+    return across, along
+
+
+def _safe_inverse(value: Any) -> Any:
+    """Return 1/value; 0 where a place as good as stands still, which keeps its angle."""
+    moves = math.fabs(value) > MIN_SPEED
+    return math.if_else(moves, 1.0 / math.if_else(moves, value, 1.0), 0.0)
 
 
 def trailing_positions(
@@ -150,35 +210,13 @@ def trailing_positions(
     for swivel in drive.powered_casters if casters is None else casters:
         (x, y), position = swivel.pivot, 0.0
         V = np.array([twist[0] - twist[2] * y, twist[1] + twist[2] * x])
-        speed = math.hypot(*V)
+        speed = numbers.hypot(*V)
         if speed > MIN_SPEED:
-            lag = math.asin(max(-1.0, min(1.0, -swivel.trail * twist[2] / speed)))
-            turn = math.atan2(V[1], V[0]) - lag - swivel.heading
-            position = swivel.sign * math.remainder(turn, 2.0 * math.pi)
+            lag = numbers.asin(max(-1.0, min(1.0, -swivel.trail * twist[2] / speed)))
+            turn = numbers.atan2(V[1], V[0]) - lag - swivel.heading
+            position = swivel.sign * numbers.remainder(turn, 2.0 * numbers.pi)
         positions.append(position)
     return np.array(positions)
-
-
-def _newton_step(
-    places: list[tuple[Swivel, float, float]], direction: Array, position: float
-) -> tuple[float, float, float]:
-    """Return Newton's step of a steered position, its rate and its acceleration.
-
-    ``places`` are the swivels that turn with it, each with its ratio and offset.
-    """
-    rows, second = np.zeros((3, 2)), 0.0  # Σ n·V⁽ⁱ⁾ and Σ g d·V⁽ⁱ⁾ with φ̇ = g δ̇; Σ g² n·V
-    for swivel, ratio, offset in places:
-        gain = swivel.sign * ratio
-        angle = angle_of(swivel, ratio * position + offset)
-        cos, sin = math.cos(angle), math.sin(angle)
-        V = _pivot_velocities(swivel, direction)
-        across, along = V @ [-sin, cos], V @ [cos, sin]
-        rows += np.column_stack([across, gain * along])
-        second += gain**2 * across[0]
-    derivative = rows[0, 1] if abs(rows[0, 1]) > MIN_SPEED else math.inf
-    rate = rows[1, 0] / derivative
-    bend = (rows[2, 0] - 2.0 * rate * rows[1, 1] - rate**2 * second) / derivative
-    return rows[0, 0] / derivative, rate, bend
 
 
 def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
@@ -210,14 +248,14 @@ def heading_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
 
 def _tightest_bend(drive: Drive, joints: Mapping[str, Joint], swivels: Sequence[Swivel]) -> float:
     """Return the radius (m) of P's tightest bend within the limits of swivels; 0 without any."""
-    ahead = np.array([math.cos(drive.heading), math.sin(drive.heading)])
+    ahead = np.array([numbers.cos(drive.heading), numbers.sin(drive.heading)])
     left = np.array([-ahead[1], ahead[0]])
     radii = []
     for swivel in swivels:
         joint, reach = joints[swivel.joint], np.subtract(swivel.pivot, drive.point)
         turn = swivel.sign * np.array([joint.lower, joint.upper]) + swivel.heading - drive.heading
         limit = min(float(np.abs(turn).min()), MAX_STEERING)
-        radii.append(abs(float(reach @ ahead)) / math.tan(limit) + abs(float(reach @ left)))
+        radii.append(abs(float(reach @ ahead)) / numbers.tan(limit) + abs(float(reach @ left)))
     return max(radii, default=0.0)
 
 

@@ -10,9 +10,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import casadi
 import numpy as np
 
+from rpctl import math as casadi  # imported when a function is asked for
 from rpctl.arrays import Array
 
 ROUNDING = 4e-16  # of the largest entry of a constant array: a smaller one is rounding, so 0
@@ -142,11 +142,8 @@ def _is_infinite(bound: Any) -> bool:
 
 
 def rounded(value: Any) -> Any:
-    """Return the nearest integer (1, 1); of two the even one, as Python's ``round``."""
-    below = casadi.floor(value)
-    rest = value - below
-    odd = below - 2.0 * casadi.floor(0.5 * below)
-    return below + casadi.logic_or(rest > 0.5, casadi.logic_and(rest == 0.5, odd))
+    """Return the nearest integer (1, 1); of two the one nearer to 0."""
+    return -casadi.sign(value) * casadi.floor(0.5 - casadi.fabs(value))
 
 
 def any_nonzero(values: Any) -> Any:

@@ -5,84 +5,61 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpctl.arrays import Array
 from rpctl.control.controller import default_laws
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
-from rpctl.errors import DivergedError, RpctlError
-from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop.track import simulate
-from rpctl.simulation.merits.outcome import DIVERGING, ON_PATH_M, SUCCESSES
-from rpctl.simulation.merits.summary import summarize
-from rpctl.simulation.run.run import Run
-from rpctl.study.cells import References
+from rpctl.simulation.merits.outcome import DIVERGING
+from rpctl.study.cells import REFUSED, Figures, References, Row
 
 REACH_M = 1.5  # m: starts lie within this square about the reference's own
-PERIOD = 0.01  # s: of control and integration; coarse, for many runs
-LOG_EVERY = 5  # samples
 HEADINGS = 8  # of the starts at one place; 4 where there are few starts
 FEW_STARTS = 32
 DURATION = 40.0  # s, of each run
+RUN = RunSettings(duration=DURATION, control_period=0.01, plant_step=0.01, log_every=5)  # coarse
 
 Error = tuple[float, float, float]  # x1, x2 (m), x3 (rad) at the start
 
 
-class Start(NamedTuple):
-    """A start of a robot: with which law, on which reference, with which tracking error."""
+@dataclass(frozen=True)
+class Start:
+    """A start of a robot: with which laws (None: its own dynamic one), and in which run."""
 
     kinematic: str
-    reference: str
-    error: Error
+    dynamic: str | None
+    run: RunSettings
+
+    def config(self, references: References) -> Config:
+        """Return the run's configuration; see :class:`rpctl.study.cells.Cell`."""
+        dynamic = default_laws(references.robot)[1]
+        if self.dynamic is not None:
+            dynamic = dynamic_by_name(self.dynamic)
+        return Config(kinematic_by_name(self.kinematic), dynamic, self.run)
 
 
-@dataclass(frozen=True)
-class Ending:
-    """What became of a start.
+def converged(figures: Figures) -> bool:
+    """Return whether the robot came to its reference within the limits."""
+    return figures.settled_at is not None and figures.succeeded
 
-    Attributes:
-        start: The start.
-        outcome: A word of ``simulation/merits/outcome.py``; None where the run was refused.
-        error: P's distance from its reference at the end, m; None where there is no end.
-        settled_at: Since when that distance is below 5 cm, s; None where it is not.
-        violations: The limits of the URDF that were broken, each as ``JOINT KIND``.
-        sentence: Why, in words.
-    """
 
-    start: Start
-    outcome: str | None
-    error: float | None
-    settled_at: float | None
-    violations: tuple[str, ...]
-    sentence: str
-
-    @property
-    def converged(self) -> bool:
-        """Whether the robot came to its reference within the limits."""
-        return self.settled_at is not None and not self.failed
-
-    @property
-    def failed(self) -> bool:
-        """Whether the run's outcome says that it did not: ``track`` ends with exit code 1."""
-        return self.outcome not in SUCCESSES or bool(self.violations)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the ending as JSON says it."""
-        return {
-            "kinematic": self.start.kinematic,
-            "reference": self.start.reference,
-            "initial_error": list(self.start.error),
-            "outcome": self.outcome,
-            "error": self.error,
-            "settled_at": self.settled_at,
-            "violations": list(self.violations),
-            "sentence": self.sentence,
-            "converged": self.converged,
-        }
+def row_dict(row: Row[Start]) -> dict[str, Any]:
+    """Return what became of a start as JSON says it."""
+    figures, run = row.figures, row.cell.run
+    outcome = figures.outcome if figures.failure is None else DIVERGING
+    return {
+        "kinematic": row.cell.kinematic,
+        "reference": run.reference,
+        "initial_error": list(run.initial_error),
+        "outcome": None if figures.outcome == REFUSED else outcome,
+        "error": figures.final_base,
+        "settled_at": figures.settled_at,
+        "violations": list(figures.violations),
+        "sentence": figures.sentence,
+        "converged": converged(figures),
+    }
 
 
 class Placement(NamedTuple):
@@ -118,72 +95,6 @@ def start_errors(count: int) -> list[Error]:
     return [Placement(x, y, turn).error() for y in places for x in places for turn in turns]
 
 
-@dataclass(frozen=True)
-class Attraction:
-    """Runs starts of one robot, with coarse samples.
-
-    Attributes:
-        robot: The robot.
-        dynamic: Name of the dynamic law; None: the robot's default.
-        duration: Of each run, s.
-        period: Of control and integration, s.
-    """
-
-    robot: Robot
-    dynamic: str | None = None
-    duration: float = DURATION
-    period: float = PERIOD
-
-    @cached_property
-    def _references(self) -> References:
-        return References(self.robot)
-
-    def __call__(self, start: Start) -> Ending:
-        """Return what became of a start; what keeps it from running is said."""
-        try:
-            return self._ending(start, self._run(start))
-        except DivergedError as error:
-            return Ending(start, DIVERGING, None, None, (), str(error))
-        except RpctlError as error:
-            return Ending(start, None, None, None, (), str(error))
-
-    def _run(self, start: Start) -> Run:
-        dynamic = default_laws(self.robot)[1]
-        config = Config(
-            kinematic=kinematic_by_name(start.kinematic),
-            dynamic=dynamic if self.dynamic is None else dynamic_by_name(self.dynamic),
-            run=RunSettings(
-                reference=start.reference,
-                duration=self.duration,
-                initial_error=start.error,
-                control_period=self.period,
-                plant_step=self.period,
-                log_every=LOG_EVERY,
-            ),
-        )
-        return simulate(self.robot, config, self._references(config.run))
-
-    def _ending(self, start: Start, run: Run) -> Ending:
-        summary = summarize(run)
-        away = np.hypot(*(run.log.e[:, :2]).T)
-        return Ending(
-            start,
-            summary.outcome,
-            summary.final_base_error,
-            _settled_at(run.t, away),
-            tuple(f"{each.joint} {each.limit}" for each in summary.limits_violated),
-            summary.outcome_sentence,
-        )
-
-
-def _settled_at(t: Array, away: Array) -> float | None:
-    """Return since when the distance from the reference stays below 5 cm; None if it does not."""
-    far = np.flatnonzero(~(away <= ON_PATH_M))
-    if not len(far):
-        return float(t[0])
-    return None if far[-1] == len(t) - 1 else float(t[far[-1] + 1])
-
-
 class Fraction(NamedTuple):
     """How many of a law's starts on a reference converged, diverged or were refused."""
 
@@ -201,22 +112,22 @@ class Fraction(NamedTuple):
         return self.starts - self.converged - self.failed
 
 
-def fractions(endings: Iterable[Ending]) -> list[Fraction]:
-    """Return the figures of each law on each reference, in the order of the endings."""
-    groups: dict[tuple[str, str], list[Ending]] = {}
-    for ending in endings:
-        groups.setdefault((ending.start.kinematic, ending.start.reference), []).append(ending)
+def fractions(rows: Iterable[Row[Start]]) -> list[Fraction]:
+    """Return the figures of each law on each reference, in the order of the rows."""
+    groups: dict[tuple[str, str], list[Figures]] = {}
+    for row in rows:
+        groups.setdefault((row.cell.kinematic, row.cell.run.reference), []).append(row.figures)
     return [_fraction(*key, group) for key, group in groups.items()]
 
 
-def _fraction(kinematic: str, reference: str, group: Sequence[Ending]) -> Fraction:
-    settled = [each.settled_at for each in group if each.converged and each.settled_at is not None]
+def _fraction(kinematic: str, reference: str, group: Sequence[Figures]) -> Fraction:
+    settled = [each.settled_at for each in group if converged(each)]
     return Fraction(
         kinematic,
         reference,
         len(group),
         len(settled),
-        sum(each.failed for each in group),
-        sum(each.outcome is None for each in group),
-        max(settled, default=None),
+        sum(not each.succeeded for each in group),
+        sum(each.outcome == REFUSED for each in group),
+        max((at for at in settled if at is not None), default=None),
     )

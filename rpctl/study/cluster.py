@@ -54,21 +54,17 @@ to be compiled.
 
 from __future__ import annotations
 
+import pickle
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, Future
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 from rpctl.errors import RpctlError
 from rpctl.libraries import library
-from rpctl.study.executor import (
-    PoolExecutor,
-    WorkerDiedError,
-    WorkerRefusedError,
-    run_pickled,
-)
-from rpctl.study.provenance import ABSENT, CODE, PACKAGES, PYTHON, code_digest, installed, minor
+from rpctl.study.executor import Chunk, Executor, LostChunksError, Result, Work, run_pickled
+from rpctl.study.provenance import CODE, installed
 
 INSTALL = "pip install 'rpctl[cluster]'"
 CONNECT_S = 10.0  # s in which a scheduler has to answer
@@ -85,7 +81,13 @@ class RefusedWorker(NamedTuple):
     differences: list[str]
 
 
-class DaskExecutor(PoolExecutor):
+class FailedChunk(NamedTuple):
+    """What a worker answers where the work has raised an error."""
+
+    error: Exception
+
+
+class DaskExecutor(Executor):
     """Runs chunks on the workers of a Dask scheduler, which may come and go.
 
     Args:
@@ -106,37 +108,49 @@ class DaskExecutor(PoolExecutor):
         except BaseException:
             self._client.close()
             raise
-        self._pool = self._client.get_executor(pure=False)
 
     @property
-    def workers(self) -> int:
+    def workers(self) -> int:  # type: ignore[override]
         """How many chunks run at a time, now."""
         with _scheduler_there():
             return max(sum(self._client.nthreads().values()), 1)
 
-    def __enter__(self) -> DaskExecutor:
-        return self
-
     def __exit__(self, *error: object) -> None:
         self._client.close()
 
-    def submit(self, work: bytes, chunk: bytes) -> Future[Any]:
-        """Have a worker run a chunk, both pickled."""
+    def map_chunks(
+        self, work: Work[Chunk, Result], chunks: Iterable[Chunk]
+    ) -> Iterator[tuple[Chunk, Result]]:
+        """Yield each chunk and its result, as they end; see :class:`Executor`."""
+        distributed, listed = library("distributed"), list(chunks)
+        settings = {"asked": installed(), "work": pickle.dumps(work), "pure": False}
         with _scheduler_there():
-            future: Future[Any] = self._pool.submit(run_asked, installed(), work, chunk)
-        return future
-
-    def answer(self, future: Future[Any]) -> bytes:
-        """Return what a worker has answered; one of other versions is sent away."""
+            futures = self._client.map(run_asked, [*map(pickle.dumps, listed)], **settings)
+            queue = distributed.as_completed(futures, loop=self._client.loop)
+        of, lost = dict(zip(futures, listed, strict=True)), list[Chunk]()
         try:
-            with _scheduler_there():
-                answer = future.result()
-        except library("distributed").KilledWorker as error:
-            raise WorkerDiedError(f"{error.allowed_failures + 1} in turn") from None
-        if isinstance(answer, RefusedWorker):
-            self._send_away(answer)
-            raise WorkerRefusedError
-        return bytes(answer)
+            for future in queue:
+                chunk = of.pop(future)
+                try:
+                    with _scheduler_there():
+                        answer = future.result()
+                except distributed.KilledWorker:
+                    lost.append(chunk)
+                    continue
+                if isinstance(answer, RefusedWorker):
+                    self._send_away(answer)
+                    again = self._client.submit(run_asked, pickle.dumps(chunk), **settings)
+                    of[again] = chunk
+                    queue.add(again)
+                    continue
+                if isinstance(answer, FailedChunk):
+                    raise answer.error
+                yield chunk, answer
+        finally:
+            with suppress(*GOING):
+                self._client.cancel([*of])
+        if lost:
+            raise LostChunksError(lost)
 
     def _send_away(self, worker: RefusedWorker) -> None:
         """Have a worker leave that joined with other versions, and say so once."""
@@ -145,37 +159,30 @@ class DaskExecutor(PoolExecutor):
             self._client.retire_workers([worker.address])
             self._tell(f"{_worker_fault(*worker)}; it was sent away")
 
-    def cancel(self, futures: Sequence[Future[Any]]) -> None:
-        """Have the scheduler forget what was given out."""
-        with suppress(*GOING):
-            for future in futures:
-                future.cancel()
 
+def run_asked(chunk: bytes, asked: Mapping[str, str], work: bytes) -> Any:
+    """Return what work makes of a chunk on a worker, or a record of why there is nothing.
 
-def run_asked(asked: Mapping[str, str], work: bytes, chunk: bytes) -> bytes | RefusedWorker:
-    """Run a chunk on a worker; nothing is unpickled unless all versions are the same.
+    Nothing is unpickled unless all versions are the same.
 
     Args:
+        chunk: It, pickled.
         asked: The versions of who asks.
         work: What runs the chunk, pickled.
-        chunk: It, pickled.
     """
     wrong = differences(installed(), asked)
     if wrong:
         return RefusedWorker(library("distributed").get_worker().address, wrong)
-    return run_pickled(work, chunk)
+    try:
+        return run_pickled(work, chunk)
+    except Exception as error:  # whatever it is, the process that asked is to raise it
+        return FailedChunk(error)
 
 
 def differences(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
-    """Return what another process has otherwise, each as ``numpy 2.3.1, here 2.4.6``.
-
-    Only what is named on both sides is compared.
-    """
-    return [
-        f"{name} {there[name]}, here {mine}"
-        for name, mine in here.items()
-        if name in there and there[name] != mine
-    ]
+    """Return what another process has otherwise, each as ``numpy 2.3.1, here 2.4.6``."""
+    return [f"{name} {there[name]}, here {mine}" for name, mine in here.items()
+            if name in there and there[name] != mine]  # fmt: skip
 
 
 def check_workers(client: Any) -> None:
@@ -184,16 +191,11 @@ def check_workers(client: Any) -> None:
     Raises:
         RpctlError: Naming the workers, the packages and both versions.
     """
-    here = installed()
     faults = []
-    for address, worker in client.get_versions(packages=list(PACKAGES))["workers"].items():
-        packages = {name: worker["packages"][name] or ABSENT for name in PACKAGES}
-        wrong = differences({PYTHON: minor(worker["host"]["python"]), **packages}, here)
+    for address, known in client.run(installed, on_error="return").items():
+        there = {CODE: repr(known)} if isinstance(known, Exception) else known
+        wrong = differences(there, installed())
         faults += [_worker_fault(address, wrong)] if wrong else []
-    if not faults:
-        for address, code in client.run(code_digest, on_error="return").items():
-            wrong = differences({CODE: str(code)}, here)
-            faults += [_worker_fault(address, wrong)] if wrong else []
     if faults:
         more = [f"and {len(faults) - MAX_SHOWN} more workers"] if len(faults) > MAX_SHOWN else []
         raise RpctlError("\n".join([*faults[:MAX_SHOWN], *more]))

@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import glob
-import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
-from itertools import groupby, product
-from typing import Any, Generic, NamedTuple, TypeVar, cast
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.law import Law, Rest, Timed
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.reference.motion import Reference
-from rpctl.reference.quasi_velocities import configuration_along
-from rpctl.reference.sizing import SizingRequest
+from rpctl.reference.motion import Reference, configuration_along
 from rpctl.robot.model import Robot
-from rpctl.robot.vary import scale_masses, set_limits
-from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop.periods import CONTROL_PERIOD, whole_periods
-from rpctl.simulation.loop.track import default_duration, simulate
-from rpctl.simulation.merits.outcome import SUCCESSES
-from rpctl.simulation.merits.summary import summarize
+from rpctl.robot.vary import scale_masses
+from rpctl.simulation.config import Config, LimitOverrides, RunSettings
+from rpctl.simulation.loop.periods import whole_periods
+from rpctl.simulation.loop.track import default_duration
 from rpctl.simulation.plants.plant import Plant
-from rpctl.simulation.run.run import Run
-from rpctl.study.cells import References
+from rpctl.study.cells import References, Row
 
 ARM_MASS_RATIO = 0.7  # of the arm's mass: what the controller takes it for
 BIAS_RATIO = 0.05  # of the first wheel's effort limit
@@ -39,16 +32,12 @@ HOLDING_SAMPLE_S = 0.1  # s: at a reference, for what holding still takes
 REFERENCES = ("line", "reverse", "spin", "circle", "eight", "waypoints", "ee-square")
 INITIAL_ERROR = (0.1, -0.1, 0.1)  # m, m, rad
 
-Controller = TypeVar("Controller")
+COLUMNS = (
+    "rms_base", "final_base", "final_lateral", "rms_end_effector", "final_end_effector",
+    "peak_effort", "rms_effort", "violations", "sample_time", "sample_time_99", "outcome",
+)  # fmt: skip
 MEASURES = {"rms_base": "base", "rms_end_effector": "end effector"}
 TIE_RATIO = 1.01  # times the least error: as good, for all that a table shows
-
-
-class Case(NamedTuple):
-    """The robot that is simulated and controlled, and what its controller does not know of."""
-
-    robot: Robot
-    plant: Plant
 
 
 @dataclass(frozen=True)
@@ -57,41 +46,41 @@ class Scenario:
 
     Attributes:
         summary: What it is, in a line.
-        make: The case of a robot on a reference.
+        change: Returns the configuration of a robot on a reference with it.
     """
 
     summary: str
-    make: Callable[[Robot, Reference], Case]
+    change: Callable[[Config, Robot, Reference], Config]
 
 
-def _light_arm(robot: Robot) -> Case:
+def _light_arm(config: Config, robot: Robot, reference: Reference) -> Config:
     if not robot.joints:
         raise RpctlError(f"{robot.name} has no arm")
-    controller_model = robot
+    known = robot
     for joint in robot.joints:
-        controller_model = scale_masses(controller_model, glob.escape(joint.name), ARM_MASS_RATIO)
-    return Case(robot, Plant(controller_model=controller_model))
+        known = scale_masses(known, glob.escape(joint.name), ARM_MASS_RATIO)
+    return replace(config, plant=Plant(controller_model=known))
 
 
-def _wheel_bias(robot: Robot) -> Case:
+def _wheel_bias(config: Config, robot: Robot, reference: Reference) -> Config:
     wheels = {wheel.joint for wheel in robot.drive.wheels}
     for name, limit in zip(robot.actuators, robot.effort_limits, strict=True):
         if name in wheels:
             bias = BIAS_RATIO * float(limit) if np.isfinite(limit) else DEFAULT_BIAS_NM
-            return Case(robot, Plant(tau_bias={name: bias}))
+            return replace(config, plant=Plant(tau_bias={name: bias}))
     raise RpctlError(f"{robot.name} has no driven wheel")
 
 
-def _half_limits(robot: Robot, reference: Reference) -> Case:
+def _half_limits(config: Config, robot: Robot, reference: Reference) -> Config:
     """Halve what each effort limit exceeds the largest static effort of the reference by."""
-    limits, holding_efforts = robot.effort_limits, _holding_efforts(robot, reference)
-    left = limits - EFFORT_LIMIT_RATIO * np.maximum(limits - holding_efforts, 0.0)
+    limits, holding = robot.effort_limits, _holding_efforts(robot, reference)
+    left = limits - EFFORT_LIMIT_RATIO * np.maximum(limits - holding, 0.0)
     efforts = {
         glob.escape(name): float(limit)
         for name, limit in zip(robot.actuators, left, strict=True)
         if np.isfinite(limit)
     }
-    return Case(set_limits(robot, effort=efforts), Plant())
+    return replace(config, limits=LimitOverrides(effort=efforts))
 
 
 def _holding_efforts(robot: Robot, reference: Reference) -> Array:
@@ -104,23 +93,26 @@ def _holding_efforts(robot: Robot, reference: Reference) -> Array:
     return np.asarray(np.max(found, axis=0))
 
 
+def _with_plant(**settings: Any) -> Callable[[Config, Robot, Reference], Config]:
+    return lambda config, robot, reference: replace(config, plant=Plant(**settings))
+
+
 SCENARIOS = {
-    "nominal": Scenario("the model is right", lambda robot, _: Case(robot, Plant())),
+    "nominal": Scenario("the model is right", _with_plant()),
     "arm-mass": Scenario(
         "the controller takes every moving link of the arm to weigh 30 % less than it does",
-        lambda robot, _: _light_arm(robot),
+        _light_arm,
     ),
     "wheel-bias": Scenario(
         "the first driven wheel is pushed by 5 % of its effort limit (1 N·m without one)",
-        lambda robot, _: _wheel_bias(robot),
+        _wheel_bias,
     ),
     "delay": Scenario(
-        "20 ms from a measurement to the efforts it leads to",
-        lambda robot, _: Case(robot, Plant(delay=DELAY_S)),
+        "20 ms from a measurement to the efforts it leads to", _with_plant(delay=DELAY_S)
     ),
     "computing": Scenario(
         "computing takes the time that it takes here: efforts come later, samples are missed",
-        lambda robot, _: Case(robot, Plant(computing_time="measured")),
+        _with_plant(computing_time="measured"),
     ),
     "half-limits": Scenario(
         "half of each effort limit, beyond what holding still takes; references stay",
@@ -189,211 +181,76 @@ def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[La
     return sorted(dict.fromkeys(chosen), key=lambda pair: order.get(pair, len(LAW_PAIRS)))
 
 
-class Cell(NamedTuple):
-    """One run of the grid."""
+@dataclass(frozen=True)
+class CompareCell:
+    """One run of the grid: a pair of laws on a reference in a scenario."""
 
     scenario: str
-    reference: str
     controller: LawPair
-
-
-@dataclass(frozen=True)
-class Figures:
-    """The error, effort and time figures of one run.
-
-    Attributes:
-        rms_base: Root mean square of P's distance from its reference, m.
-        final_base: That distance at the end, m.
-        final_lateral: Its lateral part at the end, m.
-        rms_end_effector: Root mean square of the end effector's distance, m; None without an arm.
-        final_end_effector: That distance at the end, m; None without an arm.
-        peak_effort: Largest share of an effort limit; None without limits.
-        rms_effort: Root mean square of these shares over time and actuators; None without limits.
-        violations: The limits of the URDF that were broken, each as ``JOINT KIND``.
-        sample_time: Median of the processor's time that a sample of both laws takes, s.
-        sample_time_99: Its 99th percentile, s.
-        outcome: What became of the run, in a word of :mod:`rpctl.simulation.merits.outcome`.
-    """
-
-    rms_base: float
-    final_base: float
-    final_lateral: float
-    rms_end_effector: float | None
-    final_end_effector: float | None
-    peak_effort: float | None
-    rms_effort: float | None
-    violations: tuple[str, ...]
-    sample_time: float
-    sample_time_99: float
-    outcome: str
+    run: RunSettings
 
     @property
-    def succeeded(self) -> bool:
-        """Whether the robot tracked its reference, late or not, within the limits."""
-        return self.outcome in SUCCESSES and not self.violations
+    def reference(self) -> str:
+        """Name or file of the reference."""
+        return self.run.reference
 
-
-class Row(NamedTuple):
-    """A cell and its figures, or why it has none."""
-
-    cell: Cell
-    figures: Figures | None
-    failure: str | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the row as JSON says it."""
-        scenario, reference, controller = self.cell
-        return {
-            "scenario": scenario,
-            "reference": reference,
-            "controller": str(controller),
-            "kinematic": controller.kinematic,
-            "dynamic": controller.dynamic,
-            "failure": self.failure,
-            **(asdict(self.figures) if self.figures else dict.fromkeys(Figures.__annotations__)),
-        }
-
-
-class Stopwatch:
-    """Measures the processor time (thread time) of each call of a law, s."""
-
-    def __init__(self) -> None:
-        self.seconds: list[float] = []  # of each call, the laws in turn
-
-    def time_law(self, law: Law[Controller]) -> Law[Controller]:
-        """Return a law that is timed."""
-        return _TimedLaw(law, self.seconds)
-
-
-class _TimedLaw(Generic[Controller]):
-    def __init__(self, law: Law[Controller], call_seconds: list[float]) -> None:
-        self._law, self._seconds = law, call_seconds
-
-    def start(
-        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
-    ) -> Controller:
-        """Return the controller of one run; see :meth:`rpctl.control.law.Law.start`."""
-        controller = self._law.start(dynamics, period, rest)
-        return cast("Controller", _TimedController(controller, self._seconds))
-
-
-class _TimedController:
-    def __init__(self, controller: Any, call_seconds: list[float]) -> None:
-        self.report, self._controller, self._seconds = controller.report, controller, call_seconds
-        self._is_timed = isinstance(controller, Timed)
-
-    def __call__(self, *arguments: Any) -> Any:
-        began = time.thread_time()
-        try:
-            return self._controller(*arguments)
-        finally:
-            self._seconds.append(time.thread_time() - began)
-
-    def sampled_after(self, elapsed: float | None) -> None:
-        """Hand on the time since the last call; see :class:`rpctl.control.law.Timed`."""
-        if self._is_timed:
-            self._controller.sampled_after(elapsed)
-
-
-class Benchmark:
-    """Runs cells on one robot.
-
-    Args:
-        robot: The robot.
-        duration: Of each run, s; None: as long as its reference moves. It ends with the last whole
-            control period.
-        initial_error: Tracking error (x1, x2, x3) at the start, m, m, rad.
-        wish: Size, speed and laps of its named references; None: as fits the robot.
-        smooth: Tolerance of smoothing its tables (CSV), m, or ``auto``; None passes every row.
-        retime: Whether its tables are slowed down where limits bind.
-
-    Raises:
-        RpctlError: The duration is not positive.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        duration: float | None = None,
-        initial_error: Sequence[float] = INITIAL_ERROR,
-        wish: SizingRequest | None = None,
-        smooth: float | str | None = None,
-        retime: bool = False,
-    ) -> None:
-        if duration is not None:
-            duration = whole_periods(duration, CONTROL_PERIOD) * CONTROL_PERIOD
-        self.robot, self.duration, self._references = robot, duration, References(robot)
-        self.initial_error = cast("tuple[float, float, float]", tuple(initial_error))
-        self.wish = wish or SizingRequest()
-        self._of_tables: dict[str, Any] = {"smooth": smooth, "retime": retime}
-
-    def __call__(self, cell: Cell) -> Row:
-        """Return the row of a cell; what keeps it from running is its failure."""
-        try:
-            return Row(cell, self._run(cell), None)
-        except RpctlError as error:
-            return Row(cell, None, str(error))
-
-    def _run(self, cell: Cell) -> Figures:
-        reference = self._references(self._settings(cell.reference))
-        case = SCENARIOS[cell.scenario].make(self.robot, reference)
-        watch = Stopwatch()
-        error = self.initial_error if self.robot.drive.base_speeds else (0.0, 0.0, 0.0)
-        config = Config(
-            kinematic=watch.time_law(kinematic_by_name(cell.controller.kinematic)),
-            dynamic=watch.time_law(dynamic_by_name(cell.controller.dynamic)),
-            run=self._settings(cell.reference, error),
-            plant=case.plant,
+    def config(self, references: References) -> Config:
+        """Return the run's configuration; see :class:`rpctl.study.cells.Cell`."""
+        laws = (
+            kinematic_by_name(self.controller.kinematic),
+            dynamic_by_name(self.controller.dynamic),
         )
-        run = simulate(case.robot, config, reference)
-        return figures(run, watch.seconds)
-
-    def _settings(
-        self, reference: str, error: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> RunSettings:
-        found = RunSettings(reference, self.duration, error, **asdict(self.wish))
-        return replace(found, **self._of_tables) if reference.endswith(".csv") else found
+        config, reference = Config(*laws, run=self.run), references(self.run)
+        return SCENARIOS[self.scenario].change(config, references.robot, reference)
 
 
-def figures(run: Run, call_seconds: Sequence[float]) -> Figures:
-    """Return the figures of a run.
+CompareRow = Row[CompareCell]
 
-    Args:
-        run: The run.
-        call_seconds: What each call of its two laws took, in turn, s.
-    """
-    summary = summarize(run)
-    limits = np.array(run.robot.effort_limits)
-    effort_ratios = (run.tau / limits)[:, np.isfinite(limits)]
-    samples = np.reshape(call_seconds, (-1, 2)).sum(axis=1)
-    return Figures(
-        rms_base=summary.rms_base_error,
-        final_base=summary.final_base_error,
-        final_lateral=summary.final_lateral_error,
-        rms_end_effector=summary.rms_end_effector_error,
-        final_end_effector=summary.final_end_effector_error,
-        peak_effort=float(np.abs(effort_ratios).max()) if effort_ratios.size else None,
-        rms_effort=float(np.sqrt(np.mean(np.square(effort_ratios))))
-        if effort_ratios.size
-        else None,
-        violations=tuple(f"{each.joint} {each.limit}" for each in summary.limits_violated),
-        sample_time=float(np.median(samples)),
-        sample_time_99=float(np.percentile(samples, 99.0)),
-        outcome=summary.outcome,
-    )
+
+def row_dict(row: CompareRow) -> dict[str, Any]:
+    """Return a row as JSON says it."""
+    cell, figures = row.cell, row.figures
+    failed = figures.failure is not None
+    return {
+        "scenario": cell.scenario,
+        "reference": cell.reference,
+        "controller": str(cell.controller),
+        "kinematic": cell.controller.kinematic,
+        "dynamic": cell.controller.dynamic,
+        "failure": figures.failure,
+        **{name: None if failed else getattr(figures, name) for name in COLUMNS},
+    }
 
 
 def grid(
-    scenarios: Sequence[str], references: Sequence[str], controllers: Sequence[LawPair]
-) -> list[Cell]:
+    robot: Robot,
+    scenarios: Sequence[str],
+    references: Sequence[str],
+    controllers: Sequence[LawPair],
+    run: RunSettings,
+) -> list[CompareCell]:
     """Return all cells, scenario by scenario.
 
     Args:
+        robot: The robot; one with a fixed base starts where it is.
         scenarios: Names of scenarios.
         references: Names or files of references.
         controllers: Pairs of a kinematic and a dynamic law.
+        run: What all runs have in common; they end with the last whole control period.
     """
-    return [Cell(*each) for each in product(scenarios, references, controllers)]
+    if run.duration is not None:
+        whole = whole_periods(run.duration, run.control_period) * run.control_period
+        run = replace(run, duration=whole)
+    if not robot.drive.base_speeds:
+        run = replace(run, initial_error=(0.0, 0.0, 0.0))
+    bare = replace(run, smooth=None, retime=False)  # of references that are no table
+    runs = {
+        name: replace(run if name.endswith(".csv") else bare, reference=name) for name in references
+    }
+    return [
+        CompareCell(scenario, controller, runs[name])
+        for scenario, name, controller in product(scenarios, references, controllers)
+    ]
 
 
 class Verdict(NamedTuple):
@@ -430,12 +287,15 @@ class Verdict(NamedTuple):
         }
 
 
-def group_rows(rows: Iterable[Row]) -> list[tuple[tuple[str, str], list[Row]]]:
+def group_rows(rows: Iterable[CompareRow]) -> dict[tuple[str, str], list[CompareRow]]:
     """Return the rows by scenario and reference, in order."""
-    return [(key, list(group)) for key, group in groupby(rows, key=lambda row: row.cell[:2])]
+    groups: dict[tuple[str, str], list[CompareRow]] = {}
+    for row in rows:
+        groups.setdefault((row.cell.scenario, row.cell.reference), []).append(row)
+    return groups
 
 
-def best(rows: Sequence[Row], measure: str) -> tuple[float, LawPair] | None:
+def best(rows: Sequence[CompareRow], measure: str) -> tuple[float, LawPair] | None:
     """Return the least error of the controllers that work, and whose it is."""
     errors = _errors(rows, measure)
     if not errors:
@@ -444,7 +304,7 @@ def best(rows: Sequence[Row], measure: str) -> tuple[float, LawPair] | None:
     return errors[by], by
 
 
-def verdicts(rows: Sequence[Row], proposed: LawPair) -> list[Verdict]:
+def verdicts(rows: Sequence[CompareRow], proposed: LawPair) -> list[Verdict]:
     """Return the verdict on each scenario, reference and measure in which a controller works.
 
     Args:
@@ -452,7 +312,7 @@ def verdicts(rows: Sequence[Row], proposed: LawPair) -> list[Verdict]:
         proposed: The controller that rpctl proposes; none of the rows is its: no verdict.
     """
     found = []
-    for (scenario, reference), group in group_rows(rows):
+    for (scenario, reference), group in group_rows(rows).items():
         for measure in MEASURES:
             least, errors = best(group, measure), _errors(group, measure)
             if least is not None and any(row.cell.controller == proposed for row in group):
@@ -461,11 +321,8 @@ def verdicts(rows: Sequence[Row], proposed: LawPair) -> list[Verdict]:
     return found
 
 
-def _errors(rows: Sequence[Row], measure: str) -> dict[LawPair, float]:
-    return {
-        row.cell.controller: error
-        for row in rows
-        if row.figures is not None
-        and row.figures.succeeded
-        and (error := getattr(row.figures, measure)) is not None
+def _errors(rows: Sequence[CompareRow], measure: str) -> dict[LawPair, float]:
+    errors = {
+        row.cell.controller: getattr(row.figures, measure) for row in rows if row.figures.succeeded
     }
+    return {controller: error for controller, error in errors.items() if error is not None}

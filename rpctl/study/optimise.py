@@ -20,7 +20,7 @@ from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.study.design import Design
-from rpctl.study.executor import Executor, SerialExecutor
+from rpctl.study.executor import Executor
 from rpctl.study.experiment import Progress, RunTable, join_tables
 from rpctl.study.journal import Journal
 from rpctl.study.merits import merits_for
@@ -70,7 +70,7 @@ def optimise(
     Raises:
         RpctlError: There is nothing to optimise, or the folder holds something else.
     """
-    worker, notify = executor or SerialExecutor(), progress or (lambda done, total: None)
+    worker, notify = executor or Executor(), progress or (lambda done, total: None)
     search = _Search(robot, study, out, worker, notify)
     merits_for(robot, (search.asked.merit, *study.success))
     search.begin(resume)

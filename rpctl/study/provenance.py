@@ -29,15 +29,10 @@ DIGITS = 12  # of a digest: enough to tell two checkouts apart
 def installed() -> dict[str, str]:
     """Return what this process computes with, by name; as it was when it was first asked."""
     return {
-        PYTHON: minor(".".join(map(str, sys.version_info))),
+        PYTHON: f"{sys.version_info.major}.{sys.version_info.minor}",
         **{package: _version(package) for package in PACKAGES},
         CODE: code_digest(),
     }
-
-
-def minor(python: str) -> str:
-    """Return the minor version of Python, ``3.11`` of ``3.11.2.final.0``."""
-    return ".".join(python.split(".")[:2])
 
 
 def _version(package: str) -> str:

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, field, replace
+from dataclasses import asdict, astuple, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rpctl.arrays import Array
 from rpctl.control.controller import default_laws
 from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.registry import (
@@ -26,29 +25,23 @@ from rpctl.control.registry import (
     kinematic_by_name,
 )
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import DivergedError, RpctlError, UnknownNameError
+from rpctl.errors import UnknownNameError
 from rpctl.files.records import to_plain
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop.track import simulate
-from rpctl.simulation.merits.measures import measures
-from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.settings import CarriedLoad, Noise
-from rpctl.simulation.run.run import Run
-from rpctl.study.cells import References, run_cells
+from rpctl.study.cells import ROLLING, CellRunner, Figures, References, run_cells
 from rpctl.study.compare import PAPER, LawPair
-from rpctl.study.executor import Executor, SerialExecutor
+from rpctl.study.executor import Executor
 from rpctl.study.experiment import Progress, run_seed
 from rpctl.study.journal import Journal
 from rpctl.study.provenance import installed, reference_digest
 
 JOURNAL_FILE = "cells.jsonl"
 DURATION = 10.0  # s: references start softly, for 3 s; the second half is what is judged
-ROLLING, CONTACT = "rolling", "contact"  # kinds of plants
 RADIUS = "radius"  # the stress that lifts wheels off the ground, or supports
-REFUSED, ENDED = "refused", "ended"  # outcomes of a run that never began, or came to no end
 OTHERS = (PAPER, LawPair("kanayama", "paper"))  # that the robot's own laws are compared with
 # A base that localises itself in a map with a lidar, and reads its wheels and joints by encoders.
 LOCALISATION = Noise(
@@ -218,12 +211,14 @@ class StressCell:
         law: The laws.
         levels: What is not nominal; nothing where nothing is stressed.
         seed: Of the plant.
+        run: Reference, duration and all else that is the same in all cells.
     """
 
     plant: str
     law: LawPair
-    levels: Levels = ()
-    seed: int = 0
+    levels: Levels
+    seed: int
+    run: RunSettings
 
     def __str__(self) -> str:
         """Return ``rolling unified+integral payload 5 kg``."""
@@ -241,6 +236,15 @@ class StressCell:
         stressed = ((STRESSES[name], level) for name, level in self.levels)
         words = (f"{each.name} {each.text(level)} {each.unit}".rstrip() for each, level in stressed)
         return " and ".join(words) or "nothing stressed"
+
+    def config(self, references: References) -> Config:
+        """Return the run's configuration, which ``rpctl track --config`` replays."""
+        robot = references.robot
+        plant = Plant(kind=self.plant, seed=self.seed)
+        config = Config(*laws_of(robot, self.law), run=self.run, plant=plant)
+        for name, level in self.levels:
+            config = STRESSES[name].apply(config, robot, level)
+        return config
 
 
 @dataclass(frozen=True)
@@ -286,7 +290,7 @@ class Battery:
     def cells(self) -> tuple[StressCell, ...]:
         """All runs, each once: plant by plant, law by law."""
         return tuple(
-            StressCell(plant, law, levels, seed)
+            StressCell(plant, law, levels, seed, self.run)
             for plant in self.plants
             for law in self.laws
             for levels, seed in self._levels(plant)
@@ -312,15 +316,6 @@ class Battery:
         chosen = ((stresses[k], float(share)) for k, share in zip(pair, shares, strict=True))
         return tuple((stress.name, stress.draw(share)) for stress, share in chosen), seed
 
-    def config_of(self, cell: StressCell) -> Config:
-        """Return the configuration of a cell, which ``rpctl track --config`` replays."""
-        kinematic, dynamic = laws_of(self.robot, cell.law)
-        plant = Plant(kind=cell.plant, seed=cell.seed)
-        config = Config(kinematic=kinematic, dynamic=dynamic, run=self.run, plant=plant)
-        for name, level in cell.levels:
-            config = STRESSES[name].apply(config, self.robot, level)
-        return config
-
 
 def default_pair(robot: Robot) -> LawPair:
     """Return the names of the laws that a robot gets if nobody names others."""
@@ -341,123 +336,13 @@ def laws_of(robot: Robot, pair: LawPair) -> tuple[KinematicLaw, DynamicLaw]:
     return kinematic_by_name(pair.kinematic), dynamic_by_name(pair.dynamic)
 
 
-@dataclass(frozen=True)
-class StressFigures:
-    """What became of a stressed run.
-
-    Attributes:
-        outcome: A word of ``simulation/merits/outcome.py``; ``"ended"`` if it came to no end,
-            ``"refused"`` if it never began.
-        sentence: Why, in words.
-        time: Simulated, s.
-        base_error: Distance of P from its reference, root mean square of the second half, m; None
-            of a run without an end.
-        end_effector_error: Likewise of the end effector; None without one, too.
-        violations: The limits of the URDF that were broken, each as ``JOINT KIND``.
-        would_slip: Whether its motion needs more grip than there is, on a plant that always rolls.
-        would_tip: Whether its motion would lift a wheel, on a plant that cannot fall.
-        tilt: Largest angle by which the robot leant over from where it stood, rad.
-        felt_ground: What the plant says of the ground, in words; empty where its wheels roll.
-        lifted_wheels: Wheels that bore nothing for a while.
-        hanging_wheels: Those of them that bore nothing where it stood, before it moved.
-    """
-
-    outcome: str
-    sentence: str
-    time: float = 0.0
-    base_error: float | None = None
-    end_effector_error: float | None = None
-    violations: tuple[str, ...] = ()
-    would_slip: bool = False
-    would_tip: bool = False
-    tilt: float = 0.0
-    felt_ground: str = ""
-    lifted_wheels: tuple[str, ...] = ()
-    hanging_wheels: tuple[str, ...] = ()
-
-    @property
-    def error(self) -> float:
-        """The larger of both errors, m; inf where there is none, or one is no number."""
-        errors = [each for each in (self.base_error, self.end_effector_error) if each is not None]
-        return max(errors, default=math.inf) if all(map(math.isfinite, errors)) else math.inf
-
-
-def figures_of(run: Run) -> StressFigures:
-    """Return the figures of a run that came to its end."""
-    summary, errors, kind = summarize(run), measures(run), run.config.plant.kind
-    late = slice(len(run.t) // 2, None)
-    felt, wheels = summary.felt_ground, {wheel.joint for wheel in run.robot.drive.wheels}
-    return StressFigures(
-        outcome=summary.outcome,
-        sentence=summary.outcome_sentence,
-        time=float(run.t[-1]),
-        base_error=_rms(errors.base[late]),
-        end_effector_error=None if run.robot.end_effector is None else _rms(errors.tip[late]),
-        violations=tuple(f"{each.joint} {each.limit}" for each in summary.limits_violated),
-        would_slip=kind == ROLLING and bool(summary.ground.would_slip),
-        would_tip=kind != CONTACT and bool(summary.ground.would_tip),
-        tilt=largest_tilt(run.log.root_pose),
-        felt_ground="" if felt is None else felt.sentence,
-        lifted_wheels=() if felt is None else tuple(n for n in felt.lifted if n in wheels),
-        hanging_wheels=() if felt is None else tuple(n for n in felt.hanging if n in wheels),
-    )
-
-
-def largest_tilt(poses: Array) -> float:
-    """Return the largest angle (rad) by which a body leant over from where it stood.
-
-    Args:
-        poses: Its poses (K, 7): x, y, z, quaternion x, y, z, w; none (K, 0): it stays upright.
-    """
-    if not poses.size:
-        return 0.0
-    x, y, z, w = poses[:, 3:].T
-    up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-    return float(np.arccos(np.clip(up @ up[0], -1.0, 1.0)).max())
-
-
-def _rms(values: Any) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-@dataclass(frozen=True, eq=False)
-class StressChunk:
-    """A cell for a process: its key, and the configuration that replays it."""
-
-    key: str
-    config: Config
-
-    def __str__(self) -> str:
-        """Return the cell's key."""
-        return self.key
-
-
-@dataclass(frozen=True)
-class StressTask:
-    """Runs cells on one robot; it can be sent to another process."""
-
-    references: References
-
-    def __call__(self, chunk: StressChunk) -> StressFigures:
-        """Return what became of a cell; a run that was refused, or ended early, says why."""
-        ended: list[Run] = []
-        try:
-            reference = self.references(chunk.config.run)
-            run = simulate(self.references.robot, chunk.config, reference, ended=ended.append)
-        except RpctlError as error:
-            if not ended and not isinstance(error, DivergedError):
-                return StressFigures(REFUSED, str(error))
-            return StressFigures(ENDED, str(error), float(ended[0].t[-1]) if ended else 0.0)
-        return figures_of(run)
-
-
 def run_battery(
     battery: Battery,
     out: Path,
     executor: Executor | None = None,
     progress: Progress | None = None,
     resume: bool = False,
-) -> dict[str, StressFigures]:
+) -> dict[str, Figures]:
     """Run a battery, and keep each run on disk as it ends; return the figures by cells' keys.
 
     They depend neither on the executor, nor on what ended it before. A battery with more laws,
@@ -479,29 +364,25 @@ def run_battery(
         "reference": reference_digest(battery.run.reference),
         "versions": dict(installed()),
     }
+    notify = progress or (lambda done, total: None)
     journal = Journal(out / JOURNAL_FILE, identity, "a battery's runs", "them")
     done = {record["cell"]: _read(record["figures"]) for record in journal.begin(resume)}
-    chunks = [StressChunk(cell.key, battery.config_of(cell)) for cell in battery.cells]
-    missing = [chunk for chunk in chunks if chunk.key not in done]
-    before = len(chunks) - len(missing)
+    missing = [cell for cell in battery.cells if cell.key not in done]
+    total, before = len(battery.cells), len(battery.cells) - len(missing)
 
-    def keep(chunk: StressChunk, figures: StressFigures) -> None:
-        journal.add({"cell": chunk.key, "figures": asdict(figures)})
-        done[chunk.key] = figures
+    def keep(cell: StressCell, figures: Figures) -> None:
+        journal.add({"cell": cell.key, "figures": asdict(figures)})
+        done[cell.key] = figures
 
-    def count(more: int, _: int) -> None:
-        if progress is not None:
-            progress(before + more, len(chunks))
-
-    count(0, 0)
-    task = StressTask(References(battery.robot))
-    run_cells(task, missing, executor or SerialExecutor(), count, keep)
-    ordered = {**{chunk.key: done[chunk.key] for chunk in chunks}, **done}
+    notify(before, total)
+    runner = CellRunner(References(battery.robot))
+    run_cells(runner, missing, executor or Executor(), lambda n, _: notify(before + n, total), keep)
+    ordered = {**{cell.key: done[cell.key] for cell in battery.cells}, **done}
     journal.rewrite({"cell": key, "figures": asdict(each)} for key, each in ordered.items())
     return ordered
 
 
-def _read(figures: Mapping[str, Any]) -> StressFigures:
+def _read(figures: Mapping[str, Any]) -> Figures:
     """Return the figures that a journal holds, whose lists are tuples."""
-    lists = {name: tuple(each) for name, each in figures.items() if isinstance(each, list)}
-    return StressFigures(**{**figures, **lists})
+    values = (figures[each.name] for each in fields(Figures))
+    return Figures(*(tuple(each) if isinstance(each, list) else each for each in values))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from itertools import product
+from itertools import product, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,17 +15,9 @@ from rpctl.files.records import to_plain
 from rpctl.simulation.config import write_config
 from rpctl.simulation.merits.outcome import LATE, SUCCESSES
 from rpctl.simulation.merits.texts import length
-from rpctl.simulation.run.table import FORMULA
+from rpctl.study.cells import REFUSED, Figures, References, csv_text
 from rpctl.study.compare import LawPair
-from rpctl.study.stress_battery import (
-    LOCALISATION,
-    RADIUS,
-    REFUSED,
-    Battery,
-    Stress,
-    StressCell,
-    StressFigures,
-)
+from rpctl.study.stress_battery import LOCALISATION, RADIUS, Battery, Stress, StressCell
 
 PASS, DEGRADE, FAIL = "pass", "degrade", "fail"
 VERDICTS = (PASS, DEGRADE, FAIL)  # from good to bad; a run that was refused has none
@@ -40,6 +30,11 @@ COLUMNS = (
     "plant", "law", "stress", "level", "unit", "and_stress", "and_level", "and_unit", "seed",
     "verdict", "reason", "outcome", "time", "base_error", "end_effector_error", "violations",
     "tilt", "felt_ground",
+)  # fmt: skip
+ERRORS = {"base_error": "late_base", "end_effector_error": "late_end_effector"}  # in the files
+FIGURES = (
+    "outcome", "sentence", "time", "violations", "would_slip", "would_tip", "tilt", "felt_ground",
+    "lifted_wheels", "hanging_wheels",
 )  # fmt: skip
 
 
@@ -77,7 +72,7 @@ def rule(tolerance: float) -> str:
     )
 
 
-def judge(figures: StressFigures, tolerance: float) -> StressVerdict:
+def judge(figures: Figures, tolerance: float) -> StressVerdict:
     """Return the verdict on a run by the rule."""
     if figures.outcome == REFUSED:
         return StressVerdict(REFUSED, figures.sentence)
@@ -89,20 +84,20 @@ def judge(figures: StressFigures, tolerance: float) -> StressVerdict:
         return StressVerdict(DEGRADE, f"late: {figures.sentence}{wheels}")
     if figures.would_slip:
         return StressVerdict(DEGRADE, "its wheels would slip")
-    away = f"{length(figures.error)} from its reference"
-    if figures.error <= tolerance:
+    away = f"{length(figures.late_error)} from its reference"
+    if figures.late_error <= tolerance:
         return StressVerdict(PASS, away)
     return StressVerdict(DEGRADE, away + wheels)
 
 
-def _wheels_in_the_air(figures: StressFigures) -> str:
+def _wheels_in_the_air(figures: Figures) -> str:
     """Return which wheels bore nothing, as the end of a reason; empty if all did."""
     if figures.hanging_wheels:
         return f"; {', '.join(figures.hanging_wheels)} bore nothing from the start"
     return f"; {', '.join(figures.lifted_wheels)} lifted" if figures.lifted_wheels else ""
 
 
-def _fault(figures: StressFigures) -> str | None:
+def _fault(figures: Figures) -> str | None:
     """Return why a run fails, in words; None if it does not."""
     if figures.outcome not in SUCCESSES:
         return f"{figures.outcome}: {figures.sentence}"
@@ -114,7 +109,7 @@ def _fault(figures: StressFigures) -> str | None:
         more = len(figures.violations) - MOST_TOLD
         rest = f" and {more} more" if more > 0 else ""
         return f"broke {', '.join(figures.violations[:MOST_TOLD])}{rest}"
-    return None if math.isfinite(figures.error) else "its error is not finite"
+    return None if math.isfinite(figures.late_error) else "its error is not finite"
 
 
 @dataclass(frozen=True)
@@ -122,17 +117,17 @@ class StressRow:
     """A cell, what became of it, and the verdict."""
 
     cell: StressCell
-    figures: StressFigures
+    figures: Figures
     verdict: StressVerdict
 
     @property
     def badness(self) -> tuple[int, float]:
         """What rows are compared by; larger is worse."""
-        return VERDICTS.index(self.verdict.name), self.figures.error
+        return VERDICTS.index(self.verdict.name), self.figures.late_error
 
     def to_dict(self) -> dict[str, Any]:
         """Return the row as JSON says it."""
-        cell = self.cell
+        cell, figures = self.cell, self.figures
         return {
             "plant": cell.plant,
             "law": str(cell.law),
@@ -140,7 +135,8 @@ class StressRow:
             "seed": cell.seed,
             "verdict": self.verdict.name,
             "reason": self.verdict.reason,
-            **asdict(self.figures),
+            **{name: getattr(figures, name) for name in FIGURES},
+            **{name: getattr(figures, key) for name, key in ERRORS.items()},
         }
 
 
@@ -184,11 +180,11 @@ class StressReport:
         """Return the row of one level of a ladder; without a ladder that of nothing stressed."""
         nominal = stress is None or level == stress.nominal
         levels = () if nominal or stress is None else ((stress.name, level),)
-        return self._by_cell[StressCell(plant, law, levels, self.battery.seed)]
+        return self._by_levels[plant, law, levels]
 
     @cached_property
-    def _by_cell(self) -> Mapping[StressCell, StressRow]:
-        return {row.cell: row for row in self.rows}
+    def _by_levels(self) -> Mapping[tuple[Any, ...], StressRow]:
+        return {(row.cell.plant, row.cell.law, row.cell.levels): row for row in self.rows}
 
     def pairs(self) -> list[tuple[str, LawPair]]:
         """Return each plant with each pair of laws."""
@@ -232,15 +228,15 @@ class StressReport:
         """Return the ends of the stretch of good levels about the nominal one."""
         levels = stress.levels
         middle = levels.index(stress.nominal)
-        holds = [self.row(plant, law, stress, each).verdict.name in good for each in levels]
-        if not holds[middle]:
+
+        def holds(level: float) -> bool:
+            return self.row(plant, law, stress, level).verdict.name in good
+
+        if not holds(stress.nominal):
             return None
-        first = last = middle
-        while first > 0 and holds[first - 1]:
-            first -= 1
-        while last + 1 < len(levels) and holds[last + 1]:
-            last += 1
-        return levels[first], levels[last]
+        below = [*takewhile(holds, reversed(levels[:middle]))]
+        above = [*takewhile(holds, levels[middle:])]
+        return [stress.nominal, *below][-1], above[-1]
 
     def hanging(self, plant: str) -> list[str]:
         """Return where wheels hang in the air from the start, and why; a sentence a ladder."""
@@ -293,9 +289,7 @@ class StressReport:
         }
 
 
-def report_of(
-    battery: Battery, figures: Mapping[str, StressFigures], tolerance: float
-) -> StressReport:
+def report_of(battery: Battery, figures: Mapping[str, Figures], tolerance: float) -> StressReport:
     """Return the report of a battery whose runs have all ended.
 
     Args:
@@ -318,22 +312,14 @@ def report_of(
 
 def report_csv(report: StressReport) -> str:
     """Return the rows of a report as CSV; errors in m, times in s, angles in rad."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", extrasaction="ignore")
-    writer.writeheader()
     units = {stress.name: stress.unit for stress in report.battery.stresses}
+    rows = []
     for row in report.rows:
         cells = row.to_dict()
         for head, (name, level) in zip(("", "and_"), row.cell.levels, strict=False):
             cells |= {f"{head}stress": name, f"{head}level": level, f"{head}unit": units[name]}
-        cells["violations"] = "; ".join(row.figures.violations)
-        writer.writerow({name: csv_literal(cells.get(name)) for name in COLUMNS})
-    return text.getvalue()
-
-
-def csv_literal(cell: Any) -> Any:
-    """Return a cell that no spreadsheet takes for a formula."""
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA) else cell
+        rows.append(cells)
+    return csv_text(rows, COLUMNS)
 
 
 def write_worst(report: StressReport, out: Path) -> list[Path]:
@@ -348,7 +334,8 @@ def write_worst(report: StressReport, out: Path) -> list[Path]:
     """
     for left in out.glob("worst-*.toml"):
         left.unlink(missing_ok=True)
+    references = References(report.battery.robot)
     return [
-        write_config(report.battery.config_of(row.cell), out / f"worst-{k}.toml")
+        write_config(row.cell.config(references), out / f"worst-{k}.toml")
         for k, row in enumerate(report.worst(), start=1)
     ]

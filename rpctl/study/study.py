@@ -20,7 +20,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.merits.outcome import ON_PATH_M, TRACKED
 from rpctl.study.design import Design, extra
-from rpctl.study.executor import Executor, SerialExecutor
+from rpctl.study.executor import Executor
 from rpctl.study.experiment import Experiment, Progress, RunTable, join_tables
 from rpctl.study.journal import Journal
 from rpctl.study.merits import MERITS, merits_for
@@ -230,7 +230,7 @@ def run_study(
     """
     merits_for(robot, (study.settings.merit, *study.success))
     extra("pyarrow.parquet")  # a library that is missing is told before anything is written
-    worker, notify = executor or SerialExecutor(), progress or (lambda done, total: None)
+    worker, notify = executor or Executor(), progress or (lambda done, total: None)
     total, path = len(study.points), out / RUNS_FILE
     journal = Journal(out / JOURNAL_FILE, _identity(robot, study), "a study")
     tables = [table_of(each) for each in journal.begin(resume)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,16 @@ from rpctl.cli import summary as shown
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.check import Check
 from rpctl.robot.inspection import facts
-from rpctl.study.compare import PAPER, PROPOSED, Cell, Figures, LawPair, Row, figures
+from rpctl.simulation.config import RunSettings
+from rpctl.study.cells import Figures, Row, figures_of
+from rpctl.study.compare import (
+    COLUMNS,
+    PAPER,
+    PROPOSED,
+    CompareCell,
+    CompareRow,
+    LawPair,
+)
 from rpctl.view.run_folder import RunFolder
 from tests.golden import TRICYCLE, beside_its_path
 from tests.robots import write
@@ -181,7 +190,7 @@ def test_facts_are_in_si_units(tricycle: Robot) -> None:
 
 def test_figures_of_a_benchmark(golden: Run) -> None:
     """Shares of limits: the actuator without a limit does not count."""
-    found = figures(golden, [1e-5, 3e-5] * 50)
+    found = figures_of(golden, [1e-5, 3e-5] * 50)
     tau, limits = np.array(golden.tau)[:, [0, 2, 3, 4]], np.array([40.0, 15.0, 20.0, 80.0])
     expected: dict[str, Any] = {
         "rms_base": pytest.approx(math.sqrt((25 + 0.25 + 0.25 + 0.0169 + 0.01 + 0.0025) / 6)),
@@ -196,24 +205,28 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
         "sample_time_99": pytest.approx(4e-5),
         "outcome": "tracked",
     }
-    assert asdict(found) == expected
+    assert {name: getattr(found, name) for name in COLUMNS} == expected
     lifted = np.array(golden.log.joints)
     lifted[2, 1] = 0.5
-    assert figures(vary(golden, joints=lifted), [1e-5, 1e-5]).violations == ("slide_joint upper",)
+    assert figures_of(vary(golden, joints=lifted)).violations == ("slide_joint upper",)
 
 
 def row(
     law: LawPair, base: float, tip: float | None, *broken: str, outcome: str = "tracked"
-) -> Row:
+) -> CompareRow:
     """Return a row, errors in m: the final ones are half of the others."""
-    half = None if tip is None else 0.5 * tip
-    errors = base, 0.5 * base, 0.25 * base, tip, half
-    figures = Figures(*errors, 0.75, 0.125, broken, 4e-5, 9e-5, outcome)
-    return Row(Cell("nominal", "line", law), figures, None)
+    figures = Figures(
+        outcome, rms_base=base, final_base=0.5 * base, final_lateral=0.25 * base,
+        rms_end_effector=tip, final_end_effector=None if tip is None else 0.5 * tip,
+        peak_effort=0.75, rms_effort=0.125, violations=broken, sample_time=4e-5,
+        sample_time_99=9e-5,
+    )  # fmt: skip
+    return Row(CompareCell("nominal", law, RunSettings("line")), figures)
 
 
 def test_table_of_a_benchmark(printed: Printed, tmp_path: Path) -> None:
-    failed = Row(Cell("nominal", "line", LawPair("mpc", "paper")), None, "it turns on the spot")
+    cell = CompareCell("nominal", LawPair("mpc", "paper"), RunSettings("line"))
+    failed = Row(cell, Figures("refused", "it turns on the spot"))
     rows = [
         row(PAPER, 0.004, 0.006),
         row(PROPOSED, 0.003, 0.008),

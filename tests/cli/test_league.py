@@ -45,7 +45,6 @@ def test_an_engine_that_dies_costs_its_own_matches_only(
     assert [verdict.engine for verdict in league.judged["skid_steer"]] == ["MuJoCo"]
     assert set(league.refused) == {"panda", "skid_steer in Dying"} and not league.whole
     assert isinstance(league.refused["skid_steer in Dying"], LostChunksError)
-    assert "exit code 7" in str(league.refused["skid_steer in Dying"])
     assert capsys.readouterr().out.startswith("skid_steer: MuJoCo")
 
 

@@ -19,7 +19,8 @@ import rpctl
 from rpctl.cli.app import app
 from rpctl.cli.stress import BatteryOptions, _default_plants
 from rpctl.errors import UnknownNameError
-from rpctl.study.stress_battery import JOURNAL_FILE, StressChunk, StressFigures, StressTask
+from rpctl.study.cells import CellRunner, Figures
+from rpctl.study.stress_battery import JOURNAL_FILE, StressCell
 from tests.study.stress_samples import GOOD, contents, patch_runs
 
 PATIENCE_S = 120.0
@@ -97,11 +98,11 @@ def test_bad_arguments_are_refused(words: list[str], message: str, tmp_path: Pat
 def test_it_ends_with_1_if_the_first_law_fails_unstressed(
     law: str, outcome: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def found(task: StressTask, chunk: StressChunk) -> StressFigures:
-        bad = f" {law}+" in chunk.key and "=" not in chunk.key
-        return StressFigures(outcome, "it stands", 1.0, 1.0) if bad else GOOD
+    def found(runner: CellRunner, cell: StressCell) -> Figures:
+        bad = cell.law.kinematic == law and not cell.levels
+        return Figures(outcome, "it stands", 1.0, late_base=1.0) if bad else GOOD
 
-    monkeypatch.setattr(StressTask, "__call__", found)
+    monkeypatch.setattr(CellRunner, "__call__", found)
     words = ["--plants", "rolling", "--stresses", "delay", "--workers", "1", "--quick"]
     shown = run("paper", *words, "--out", str(tmp_path))
     assert shown.exit_code == code

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from rpctl import PaperDynamic, PaperKinematic, ReducedDynamics, Robot, RpctlError
+from rpctl import PaperDynamic, ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.law import Command
-from rpctl.control.registry import dynamic_by_name
-from rpctl.errors import UnknownNameError
-from rpctl.reference.motion import ReferenceState
 from rpctl.robot.vary import without_losses
 from rpctl.simulation.plants.rolling import advance
 
@@ -75,52 +72,6 @@ def test_losses_are_compensated_at_the_speeds_wanted(
         expected = dynamics.losses(q, nu) - dynamics.losses(q, command.nu_d)
         np.testing.assert_allclose(excess, expected, atol=1e-9 * np.abs(expected).max())
         assert excess @ (nu - command.nu_d) < 0.0
-
-
-def joint_loop(robot: Robot, horizon: float, horizon_dyn: float, period: float) -> float:
-    """Return the amplitude of a joint error under both laws, efforts held over each period.
-
-    Only the prismatic joint of the paper's robot has an error, and the law keeps all else at rest:
-    the plant is then a double integrator and is integrated exactly.
-    """
-    dynamics, kinematic, dynamic = (
-        ReducedDynamics(robot), PaperKinematic(horizon), PaperDynamic(horizon_dyn)
-    )  # fmt: skip
-    home = robot.home
-    base, still = np.zeros(3), np.zeros(2)
-    state = ReferenceState(base, base, base, home, still, still)
-    x, rate = 1e-6, 0.0
-    for _ in range(3000):
-        q = robot.configuration_at(np.zeros(3), home - np.array([0.0, x]))
-        nu = np.array([0.0, 0.0, 0.0, -rate])
-        command = kinematic(dynamics, lambda t: state, 0.0, q, nu)
-        tau = dynamic(dynamics, q, nu, command)
-        acceleration = -dynamics.forward(q, nu, tau)[3]
-        x += period * rate + 0.5 * period**2 * acceleration
-        rate += period * acceleration
-        if abs(x) > 1e-3:
-            break
-    return abs(x)
-
-
-@pytest.mark.parametrize(("horizon", "horizon_dyn"), [(0.4, 0.1), (0.8, 0.2), (0.3, 0.3)])
-def test_the_sampled_limit_brackets_stability(
-    paper: Robot, horizon: float, horizon_dyn: float
-) -> None:
-    """With ν̇_d along the actual motion the loop is stable for T < 2/(1/h + 1/h1)."""
-    limit = 2.0 / (1.0 / horizon + 1.0 / horizon_dyn)
-    assert joint_loop(paper, horizon, horizon_dyn, 0.99 * limit) < 1e-9
-    assert joint_loop(paper, horizon, horizon_dyn, 1.01 * limit) > 1e-3
-
-
-def test_a_horizon_must_predict() -> None:
-    with pytest.raises(RpctlError, match="horizon_dyn is 0; give a positive number"):
-        PaperDynamic(0.0)
-
-
-def test_unknown_laws_are_told() -> None:
-    with pytest.raises(UnknownNameError, match="dynamic law 'none'"):
-        dynamic_by_name("none")
 
 
 @pytest.mark.parametrize("midpoint", [True, False])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -31,7 +30,7 @@ from rpctl.control.end_effector import (
 )
 from rpctl.control.error import tracking_error
 from rpctl.control.law import KinematicLaw
-from rpctl.reference.motion import Reference, ReferenceState, end_effector_reference
+from rpctl.reference.motion import Reference, end_effector_reference
 from rpctl.reference.named import reference_by_name
 from tests.robots import SET_B, platform, write
 
@@ -142,37 +141,6 @@ def test_the_error_decays_at_the_horizon_while_the_base_converges(tiago: Robot) 
     assert distance[-1] < 0.02 * distance[0]
 
 
-def test_orientation_decays_too(tiago: Robot) -> None:
-    """The wrist is bent away from where two of its axes are one."""
-    eight, bend = reference_by_name(tiago, "eight"), np.zeros(len(tiago.joints))
-    bend[tiago.quasi_velocities.index("arm_6_joint") - 2] = 0.7
-    law = EndEffector(SLOW, orientation=True)
-
-    def reference(t: float) -> ReferenceState:
-        state = eight(t)
-        return state._replace(joints=state.joints + bend)
-
-    times, path, _ = obey(law, tiago, reference, beside(tiago, reference, (0.02, 0.03, 0.08)), 1.6)
-    ideal = np.exp(-times / law.horizon)
-    for error in errors(tiago, reference, times, path):
-        np.testing.assert_allclose(error, error[0] * ideal, rtol=0.05)
-    free = obey(EndEffector(SLOW), tiago, reference, path[0], 1.6)[1]
-    assert errors(tiago, reference, times, free)[1][-1] > 0.05
-
-
-def test_on_a_line_the_arm_makes_up_for_what_the_base_never_reaches(tiago: Robot) -> None:
-    """The paper's law leaves a lateral error on a straight line, of the end effector as well."""
-    reference, e0 = reference_by_name(tiago, "line"), (0.1, 0.15, 0.1)
-    left = {}
-    for law in (PaperKinematic(), EndEffector(SLOW)):
-        times, path, _ = obey(law, tiago, reference, beside(tiago, reference, e0), 6.0)
-        lateral = tracking_error(tiago, reference(times[-1]), path[-1])[1]
-        assert abs(lateral) > 0.1
-        left[type(law)] = errors(tiago, reference, times, path)[0][-1]
-    assert left[PaperKinematic] > 0.1
-    assert left[EndEffector] < 1e-4
-
-
 def unbounded(_: EndEffectorLaw, robot: Robot, *others: Array) -> Box:
     wide = np.full(len(robot.joints), np.inf)
     return Box(WithRate(-wide, 0.0 * robot.home), WithRate(wide, 0.0 * robot.home))
@@ -250,13 +218,6 @@ def test_robots_without_an_arm_are_told(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_B)))
     with pytest.raises(RpctlError, match=r"platform has no arm.*take a kinematic law of the base"):
         EndEffector().start(ReducedDynamics(robot), 0.01)
-
-
-def test_settings_are_positive() -> None:
-    for name in ("horizon", "lever", "damping"):
-        settings: dict[str, Any] = {name: 0.0}
-        with pytest.raises(RpctlError, match=f"{name} is 0; give a positive number"):
-            EndEffector(**settings)
 
 
 def test_obstacles_of_the_end_effector_are_not_passed_over() -> None:

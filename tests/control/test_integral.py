@@ -9,13 +9,11 @@ from rpctl import (
     BoundedDynamic,
     IntegralDynamic,
     PaperDynamic,
-    Plant,
     ReducedDynamics,
     Robot,
     RpctlError,
     scale_limits,
     scale_masses,
-    track,
 )
 from rpctl.arrays import Array
 from rpctl.control.law import Command, DynamicLaw, Rest, as_efforts
@@ -67,23 +65,25 @@ def test_without_a_disturbance_it_is_the_papers_law(paper: Robot) -> None:
     np.testing.assert_allclose(integral, plain, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_efforts_at_their_limits_do_not_wind_it_up(paper: Robot) -> None:
     """Seconds at the limit leave no trace: the motion is that of the law without integral."""
     weak, nu_d = scale_limits(paper, effort=0.02), np.array([0.8, 0.0, 0.0, 0.0])
-    plain = follow(weak, BoundedDynamic(), nu_d, np.zeros(4), 6.0, 0.002)
-    integral = follow(weak, IntegralDynamic(), nu_d, np.zeros(4), 6.0, 0.002)
+    plain = follow(weak, BoundedDynamic(), nu_d, np.zeros(4), 4.0, 0.002)
+    integral = follow(weak, IntegralDynamic(), nu_d, np.zeros(4), 4.0, 0.002)
     assert plain[1000, 0] < 0.75  # 2 s at the limit, still not there
     assert integral[:, 0].max() < 0.8 * (1.0 + 1e-3)
     np.testing.assert_allclose(integral, plain, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_bias_is_removed_even_from_the_limit_on(paper: Robot) -> None:
     """A bias that takes a third of what the wheels have is learnt while they saturate."""
     weak, nu_d = scale_limits(paper, effort=0.02), np.array([0.4, 0.0, 0.0, 0.0])
     bias = np.array([-0.25, -0.25, 0.0, 0.0])
     error = follow(weak, IntegralDynamic(), nu_d, bias, 8.0, 0.002)[-1] - nu_d
     assert np.abs(error[:2]).max() < 1e-4
-    error = follow(weak, BoundedDynamic(), nu_d, bias, 8.0, 0.002)[-1] - nu_d
+    error = follow(weak, BoundedDynamic(), nu_d, bias, 3.0, 0.002)[-1] - nu_d
     assert abs(error[0]) > 5e-3
 
 
@@ -113,15 +113,3 @@ def test_a_gain_faster_than_the_sampling_is_told(paper: Robot) -> None:
         IntegralDynamic(gain=200.0).start(ReducedDynamics(paper), 0.01)
     with pytest.raises(RpctlError, match=r"gain 150 1/s is too large .* give at most 100"):
         IntegralDynamic(joint_gain=150.0).start(ReducedDynamics(paper), 0.01)
-    with pytest.raises(RpctlError, match="gain is 0; give a positive number"):
-        IntegralDynamic(gain=0.0)
-    with pytest.raises(RpctlError, match="joint_gain is 0; give a positive number"):
-        IntegralDynamic(joint_gain=0.0)
-
-
-def test_no_run_remembers_another(paper: Robot) -> None:
-    law, plant = IntegralDynamic(), Plant(tau_bias={"wheel_left_joint": 2.0})
-    first, second = (
-        track(paper, "circle", duration=0.3, dynamic=law, plant=plant) for _ in range(2)
-    )
-    np.testing.assert_array_equal(first.tau, second.tau)

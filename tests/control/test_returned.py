@@ -10,94 +10,56 @@ import pytest
 import rpctl
 from rpctl.reference.load import load_reference
 
-
-@pytest.fixture(scope="module")
-def robot() -> rpctl.Robot:
-    return rpctl.load("paper")
+ZEROS = np.zeros(4)
+NAN = np.array([0.1, np.nan, 0.0])
 
 
-def track(robot: rpctl.Robot, **given: Any) -> rpctl.Run:
-    return rpctl.track(robot, **{"reference": "line", "duration": 0.02, **given})
+def track(**given: Any) -> rpctl.Run:
+    return rpctl.track(rpctl.load("paper"), **{"reference": "line", "duration": 0.02, **given})
 
 
-def refusal(robot: rpctl.Robot, **given: Any) -> str:
+def returned(**fields: Any) -> Any:
+    """Return a reference that is a line's but for some fields of its states."""
+    good = load_reference(rpctl.load("paper"), "line")
+    return lambda t: good(t)._replace(**fields)
+
+
+def commanded(**fields: Any) -> Any:
+    return lambda *state: rpctl.Command(ZEROS, ZEROS)._replace(**fields)
+
+
+CASES: list[tuple[dict[str, Any], str]] = [
+    ({"reference": lambda t: None}, "(NoneType) at t = 0 s; return a rpctl.ReferenceState"),
+    ({"reference": lambda t: NAN}, "(ndarray) at t = 0 s; return a rpctl.ReferenceState"),
+    ({"reference": lambda t: returned()(t) if t < 0.009 else None}, "(NoneType) at t = 0.01 s"),
+    ({"reference": returned(pose=[0.0, 0.0])}, "pose of the reference is [0.0, 0.0] (list); give"),
+    ({"reference": returned(twist=np.zeros(7))}, "twist of the reference is an array (7,)"),
+    ({"reference": returned(twist_dot=None)}, "twist_dot of the reference is None"),
+    ({"reference": returned(joints=np.zeros(7))}, "the reference has 7 joints, paper has 2"),
+    ({"reference": returned(joint_rates=None)}, "joint_rates of the reference is None"),
+    ({"reference": returned(twist=NAN)}, "give finite numbers"),
+    (
+        {"kinematic": rpctl.UnifiedKinematic},
+        "kinematic is the class UnifiedKinematic; give one of its objects: UnifiedKinematic(...)",
+    ),
+    *(({what: 7}, f"{what} is 7 (int); give a function") for what in ("reference", "dynamic")),
+    ({"kinematic": lambda *state: (ZEROS, ZEROS)}, "(tuple); return a rpctl.Command("),
+    ({"kinematic": commanded(nu_d=np.zeros(3))}, "nu_d of the kinematic law is an array (3,) of"),
+    ({"kinematic": commanded(nu_d_dot=np.zeros(3))}, "nu_d_dot of the kinematic law is an array"),
+    *(
+        ({"dynamic": lambda *state, value=value: value}, "tau of the dynamic law is ")
+        for value in (None, 0.0, np.zeros(2), np.full(4, np.nan), np.array(["a"] * 4))
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "told"), CASES)
+def test_what_to_give_instead_is_told(given: dict[str, Any], told: str) -> None:
     with pytest.raises(rpctl.RpctlError) as refused:
-        track(robot, **given)
-    return str(refused.value)
+        track(**given)
+    assert told in str(refused.value)
 
 
-@pytest.mark.parametrize("value", [None, (0.0, 0.0, 0.0), np.zeros(3)])
-def test_a_reference_that_returns_no_state(robot: rpctl.Robot, value: Any) -> None:
-    text = refusal(robot, reference=lambda t: value)
-    assert f"({type(value).__name__}) at t = 0 s; return a rpctl.ReferenceState" in text
-    assert "rpctl.as_reference(function)" in text
-
-
-def test_a_reference_that_returns_no_state_later(robot: rpctl.Robot) -> None:
-    good = load_reference(robot, "line")
-    text = refusal(robot, reference=lambda t: good(t) if t < 0.009 else None)
-    assert "the reference returns None (NoneType) at t = 0.01 s" in text
-
-
-@pytest.mark.parametrize("name", rpctl.ReferenceState._fields[:6])
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ([0.0, 0.0], "give an array of"),
-        (np.zeros(7), r"is an array (7,) of float64; give"),
-        (None, "give an array of"),
-    ],
-)
-def test_a_field_of_the_reference(robot: rpctl.Robot, name: str, value: Any, message: str) -> None:
-    good = load_reference(robot, "line")
-    text = refusal(robot, reference=lambda t: good(t)._replace(**{name: value}))
-    if name == "joints":
-        message = message if value is None else "joints"
-    assert message in text
-    assert name.split("_")[0] in text
-
-
-def test_a_reference_with_a_number_that_is_none(robot: rpctl.Robot) -> None:
-    good = load_reference(robot, "line")
-    bad = good(0.0)._replace(twist=np.array([0.1, np.nan, 0.0]))
-    assert "twist of the reference" in (text := refusal(robot, reference=lambda t: bad))
-    assert "give finite numbers" in text
-
-
-def test_a_class_in_place_of_its_object(robot: rpctl.Robot) -> None:
-    text = refusal(robot, kinematic=rpctl.UnifiedKinematic)
-    assert text == (
-        "kinematic is the class UnifiedKinematic; give one of its objects: UnifiedKinematic(...)"
-    )
-
-
-@pytest.mark.parametrize("what", ["reference", "kinematic", "dynamic"])
-def test_what_cannot_be_called(robot: rpctl.Robot, what: str) -> None:
-    assert f"{what} is 7 (int); give a function" in refusal(robot, **{what: 7})
-
-
-def test_a_kinematic_law_that_returns_a_tuple(robot: rpctl.Robot) -> None:
-    zeros = np.zeros(robot.dof)
-    text = refusal(robot, kinematic=lambda *state: (zeros, zeros))
-    assert "(tuple); return a rpctl.Command(nu_d, nu_d_dot)" in text
-
-
-@pytest.mark.parametrize("field", ["nu_d", "nu_d_dot"])
-def test_a_command_of_another_size(robot: rpctl.Robot, field: str) -> None:
-    good = rpctl.Command(np.zeros(robot.dof), np.zeros(robot.dof))
-    bad = good._replace(**{field: np.zeros(3)})
-    text = refusal(robot, kinematic=lambda *state: bad)
-    assert text == (
-        f"{field} of the kinematic law is an array (3,) of float64; give {robot.dof} real numbers"
-    )
-
-
-@pytest.mark.parametrize("value", [None, 0.0, np.zeros(2), np.full(4, np.nan), np.array(["a"] * 4)])
-def test_efforts_that_are_none(robot: rpctl.Robot, value: Any) -> None:
-    assert refusal(robot, dynamic=lambda *state: value).startswith("tau of the dynamic law is ")
-
-
-def test_the_efforts_of_a_plain_function_are_used(robot: rpctl.Robot) -> None:
+def test_the_efforts_of_a_plain_function_are_used() -> None:
     tau = np.array([0.1, -0.2, 0.0, 0.0])
-    run = track(robot, dynamic=lambda *state: tau)
-    np.testing.assert_array_equal(run.tau[0], tau)
+    np.testing.assert_array_equal(track(dynamic=lambda *state: tau).tau[0], tau)

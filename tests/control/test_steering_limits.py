@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-import math
+import math as numbers
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rpctl
-from rpctl import ReducedDynamics, Robot
+from rpctl import Robot, math
 from rpctl.arrays import Array
-from rpctl.control.error import Twist
+from rpctl.control.error import Tracking
 from rpctl.control.steering import (
     ANGLE_MARGIN,
     BRAKE_TIME,
     RATE_FRACTION,
     STEERING_HORIZON_RATIO,
+    Measured,
     base_command,
     max_deviation,
 )
 from rpctl.drive.steering import steering_limits, turning_radius
-from rpctl.reference.motion import ReferenceState
+from rpctl.kernels.sheet import Sheet
 from tests.robots import write
 from tests.vehicles import vehicle
 
 H = 0.6  # s, of the law
 RANGE = 'lower="-1.2" upper="1.2"'  # of every limited joint that the vehicles have
 LIMITS = f'{RANGE} effort="40" velocity="6"'
-SPEED = np.array([0.5, 0.0, 0.0])
-AXLE_MAX_DEVIATION = ReferenceState(np.zeros(3), SPEED, np.zeros(3), *np.zeros((3, 1)))
 
 
 def bicycle(folder: Path, lower: float, upper: float, velocity: float = 6.0) -> Robot:
@@ -41,13 +40,14 @@ def bicycle(folder: Path, lower: float, upper: float, velocity: float = 6.0) -> 
 
 def asked(robot: Robot, angle: float, rate: float, omega: float) -> Array:
     """Return δ̇_d and δ̈_d (2,) for a bend that takes far more steering than there is."""
-    dynamics = ReducedDynamics(robot)
-    q = robot.configuration(joints={"steer": angle})
-    nu = np.array([0.5, rate, 0.0])
-    twist = Twist(SPEED + np.array([0.0, 0.0, omega]), np.zeros(3))
-    return np.array(
-        [part[1] for part in base_command(dynamics, AXLE_MAX_DEVIATION, q, nu, twist, H)]
-    )
+    sheet = Sheet()
+    twist, direction, none = [0.5, 0.0, omega], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]
+    measured = Measured(none, none, [], [], [math.SX(angle)], [math.SX(rate)])
+    at = Tracking(sheet, direction, none, direction, none, none, none)
+    symbols = math.SX.sym("twist", 3)
+    parts = base_command(sheet, robot, at, math.vertsplit(symbols), measured, H)
+    (value,) = sheet.resolved([math.vertcat(*(part[1] for part in parts))])
+    return np.asarray(math.Function("asked", [symbols], [value])(twist)).ravel()
 
 
 @pytest.mark.parametrize(("omega", "limit"), [(-20.0, 0.7), (20.0, -0.4)])
@@ -56,7 +56,11 @@ def test_it_comes_to_rest_a_margin_before_its_limit(
 ) -> None:
     """(limit − margin − δ)/brake on the way out, and what is beyond comes back as δ always does."""
     robot = bicycle(tmp_path, -0.4, 0.7)
-    end, side, rate = limit - math.copysign(ANGLE_MARGIN, limit), math.copysign(1.0, limit), 0.1
+    end, side, rate = (
+        limit - numbers.copysign(ANGLE_MARGIN, limit),
+        numbers.copysign(1.0, limit),
+        0.1,
+    )
     for gap, time in ((0.2, BRAKE_TIME), (0.001, BRAKE_TIME), (-0.01, STEERING_HORIZON_RATIO * H)):
         got = asked(robot, end - side * gap, side * rate, omega)
         np.testing.assert_allclose(got, [side * gap / time, -side * rate / time], atol=1e-12)
@@ -68,7 +72,7 @@ def test_it_turns_no_faster_than_a_share_of_its_limit(
 ) -> None:
     robot = bicycle(tmp_path, -0.4, 0.7, velocity=0.5)
     got = asked(robot, 0.0, 0.1, omega)
-    np.testing.assert_allclose(got, [math.copysign(RATE_FRACTION * 0.5, limit), 0.0], atol=1e-12)
+    np.testing.assert_allclose(got, [numbers.copysign(RATE_FRACTION * 0.5, limit), 0.0], atol=1e-12)
 
 
 def test_within_its_limits_it_is_of_first_order(tmp_path: Path) -> None:
@@ -106,7 +110,7 @@ def test_a_leader_keeps_its_followers_limits(
         expected = own[side]
         if side in bound:
             right = -followers[1 - side]
-            expected = math.atan(1.0 / (1.0 / math.tan(right) - w / L))
+            expected = numbers.atan(1.0 / (1.0 / numbers.tan(right) - w / L))
         step = abs(own[side]) / 250
         assert abs(expected) - step - 1e-9 <= abs(found) <= abs(expected) + 1e-9
         assert found * expected > 0.0
@@ -116,15 +120,15 @@ def test_the_tightest_bend_is_that_of_the_side_that_steers_less(tmp_path: Path) 
     """P's radius is L/tan δ of the lesser limit, and half the track more for a wheel beside."""
     robot = bicycle(tmp_path, -0.4, 0.7)
     radius = turning_radius(robot.drive, robot.description.joint)
-    assert radius == pytest.approx(0.8 / math.tan(0.4))
+    assert radius == pytest.approx(0.8 / numbers.tan(0.4))
     robot = car(tmp_path, 'lower="-0.6" upper="0.9"', 'lower="-1.2" upper="1.2"')
-    expected = 0.7 / math.tan(0.6) + 0.25
+    expected = 0.7 / numbers.tan(0.6) + 0.25
     assert turning_radius(robot.drive, robot.description.joint) == pytest.approx(expected)
 
 
 def test_how_far_off_the_reference_wheels_may_point(tmp_path: Path) -> None:
     """With an axle up to 45°; without one a share of how far P is from the line of the two that
     lead, 0.3 m here, in lengths of how far the furthest of them is, 0.5 m."""
-    assert max_deviation(ReducedDynamics(bicycle(tmp_path, -0.4, 0.7))) == 1.0
+    assert max_deviation(bicycle(tmp_path, -0.4, 0.7).drive) == 1.0
     corners = rpctl.load(write(tmp_path, vehicle("steered")))
-    assert max_deviation(ReducedDynamics(corners)) == pytest.approx(0.8 * 0.3 / 0.5)
+    assert max_deviation(corners.drive) == pytest.approx(0.8 * 0.3 / 0.5)

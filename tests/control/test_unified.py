@@ -9,13 +9,21 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from rpctl import PaperKinematic, Robot, RpctlError, UnifiedKinematic
+from rpctl import PaperKinematic, Robot, UnifiedKinematic
 from rpctl.arrays import Array
-from rpctl.control.error import Tracking, error_rate
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
 from rpctl.reference.paths import eight
-from tests.control.unicycle import NO_JOINTS, along, asked, follow, jacobian, sampled_step, steady
+from tests.control.unicycle import (
+    NO_JOINTS,
+    along,
+    asked,
+    follow,
+    jacobian,
+    sampled_step,
+    steady,
+    twist_of,
+)
 
 LAW = UnifiedKinematic(horizon=0.4, beta=1.5, bend=0.1, weight=0.01)
 PAPER = PaperKinematic(0.4, 1.5)
@@ -42,7 +50,7 @@ def test_the_closed_form_minimises_the_cost(rng: np.random.Generator) -> None:
             return float((x2 + h * rate + 0.5 * h**2 * bend) ** 2 + w * (x3 - h * d) ** 2)
 
         law = UnifiedKinematic(horizon=h, weight=w)
-        d = asked(law.unicycle, steady(v, omega), np.array([0.0, x2, x3]))[2] - omega
+        d = asked(law, steady(v, omega), np.array([0.0, x2, x3]))[2] - omega
         best = minimize_scalar(cost, bracket=(d - 1.0, d + 1.0), tol=1e-12)
         assert d == pytest.approx(best.x, abs=1e-6 * (1 + abs(d)))
 
@@ -60,7 +68,7 @@ def test_poles_are_those_of_the_gains(
     turning = law.beta * omega**2 / math.hypot(omega, law.bend * v) if omega else 0.0
     block = np.linalg.eigvals([[-turning, v], [-k2, -k3]])
     expected = np.poly([-1.0 / horizon, *block])
-    found = np.poly(jacobian(law.unicycle, steady(v, omega)))
+    found = np.poly(jacobian(law, steady(v, omega)))
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
     if v or omega:
         assert block.real.max() < 0.0
@@ -71,9 +79,9 @@ def test_poles_are_those_of_the_gains(
 def test_figures_on_a_line() -> None:
     """v_r = 0.7 m/s from the first moment on: after 20 s the paper's law keeps 0.60 m."""
     times, line = np.array([0.0, 20.0]), steady(0.7, 0.0)
-    lateral = abs(follow(LAW.unicycle, line, FAR, times, (1e-6, 1e-24))[-1, 1])
+    lateral = abs(follow(LAW, line, FAR, times, (1e-6, 1e-24))[-1, 1])
     assert lateral == pytest.approx(2.6e-19, rel=0.05)
-    assert abs(follow(PAPER.unicycle, line, FAR, times)[-1, 1]) == pytest.approx(0.596, abs=5e-4)
+    assert abs(follow(PAPER, line, FAR, times)[-1, 1]) == pytest.approx(0.596, abs=5e-4)
 
 
 def test_figures_on_an_eight() -> None:
@@ -84,10 +92,8 @@ def test_figures_on_an_eight() -> None:
         return float(np.sqrt(np.mean(e[:, 0] ** 2 + e[:, 1] ** 2)))
 
     accuracy = (1e-7, 1e-9)
-    assert rms(follow(LAW.unicycle, motion, FAR, times, accuracy)) == pytest.approx(0.057, abs=5e-4)
-    assert rms(follow(PAPER.unicycle, motion, FAR, times, accuracy)) == pytest.approx(
-        0.474, abs=5e-4
-    )
+    assert rms(follow(LAW, motion, FAR, times, accuracy)) == pytest.approx(0.057, abs=5e-4)
+    assert rms(follow(PAPER, motion, FAR, times, accuracy)) == pytest.approx(0.474, abs=5e-4)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +107,7 @@ def test_figures_on_an_eight() -> None:
 )
 def test_it_converges_everywhere(v: float, omega: float, e0: tuple[float, float, float]) -> None:
     """Lines, reverse and spins, also from the wrong heading, with the settings as they come."""
-    last = follow(UnifiedKinematic().unicycle, steady(v, omega), np.array(e0), np.array([0, 80.0]))
+    last = follow(UnifiedKinematic(), steady(v, omega), np.array(e0), np.array([0, 80.0]))
     assert np.abs(last[-1]).max() < 1e-6
 
 
@@ -109,7 +115,7 @@ def amplitude(law: UnifiedKinematic, reference: ReferenceState, period: float) -
     """Return the size of a small error after many samples."""
     e = 1e-6 * np.array([0.0, -0.5, 0.7])
     for _ in range(4000):
-        e = sampled_step(law.unicycle, reference, e, period)
+        e = sampled_step(law, reference, e, period)
         if np.abs(e).max() > 1e-3:
             break
     return float(np.abs(e).max())
@@ -123,34 +129,21 @@ def test_the_sampled_limit_of_a_line_brackets_stability(v: float) -> None:
     assert amplitude(LAW, steady(v, 0.0), 1.01 * limit) > 1e-3
 
 
-@pytest.mark.parametrize("omega", [0.7, -2.0])
-def test_the_sampled_limit_of_a_spin_is_the_papers(omega: float) -> None:
-    turned = abs(omega) * LAW.horizon
-    limit = 2.0 / abs(omega) * math.atan(turned / (1.0 + LAW.beta * turned))
-    assert amplitude(LAW, steady(0.0, omega), 0.99 * limit) < 1e-9
-    assert amplitude(LAW, steady(0.0, omega), 1.01 * limit) > 1e-3
-
-
 def test_nothing_jumps_when_a_motion_starts(paper: Robot) -> None:
     """From standstill on the share of the lateral error is that of the curve to come."""
     reference = reference_by_name(paper, "circle")
     law = UnifiedKinematic()
     still, soon = (reference(t)._replace(joint_rates=NO_JOINTS) for t in (0.0, 1e-3))
-    first = asked(law.unicycle, still, FAR)
-    np.testing.assert_allclose(first, asked(law.unicycle, soon, FAR), atol=1e-6)
-    blind = asked(law.unicycle, still._replace(direction=None), FAR)
+    first = asked(law, still, FAR)
+    np.testing.assert_allclose(first, asked(law, soon, FAR), atol=1e-6)
+    blind = asked(law, still._replace(direction=None), FAR)
     assert abs(blind[0] - first[0]) > 0.1
 
 
 def test_without_a_bend_the_sign_is_the_papers(rng: np.random.Generator) -> None:
     """And without speed the turn is: both laws then are one."""
     state, e = steady(0.0, 0.7), rng.normal(size=3)
-    tracking = Tracking(state, e, error_rate(e, state, rng.normal(size=3), NO_JOINTS))
-    ours, theirs = (law.unicycle(tracking) for law in (UnifiedKinematic(0.4, 1.5, bend=0.0), PAPER))
+    laws, own = (UnifiedKinematic(0.4, 1.5, bend=0.0), PAPER), rng.normal(size=3)
+    ours, theirs = (twist_of(law, state, e, own) for law in laws)
     np.testing.assert_allclose(ours.value, theirs.value, atol=1e-12)
     np.testing.assert_allclose(ours.rate, theirs.rate, atol=1e-12)
-
-
-def test_a_weight_must_weigh() -> None:
-    with pytest.raises(RpctlError, match="weight is 0; give a positive number"):
-        UnifiedKinematic(weight=0.0)

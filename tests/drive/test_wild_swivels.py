@@ -87,20 +87,6 @@ def test_a_drive_file_tells_the_role(files: Files) -> None:
     assert "no differential drive: it takes one pair of wheels on one axle" in refusal_text
 
 
-def test_a_powered_caster(files: Files) -> None:
-    parts = body()
-    rear_axle(parts)
-    caster(parts, "pivot", 0.4, 0.0, 0.05, twin=False)
-    powered = 'type = "differential"\n[[swivel]]\njoint = "pivot"\nrole = "caster"\ndriven = true\n'
-    robot = files.load(parts, powered)
-    assert robot.actuators == ("rear_left", "rear_right", "pivot")
-    assert rpctl.verify(robot, samples=2).passed
-    # A transmission tells that it steers.
-    parts.xml.append(TRANSMISSION.format("pivot"))
-    drive = files.load(parts).drive
-    assert (drive.type, drive.swivels[0].why) == ("tricycle", "a transmission drives it")
-
-
 def test_balls_on_continuous_joints(files: Files) -> None:
     """Front and rear ball make no second axle, and no drive of four wheels."""
     parts = body()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from rpctl.dynamics.ground_reaction import (
 )
 from rpctl.robot.vary import without_losses
 from tests.joint_losses import joint_losses
-from tests.robots import SET_A, ball, cargo, four_wheels, platform, write
+from tests.robots import SET_A, ball, four_wheels, platform, write
 from tests.view.samples import write_cart
 
 ROUNDING = 1e-12  # relative to the largest entry
@@ -267,23 +266,6 @@ def test_rollers_carry_the_robot(tmp_path: Path, rng: np.random.Generator) -> No
     check_joint_forces(robot, rng)
 
 
-def test_an_inconstant_basis_gives_the_same_forces(
-    paper: Robot, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    dynamics = ReducedDynamics(paper)
-    contacts = contacts_of(dynamics)
-    monkeypatch.setattr(ReducedDynamics, "constant", False)
-    moving = contacts_of(dynamics)
-    assert moving.stance is None
-    for q, nu, tau in states(paper, rng, 3):
-        here = ground_reaction(dynamics, contacts, q, nu, tau)
-        there = ground_reaction(dynamics, moving, q, nu, tau)
-        for field in dataclasses.fields(GroundReaction):
-            np.testing.assert_allclose(
-                getattr(here, field.name), getattr(there, field.name), rtol=1e-9, atol=1e-9
-            )
-
-
 def test_one_support_that_swivels_among_others_moves_the_polygon(tmp_path: Path) -> None:
     """A ball on the base at x = .6 m, one .1 m behind an upright joint at x = -.3 m."""
     fork = """
@@ -323,36 +305,3 @@ def test_fixed_bases_and_wrong_frictions() -> None:
     for wrong in (0.0, -0.1, math.nan, math.inf):
         with pytest.raises(RpctlError, match=r"friction is .*; give a positive number"):
             find_contacts(dynamics, wrong)
-
-
-def test_mujoco_settles_on_the_same_loads(tmp_path: Path) -> None:
-    """A free body on three frictionless balls, off-centre load and all."""
-    mujoco = pytest.importorskip("mujoco")
-    load, front = (8.0, 0.2, 0.3, 0.5), (L, -0.2)
-    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(*front) + cargo(*load))))
-    ground = reaction(robot, (0.0, 0.0), (0.0, 0.0))
-    places = [(0.0, B, R), (0.0, -B, R), (*front, 0.05)]
-    balls = "".join(
-        f'<geom type="sphere" size="{z}" pos="{x} {y} {z}" condim="1" mass="{mass}"/>'
-        for (x, y, z), mass in zip(places, (M_W, M_W, 0.0), strict=True)
-    )
-    mass, x, y, z = load
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option gravity="0 0 -{G}" timestep="0.002"/><worldbody>
-        <geom type="plane" size="5 5 1" condim="1"/>
-        <body><freejoint/>{balls}
-          <geom type="sphere" size="0.01" pos="{D} 0 {HEIGHT}" mass="{M_C}" contype="0"
-            conaffinity="0"/>
-          <geom type="sphere" size="0.01" pos="{x} {y} {z}" mass="{mass}" contype="0"
-            conaffinity="0"/>
-        </body></worldbody></mujoco>"""
-    )
-    data = mujoco.MjData(model)
-    for _ in range(2000):
-        mujoco.mj_step(model, data)
-    felt, wrench = np.zeros(3), np.zeros(6)
-    for i in range(data.ncon):
-        mujoco.mj_contactForce(model, data, i, wrench)
-        felt[max(data.contact[i].geom) - 1] += wrench[0]
-    assert len(set(np.round(felt))) == 3
-    np.testing.assert_allclose(felt, ground.load, rtol=1e-2)

@@ -25,7 +25,6 @@ SINGULAR = {  # steering angles at which the wheels leave no one motion, rad
     "twin": {"fl_steer": np.pi / 2, "rl_steer": np.pi / 2},
 }
 NEAR = (1e-1, 1e-3, 1e-5, 1e-7)  # rad off them
-STEP = 1e-6
 ROUNDING = 1e-13
 
 
@@ -101,19 +100,6 @@ def test_a_caster_without_a_trail_is_refused(tmp_path: Path) -> None:
     dynamics = ReducedDynamics(replace(robot, drive=replace(drive, swivels=straight)))
     with pytest.raises(SingularBasisError, match="determine no one motion: caster_0 at 0°"):
         dynamics.at(robot.configuration())
-
-
-@pytest.mark.parametrize("kind", ["casters", "twin"])
-def test_one_record_is_kept(tmp_path: Path, kind: str) -> None:
-    robot = load(tmp_path, kind)
-    dynamics = ReducedDynamics(robot)
-    q, turned = robot.configuration(), robot.configuration(joints={robot.drive.swivels[0].joint: 1})
-    at = dynamics.at(q)
-    assert dynamics.at(q.copy()) is at
-    np.testing.assert_array_equal(at.A, constraint(dynamics.rolling, q))
-    assert np.abs(dynamics.at(turned).S - at.S).max() > 0.1
-    q[:] = turned
-    np.testing.assert_array_equal(dynamics.at(q).S, dynamics.at(turned).S)
 
 
 def test_where_nothing_turns_it_is_the_same_everywhere(

@@ -9,8 +9,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.reference.clear_waves import KEPT_AT_MOST, MARGIN_M, clear_waves
-from rpctl.reference.named import reference_by_name
+from rpctl.reference.named import KEPT_AT_MOST, MARGIN_M, clear_waves, reference_by_name
 from rpctl.reference.path_reference import Waves, waves
 from rpctl.robot import catalog
 from rpctl.robot.collision import collision_model

@@ -14,7 +14,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.errors import DescriptionError
 from rpctl.reference.load import load_reference
-from rpctl.reference.recorded.speeds import base_limits, speed_faults
+from rpctl.reference.recorded.recording import base_limits
 from rpctl.reference.recorded.table_file import MAX_LINE, read_table
 
 HEADER = "t,x,y,theta"
@@ -112,28 +112,6 @@ def test_the_robot_s_own_limits_say_what_is_impossible(tmp_path: Path, paper: Ro
     )
     (fault,) = faults(tmp_path / "a.csv", f"{TABLE}\n0.8,0.4,0.5,-2.5", paper)
     assert "theta turns at 25 rad/s from the row before, where paper's limit is 2.4" in fault
-
-
-def impossible(path: Path, robot: Robot, text: str) -> list[tuple[int, str]]:
-    path.write_text(text, encoding="utf-8")
-    return speed_faults(robot, read_table(path, robot.joint_names))
-
-
-def test_joints_and_end_effectors_are_looked_at(tmp_path: Path, paper: Robot) -> None:
-    joint = paper.joints[1]
-    assert (joint.kind, joint.velocity) == ("prismatic", 0.6)
-    rows = "\n".join(f"{0.01 * k:.2f},{0.4 + 0.001 * k}" for k in range(8))
-    text = f"t,{joint.name}\n{rows}\n0.08,0.9"
-    assert impossible(tmp_path / "a.csv", paper, text) == [
-        (10, f"{joint.name} moves at 49.3 m/s from the row before, where paper's limit is 0.6; "
-         "use s, m and rad, or mend the row")
-    ]  # fmt: skip
-    rows = "\n".join(f"{0.01 * k:.2f},{0.01 * k},0,1" for k in range(8))
-    text = f"t,ee_x,ee_y,ee_z\n{rows}\n0.08,0.07,1.01,1"
-    assert impossible(tmp_path / "a.csv", paper, text) == [
-        (10, "ee_x, ee_y, ee_z move at 101 m/s from the row before; use s, m and rad, or mend the "
-         "row")
-    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

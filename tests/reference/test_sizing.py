@@ -15,14 +15,12 @@ from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, steering
 from rpctl.reference.named import BASE_PATHS, LAP_RATE, reference_by_name
 from rpctl.reference.path_reference import PathReference, TimedPath
-from rpctl.reference.quasi_velocities import steering
 from rpctl.reference.sizing import Sizing, robot_length
 from rpctl.robot.vary import set_limits
 from rpctl.simulation.loop.track import default_duration
-from rpctl.simulation.run.run import Run
 from tests import urdf
 from tests.grids import cells
 from tests.robots import SET_A, platform, write
@@ -271,18 +269,3 @@ def test_a_fixed_base_has_no_path_to_size() -> None:
     told = sizing(load_reference(panda, "circle"))
     assert (told.size, told.speed) == (None, None)
     assert told.sentence == "the arm's motion alone: its base is fixed"
-
-
-def test_a_run_keeps_its_sizing(paper: Robot, tmp_path: Path) -> None:
-    run = rpctl.track(paper, "circle", duration=0.02, size=2.0, speed=0.3, laps=3.0)
-    assert run.sizing == sizing(load_reference(paper, "circle", size=2.0, speed=0.3, laps=3.0))
-    assert (run.config.run.size, run.config.run.speed, run.config.run.laps) == (2.0, 0.3, 3.0)
-    back = Run.load(run.save(tmp_path / "run.npz"))
-    assert back.sizing == run.sizing
-    assert back.config.run == run.config.run
-    told = rpctl.summarize(back).to_dict()["sizing"]
-    assert told["sentence"] == run.sizing.sentence
-    assert (told["size"], told["laps"]) == (2.0, 3.0)
-    own = rpctl.track(paper, lambda t: reference_by_name(paper, "line")(t), duration=0.02)
-    assert own.sizing is None
-    assert rpctl.summarize(own).to_dict()["sizing"] is None

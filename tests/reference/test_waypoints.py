@@ -90,14 +90,6 @@ def test_limits_are_kept_and_used(driven: tuple[Robot, TimedPath]) -> None:
     assert np.median(most) > 0.8  # it dawdles nowhere
 
 
-def test_a_slow_wheel_slows_the_way(tmp_path: Path, paper: Robot) -> None:
-    text = paper.description.path.read_text().replace('velocity="12"', 'velocity="1"')
-    path = tmp_path / "slow.urdf"
-    path.write_text(text)
-    slow = along_waypoints(rpctl.load(path), POINTS, Limits())
-    assert slow.duration > 2.0 * along_waypoints(paper, POINTS, Limits()).duration
-
-
 def test_a_fixed_base_goes_nowhere() -> None:
     with pytest.raises(RpctlError, match="panda has a fixed base"):
         load_reference(rpctl.load("panda"), "waypoints")

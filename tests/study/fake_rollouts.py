@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.study.executor import SerialExecutor
+from rpctl.study.executor import Executor
 from rpctl.study.experiment import RunTable
 from rpctl.study.merits import merits_for
 from rpctl.study.optimise import setting
@@ -49,7 +49,7 @@ def patch_rollouts(monkeypatch: pytest.MonkeyPatch, merit: Merit, *known: str) -
     monkeypatch.setattr("os.fsync", lambda file: None)  # tests need not outlast a loss of power
 
 
-class OddExecutor(SerialExecutor):
+class OddExecutor(Executor):
     """Gives chunks out in an odd order, and ends as a Ctrl-C does: in a call, or before one.
 
     Attributes:

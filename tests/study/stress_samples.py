@@ -12,17 +12,11 @@ import pytest
 
 import rpctl
 from rpctl.simulation.config import RunSettings
-from rpctl.study.stress_battery import (
-    Battery,
-    StressChunk,
-    StressFigures,
-    StressTask,
-    default_pairs,
-    stresses_by_name,
-)
+from rpctl.study.cells import CellRunner, Figures
+from rpctl.study.stress_battery import Battery, StressCell, default_pairs, stresses_by_name
 
 RUN = RunSettings(duration=2.0, control_period=0.01, plant_step=0.01)  # of few samples
-GOOD = StressFigures("tracked", "on its way", 2.0, 0.004, 0.006)
+GOOD = Figures("tracked", "on its way", 2.0, late_base=0.004, late_end_effector=0.006)
 
 
 def battery(*stresses: str, laws: int = 2, quick: bool = False, **more: Any) -> Battery:
@@ -41,12 +35,12 @@ def battery(*stresses: str, laws: int = 2, quick: bool = False, **more: Any) -> 
     return Battery(robot, default_pairs(robot)[:laws], stresses=chosen, **given)
 
 
-def made_up(key: str) -> StressFigures:
+def made_up(key: str) -> Figures:
     """Return figures that follow from a cell's key, good and bad ones."""
     number = zlib.crc32(key.encode()) % 1000
     if not number % 5:
         return replace(GOOD, outcome="stuck", sentence=f"stands at {number}")
-    return replace(GOOD, base_error=4e-5 * number, end_effector_error=None)
+    return replace(GOOD, late_base=4e-5 * number, late_end_effector=None)
 
 
 def patch_runs(monkeypatch: pytest.MonkeyPatch, stop_after: int | None = None) -> list[str]:
@@ -58,13 +52,13 @@ def patch_runs(monkeypatch: pytest.MonkeyPatch, stop_after: int | None = None) -
     """
     ran: list[str] = []
 
-    def run(task: StressTask, chunk: StressChunk) -> StressFigures:
+    def run(runner: CellRunner, cell: StressCell) -> Figures:
         if stop_after is not None and len(ran) == stop_after:
             raise KeyboardInterrupt
-        ran.append(chunk.key)
-        return made_up(chunk.key)
+        ran.append(cell.key)
+        return made_up(cell.key)
 
-    monkeypatch.setattr(StressTask, "__call__", run)
+    monkeypatch.setattr(CellRunner, "__call__", run)
     return ran
 
 

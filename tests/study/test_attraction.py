@@ -17,25 +17,23 @@ from rpctl.cli.app import app
 from rpctl.control.error import tracking_error
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.reference.named import reference_by_name
-from rpctl.simulation.merits.outcome import OUTCOMES
-from rpctl.simulation.merits.summary import Violation, summarize
 from rpctl.study.attraction import (
     REACH_M,
-    Attraction,
-    Ending,
+    RUN,
     Fraction,
     Placement,
     Start,
+    converged,
     fractions,
     placement,
     start_errors,
 )
-from rpctl.view.palette import rgb
+from rpctl.study.cells import CellRunner, Figures, References, Row
 from rpctl.view.plots import attraction as picture
 from tests.grids import cells
 
-START = Start("unified", "line", (0.5, -1.0, 3.11))
-HOME = Ending(START, "tracked", 1e-4, 12.0, (), "")
+FAR = (0.5, -1.0, 3.11)
+HOME = Figures("tracked", final_base=1e-4, settled_at=12.0)
 DRIVES = ("paper", "skid_steer", "mecanum", "omni", "car", "bicycle", "tricycle", "swerve",
           "twin_casters", "casters", "caster_drive")  # fmt: skip
 REFERENCES = ("line", "reverse", "spin", "circle", "eight")
@@ -74,28 +72,25 @@ def test_the_grid_fills_the_square_and_the_circle() -> None:
 
 
 def test_what_counts_as_converged() -> None:
-    assert HOME.converged and not HOME.failed
     lost: list[dict[str, Any]] = [{"outcome": "diverging"}, {"violations": ("wheel effort",)},
                                   {"settled_at": None}]  # fmt: skip
-    for change in lost:
-        assert not replace(HOME, **change).converged
-    assert not replace(HOME, settled_at=None).failed  # still on its way
-    assert replace(HOME, outcome=None, settled_at=None).failed
-    endings = [HOME, replace(HOME, settled_at=20.0), replace(HOME, settled_at=None),
-               replace(HOME, outcome="stuck"), replace(HOME, outcome=None)]  # fmt: skip
-    (found,) = fractions(endings)
-    assert found == Fraction("unified", "line", 5, 2, 2, 1, 20.0)
+    assert converged(HOME)
+    assert not any(converged(replace(HOME, **change)) for change in lost)
+    group = [HOME, replace(HOME, settled_at=20.0), replace(HOME, settled_at=None),
+             replace(HOME, outcome="stuck"), Figures("refused")]  # fmt: skip
+    start = Start("unified", None, RUN)
+    (found,) = fractions([Row(start, each) for each in group])
+    assert found == Fraction("unified", "eight", 5, 2, 2, 1, 20.0)
     assert found.undecided == 1
 
 
 def test_colours_say_what_became_of_a_start() -> None:
-    soon, late = (picture._colour(replace(HOME, settled_at=t)) for t in (4.0, 40.0))
-    assert sum(rgb(soon)) < sum(rgb(late))  # lighter
-    stuck = picture._colour(replace(HOME, outcome="stuck"))
-    on_the_way = picture._colour(replace(HOME, settled_at=None))
-    refused = picture._colour(replace(HOME, outcome=None))
-    assert len({soon, late, stuck, on_the_way, refused}) == 5
-    assert stuck == picture.FAILED
+    others = [replace(HOME, settled_at=None), replace(HOME, outcome="stuck"), Figures("refused")]
+    times = picture.time_colours()
+    soon, late = (picture.colour_of(replace(HOME, settled_at=t), times) for t in (4.0, 40.0))
+    assert sum(soon) < sum(late)  # lighter
+    colours = [picture.colour_of(each, times) for each in others]
+    assert colours == [picture.UNDECIDED, picture.FAILED, picture.NOT_TAKEN]
 
 
 @pytest.mark.slow
@@ -119,66 +114,57 @@ def test_the_command_writes_what_it_found(tmp_path: Path) -> None:
         assert told in result.output
 
 
+def run_start(robot: str, law: str, reference: str, seconds: float, error: Any) -> Figures:
+    """Return what becomes of a start, with samples at 50 Hz."""
+    run = replace(RUN, reference=reference, duration=seconds, initial_error=error)
+    run = replace(run, control_period=0.02, plant_step=0.02)
+    return CellRunner(References(rpctl.load(robot)))(Start(law, "integral", run))
+
+
 def test_a_run_away_is_told() -> None:
     """The paper's law has no leash: it ends far away, and no success is claimed."""
-    bare = Attraction(rpctl.load("paper"), "integral", 12.0, 0.02)
-    ending = bare(Start("paper", "reverse", (0.5, -1.0, 3.11)))
-    assert ending.failed and not ending.converged
+    ending = run_start("paper", "paper", "reverse", 12.0, FAR)
+    assert not ending.succeeded and not converged(ending)
 
 
-def no_run_away(ending: Ending) -> None:
+def no_run_away(ending: Figures) -> None:
     """Every start converges within limits, or says that it failed, or that it is late."""
-    if ending.converged or ending.failed:
+    if converged(ending) or not ending.succeeded:
         return
     assert ending.outcome == "late", ending
-    assert ending.error is not None and ending.error < 2.0, ending
-
-
-def test_a_failure_is_what_ends_track_with_exit_code_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For every outcome, within the limits and beyond: `track` asks the summary's ``succeeded``."""
-    study, start = Attraction(rpctl.load("omni"), "integral", 0.04, 0.02), Start(*START)
-    run = study._run(start)
-    figures = summarize(run)
-    broken = (Violation("wheel", "effort", 1.2, 1.0, 0.0, 0.1),)
-    for outcome in OUTCOMES:
-        for violations in ((), broken):
-            told = replace(figures, outcome=outcome, limits_violated=violations)
-            monkeypatch.setattr("rpctl.study.attraction.summarize", lambda _, told=told: told)
-            ending = study._ending(start, run)
-            assert ending.failed is not told.succeeded
-            assert ending.failed == (outcome not in ("tracked", "late") or bool(violations))
-            assert ending.outcome == outcome
+    assert ending.final_base is not None and ending.final_base < 2.0, ending
 
 
 def test_who_did_not_converge_must_say_so() -> None:
     """Neither a far end nor one that is told as tracked is taken."""
     away = replace(HOME, settled_at=None)
-    told: list[dict[str, Any]] = [{"outcome": "late"}, {"outcome": "stuck"}, {"outcome": None},
+    told: list[dict[str, Any]] = [{"outcome": "late"}, {"outcome": "stuck"},
                                   {"violations": ("wheel effort",)}]  # fmt: skip
     for change in told:
         no_run_away(replace(away, **change))
     no_run_away(HOME)
-    for refused in (away, replace(away, outcome="late", error=2.1)):
+    for refused in (away, replace(away, outcome="late", final_base=2.1)):
         with pytest.raises(AssertionError):
             no_run_away(refused)
 
 
 def test_a_far_start_comes_home() -> None:
     """One that ran 23 m away before; the whole grid runs in ``make thorough``."""
-    ending = Attraction(rpctl.load("paper"), "integral", 14.0, 0.02)(
-        Start("unified", "reverse", START.error)
-    )
-    assert ending.converged, ending
+    assert converged(run_start("paper", "unified", "reverse", 14.0, FAR))
 
 
 @pytest.mark.parametrize(("drive", "law", "reference"), cells(GRID, slow=SLOW))
 def test_no_start_runs_away(drive: str, law: str, reference: str) -> None:
-    robot = rpctl.load(drive)
-    study = Attraction(robot, "integral", 60.0)
+    runner = CellRunner(References(rpctl.load(drive)))
     count = 4 if (drive, law, reference) in SLOW else 200
-    endings = [study(Start(law, reference, error)) for error in drawn_errors(count, 7)]
-    for ending in endings:
-        no_run_away(ending)
-    (found,) = fractions(endings)
+    run = replace(RUN, reference=reference, duration=60.0)
+    rows = [
+        Row(start, runner(start))
+        for error in drawn_errors(count, 7)
+        for start in [Start(law, "integral", replace(run, initial_error=error))]
+    ]
+    for row in rows:
+        no_run_away(row.figures)
+    (found,) = fractions(rows)
     if law == "unified" and found.refused == 0:
         assert found.converged >= 0.95 * found.starts, found

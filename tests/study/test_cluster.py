@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -18,9 +17,9 @@ import pytest
 from rpctl import load
 from rpctl.errors import RpctlError
 from rpctl.study import cluster
-from rpctl.study.cluster import DaskExecutor, check_workers, differences, run_asked
+from rpctl.study.cluster import DaskExecutor, check_workers, run_asked
 from rpctl.study.executor import LostChunksError
-from rpctl.study.provenance import CODE, PACKAGES, code_digest, installed, minor
+from rpctl.study.provenance import CODE, installed
 from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
 from tests.study import chunk_works
@@ -30,55 +29,27 @@ from tests.study.dask_processes import DaskProcesses
 ABSENT_ADDRESS = "tcp://127.0.0.1:9"  # discard: nobody listens there
 
 
-def packages(**other: str | None) -> dict[str, Any]:
-    """Return what Dask tells of a worker that has ``other`` versions of packages than this one."""
-    python = ".".join(map(str, sys.version_info))
-    own = {name: installed()[name] for name in PACKAGES}
-    return {"host": {"python": other.pop("python", python)}, "packages": own | other}
-
-
-def client_of(workers: Mapping[str, Any], codes: Mapping[str, str]) -> Any:
-    return SimpleNamespace(
-        get_versions=lambda packages: {"workers": workers}, run=lambda function, on_error: codes
-    )
-
-
 @pytest.mark.parametrize("name", ["numpy", "python", CODE])
 def test_a_worker_of_another_version_is_refused(name: str) -> None:
     """Named are its address, what differs, and both versions; not the workers that fit."""
-    other = {} if name == CODE else {name: "3.9.1" if name == "python" else "0.0.1"}
-    there = "f00" if name == CODE else "3.9" if name == "python" else "0.0.1"
-    codes = {"tcp://a:1": code_digest(), "tcp://b:2": "f00" if name == CODE else code_digest()}
-    client = client_of({"tcp://a:1": packages(), "tcp://b:2": packages(**other)}, codes)
+    workers = {"tcp://a:1": installed(), "tcp://b:2": installed() | {name: "0.1"}}
+    client = SimpleNamespace(run=lambda function, on_error: workers)
     with pytest.raises(RpctlError) as error:
         check_workers(client)
     assert str(error.value) == (
-        f"worker tcp://b:2 has {name} {there}, here {installed()[name]}; "
+        f"worker tcp://b:2 has {name} 0.1, here {installed()[name]}; "
         "install the same versions on all machines"
     )
-
-
-def test_a_worker_without_a_package_is_refused() -> None:
-    client = client_of({"tcp://b:2": packages(rpctl=None, llvmlite=None)}, {})
-    with pytest.raises(RpctlError, match=r"has rpctl none, here .*; llvmlite none, here "):
-        check_workers(client)
-
-
-def test_versions_of_this_process() -> None:
-    assert installed()["numpy"] == np.__version__
-    assert installed()["python"] == f"{sys.version_info.major}.{sys.version_info.minor}"
-    assert minor("3.12.0.alpha.1") == "3.12"
-    assert differences({"a": "1", "b": "2"}, {"a": "1", "b": "3", "c": "4"}) == ["b 2, here 3"]
 
 
 def test_a_worker_of_other_versions_unpickles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may have joined after the others were checked."""
     dask = SimpleNamespace(get_worker=lambda: SimpleNamespace(address="tcp://c:3"))
     monkeypatch.setattr(cluster, "library", lambda name: dask)
-    refused = run_asked(installed() | {"numpy": "9"}, b"no pickle", b"no pickle")
+    refused = run_asked(b"no pickle", installed() | {"numpy": "9"}, b"no pickle")
     assert refused == ("tcp://c:3", [f"numpy {np.__version__}, here 9"])
-    answer = pickle.loads(bytes(run_asked(installed(), b"no pickle", b"no pickle")))  # type: ignore[arg-type]
-    assert isinstance(answer[1], pickle.UnpicklingError)
+    answer = run_asked(b"no pickle", installed(), b"no pickle")
+    assert isinstance(answer.error, pickle.UnpicklingError)
 
 
 def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,7 +117,7 @@ def test_one_worker_is_killed_and_one_joins_late(dask: DaskProcesses, tmp_path: 
     assert_same(found, chunks)
     assert third is not None
     counts = began(log)
-    assert min(counts[each.pid] for each in (first, second, third)) >= 3
+    assert min(counts[each.pid] for each in (first, second, third)) >= 1
     assert len(list(log.iterdir())) > len(chunks)  # what was killed was begun again
 
 
@@ -243,7 +214,7 @@ def test_a_worker_that_cannot_import_rpctl_is_refused(dask: DaskProcesses, tmp_p
     (broken / "__init__.py").write_text("")
     dask.start_worker(path=broken.parent)
     with pytest.raises(
-        RpctlError, match=r"^worker tcp://127.* has rpctl's code ModuleNotFoundError"
+        RpctlError, match=r"^worker tcp://127.* has rpctl's code .*ModuleNotFoundError"
     ):
         DaskExecutor(dask.address)
 

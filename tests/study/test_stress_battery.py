@@ -16,14 +16,12 @@ import rpctl
 from rpctl.errors import UnknownNameError
 from rpctl.robot.vary import add_losses
 from rpctl.simulation.config import Config, read_config, write_config
-from rpctl.study.cells import References
+from rpctl.study.cells import CellRunner, References
 from rpctl.study.compare import PAPER, LawPair
 from rpctl.study.stress_battery import (
     LOCALISATION,
     STRESSES,
     Battery,
-    StressChunk,
-    StressTask,
     default_pairs,
     laws_of,
     stresses_by_name,
@@ -75,7 +73,7 @@ def test_what_means_nothing_is_left_out_and_says_why() -> None:
 
 def test_a_level_changes_what_it_says_alone() -> None:
     found = battery(seed=5)
-    nominal = found.config_of(found.cells[0])
+    nominal = found.cells[0].config(References(found.robot))
     assert nominal == Config(run=found.run, plant=replace(nominal.plant, seed=5))
     robot, plant = found.robot, nominal.plant
 
@@ -112,7 +110,7 @@ def test_a_robot_without_an_arm_carries_its_payload_itself() -> None:
 def test_every_cell_is_a_file(tmp_path: Path) -> None:
     found = battery(combinations=4, quick=True, laws=1)
     for cell in found.cells:
-        config = found.config_of(cell)
+        config = cell.config(References(found.robot))
         assert read_config(write_config(config, tmp_path / "cell.toml")) == config
 
 
@@ -133,10 +131,10 @@ def test_unknown_stresses_are_refused() -> None:
 
 def errors_along(found: Battery) -> list[float]:
     """Return the errors of the paper's laws along the only ladder of a battery."""
-    task, (stress,) = StressTask(References(found.robot)), found.stresses
-    configs = {cell.levels: found.config_of(cell) for cell in found.cells if cell.law == PAPER}
+    runner, (stress,) = CellRunner(References(found.robot)), found.stresses
+    cells = {cell.levels: cell for cell in found.cells if cell.law == PAPER}
     levels = [((stress.name, level),) if level != stress.nominal else () for level in stress.levels]
-    return [task(StressChunk("", configs[each])).error for each in levels]
+    return [runner(cells[each]).late_error for each in levels]
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rpctl.study.stress_battery import StressFigures
+from rpctl.study.cells import Figures
 from rpctl.study.stress_report import (
     MAX_TILT,
     error_text,
@@ -16,7 +16,7 @@ from rpctl.study.stress_report import (
     rule,
 )
 
-GOOD = StressFigures("tracked", "on its way", 10.0, 0.004, 0.010)
+GOOD = Figures("tracked", "on its way", late_base=0.004, late_end_effector=0.010)
 TOLERANCE = 0.010
 
 
@@ -24,19 +24,19 @@ TOLERANCE = 0.010
     ("change", "verdict", "reason"),
     [
         ({}, "pass", "10 mm from its reference"),
-        ({"end_effector_error": None}, "pass", "4 mm from its reference"),
-        ({"end_effector_error": 0.0101}, "degrade", "10.1 mm from its reference"),
-        ({"base_error": 0.0101, "end_effector_error": None}, "degrade", "10.1 mm"),
+        ({"late_end_effector": None}, "pass", "4 mm from its reference"),
+        ({"late_end_effector": 0.0101}, "degrade", "10.1 mm from its reference"),
+        ({"late_base": 0.0101, "late_end_effector": None}, "degrade", "10.1 mm"),
         ({"outcome": "late"}, "degrade", "late: on its way"),
         ({"would_slip": True}, "degrade", "its wheels would slip"),
         ({"tilt": 0.99 * MAX_TILT}, "pass", "10 mm"),
-        ({"tilt": 0.5, "base_error": 0.5}, "fail", "tipped over: it leant 29 degrees"),
+        ({"tilt": 0.5, "late_base": 0.5}, "fail", "tipped over: it leant 29 degrees"),
         ({"would_tip": True, "would_slip": True}, "fail", "it would tip over"),
         ({"violations": ("a effort", "b upper")}, "fail", "broke a effort, b upper"),
         ({"outcome": "late", "violations": ("a effort",)}, "fail", "broke a effort"),
-        ({"base_error": math.nan, "end_effector_error": None}, "fail", "its error is not finite"),
-        ({"base_error": 0.001, "end_effector_error": math.nan}, "fail", "not finite"),
-        ({"base_error": None, "end_effector_error": None}, "fail", "its error is not finite"),
+        ({"late_base": math.nan, "late_end_effector": None}, "fail", "its error is not finite"),
+        ({"late_base": 0.001, "late_end_effector": math.nan}, "fail", "not finite"),
+        ({"late_base": None, "late_end_effector": None}, "fail", "its error is not finite"),
         ({"violations": (*"abcd",)}, "fail", "broke a, b, c and 1 more"),
         (
             {"outcome": "stuck", "lifted_wheels": ("a", "b"), "hanging_wheels": ("a",)},
@@ -44,7 +44,7 @@ TOLERANCE = 0.010
             "stuck: on its way; a bore nothing from the start",
         ),
         ({"outcome": "late", "lifted_wheels": ("a",)}, "degrade", "late: on its way; a lifted"),
-        ({"base_error": 0.02, "lifted_wheels": ("a",)}, "degrade", "20 mm from its reference; a l"),
+        ({"late_base": 0.02, "lifted_wheels": ("a",)}, "degrade", "20 mm from its reference; a l"),
         ({"lifted_wheels": ("a",)}, "pass", "10 mm from its reference"),
         ({"outcome": "ended"}, "fail", "ended: on its way"),
         ({"outcome": "refused"}, "refused", "on its way"),

@@ -19,7 +19,7 @@ from rpctl.simulation.config import read_config
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.summary import summarize
 from rpctl.study.design import DESIGNS
-from rpctl.study.executor import ProcessExecutor, SerialExecutor
+from rpctl.study.executor import Executor, ProcessExecutor
 from rpctl.study.provenance import installed
 from rpctl.study.store import read_runs
 from rpctl.study.study import Study, _chunks, chunk_size, run_study, succeeded
@@ -89,7 +89,7 @@ def test_rows_do_not_depend_on_chunks_or_their_order(paper: Robot, tmp_path: Pat
     study = study_of(paper, tmp_path, SHORT)
     files = [
         run_study(paper, chunked(study, size), tmp_path / f"{size}", executor).read_bytes()
-        for size, executor in ((5, SerialExecutor()), (2, PickledExecutor(seed=1)))
+        for size, executor in ((5, Executor()), (2, PickledExecutor(seed=1)))
     ]
     assert files[0] == files[1]
     runs = read_runs(tmp_path / "5" / "runs.parquet")[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,14 +16,22 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.cli.app import app
 from rpctl.control.bandwidth import gains_of, joint_gains
-from rpctl.study.tuning import RATIOS, tune, tuning_bandwidths
+from rpctl.simulation.config import RunSettings
+from rpctl.study.cells import CellRunner, References, Row
+from rpctl.study.tuning import RATIOS, row_dict, tune_cells, tuning_bandwidths
+
+
+def tuned(robot: Robot, bandwidth: float, seconds: float) -> dict[str, Any]:
+    """Return what a bandwidth buys and costs."""
+    (cell,) = tune_cells(robot, [bandwidth], RunSettings(duration=seconds))
+    return row_dict(robot, Row(cell, CellRunner(References(robot))(cell)))
 
 
 @pytest.mark.parametrize("bandwidth", [2.0, 10.0])
 def test_figures_are_those_of_the_loop(paper: Robot, bandwidth: float) -> None:
-    (found,) = tune(paper, [bandwidth], duration=0.02)
+    found = tuned(paper, bandwidth, 0.02)
     _, h, h1, gain = (float(part[0]) for part in gains_of(np.array([bandwidth])))
-    assert (found.horizon, found.horizon_dyn, found.gain) == (h, h1, gain)
+    assert (found["horizon"], found["horizon_dyn"], found["gain"]) == (h, h1, gain)
     a, b, k = 1.0 / h, 1.0 / h1, gain
 
     def loop(w: float) -> complex:
@@ -31,20 +40,18 @@ def test_figures_are_those_of_the_loop(paper: Robot, bandwidth: float) -> None:
 
     crossover = brentq(lambda w: abs(loop(w)) - 1.0, a + b, 2.0 * (a + b + k))
     late = cmath.phase(-loop(crossover)) / crossover
-    assert found.lateness + 0.001 == pytest.approx(late, rel=0.01)
+    assert found["lateness"] + 0.001 == pytest.approx(late, rel=0.01)
     q = paper.configuration(joints=dict(zip(paper.joint_names, paper.home, strict=True)))
     M = ReducedDynamics(paper).inertia(q)
     joints = M[2:, 2:] - M[2:, :2] @ np.linalg.solve(M[:2, :2], M[:2, 2:])
-    assert found.stiffness == pytest.approx(np.linalg.eigvalsh(joints)[0] / (h * h1))
+    assert found["stiffness"] == pytest.approx(np.linalg.eigvalsh(joints)[0] / (h * h1))
 
 
 def test_more_bandwidth_leaves_less_error(paper: Robot) -> None:
-    slow, fast = tune(paper, [2.0, 12.0], duration=0.5)
-    assert slow.joint_error is not None
-    assert fast.joint_error is not None
-    assert fast.joint_error < 0.3 * slow.joint_error
-    assert slow.succeeded
-    assert 0.0 < (fast.effort_ratio or 0.0) < 1.0
+    slow, fast = (tuned(paper, bandwidth, 0.5) for bandwidth in (2.0, 12.0))
+    assert fast["joint_error"] < 0.3 * slow["joint_error"]
+    assert slow["succeeded"]
+    assert 0.0 < fast["effort_ratio"] < 1.0
 
 
 def test_the_usual_bandwidth_is_amid_those_tried(paper: Robot) -> None:

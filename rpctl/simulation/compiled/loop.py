@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import casadi
 
 from rpctl.arrays import Array
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import MachineCode
 from rpctl.kernels.program import (
     Buffer,
@@ -25,10 +26,9 @@ from rpctl.kernels.program import (
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.implicit_step import PlantBuffers
 from rpctl.simulation.compiled.laws.fragment import LawFragment
-from rpctl.simulation.compiled.laws.tracking import reference_entries, symbolic_error
+from rpctl.simulation.compiled.laws.tracking import symbolic_error
 from rpctl.simulation.compiled.merit_fold import MeritFold, merit_fold
 from rpctl.simulation.compiled.plant import PlantFragment, plant_fragment
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.loop.closed_loop import DIVERGED_SPEED
 from rpctl.simulation.plants.rolling import substeps
 from rpctl.simulation.plants.sensors import Sensors
@@ -249,8 +249,7 @@ def _acting(
         place = Buffer("reference", loop.law.reference.size)
         inputs = [symbolic(loop.plant.q), symbolic(place)]
         (_, q), (_, row) = inputs
-        reference = reference_entries(row, len(dynamics.robot.joints))
-        error = symbolic_error(dynamics, reference, q)
+        error = symbolic_error(dynamics, row, q)
         body += [Read(loop.reference, place), statement("error", inputs, [(loop.e, error)])]
     return tuple(body)
 

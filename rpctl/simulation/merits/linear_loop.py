@@ -176,7 +176,7 @@ def _controllers(
         gains, efforts = np.full(dynamics.robot.dof, efforts.gain), efforts.inner
     if not isinstance(efforts, PaperDynamic | BoundedDynamic):
         raise RpctlError(f"the law {name_of(efforts)} is not one that is linearised")
-    kinematic = BaseController(law, law.joint_horizons(dynamics, period))
+    kinematic = BaseController(law, dynamics, law.joint_horizons(dynamics, period))
     return kinematic, efforts.start(dynamics, period), gains
 
 

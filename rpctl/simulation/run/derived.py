@@ -13,7 +13,7 @@ from rpctl.dynamics.ground_reaction import GroundReaction, find_contacts, ground
 from rpctl.dynamics.pushes import outside_at
 from rpctl.dynamics.reduced import OutsideForce, Reactions, ReducedDynamics
 from rpctl.errors import DivergedError
-from rpctl.reference.quasi_velocities import configurations
+from rpctl.reference.motion import configurations
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.run.facts import other_joints, reference_wheels, steered_joints
@@ -21,7 +21,7 @@ from rpctl.simulation.run.log import Log
 
 TURN = 2.0 * math.pi
 PLACES = ("base", "joints", "steering", "others", "e", "q_ref")
-BLOCK = 4096  # rows whose forces are computed at once
+BLOCK = 1024  # rows whose forces are computed at once
 NOT_FINITE = ("load_range", "slip_range")  # arrays in which NaN and inf have a meaning
 GROUND_COLUMNS = (
     "wheel_force", "axle_force", "contact_load", "zmp", "tip_margin", "slip_ratio", "load_range",
@@ -223,7 +223,8 @@ def _end_effector(robot: Robot, q: Array, q_ref: Array) -> dict[str, Array]:
     twice = [turn[:, j, i] - turn[:, i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
     sine = np.sqrt(sum(each * each for each in twice))
     cosine = np.einsum("kii->k", turn) - 1.0
-    return {"ee": pose[:, :3, 3], "ee_ref": wanted[:, :3, 3], "ee_angle": np.arctan2(sine, cosine)}
+    ends = {"ee": pose[:, :3, 3].copy(), "ee_ref": wanted[:, :3, 3].copy()}
+    return ends | {"ee_angle": np.arctan2(sine, cosine)}
 
 
 def _require_finite(t: Array, block: Mapping[str, Array]) -> None:

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rpctl.study.study_result import StudyResult
 from rpctl.study.words import grouped, merit_words, number, parameter_words, percent, share_span
-from rpctl.view.labels import ELLIPSIS, fold, literal
+from rpctl.view.labels import fold, literal
 from rpctl.view.palette import LINES, RAMP, light
 from rpctl.view.plots import style
 from rpctl.view.plots.figures import to_png
-from rpctl.view.plots.style import SMALL_PT, TEXT_PT, style_axes, text_width
+from rpctl.view.plots.style import SMALL_PT, TEXT_PT, style_axes
 from rpctl.view.still_chart import Axis, Cells, Mark, StillChart, fitting
 from rpctl.view.study_figures import (
     ImportanceBars,
@@ -26,15 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from rpctl.study.study_result import StudyResult
-
-WIDTH_IN, PANEL_IN = 7.0, 1.65  # inches: of the figure, and the height of a panel's axes
-LEFT_IN, RIGHT_IN, GAP_IN = 0.74, 0.2, 0.8  # inches: beside and between panels, for their labels
-HEAD_IN, ABOVE_IN, BELOW_IN = 0.14, 0.26, 0.48  # inches: title of the figure, of a panel; x labels
-LINE_IN, BAR_IN = 0.11, 0.17  # inches: a line of small text, and the row of a bar
-SCALE_IN, SCALE_ROOM_IN = 0.1, 0.78  # inches: a colour bar, and what it needs with its labels
-BOLD_RATIO = 1.2  # of the width of bold text to that of plain text, at most
-NAME_IN, NAME_LINES = 2.4, 2  # the most that the name of a parameter takes
+WIDTH_IN, PANEL_IN, HEAD_IN, BAR_IN = 7.0, 2.3, 0.4, 0.24  # inches: of the figure, and heights
+TITLE_LETTERS, LABEL_LETTERS, NAME_LETTERS = 86, 36, 44  # in a line
 DPI = 200
 MOST_BARS = 10
 BENT = {False: "of the parameter", True: "of its distance from its median"}  # of a correlation
@@ -55,34 +49,40 @@ def study_runs_figure(result: StudyResult) -> Figure:
     panels = _panels(result)
     found = result.sensitivity_of(result.merit)
     bars = importance_bars(result, found, MOST_BARS) if found is not None else None
-    names = [_clipped(parameter_words(each.name).name) for each in bars.bars] if bars else []
-    rows_in = np.array([BAR_IN + LINE_IN * name.count("\n") for name in names])
+    rows = -(-len(panels) // 2)
+    heights = [PANEL_IN * rows, 1.0 + BAR_IN * len(bars.bars) if bars else 0.01]
     success = result.success
     share = f"{percent(success.value)} succeeded (95 % interval {share_span(success)})"
-    title = f"{result.robot}: {grouped(len(result.runs))} runs, {share}"
-    title = _folded(title, (WIDTH_IN - 0.3) / BOLD_RATIO, TEXT_PT + 1.0)
-    head = HEAD_IN + 0.14 * (title.count("\n") + 1)
-    row_in = ABOVE_IN + PANEL_IN + BELOW_IN
-    bars_in = float(rows_in.sum())
-    height = head + -(-len(panels) // 2) * row_in
-    height += ABOVE_IN + bars_in + BELOW_IN + LINE_IN if bars else 0.0
-    figure = Figure((WIDTH_IN, height))
-    figure.set_facecolor(style.PAPER)
-    heading: dict[str, Any] = {"fontsize": TEXT_PT + 1.0, "fontweight": "bold", "color": style.INK}
-    figure.text(0.1 / WIDTH_IN, 1.0 - 0.1 / height, literal(title), va="top", **heading)
-    half = 0.5 * (WIDTH_IN - LEFT_IN - RIGHT_IN - GAP_IN)
+    title = fold(f"{result.robot}: {grouped(len(result.runs))} runs, {share}", TITLE_LETTERS)
+    size = WIDTH_IN, HEAD_IN + 0.14 * title.count("\n") + sum(heights)
+    figure = Figure(size, layout="constrained", facecolor=style.PAPER)
+    figure.suptitle(literal(title), x=0.015, ha="left", fontsize=TEXT_PT + 1.0, fontweight="bold",
+                    color=style.INK)  # fmt: skip
+    above, below = figure.subfigures(2, 1, height_ratios=heights)
+    grid = above.add_gridspec(rows, 2)
     for k, chart in enumerate(panels):
         row, column = divmod(k, 2)
-        wide = k == len(panels) - 1 and not column
-        left = LEFT_IN + column * (half + GAP_IN)
-        bottom = height - head - row * row_in - ABOVE_IN - PANEL_IN
-        width = WIDTH_IN - LEFT_IN - RIGHT_IN if wide else half
-        _draw(figure, _axes(figure, left, bottom, width, PANEL_IN), chart, width)
+        alone = k == len(panels) - 1 and not column
+        _panel(above.add_subplot(grid[row, :] if alone else grid[row, column]), chart)
     if bars:
-        left = max(text_width(name, SMALL_PT) for name in names) + 0.25
-        axes = _axes(figure, left, BELOW_IN, WIDTH_IN - left - RIGHT_IN, bars_in)
-        _importance(axes, bars, names, rows_in)
+        _importance(below.add_subplot(), bars)
     return figure
+
+
+def _panel(axes: Axes, chart: StillChart) -> None:
+    """Draw a chart with its legend, or with the scale of its colours."""
+    x = replace(chart.x, label=fold(chart.x.label, LABEL_LETTERS))
+    y = replace(chart.y, label=fold(chart.y.label, LABEL_LETTERS))
+    draw_still_chart(axes, replace(chart, x=x, y=y, title=fold(chart.title, LABEL_LETTERS)))
+    if chart.cells is None:
+        axes.legend(fontsize=style.LEGEND_PT, labelcolor=style.INK, frameon=False,
+                    handlelength=1.4, labelspacing=0.3, loc="best")  # fmt: skip
+        return
+    bar = axes.figure.colorbar(axes.collections[0], ax=axes, aspect=16)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(labelsize=SMALL_PT, colors=style.INK, length=2.0, pad=2)
+    label = fold(chart.cells.label, LABEL_LETTERS)
+    bar.set_label(literal(label), fontsize=SMALL_PT, color=style.INK)
 
 
 def _panels(result: StudyResult) -> list[StillChart]:
@@ -102,84 +102,30 @@ def _panels(result: StudyResult) -> list[StillChart]:
     return charts + [replace(chart, title="Median over what matters most") for chart in maps]
 
 
-def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Return axes at a place of the figure, inches."""
-    across, up = figure.get_size_inches()
-    return figure.add_axes((left / across, bottom / up, width / across, height / up))
-
-
-def _folded(text: str, width: float, size: float = SMALL_PT) -> str:
-    """Return a text in lines that are as wide as a place (inches) at most."""
-    length = len(text)
-    while length > 4 and text_width(fold(text, length), size) > width:
-        length -= 1 + length // 20
-    return fold(text, length)
-
-
-def _clipped(text: str, width: float = NAME_IN, size: float = SMALL_PT) -> str:
-    """Return a text in ``NAME_LINES`` lines at most, each as wide as a place (inches)."""
-    lines = _folded(text, width, size).split("\n")
-    if len(lines) > NAME_LINES:
-        lines = [*lines[: NAME_LINES - 1], lines[NAME_LINES - 1][:-1] + ELLIPSIS]
-    return "\n".join(lines)
-
-
-def _draw(figure: Figure, axes: Axes, chart: StillChart, width: float) -> None:
-    """Draw a panel of a width (inches)."""
-    if chart.cells is not None:
-        width -= SCALE_ROOM_IN
-    x = replace(chart.x, label=_clipped(chart.x.label, width))
-    y = replace(chart.y, label=_clipped(chart.y.label, PANEL_IN))
-    draw_still_chart(axes, replace(chart, x=x, y=y))
-    if chart.cells is not None:
-        _scale(figure, axes, chart.cells.label)
-    else:
-        axes.legend(fontsize=style.LEGEND_PT, labelcolor=style.INK, frameon=False,
-                    handlelength=1.4, labelspacing=0.3, loc="best")  # fmt: skip
-
-
-def _scale(figure: Figure, axes: Axes, label: str) -> None:
-    """Add what the colours of a map mean."""
-    box, (width_in, _) = axes.get_position(), figure.get_size_inches()
-    room = SCALE_ROOM_IN / width_in
-    axes.set_position((box.x0, box.y0, box.width - room, box.height))
-    left = box.x1 - room + 0.1 / width_in
-    scale = figure.add_axes((left, box.y0, SCALE_IN / width_in, box.height))
-    bar = figure.colorbar(axes.collections[0], cax=scale)
-    bar.outline.set_visible(False)
-    scale.tick_params(labelsize=SMALL_PT, colors=style.INK, length=2.0, pad=2)
-    scale.set_ylabel(_folded(label, PANEL_IN), fontsize=SMALL_PT, color=style.INK)
-
-
-def _importance(
-    axes: Axes, shown: ImportanceBars, names: list[str], rows_in: np.ndarray[Any, Any]
-) -> None:
-    """Draw the bars from the top down, each as high as the lines of its name (inches)."""
+def _importance(axes: Axes, shown: ImportanceBars) -> None:
+    """Draw the bars from the top down."""
     from matplotlib.patches import Patch
 
     factor, bars = shown.unit.factor, shown.bars
     values = factor * np.array([each.value for each in bars])
     ends = factor * np.array([(each.value - each.low, each.high - each.value) for each in bars])
     whiskers = np.where(np.isfinite(ends), np.maximum(ends, 0.0), 0.0).T
-    y = np.cumsum(rows_in) - 0.5 * rows_in
     colours = {False: style.BASE, True: style.TIP}
-    axes.barh(y, values, xerr=whiskers, color=[colours[shown.bent(each)] for each in bars],
-              height=0.6 * BAR_IN, ecolor=style.INK, error_kw={"lw": 0.8})  # fmt: skip
+    axes.barh(range(len(bars)), values, xerr=whiskers, height=0.6, ecolor=style.INK,
+              color=[colours[shown.bent(each)] for each in bars], error_kw={"lw": 0.8})  # fmt: skip
     style_axes(axes, literal(f"What matters: {shown.title}"))
-    axes.set_xlim(factor * shown.axis.low, factor * shown.axis.high)
-    axes.set_ylim(float(rows_in.sum()), 0.0)
-    axes.set_yticks(y, [literal(each) for each in names], fontsize=SMALL_PT)
+    axes.set(xlim=(factor * shown.axis.low, factor * shown.axis.high), ylim=(len(bars) - 0.5, -0.5))
+    names = [literal(fold(parameter_words(each.name).name, NAME_LETTERS)) for each in bars]
+    axes.set_yticks(range(len(bars)), names, fontsize=SMALL_PT)
     axes.grid(False, axis="y")
     axes.axvline(0.0, color=style.INK, lw=0.6)
     unit = f" ({shown.unit.name})" if shown.unit.name else ""
     axes.set_xlabel(f"{shown.measure}{unit}; line: its 95 % interval")
     if shown.rank:
-        kinds = {shown.bent(each) for each in bars}
-        handles = [Patch(color=colours[kind], label=BENT[kind]) for kind in sorted(kinds)]
-        below = -(BELOW_IN - 0.2) / float(rows_in.sum())
-        axes.legend(handles=handles, loc="upper center", ncols=2, bbox_to_anchor=(0.5, below),
-                    borderaxespad=0.0, fontsize=style.LEGEND_PT, labelcolor=style.INK,
-                    frameon=False, handlelength=1.4)  # fmt: skip
+        kinds = sorted({shown.bent(each) for each in bars})
+        handles = [Patch(color=colours[kind], label=BENT[kind]) for kind in kinds]
+        axes.legend(handles=handles, loc="best", fontsize=style.LEGEND_PT, frameon=False,
+                    labelcolor=style.INK, handlelength=1.4)  # fmt: skip
 
 
 def draw_still_chart(axes: Axes, chart: StillChart) -> None:

@@ -12,11 +12,9 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.horizon.cost import StateDifference, from_another_start
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.pace import Preview
 from rpctl.control.horizon.planner import Planner
-from rpctl.control.horizon.qp import Linearisation
-from rpctl.control.horizon.solver import CondensedQp
-from rpctl.control.horizon.target import TimeScaling, look_ahead
+from rpctl.control.horizon.qp import CondensedQp, Linearisation
+from rpctl.control.horizon.target import Preview, TimeScaling, look_ahead
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.reference.named import reference_by_name
 from tests.control.horizon.whole_qp import whole_qp

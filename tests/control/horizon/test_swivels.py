@@ -12,13 +12,11 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, Run, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.pace import Preview
 from rpctl.control.horizon.prediction import Steering, make_model
-from rpctl.control.horizon.target import TimeScaling, look_ahead
+from rpctl.control.horizon.target import Preview, TimeScaling, look_ahead
 from rpctl.errors import SingularBasisError
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, reference_rates, steering
 from rpctl.reference.named import reference_by_name
-from rpctl.reference.quasi_velocities import reference_rates, steering
 from tests.grids import cells
 from tests.robots import write
 from tests.vehicles import KINDS, vehicle

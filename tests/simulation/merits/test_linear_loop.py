@@ -44,7 +44,7 @@ def run_of(robot: Robot, reference: str, period: float = 0.005, **laws: Any) -> 
 def steady_poles(robot: Robot, law: BaseLaw, dynamic: Any, v: float, omega: float) -> Array:
     """Poles about a steady motion of a base with an axle, sampled each millisecond."""
     dynamics, period = ReducedDynamics(robot), 0.001
-    controller = BaseController(law, law.joint_horizons(dynamics, period))
+    controller = BaseController(law, dynamics, law.joint_horizons(dynamics, period))
     none = np.zeros(len(robot.joints))
     twist = np.array([v, 0.0, omega])
     state = ReferenceState(np.zeros(3), twist, np.zeros(3), robot.home, none, none)

@@ -10,19 +10,18 @@ import casadi
 
 from rpctl.arrays import Array
 from rpctl.control.law import Limit
-from rpctl.control.twist_law import BaseLaw
+from rpctl.control.twist_law import BaseLaw, reference_sizes
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.basis import SINGULAR
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Place, Statement, symbolic
 from rpctl.simulation.compiled.laws.dynamic import LawSample
-from rpctl.simulation.compiled.laws.kinematic import symbolic_command
 from rpctl.simulation.compiled.laws.tracking import (
     ClosedFormDynamic,
-    reference_width,
     settings_of,
+    symbolic_command,
     symbols_of,
 )
-from rpctl.simulation.compiled.symbols.basis import SINGULAR
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 TOO_LARGE = 1e300  # a square from which on numbers are not finite, or soon will not be
 LIMIT_KINDS = ("", "velocity", "lower", "upper")  # of joints, as the buffer of limits counts them
@@ -123,7 +122,7 @@ class LawFrame:
         robot = known.robot
         self.known, self.period, self.reduced = known, period, ReducedDynamics(robot)
         self.names, _ = settings_of(kinematic, dynamic, self.reduced, period)
-        width = reference_width(len(robot.joints))
+        width = sum(reference_sizes(robot))
         sizes = {"q": robot.nq, "nu": robot.dof, "reference": width, "settings": len(self.names)}
         self.inputs = [new(name, size) for name, size in sizes.items()]
         q, nu, row, column = (symbols for _, symbols in self.inputs)

@@ -11,12 +11,9 @@ from rpctl.control.approach import Approach
 from rpctl.control.bounded import BoundedDynamic, BoundedLaw
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import Leash
-from rpctl.control.feedback_linearization import FeedbackLinearization
 from rpctl.control.integral import IntegralDynamic
-from rpctl.control.kanayama import Kanayama
-from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.twist_law import BaseLaw
-from rpctl.control.unified import UnifiedKinematic
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Call, Place, Statement, Until, When, statement
 from rpctl.kernels.scalars import Layout, any_nonzero
 from rpctl.robot.model import Robot
@@ -37,7 +34,6 @@ from rpctl.simulation.compiled.laws.limits import (
     slacks,
 )
 from rpctl.simulation.compiled.laws.tracking import ClosedFormDynamic, by_name
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 MAX_STEPS = 200  # of the search for the limits that bind; 74 are the most that were seen
 
@@ -247,7 +243,6 @@ class _BoundedStatements:
         return tuple(found)
 
 
-KINEMATIC = (PaperKinematic, UnifiedKinematic, Kanayama, FeedbackLinearization)
 DYNAMIC = (PaperDynamic, BoundedDynamic, IntegralDynamic)
 
 
@@ -259,7 +254,7 @@ def unsupported(kinematic: Any, dynamic: Any, robot: Robot) -> str | None:
         dynamic: The dynamic law.
         robot: The robot that they are for.
     """
-    if type(kinematic) not in KINEMATIC:
+    if not isinstance(kinematic, BaseLaw) or type(kinematic).start is not BaseLaw.start:
         return f"the kinematic law {_name(kinematic)} is not one that is compiled"
     if type(kinematic.leash) not in (type(None), Leash):
         return f"the leash {_name(kinematic.leash)} is not one that is compiled"

@@ -24,16 +24,12 @@ from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import FunctionLaw
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Call, Program
 from rpctl.simulation.compiled.laws.fragment import LawFragment
 from rpctl.simulation.compiled.laws.supported import law_fragment, unsupported
 from rpctl.simulation.compiled.laws.tracking import settings_of
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from tests.simulation.compiled.laws.law_cases import PERIOD
-
-
-class OwnKinematic(UnifiedKinematic):
-    """A law of a user's own."""
 
 
 class OwnLeash(Leash):
@@ -60,7 +56,6 @@ def test_all_laws_without_a_solver_are_compiled(kinematic: str, dynamic: str, pa
     [
         (Horizon(), PaperDynamic(), "law Horizon"),
         (EndEffector(), PaperDynamic(), "law EndEffector"),
-        (OwnKinematic(), PaperDynamic(), "law OwnKinematic"),
         (UnifiedKinematic(leash=OwnLeash()), PaperDynamic(), "leash OwnLeash"),
         (UnifiedKinematic(approach=OwnApproach()), PaperDynamic(), "approach OwnApproach"),
         (FunctionLaw(lambda *_: np.zeros(4)), PaperDynamic(), "law <lambda>"),
