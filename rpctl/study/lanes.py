@@ -18,6 +18,8 @@ from rpctl.arrays import Array
 from rpctl.drive.scaled_wheels import contact_laterals, lifted_wheels, scale_radii, scale_track
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import find_rolling
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.dynamics.symbols.numbers import Varied, rolling_numbers, solved_rows
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.coordinates import ROOT_JOINT
@@ -29,8 +31,6 @@ from rpctl.simulation.compiled.lanes import LaneInputs, holding
 from rpctl.simulation.compiled.laws.tracking import settings_of
 from rpctl.simulation.compiled.loop import DIVERGED, NO_TROUBLE
 from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.symbols.numbers import Varied, rolling_numbers, solved_rows
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.closed_loop import diverged_at, start_configuration
 from rpctl.simulation.loop.periods import delay_periods

@@ -8,9 +8,9 @@ import casadi
 import numpy as np
 
 from rpctl import Robot
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import compile_program
 from rpctl.kernels.program import Buffer, Call, Program, Repeat
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 REPEATS = 1000  # evaluations in one step of the program
 ROUNDS = 5  # of which the fastest counts

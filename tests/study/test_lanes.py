@@ -11,9 +11,9 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot, UnifiedKinematic
 from rpctl.arrays import Array
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.robot.vary import add_losses
 from rpctl.simulation.compiled.lanes import LaneInputs
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.closed_loop import start_configuration
 from rpctl.simulation.plants.plant import Plant

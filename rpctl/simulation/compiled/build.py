@@ -23,6 +23,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.law import Rest, as_efforts, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError
 from rpctl.kernels.cache import cached
 from rpctl.kernels.machine_code import (
@@ -39,7 +40,6 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.lanes import Lanes, same_inputs
 from rpctl.simulation.compiled.laws.supported import law_fragment
 from rpctl.simulation.compiled.loop import CompiledLoop, LoopProgram, LoopShape, loop_program
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods
 from rpctl.simulation.plants.plant import Plant

@@ -15,12 +15,12 @@ from rpctl.arrays import Array
 from rpctl.control.approach import RETRY_S, ApproachStage, WayToReference
 from rpctl.control.law import Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Rows, RowStream
 from rpctl.reference.motion import Reference
 from rpctl.reference.table import tabulate
 from rpctl.simulation.compiled.laws.tracking import settings_of
 from rpctl.simulation.compiled.loop import CompiledLoop
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods
 from rpctl.simulation.plants.sensors import NoiseStream, Sensors

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import casadi
 
 from rpctl.arrays import Array
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import MachineCode
 from rpctl.kernels.program import (
     Buffer,
@@ -28,7 +29,6 @@ from rpctl.simulation.compiled.laws.fragment import LawFragment
 from rpctl.simulation.compiled.laws.tracking import symbolic_error
 from rpctl.simulation.compiled.merit_fold import MeritFold, merit_fold
 from rpctl.simulation.compiled.plant import PlantFragment, plant_fragment
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.loop.closed_loop import DIVERGED_SPEED
 from rpctl.simulation.plants.rolling import substeps
 from rpctl.simulation.plants.sensors import Sensors

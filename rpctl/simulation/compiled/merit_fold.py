@@ -11,6 +11,7 @@ import casadi
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import (
     Buffer,
     Call,
@@ -21,7 +22,6 @@ from rpctl.kernels.program import (
     statement,
     symbolic,
 )
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.merits.measures import START, SampleMeasures, Totals, position_limits
 from rpctl.simulation.merits.outcome import ON_PATH_M
 from rpctl.simulation.run.facts import steered_joints

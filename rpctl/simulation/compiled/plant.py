@@ -7,6 +7,7 @@ from typing import Any
 
 import casadi
 
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Place, Repeat, Statement, statement
 from rpctl.simulation.compiled.implicit_step import (
     ImplicitStep,
@@ -15,7 +16,6 @@ from rpctl.simulation.compiled.implicit_step import (
     places,
     plant_places,
 )
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 STAGES = ((0.5, 1.0), (0.5, 2.0), (1.0, 2.0))  # how far ahead the next is; the weight of this one
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import native_lanes
 from rpctl.kernels.program import Rows
 from rpctl.reference.motion import Reference
@@ -17,7 +18,6 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.build import build_loop, require_equal, shape_of
 from rpctl.simulation.compiled.lanes import CHUNK, LaneInputs, Lanes, fill
 from rpctl.simulation.compiled.merit_fold import FIRST, MeritFold, spans_of
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config
 
 

@@ -15,12 +15,12 @@ import rpctl
 from rpctl import Leash
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.unified import UnifiedKinematic
+from rpctl.dynamics.symbols.numbers import NOTHING, Varied
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_limits, scale_masses, set_limits
 from rpctl.simulation.compiled import build
 from rpctl.simulation.compiled.build import loop_key
 from rpctl.simulation.compiled.loop import LoopShape
-from rpctl.simulation.compiled.symbols.numbers import NOTHING, Varied
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.track import simulate
 

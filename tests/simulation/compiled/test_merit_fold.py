@@ -11,9 +11,9 @@ import pytest
 import rpctl
 from rpctl import Robot, Run, track
 from rpctl.arrays import Array
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Program, Read, Rows, RowStream
 from rpctl.simulation.compiled.merit_fold import FIRST, merit_fold, spans_of
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.merits.measures import SampleMeasures, Totals, fold, measures, merits_of
 from rpctl.simulation.merits.outcome import ON_PATH_M
 from tests.kernels.interpreted import Interpreted

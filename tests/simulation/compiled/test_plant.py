@@ -7,12 +7,12 @@ import pytest
 
 import rpctl
 from rpctl.dynamics.motion import step
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Program, Until
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import add_losses
 from rpctl.simulation.compiled.implicit_step import PlantBuffers
 from rpctl.simulation.compiled.plant import plant_fragment
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from tests.grids import cells
 from tests.kernels.interpreted import Interpreted
 

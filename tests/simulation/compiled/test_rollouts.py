@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import rpctl
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import native_lanes
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.lanes import LaneInputs
 from rpctl.simulation.compiled.laws.tracking import settings_of
 from rpctl.simulation.compiled.loop import FAR
 from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.closed_loop import start_configuration
 from rpctl.simulation.loop.track import simulate

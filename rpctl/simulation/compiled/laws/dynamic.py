@@ -22,10 +22,10 @@ from rpctl.control.joint_limits import (
     NO_LIMIT_GAP,
     JointLimits,
 )
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.linear import reciprocal
 from rpctl.kernels.scalars import clipped
 from rpctl.simulation.compiled.laws.tracking import Settings, by_name
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 
 @dataclass(frozen=True, eq=False)

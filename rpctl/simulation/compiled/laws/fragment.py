@@ -12,6 +12,8 @@ from rpctl.arrays import Array
 from rpctl.control.law import Limit
 from rpctl.control.twist_law import BaseLaw, reference_sizes
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.basis import SINGULAR
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Place, Statement, symbolic
 from rpctl.simulation.compiled.laws.dynamic import LawSample
 from rpctl.simulation.compiled.laws.tracking import (
@@ -20,8 +22,6 @@ from rpctl.simulation.compiled.laws.tracking import (
     symbolic_command,
     symbols_of,
 )
-from rpctl.simulation.compiled.symbols.basis import SINGULAR
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 TOO_LARGE = 1e300  # a square from which on numbers are not finite, or soon will not be
 LIMIT_KINDS = ("", "velocity", "lower", "upper")  # of joints, as the buffer of limits counts them

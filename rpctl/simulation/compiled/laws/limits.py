@@ -34,12 +34,12 @@ from rpctl.control.bounded import (
     REST_SPEED_FRACTION,
     BoundedLaw,
 )
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.linear import reciprocal
 from rpctl.kernels.scalars import clipped
 from rpctl.simulation.compiled.laws.dynamic import LawSample, effort_gain, middle
 from rpctl.simulation.compiled.laws.fragment import LIMIT_KINDS
 from rpctl.simulation.compiled.laws.tracking import by_name
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 NO_EFFORT = 1e-9  # of an effort: what of a null space's entries is rounding
 

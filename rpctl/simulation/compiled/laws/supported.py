@@ -13,6 +13,7 @@ from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import Leash
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.twist_law import BaseLaw
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Call, Place, Statement, Until, When, statement
 from rpctl.kernels.scalars import Layout, any_nonzero
 from rpctl.robot.model import Robot
@@ -33,7 +34,6 @@ from rpctl.simulation.compiled.laws.limits import (
     slacks,
 )
 from rpctl.simulation.compiled.laws.tracking import ClosedFormDynamic, by_name
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 MAX_STEPS = 200  # of the search for the limits that bind; 74 are the most that were seen
 

@@ -18,9 +18,9 @@ from rpctl.control.integral import IntegralDynamic
 from rpctl.control.steering import Measured, Rolling
 from rpctl.control.twist_law import BaseLaw, desired, reference_symbols
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.sheet import Sheet
 from rpctl.robot.model import BASE_NV
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 Settings = Mapping[str, Any]  # by name, casadi.SX (1, 1)
 ClosedFormDynamic = PaperDynamic | BoundedDynamic | IntegralDynamic

@@ -12,12 +12,12 @@ import pinocchio as pin
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.law import Command, Rest, as_efforts
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Program
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.table import tabulate
 from rpctl.simulation.compiled.laws.supported import law_fragment
 from rpctl.simulation.compiled.laws.tracking import settings_of
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from tests.kernels.interpreted import Interpreted
 
 PERIOD = 0.002

@@ -24,11 +24,11 @@ from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import FunctionLaw
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Call, Program
 from rpctl.simulation.compiled.laws.fragment import LawFragment
 from rpctl.simulation.compiled.laws.supported import law_fragment, unsupported
 from rpctl.simulation.compiled.laws.tracking import settings_of
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from tests.simulation.compiled.laws.law_cases import PERIOD
 
 

@@ -11,15 +11,15 @@ import pytest
 
 import rpctl
 from rpctl import Robot
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.dynamics.symbols.numbers import NOTHING, Parameters, Varied
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.variation import LinkInertias, Variation, vary
 from rpctl.robot.vary import add_losses, without_losses
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled.symbols.numbers import NOTHING, Parameters, Varied
+from tests.dynamics.symbols.comparison import check
 from tests.grids import cells
-from tests.simulation.compiled.symbols.comparison import check
 
 OWN = [entry.name for entry in catalog.ENTRIES if entry.own]
 

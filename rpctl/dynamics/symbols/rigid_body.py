@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+from rpctl.dynamics.symbols.basis import SymbolicConfiguration
+from rpctl.dynamics.symbols.bodies import MX, MZ, XX, XY, XZ, YY, YZ, ZZ, M, MovingBody
 from rpctl.kernels.scalars import (
     Scalar,
     Vector,
@@ -25,8 +27,6 @@ from rpctl.kernels.scalars import (
     total,
     turned,
 )
-from rpctl.simulation.compiled.symbols.basis import SymbolicConfiguration
-from rpctl.simulation.compiled.symbols.bodies import MX, MZ, XX, XY, XZ, YY, YZ, ZZ, M, MovingBody
 
 Pair = tuple[int, int]
 

@@ -13,12 +13,7 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import eliminate, rows_to_solve
 from rpctl.dynamics.rolling import basis, find_rolling, selection
-from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.kernels.scalars import cleaned
-from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE, Losses
-from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.symbols.bodies import (
+from rpctl.dynamics.symbols.bodies import (
     NUMBERS,
     ZZ,
     MovingBody,
@@ -26,6 +21,11 @@ from rpctl.simulation.compiled.symbols.bodies import (
     inertias_of,
     moving_bodies,
 )
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.kernels.scalars import cleaned
+from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE, Losses
+from rpctl.robot.model import Robot
 
 
 class RobotNumbers:

@@ -12,15 +12,15 @@ from scipy.spatial.transform import Rotation
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
-from rpctl.kernels.scalars import exact
-from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.simulation.compiled.symbols.bodies import (
+from rpctl.dynamics.symbols.bodies import (
     along_z,
     euler_angles,
     moving_bodies,
     pose_of,
     rotation,
 )
+from rpctl.kernels.scalars import exact
+from rpctl.robot.coordinates import ROOT_JOINT
 from tests import random_vehicles
 from tests.random_robots import random_robot
 from tests.robots import write

@@ -14,16 +14,16 @@ from hypothesis import HealthCheck, given, settings
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
+from rpctl.dynamics.symbols.basis import SINGULAR
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import ActuationError, SingularBasisError, UnknownNameError
 from rpctl.robot import catalog
 from rpctl.robot.vary import without_losses
-from rpctl.simulation.compiled.symbols.basis import SINGULAR
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 from tests import random_vehicles, vehicles
+from tests.dynamics.symbols.comparison import check
 from tests.grids import cells
 from tests.random_robots import WheeledRobot, robots
 from tests.robots import SET_A, platform, write
-from tests.simulation.compiled.symbols.comparison import check
 
 OWN = [entry.name for entry in catalog.ENTRIES if entry.own]
 ROUNDING = 1e-13

@@ -14,6 +14,21 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.rolling import find_rolling
+from rpctl.dynamics.symbols.basis import (
+    SymbolicBasis,
+    SymbolicConfiguration,
+    SymbolicProjection,
+    integrated,
+)
+from rpctl.dynamics.symbols.bodies import moving_bodies
+from rpctl.dynamics.symbols.numbers import NOTHING, Parameters, RobotNumbers, Varied
+from rpctl.dynamics.symbols.rigid_body import (
+    MovingTree,
+    crba,
+    joint_motions,
+    moving_tree,
+    rnea,
+)
 from rpctl.errors import UnknownNameError
 from rpctl.kernels.linear import solve_positive
 from rpctl.kernels.scalars import (
@@ -32,21 +47,6 @@ from rpctl.kernels.scalars import (
 )
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV, Robot
-from rpctl.simulation.compiled.symbols.basis import (
-    SymbolicBasis,
-    SymbolicConfiguration,
-    SymbolicProjection,
-    integrated,
-)
-from rpctl.simulation.compiled.symbols.bodies import moving_bodies
-from rpctl.simulation.compiled.symbols.numbers import NOTHING, Parameters, RobotNumbers, Varied
-from rpctl.simulation.compiled.symbols.rigid_body import (
-    MovingTree,
-    crba,
-    joint_motions,
-    moving_tree,
-    rnea,
-)
 
 NO_NUMBERS: Mapping[str, Array] = MappingProxyType({})
 

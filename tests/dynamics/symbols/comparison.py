@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.symbols.dynamics import SymbolicDynamics
 
 EQUAL = 1e-10  # of a quantity's largest entry; 1e-14 is what is seen
 ROUNDING_BY_CONDITION = 100.0  # times eps and M's condition: how far two solves may be apart
