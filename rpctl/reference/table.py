@@ -12,10 +12,9 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.function import FunctionReference
-from rpctl.reference.motion import Reference, ReferenceState, require_state
+from rpctl.reference.motion import Reference, ReferenceState, configurations, require_state
 from rpctl.reference.path_reference import PathReference, TimedPath
 from rpctl.reference.pose_goal import GoalMotion
-from rpctl.reference.quasi_velocities import configurations
 from rpctl.robot.model import Robot
 
 

@@ -11,8 +11,8 @@ from rpctl import ReducedDynamics, Robot, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
 from rpctl.drive.steering import trailing_positions
+from rpctl.reference.motion import configuration_along
 from rpctl.reference.named import reference_by_name
-from rpctl.reference.quasi_velocities import configuration_along
 from rpctl.robot.vary import set_limits
 from tests.grids import cells
 

@@ -12,9 +12,8 @@ import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.errors import UnknownNameError
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, reference_rates
 from rpctl.reference.named import BASE_PATHS, reference_by_name
-from rpctl.reference.quasi_velocities import reference_rates
 from rpctl.robot.catalog import names
 from tests.grids import cells
 
@@ -54,7 +53,7 @@ def test_speeds_and_accelerations_are_the_poses_derivatives(mixed_chain: Robot, 
         np.testing.assert_allclose(np.cross(state.direction[0], state.twist), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, ("paper", "tiago", "panda")))
+@pytest.mark.parametrize("name", cells(ROBOTS, ("paper",), ("tiago",)))
 def test_arms_stay_inside_their_limits(name: str) -> None:
     robot = rpctl.load(name)
     reference = reference_by_name(robot, "eight")

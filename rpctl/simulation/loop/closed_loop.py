@@ -13,12 +13,11 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import Controller, ControllerOutput
 from rpctl.control.error import tracking_error
-from rpctl.control.horizon.background import SimulatedTime, in_simulated_time
+from rpctl.control.horizon.law import SimulatedTime, in_simulated_time
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
-from rpctl.reference.motion import Reference, ReferenceState, require_state
-from rpctl.reference.quasi_velocities import configuration_along
+from rpctl.reference.motion import Reference, ReferenceState, configuration_along, require_state
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.recorder import LoopSample

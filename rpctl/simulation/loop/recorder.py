@@ -10,8 +10,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.law import Limit
-from rpctl.reference.motion import ReferenceState
-from rpctl.reference.quasi_velocities import reference_rates, steering
+from rpctl.reference.motion import ReferenceState, reference_rates, steering
 from rpctl.reference.table import ReferenceTable, table_of
 from rpctl.simulation.run.derived import TURN, Derivation, left, reference_configurations
 from rpctl.simulation.run.facts import reference_wheels

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.control.obstacle_shapes import links_among
+from rpctl.control.obstacles import links_among
 from rpctl.errors import RpctlError
 from rpctl.robot.collision import TOUCH_M, WORLD, CollisionModel
 from rpctl.robot.model import Robot

@@ -13,7 +13,7 @@ from rpctl.dynamics.ground_reaction import GroundReaction, find_contacts, ground
 from rpctl.dynamics.pushes import outside_at
 from rpctl.dynamics.reduced import OutsideForce, Reactions, ReducedDynamics
 from rpctl.errors import DivergedError
-from rpctl.reference.quasi_velocities import configurations
+from rpctl.reference.motion import configurations
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.run.facts import other_joints, reference_wheels, steered_joints

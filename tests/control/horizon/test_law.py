@@ -23,8 +23,7 @@ from rpctl import (
 )
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.prediction import Indices
-from rpctl.control.horizon.qp import Linearisation
-from rpctl.control.horizon.solver import CondensedQp, CondensedSolution
+from rpctl.control.horizon.qp import CondensedQp, CondensedSolution, Linearisation
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name

@@ -8,7 +8,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics
 from rpctl.arrays import Array
-from rpctl.control.horizon import pace
+from rpctl.control.horizon import target as pace
 from rpctl.control.horizon.law import Horizon
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.named import reference_by_name
