@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-import casadi
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -13,7 +12,6 @@ import sympy as sp
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.derive.program import CASADI, CasadiScalar
 from rpctl.equivalence import gibbs_appell
 from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
 from rpctl.equivalence.tree import Scalars
@@ -99,27 +97,6 @@ def test_symbols_differentiate_to_what_floats_sum(paper: Robot) -> None:
     np.testing.assert_allclose(numbers, closed_form.inertia(0.7, 0.6), atol=1e-12)
     numbers = np.array(h.subs(at).evalf(), dtype=float).ravel()
     np.testing.assert_allclose(numbers, closed_form.bias(0.7, 0.6, nu), atol=1e-12)
-
-
-def test_casadi_symbols_give_the_same_numbers(mixed_chain: Robot, rng: np.random.Generator) -> None:
-    oracle = GibbsAppell(mixed_chain, CASADI)
-    n, names = mixed_chain.dof, oracle.tree.moving
-    speeds, angles = casadi.SX.sym("nu", n), casadi.SX.sym("q", len(names))
-    u = np.empty(n, dtype=object)
-    u[:] = [CasadiScalar.of(speeds[i]) for i in range(n)]
-    positions = {name: CasadiScalar.of(angles[i]) for i, name in enumerate(names)}
-    terms = oracle.terms(positions, u, *oracle.rolling_root(CASADI.identity(3), positions, u))
-    M = casadi.vertcat(*(casadi.horzcat(*(entry.sx for entry in row)) for row in terms.M))
-    h = casadi.vertcat(*(entry.sx for entry in terms.h))
-    function = casadi.Function("terms", [angles, speeds], [M, h])
-    dynamics = ReducedDynamics(mixed_chain)
-    for _ in range(5):
-        q, nu = mixed_chain.random_configuration(rng), rng.normal(size=n)
-        at = [mixed_chain.joint_position(q, name) for name in names]
-        found = [np.array(value) for value in function(at, nu)]
-        truth = dynamics.inertia(q), dynamics.bias(q, nu)[:, None]
-        for value, expected in zip(found, truth, strict=True):
-            np.testing.assert_allclose(value, expected, atol=1e-12 * np.abs(expected).max())
 
 
 MOVING = ("mixed_chain", "swerve", "tricycle", "casters", "caster_drive", "mecanum")
