@@ -72,6 +72,11 @@ class DescriptionError(RpctlError):
         super().__init__("\n".join(lines))
 
 
+def fault_at(path: object, line: int | None, fault: str) -> DescriptionError:
+    """Return the error that says one fault of a file."""
+    return DescriptionError(path, [Finding("error", line, fault)])
+
+
 class UnknownNameError(RpctlError):
     """A name that is not among the valid choices; the nearest are suggested."""
 

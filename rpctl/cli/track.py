@@ -104,9 +104,17 @@ def _simulate(
         try:
             with progress_bar("simulate", task.budget.brief) as advance:
                 run = simulate(
-                    task.robot, task.config, task.reference, task.certificate,
-                    advance, page, ended.append, part, results.collisions, results.backend,
-                )  # fmt: skip
+                    task.robot,
+                    task.config,
+                    task.reference,
+                    certificate=task.certificate,
+                    progress=advance,
+                    watch=page,
+                    ended=ended.append,
+                    part=part,
+                    collisions=results.collisions,
+                    backend=results.backend,
+                )
         except BaseException:
             if ended:
                 if page is not None:

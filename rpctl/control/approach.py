@@ -15,9 +15,8 @@ from rpctl.control.smooth_path import SmoothPath, shortest_paths, smooth_path
 from rpctl.drive.steering import heading_radius, turning_radius
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.files.records import POSITIVE, Record, Setting
-from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.motion import Reference, ReferenceState, direction
 from rpctl.reference.paths import smooth_step
-from rpctl.reference.quasi_velocities import direction
 from rpctl.robot.model import Robot
 
 LOOK_AHEAD_S = 120.0  # s: a reference that cannot be met by then is not

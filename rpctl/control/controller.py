@@ -10,13 +10,6 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.dynamic import PaperDynamic, PaperDynamicController
-from rpctl.control.fallback import (
-    LawWithFallback,
-    require_callable,
-    require_command,
-    require_efforts,
-    require_speeds,
-)
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.joint_limits import Speeds
 from rpctl.control.law import (
@@ -30,8 +23,17 @@ from rpctl.control.law import (
     Rest,
     as_law,
 )
-from rpctl.control.measurements import Braking, MeasuredSample, SampleReader
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
+from rpctl.control.safeguards import (
+    Braking,
+    LawWithFallback,
+    MeasuredSample,
+    SampleReader,
+    require_callable,
+    require_command,
+    require_efforts,
+    require_speeds,
+)
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.control.velocity_output import VelocityController, VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics

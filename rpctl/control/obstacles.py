@@ -1,15 +1,25 @@
-"""Obstacles on the floor: discs to stay out of and half-planes to stay in, as linear bounds."""
+"""Obstacles on the floor: discs and half-planes, as linear bounds and as shapes among the links."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+import coal
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
+from rpctl.robot.collision import (
+    CollisionModel,
+    CollisionShape,
+    arm_joints,
+    collision_model,
+    standing,
+)
+from rpctl.robot.model import Robot
 
 DETOUR_MARGIN = 0.01  # m: clearance of a detour from a disc, so that its bound is seldom active
 COINCIDENT = 1e-6  # m: a point this near to a disc's centre has no direction away from it
@@ -181,3 +191,35 @@ OBSTACLES: dict[str, type[Disc | HalfPlane]] = {"disc": Disc, "half-plane": Half
 def _require_finite(what: str, *values: float) -> None:
     if not all(map(math.isfinite, values)):
         raise RpctlError(f"{what} is {values}; give finite numbers")
+
+
+HEIGHT_M = 1e3  # m: of an obstacle without end
+
+
+def links_among(
+    robot: Robot, base: Sequence[Disc | HalfPlane], tip: Sequence[Disc | HalfPlane]
+) -> CollisionModel:
+    """Return the shapes of a robot, the ground, and obstacles, in this order.
+
+    What the base avoids no link may touch; what the end effector avoids no link of the arm may.
+
+    Args:
+        tip: Obstacles of the end effector; they come after the base's.
+    """
+    model = collision_model(robot)
+    links, moved = model.shapes[:-1], arm_joints(robot)  # the last is the ground
+    everything = list(range(len(links)))
+    arm = [k for k in everything if links[k].joint in moved]
+    against = [*([everything] * len(base)), *([arm] * len(tip))]
+    return model.with_obstacles([_standing(each, robot) for each in (*base, *tip)], against)
+
+
+def _standing(obstacle: Disc | HalfPlane, robot: Robot) -> CollisionShape:
+    """Return an obstacle as a shape that stands in the world."""
+    pose = np.eye(4)
+    if isinstance(obstacle, Disc):
+        pose[:3, 3] = obstacle.x, obstacle.y, robot.drive.ground
+        return standing("disc", pose, coal.Cylinder(obstacle.radius, HEIGHT_M))
+    normal = np.append(obstacle.normal, 0.0)
+    pose[:3, 3] = obstacle.offset * normal
+    return standing("half-plane", pose, coal.Halfspace(normal, 0.0))

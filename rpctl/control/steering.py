@@ -75,7 +75,7 @@ class Measured(NamedTuple):
 def reference_direction(sheet: Sheet, state: ReferenceState) -> list[Any]:
     """Write the direction of travel (3,) of a reference, with its first two derivatives.
 
-    That of :func:`rpctl.reference.quasi_velocities.direction`: where a reference gives none, its
+    That of :func:`rpctl.reference.motion.direction`: where a reference gives none, its
     twist, and where there is neither, straight ahead.
 
     Args:

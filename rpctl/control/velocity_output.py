@@ -14,7 +14,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.joint_limits import Actuation, SpeedLimits, Speeds
 from rpctl.control.law import Command, ReportsNothing, Rest
-from rpctl.control.measurements import MeasuredSample
+from rpctl.control.safeguards import MeasuredSample
 from rpctl.dynamics.lag import follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SMALLEST, SingularBasisError, UnknownNameError

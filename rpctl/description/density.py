@@ -15,9 +15,9 @@ from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.meshes.reading import read_shape
 from rpctl.description.meshes.service import StalledMeshError, ask
 from rpctl.description.records import Description, Link, Shape
-from rpctl.description.urdf.findings import excerpt
+from rpctl.description.urdf.findings import Findings, excerpt
 from rpctl.description.urdf.links import AXES
-from rpctl.errors import DescriptionError, Finding, RpctlError
+from rpctl.errors import DescriptionError, RpctlError
 
 MAX_DENSITY = 1e6  # kg/m3; more is a wrong unit
 LEAST_VOLUME = 1e-15  # m3, a cube of 10 µm; below it a mesh is flat
@@ -67,14 +67,15 @@ def fill(description: Description, density: float) -> Description:
         raise RpctlError(f"density is {density:g}; give kg/m3, as 1000 for water")
     estimator = _Estimator(description, density)
     links = tuple(estimator.link(link) for link in description.links)
-    if estimator.faults:
-        raise DescriptionError(description.path, estimator.faults)
+    errors = [each for each in estimator.findings.items if each.severity == "error"]
+    if errors:
+        raise DescriptionError(description.path, errors)
     filled = {link.name: link for link in links if link.estimated}
-    return replace(
-        description,
+    return description.edited(
+        lambda root: write_inertials(root, filled),
+        None,
         links=links,
-        xml=_with_inertials(description.xml, filled),
-        findings=description.findings + tuple(estimator.findings),
+        findings=(*description.findings, *estimator.findings.items),
     )
 
 
@@ -82,8 +83,7 @@ class _Estimator:
     """Estimates links, and collects what there is to say of them."""
 
     def __init__(self, description: Description, density: float) -> None:
-        self.findings: list[Finding] = []
-        self.faults: list[Finding] = []
+        self.findings = Findings()
         self._paths = description.mesh_paths
         self._density = density
         self._moved = {joint.child for joint in description.joints if joint.moving}
@@ -93,23 +93,25 @@ class _Estimator:
         if link.mass is not None:
             return link
         shapes, kind = link.collisions or link.visuals, "collision" if link.collisions else "visual"
-        solids = [solid for shape in shapes if (solid := self._solid(link, shape)) is not None]
+        solids = list(filter(None, (self._solid(link, shape) for shape in shapes)))
         if not solids:
             if link.name in self._moved:
-                self._warn(
+                self.findings.add_at(
+                    "warning",
                     link.line,
                     f'link "{link.name}" has no <inertial> and no shape to estimate it from; '
                     "give one of them",
                 )
             return link
         whole = _sum(solids)
-        mass = self._density * whole.volume
-        text = (
-            f'link "{link.name}" has no <inertial>; estimated: {mass:.4g} kg from {len(solids)} '
-            f"{kind} shape{'s' * (len(solids) > 1)} at {self._density:g} kg/m3"
+        mass, inertia = self._density * whole.volume, self._density * whole.moment
+        self.findings.add_at(
+            "info",
+            link.line,
+            f'link "{link.name}" has no <inertial>; estimated: {mass:.4g} kg from '
+            f"{len(solids)} {kind} shape{'s' * (len(solids) > 1)} at {self._density:g} kg/m3",
         )
-        self.findings.append(Finding("info", link.line, text))
-        for array in (whole.centroid, inertia := self._density * whole.moment):
+        for array in (whole.centroid, inertia):
             array.setflags(write=False)
         return replace(link, mass=mass, com=whole.centroid, inertia=inertia, estimated=True)
 
@@ -124,21 +126,20 @@ class _Estimator:
         name = f'mesh "{excerpt(shape.mesh or "")}" of link "{link.name}"'
         try:
             solid, closed = _mesh_solid(shape, self._paths)
-        except FlatMeshError as error:
-            self._warn(shape.line, f"{name} gives no estimate: {error}")
-            return None
-        except MeshError as error:  # what is not known is not nothing
-            fix = "its link has no <inertial>: give one, or the mesh"
-            text = f"{name} gives no estimate: {error}; {fix}"
-            self.faults.append(Finding("error", shape.line, text))
+        except MeshError as error:
+            fault, severity = f"{name} gives no estimate: {error}", "warning"
+            if not isinstance(error, FlatMeshError):  # what is not known is not nothing
+                severity = "error"
+                fault += "; its link has no <inertial>: give one, or the mesh"
+            self.findings.add_at(severity, shape.line, fault)
             return None
         if not closed:
-            text = f"{name} is not watertight; its convex hull is taken, close the mesh"
-            self._warn(shape.line, text)
+            self.findings.add_at(
+                "warning",
+                shape.line,
+                f"{name} is not watertight; its convex hull is taken, close the mesh",
+            )
         return solid.placed(shape.origin)
-
-    def _warn(self, line: int, message: str) -> None:
-        self.findings.append(Finding("warning", line, message))
 
 
 def primitive(shape: Shape) -> Any:
@@ -186,13 +187,6 @@ def _sum(solids: list[Solid]) -> Solid:
     return Solid(volume, centroid, moment)
 
 
-def _with_inertials(xml: str, filled: dict[str, Link]) -> str:
-    """Return the document with the estimates as <inertial> elements, to the last digit."""
-    root = etree.fromstring(xml)
-    write_inertials(root, filled)
-    return str(etree.tostring(root, encoding="unicode"))
-
-
 def write_inertials(root: Any, links: Mapping[str, Link]) -> None:
     """Give links of a document the inertias of their records, by name."""
     for element in root.findall("link"):
@@ -208,11 +202,7 @@ def inertial_element(link: Link) -> Any:
     inertial: Any = etree.Element("inertial")
     etree.SubElement(inertial, "origin", xyz=" ".join(map(repr, link.com.tolist())), rpy="0 0 0")
     etree.SubElement(inertial, "mass", value=repr(link.mass))
-    entries = {f"i{axes}": repr(float(link.inertia[_index(axes)])) for axes in AXES}
+    values = link.inertia[np.triu_indices(3)].tolist()
+    entries = {f"i{axes}": repr(value) for axes, value in zip(AXES, values, strict=True)}
     etree.SubElement(inertial, "inertia", **entries)
     return inertial
-
-
-def _index(axes: str) -> tuple[int, int]:
-    """Return row and column of an entry such as ``"xy"``."""
-    return "xyz".index(axes[0]), "xyz".index(axes[1])

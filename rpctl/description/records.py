@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.description.meshes.paths import MeshPaths
@@ -18,6 +19,7 @@ from rpctl.description.urdf.document import parse_document
 from rpctl.description.urdf.findings import Findings
 from rpctl.errors import Finding
 
+Change = Callable[[Any], None]  # of the root element of a document, in place
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
 
 
@@ -236,6 +238,23 @@ class Description:
     def document(self) -> Any:
         """Return a copy of the tree of ``raw``, each tag at its line, for whoever edits it."""
         return deepcopy(self._document)
+
+    def edited(self, xml: Change | None, raw: Change | None, **records: Any) -> Description:
+        """Return a description with other records, and its two texts changed likewise.
+
+        Args:
+            xml: Changes the document that engines read, in place; None leaves it.
+            raw: Likewise the user's text, which the proof reads.
+        """
+        if xml is not None:
+            root = etree.fromstring(self.xml)
+            xml(root)
+            records["xml"] = str(etree.tostring(root, encoding="unicode"))
+        if raw is not None:
+            root = self.document()
+            raw(root)
+            records["raw"] = bytes(etree.tostring(root))
+        return replace(self, **records)
 
     @cached_property
     def _document(self) -> Any:

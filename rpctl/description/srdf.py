@@ -10,7 +10,7 @@ from rpctl.description.records import READ_DEFAULTS, ReadSettings
 from rpctl.description.urdf.document import Refusal, parse_document
 from rpctl.description.urdf.findings import Findings, excerpt
 from rpctl.description.xacro.expansion import expand, is_xacro, list_arguments
-from rpctl.errors import DescriptionError, Finding
+from rpctl.errors import DescriptionError, fault_at
 from rpctl.files.opening import read_input
 
 SAME_POSITION = 1e-9  # rad or m; two groups may both state a joint that they share
@@ -51,8 +51,9 @@ def read_state(
     if not chosen:
         known = ", ".join(dict.fromkeys(state.get("name", "?") for state in states))
         listed = f"its states are {known}" if known else "it has none"
-        text = f'no group state is called "{excerpt(name)}"; {listed}'
-        raise DescriptionError(path, [Finding("error", root.sourceline, text)])
+        raise fault_at(
+            path, root.sourceline, f'no group state is called "{excerpt(name)}"; {listed}'
+        )
     stated: dict[str, StatedPosition] = {}
     for state in chosen:
         for element in state.findall("joint"):
@@ -77,7 +78,7 @@ def _document(path: Path, findings: Findings, settings: ReadSettings) -> Any:
         if root.find("link") is not None:
             raise Refusal("this is a URDF; give the SRDF beside it", root.sourceline)
     except Refusal as refusal:
-        raise DescriptionError(path, [Finding("error", refusal.line, str(refusal))]) from None
+        raise fault_at(path, refusal.line, str(refusal)) from None
     return root
 
 

@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from rpctl.errors import DescriptionError, Finding, InputError
+from rpctl.errors import InputError, fault_at
 from rpctl.files.caps import cap, how_to_raise
 
 A_URDF = "a URDF file or a name listed by `rpctl robots`"
@@ -93,8 +93,7 @@ def read_text(path: str | Path, cap_name: str, kind: str) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        fault = f"not UTF-8 ({error.reason}); save it as UTF-8"
-        raise DescriptionError(path, [Finding("error", line, fault)]) from None
+        raise fault_at(path, line, f"not UTF-8 ({error.reason}); save it as UTF-8") from None
 
 
 def read_source(path: Path) -> bytes:

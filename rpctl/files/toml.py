@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rpctl.errors import DescriptionError, Finding
+from rpctl.errors import DescriptionError, Finding, fault_at
 from rpctl.files.opening import read_text
 
 if sys.version_info >= (3, 11):
@@ -68,24 +68,21 @@ def read(path: str | Path, schema: Schema[Content], kind: str) -> Content:
 def _parse(path: str | Path, text: str, kind: str) -> Table:
     text = text.replace("\r\n", "\n")
     if beyond := too_deep_or_long(text):
-        raise _refused(path, *beyond)
+        raise fault_at(path, *beyond)
     try:
         return tomllib.loads(text, parse_float=read_float)
     except tomllib.TOMLDecodeError as error:
         at = AT_LINE.search(str(error))  # in the text only: the exception has no line before 3.14
         reason = AT_LINE.sub("", str(error))
-        fault = f"not TOML: {reason}; {kind} is TOML"
-        raise _refused(path, int(at[1]) if at else None, fault) from None
+        raise fault_at(
+            path, int(at[1]) if at else None, f"not TOML: {reason}; {kind} is TOML"
+        ) from None
 
 
 def _line(text: str, fault: str) -> int | None:
     """Return the line that a fault is about: ``run.size: is 0``, or ``run: size is 0``."""
     place, _, sentence = fault.partition(": ")
     return line_of(text, ".".join([place, *sentence.split(" ", 1)[:1]]))
-
-
-def _refused(path: str | Path, line: int | None, fault: str) -> DescriptionError:
-    return DescriptionError(path, [Finding("error", line, fault)])
 
 
 class OutOfRange(float):

@@ -13,9 +13,14 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Swivel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import listed
-from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.motion import (
+    Reference,
+    ReferenceState,
+    configuration_along,
+    configurations,
+    reference_rates,
+)
 from rpctl.reference.path_reference import PathReference, TimedPath, Waves, waves
-from rpctl.reference.quasi_velocities import configuration_along, configurations, reference_rates
 from rpctl.robot.model import Robot
 
 LIMIT_SHARE = 0.5  # of each limit: what a default reference takes; the rest corrects errors

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -11,10 +12,9 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.function import FunctionReference
-from rpctl.reference.motion import Reference, ReferenceState, require_state
+from rpctl.reference.motion import Reference, ReferenceState, configurations, require_state
 from rpctl.reference.path_reference import PathReference, TimedPath
 from rpctl.reference.pose_goal import GoalMotion
-from rpctl.reference.quasi_velocities import configurations
 from rpctl.robot.model import Robot
 
 
@@ -60,6 +60,22 @@ class ReferenceTable:
         q = configurations(self.robot, self.pose, self.joints)
         return self.robot.end_effector_poses(q)[:, :3, 3].copy()
 
+    @property
+    def state(self) -> ReferenceState:
+        """All of it as one state, whose arrays have a row a time."""
+        return ReferenceState(*(getattr(self, name) for name in ReferenceState._fields))
+
+    def states(self) -> Iterator[ReferenceState]:
+        """Yield the state at each time."""
+        for *rest, direction in zip(*self.state, strict=True):
+            yield ReferenceState(*rest, None if np.isnan(direction[0, 0]) else direction)
+
+    def at(self, chosen: slice) -> ReferenceTable:
+        """Return it at some of its times."""
+        return ReferenceTable(
+            self.robot, self.t[chosen], *(column[chosen] for column in self.state)
+        )
+
     def rows(self) -> Array:
         """Return all of it side by side (K, 9 + 3 n_joints + 9), in the order of the attributes.
 
@@ -90,7 +106,7 @@ def tabulate(robot: Robot, reference: Reference, times: Array) -> ReferenceTable
     found = _at_once(robot, reference, times)
     if found is None:
         states = [require_state(robot, reference(t), t) for t in times.tolist()]
-        found = _table_of(robot, times, states)
+        found = table_of(robot, times, states)
     return found
 
 
@@ -115,7 +131,7 @@ def _at_once(robot: Robot, reference: Any, times: Array) -> ReferenceTable | Non
     return ReferenceTable(robot, times, *state._replace(direction=direction))
 
 
-def _table_of(robot: Robot, times: Array, states: list[ReferenceState]) -> ReferenceTable:
+def table_of(robot: Robot, times: Array, states: Sequence[ReferenceState]) -> ReferenceTable:
     """Return the table of states, one for each time (K,)."""
     count, n, none = len(states), len(robot.joints), np.full((3, 3), np.nan)
     columns: list[Array] = [

@@ -15,7 +15,7 @@ from lxml import etree
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
-from rpctl.errors import DescriptionError, Finding, RpctlError, require_within
+from rpctl.errors import DescriptionError, Finding, RpctlError, fault_at, require_within
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.coordinates import joint_entries
 from rpctl.robot.patterns import matching
@@ -56,8 +56,11 @@ def build(tree: FrozenTree) -> pin.Model:
             model = _model(tree)
         except Exception as error:  # whatever the engine raises, the file is to blame
             reason = f"{error} {captured()}".strip()[:MAX_ENGINE_MESSAGE]
-            text = f"Pinocchio refuses this robot: {reason}; correct or simplify it"
-            raise DescriptionError(description.path, [Finding("error", None, text)]) from None
+            raise fault_at(
+                description.path,
+                None,
+                f"Pinocchio refuses this robot: {reason}; correct or simplify it",
+            ) from None
     _require_unique(description, model)
     require_dynamics(description, model)
     return model
@@ -125,11 +128,12 @@ def _require_few_joints(tree: FrozenTree) -> None:
     free = [joint for joint in tree.description.joints if tree.is_free(joint)]
     most = cap("MAX_MOVING_JOINTS")
     if len(free) > most:
-        text = (
-            f"{len(free)} moving joints, where {most} are the limit (memory grows with their "
-            f"cube); freeze some with --lock, or {how_to_raise('MAX_MOVING_JOINTS')}"
+        raise fault_at(
+            tree.description.path,
+            free[most].line,
+            f"{len(free)} moving joints, where {most} are the limit (memory grows with "
+            f"their cube); freeze some with --lock, or {how_to_raise('MAX_MOVING_JOINTS')}",
         )
-        raise DescriptionError(tree.description.path, [Finding("error", free[most].line, text)])
 
 
 def _require_mass(tree: FrozenTree) -> None:
@@ -162,8 +166,11 @@ def _require_unique(description: Description, model: pin.Model) -> None:
     names = list(model.names[2:])
     if len(set(names)) == len(names) and set(names) <= description.joint.keys():
         return
-    text = "Pinocchio reads other joints than the file names; give every joint its own name"
-    raise DescriptionError(description.path, [Finding("error", None, text)])
+    raise fault_at(
+        description.path,
+        None,
+        "Pinocchio reads other joints than the file names; give every joint its own name",
+    )
 
 
 def require_dynamics(description: Description, model: pin.Model) -> None:
@@ -209,11 +216,12 @@ def _no_dynamics(description: Description, model: pin.Model, index: int) -> Desc
     joints = list(model.joints)[1:]
     joint = next(n for n, j in zip(names, joints, strict=True) if index < j.idx_v + j.nv)
     line = description.joint[joint].line if joint in description.joint else None
-    text = (
-        f'the inertia matrix is not positive definite: joint "{joint}" moves links of no or '
-        "negative inertia; correct their <inertial>"
+    return fault_at(
+        description.path,
+        line,
+        f'the inertia matrix is not positive definite: joint "{joint}" moves links of no '
+        "or negative inertia; correct their <inertial>",
     )
-    return DescriptionError(description.path, [Finding("error", line, text)])
 
 
 def set_armature(

@@ -103,8 +103,13 @@ def freeze_grippers(
         )
     if not told:
         return tree, ()
-    text = f"gripper joints are frozen: {'; '.join(told)}; --free PATTERN releases them"
-    return replace(tree, locked=frozen), (Finding("info", None, text),)
+    return replace(tree, locked=frozen), (
+        Finding(
+            "info",
+            None,
+            f"gripper joints are frozen: {'; '.join(told)}; --free PATTERN releases them",
+        ),
+    )
 
 
 def _branches(description: Description) -> dict[str, list[Joint]]:

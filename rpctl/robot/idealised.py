@@ -132,8 +132,9 @@ def _loss(what: str, values: list[tuple[float, Joint]], unit: str) -> Iterator[I
     if lossy:
         largest, joint = max(lossy, key=lambda item: item[0])
         many = f"of {len(lossy)} joints is left out, at most" if len(lossy) > 1 else "is left out:"
-        text = f"<dynamics> {what} {many} {largest:.3g} {unit} of {listed(joint)}"
-        yield Idealisation(what, largest, unit, text)
+        yield Idealisation(
+            what, largest, unit, f"<dynamics> {what} {many} {largest:.3g} {unit} of {listed(joint)}"
+        )
 
 
 def wheel_idealisations(robot: Robot) -> Iterator[Idealisation]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -183,13 +184,10 @@ def with_links(description: Description, links: Mapping[str, Link]) -> Descripti
     if not links:
         return description
     written = {name: link for name, link in links.items() if not link.estimated}
-    root = etree.fromstring(description.xml)
-    write_inertials(root, links)
-    return replace(
-        description,
+    return description.edited(
+        lambda root: write_inertials(root, links),
+        lambda root: write_inertials(root, written),
         links=tuple(links.get(link.name, link) for link in description.links),
-        xml=str(etree.tostring(root, encoding="unicode")),
-        raw=_edited(description, lambda root: write_inertials(root, written)),
     )
 
 
@@ -199,18 +197,11 @@ def with_joint_losses(description: Description, joints: Mapping[str, Joint]) -> 
     Args:
         joints: Their records, by name.
     """
-    return replace(
-        description,
+    return description.edited(
+        None,
+        lambda root: _write_losses(root, joints),
         joints=tuple(joints.get(joint.name, joint) for joint in description.joints),
-        raw=_edited(description, lambda root: _write_losses(root, joints)),
     )
-
-
-def _edited(description: Description, change: Callable[[Element], None]) -> bytes:
-    """Return the user's text changed."""
-    root = description.document()
-    change(root)
-    return bytes(etree.tostring(root))
 
 
 def _write_losses(root: Element, joints: Mapping[str, Joint]) -> None:
@@ -289,14 +280,12 @@ def _attached(
     link = Link(name, line, mass, com, inertia, (), ())
     ends, limits, losses = (carrier, name), (-inf, inf, inf, inf), (0.0, 0.0)
     joint = Joint(name + JOINT, line, "fixed", *ends, origin, axis, *limits, None, *losses)
-    root = etree.fromstring(description.xml)
-    _write_payload(root, link, joint)
-    return replace(
-        description,
+    write = partial(_write_payload, link=link, joint=joint)
+    return description.edited(
+        write,
+        write,
         links=(*description.links, link),
         joints=(*description.joints, joint),
-        xml=str(etree.tostring(root, encoding="unicode")),
-        raw=_edited(description, lambda root: _write_payload(root, link, joint)),
     )
 
 

@@ -14,8 +14,7 @@ from rpctl.arrays import Array
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.reference.motion import Reference
-from rpctl.reference.quasi_velocities import configuration_along
+from rpctl.reference.motion import Reference, configuration_along
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
 from rpctl.simulation.config import Config, LimitOverrides, RunSettings

@@ -102,7 +102,6 @@ class Chart:
         limits: Levels that are drawn dashed and always in view.
         errors: Whether its lines are errors, of which the magnitude is drawn over decades.
         note: What a reader must know beside the title.
-        top: The page clips lines here; on paper they leave the panel.
         panel: How it is printed; None where only the page has it.
         named: Whether its lines are called after joints or runs: legends shorten names together.
     """
@@ -113,7 +112,6 @@ class Chart:
     limits: tuple[float, ...] = ()
     errors: bool = False
     note: str = ""
-    top: float = np.inf
     panel: Panel | None = None
     named: bool = False
 

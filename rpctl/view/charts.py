@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -39,8 +39,7 @@ def charts(run: Run) -> tuple[Chart, ...]:
 
 def each_chart(run: Run) -> Iterator[Chart]:
     """Yield these charts one by one: the lines of all at once are most of a long run's memory."""
-    for make in (_base_error, _tip_error, _joint_errors, _speeds, _efforts, _margins, _loads,
-                 _slips, _clearances):  # fmt: skip
+    for make in MAKERS:
         made = make(run)
         for chart in [made] if isinstance(made, Chart) else made:
             if chart.lines:
@@ -183,67 +182,56 @@ def _efforts(run: Run) -> list[Chart]:
     return found
 
 
-def _margins(run: Run) -> list[Chart]:
-    margins = [_tip_margin(run)] if run.log.tip_margin.size else []
-    return [*margins, _grip(run)] if run.log.slip_ratio.size else margins
-
-
-def _tip_margin(run: Run) -> Chart:
+def _tip_margin(run: Run) -> list[Chart]:
+    margins = run.log.tip_margin
+    if not margins.size:
+        return []
     label = "zero-moment point to edge"
-    low, high = min(0.0, float(run.log.tip_margin.min())), max(0.0, float(run.log.tip_margin.max()))
-    margin = AXIS_MARGIN * (high - low)
-    panel = Panel(
-        "tip-over",
-        "Tip-over margin, limit dashed",
-        f"{label}, m",
-        span=(low - margin, high + margin),
-    )
-    line = Line(label, "m", run.log.tip_margin, 0)
-    note = "tips below the dashed line"
-    return Chart("Tip-over margin", "m", (line,), (0.0,), note=note, panel=panel)
+    low, high = min(0.0, float(margins.min())), max(0.0, float(margins.max()))
+    room = AXIS_MARGIN * (high - low)
+    span, title = (low - room, high + room), "Tip-over margin, limit dashed"
+    panel = Panel("tip-over", title, f"{label}, m", span=span)
+    line, note = Line(label, "m", margins, 0), "tips below the dashed line"
+    return [Chart("Tip-over margin", "m", (line,), (0.0,), note=note, panel=panel)]
 
 
-def _grip(run: Run) -> Chart:
-    label, top = "force / (friction · load)", grip_top(run)
-    least_most = tuple(100.0 * run.log.slip_range.T)
-    band = (least_most[0], least_most[1]) if run.log.slip_range.size else None
-    line = Line(label, "%", 100.0 * run.log.slip_ratio, 1, band=band, printed=EQUAL_SPRINGS)
-    most = max(float(run.log.slip_ratio.max()), float(np.nanmax(run.log.slip_range, initial=0.0)))
-    beyond = f" (drawn up to {100.0 * top:.0f})" if most > top else ""
+def _grip(run: Run) -> list[Chart]:
+    if not run.log.slip_ratio.size:
+        return []
+    label, top = "force / (friction · load)", 100.0 * grip_top(run)
+    least_most = 100.0 * run.log.slip_range.T
+    band = None
+    if least_most.size:  # beyond the top it has no upper bound
+        band = np.minimum(least_most[0], top), np.where(least_most[1] > top, np.inf, least_most[1])
+    ratio = 100.0 * run.log.slip_ratio
+    line = Line(label, "%", np.minimum(ratio, top), 1, band=band, printed=EQUAL_SPRINGS)
+    most = max(float(ratio.max()), float(np.nanmax(least_most, initial=0.0)))
     panel = Panel(
         "grip",
         f"Grip at friction {run.ground.friction:g}, limit dashed",
         label,
         factor=0.01,
         legend="own" if band else "none",
-        span=(0.0, AXIS_ZOOM * 100.0 * top),
+        span=(0.0, AXIS_ZOOM * top),
     )
-    note = f"friction {run.ground.friction:g}, slips above 100{beyond}"
+    note = f"friction {run.ground.friction:g}, slips above 100"
+    note += f" (drawn up to {top:.0f})" if most > top else ""
     note += f"; shaded: {ALL_SPLITS}" if band else ""
-    return Chart("Grip used", "%", (line,), (100.0,), note=note, top=100.0 * top, panel=panel)
+    return [Chart("Grip used", "%", (line,), (100.0,), note=note, panel=panel)]
 
 
 def _loads(run: Run) -> Chart:
     """Return the vertical forces of the ground; no panel has them."""
+    loads, note = run.log.contact_load, ""
     bands: list[tuple[Array, Array] | None] = [None] * len(run.ground.contacts)
-    if run.log.load_range.size:
-        bands = [(low, high) for low, high in run.log.load_range.transpose(1, 2, 0)]
     if run.log.ground_load.size:  # what the plant has, not what the reduced model makes of it
-        lines = tuple(
-            Line(name, "N", load, k)
-            for k, (name, load) in enumerate(
-                zip(run.ground.contacts, run.log.ground_load.T, strict=True)
-            )
-        )
-        return Chart("Ground loads", "N", lines, note="as the plant has them", named=True)
-    lines = tuple(
-        Line(name, "N", load, k, band=band)
-        for k, (name, load, band) in enumerate(
-            zip(run.ground.contacts, run.log.contact_load.T, bands, strict=False)
-        )
-    )
-    note = f"shaded: {ALL_SPLITS}" if run.log.load_range.size else ""
-    return Chart("Ground loads", "N", lines, note=note, named=True)
+        loads, note = run.log.ground_load, "as the plant has them"
+    elif run.log.load_range.size:
+        bands = [(low, high) for low, high in run.log.load_range.transpose(1, 2, 0)]
+        note = f"shaded: {ALL_SPLITS}"
+    named = zip(run.ground.contacts, loads.T, bands, strict=False)
+    lines = [Line(name, "N", load, k, band=band) for k, (name, load, band) in enumerate(named)]
+    return Chart("Ground loads", "N", tuple(lines), note=note, named=True)
 
 
 def _slips(run: Run) -> Chart:
@@ -271,21 +259,17 @@ def _clearances(run: Run) -> list[Chart]:
                           (clearance.time, clearance.distance)])  # fmt: skip
         known = known[np.argsort(known[:, 0], kind="stable")]
         label = OWN_THINGS.get(clearance.to, clearance.to.removeprefix("the "))
-        values = np.interp(run.t, *known.T)
+        values = np.minimum(np.interp(run.t, *known.T), CLEARANCE_SHOWN_MAX)
         lines.append(Line(label, "m", values, len(lines), printed=label, dash=len(lines)))
-    low = min([0.0, *(float(line.values.min()) for line in lines)])
-    high = min(max([0.0, *(float(line.values.max()) for line in lines)]), CLEARANCE_SHOWN_MAX)
-    span = low - AXIS_MARGIN * (high - low), high + AXIS_MARGIN * (high - low)
-    panel = Panel(
-        "clearance",
-        "Clearance of the links, contact dashed",
-        "distance, m",
-        legend="own",
-        span=span,
+    values = np.array(
+        [0.0, *(end for line in lines for end in (line.values.min(), line.values.max()))]
     )
+    margin = AXIS_MARGIN * float(np.ptp(values))
+    span = float(values.min()) - margin, float(values.max()) + margin
+    title = "Clearance of the links, contact dashed"
+    panel = Panel("clearance", title, "distance, m", legend="own", span=span)
     note = "collides below the dashed line"
-    chart = Chart("Clearance", "m", tuple(lines), (0.0,), note=note, panel=panel)
-    return [replace(chart, top=CLEARANCE_SHOWN_MAX)]
+    return [Chart("Clearance", "m", tuple(lines), (0.0,), note=note, panel=panel)]
 
 
 def _came_near(least: float, start: float) -> bool:
@@ -309,3 +293,9 @@ def _colour(run: Run, joint: str) -> int:
 
 def _units(lines: Iterable[Line], between: str = ", ") -> str:
     return between.join(dict.fromkeys(line.unit for line in lines))
+
+
+MAKERS: tuple[Callable[[Run], Chart | list[Chart]], ...] = (
+    _base_error, _tip_error, _joint_errors, _speeds, _efforts, _tip_margin, _grip, _loads, _slips,
+    _clearances,
+)  # fmt: skip

@@ -20,7 +20,7 @@ from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.run import Run
-from rpctl.view.marks import marked
+from rpctl.view.marks import MARK, comment
 from rpctl.view.pages.page import asset
 from rpctl.view.pages.report import robot_of
 from rpctl.view.pages.scene_page import player
@@ -49,8 +49,26 @@ GIF_COLOURS = 256  # of a GIF
 CENTISECONDS = 100  # in a second; a GIF counts in them
 MAX_GIF_RATE_HZ = 50  # Hz; browsers slow down what is faster
 
-TakePicture = Callable[[int], "Image"]
-Encoder = Callable[[TakePicture, int, int, Callable[[int, int], None]], bytes]
+Progress = Callable[[int, int], object]  # called with the number of pictures done and their total
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The pictures of a film.
+
+    Attributes:
+        take: Returns a picture by its number; all are of one size, even both ways.
+        count: How many there are.
+        rate: Pictures a second.
+        progress: Called as they are done.
+        comment: That the file keeps.
+    """
+
+    take: Callable[[int], Image]
+    count: int
+    rate: int
+    progress: Progress
+    comment: str
 
 
 def write_film(
@@ -60,7 +78,7 @@ def write_film(
     size: Size | None = None,
     rate: int | None = None,
     robot: Robot | RpctlError | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
 ) -> Path:
     """Write a film of a run, in real time; the file is there whole or not at all.
 
@@ -78,8 +96,6 @@ def write_film(
     Raises:
         RpctlError: The suffix, size or rate cannot be had, or the browser or encoder is missing.
     """
-    from PIL.Image import open as decode
-
     path, form = Path(path), FORMATS.get(Path(path).suffix.lower())
     if form is None:
         raise RpctlError(f"{path}: films are .mp4 or .gif; give a name that ends so")
@@ -91,10 +107,10 @@ def write_film(
     with _camera(run, size, robot) as photograph:
 
         def take(number: int) -> Image:
-            return decode(io.BytesIO(photograph(number / rate, True))).convert("RGB")
+            return photograph(number / rate, True)
 
-        film = form.encode(take, count, rate, progress)
-    return write_atomically(path, marked(film, path.suffix, run.digest))
+        film = form.encode(Pictures(take, count, rate, progress, comment(run.digest)))
+    return write_atomically(path, film)
 
 
 def write_still(
@@ -120,6 +136,8 @@ def write_still(
     Raises:
         RpctlError: The suffix, size or time cannot be had, or the browser is missing.
     """
+    from PIL.PngImagePlugin import PngInfo
+
     path, duration = Path(path), float(run.t[-1] - run.t[0])
     if path.suffix.lower() != STILL_SUFFIX:
         raise RpctlError(f"{path}: pictures are {STILL_SUFFIX}; give a name that ends so")
@@ -129,7 +147,11 @@ def write_still(
     require_writable(path)
     with _camera(run, _checked(size or FORMATS[".mp4"].size), robot) as photograph:
         picture = photograph(time, False)
-    return write_atomically(path, marked(picture, path.suffix, run.digest))
+    buffer, info = io.BytesIO(), PngInfo()
+    if run.digest is not None:
+        info.add_text(MARK, run.digest)
+    picture.save(buffer, "PNG", pnginfo=info)
+    return write_atomically(path, buffer.getvalue())
 
 
 def _picture_count(run: Run, path: Path, rate: int) -> int:
@@ -152,16 +174,18 @@ def _checked(size: Size) -> Size:
 @contextmanager
 def _camera(
     run: Run, size: Size, robot: Robot | RpctlError | None
-) -> Iterator[Callable[[float, bool], bytes]]:
-    """Open the scene of a run; yields a function that takes a PNG at a time (s), stamped or not."""
+) -> Iterator[Callable[[float, bool], Image]]:
+    """Open the scene of a run; yields what takes a picture at a time (s), stamped or not."""
+    from PIL.Image import open as decode
+
     scene = build_scene(robot or robot_of(run), run)
-    html = player(scene, run.robot.name, size[0] / size[1], asset("film.js"))
+    html = player(scene, run.robot.name, asset("film.js"))
     with open_page(html, *size) as page:
 
-        def photograph(time: float, stamped: bool) -> bytes:
+        def photograph(time: float, stamped: bool) -> Image:
             stamp = f"{time:.1f} s" if stamped else ""
             url = page.evaluate("([time, stamp]) => film.photograph(time, stamp)", [time, stamp])
-            return base64.b64decode(url.partition(",")[2])
+            return decode(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGB")
 
         yield photograph
 
@@ -169,14 +193,8 @@ def _camera(
 # ---- formats ------------------------------------------------------------
 
 
-def mp4(take: TakePicture, count: int, rate: int, progress: Callable[[int, int], None]) -> bytes:
+def mp4(film: Pictures) -> bytes:
     """Return pictures as an MP4 that every browser plays.
-
-    Args:
-        take: Returns a picture by its number; all are of one size, even both ways.
-        count: How many there are.
-        rate: Pictures a second.
-        progress: Called with the number of pictures done and their total.
 
     Raises:
         RpctlError: PyAV is not installed.
@@ -188,45 +206,37 @@ def mp4(take: TakePicture, count: int, rate: int, progress: Callable[[int, int],
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
-            stream: Any = container.add_stream(
-                "libx264", rate=rate, options={"crf": QUALITY, "x264-params": BT709}
-            )
+            container.metadata["comment"] = film.comment
+            options = {"crf": QUALITY, "x264-params": BT709}
+            stream: Any = container.add_stream("libx264", rate=film.rate, options=options)
             stream.pix_fmt = "yuv420p"
-            for number in range(count):
-                picture = take(number)
+            for number in range(film.count):
+                picture = film.take(number)
                 if not number:
                     stream.width, stream.height = picture.size
                 shot = av.VideoFrame.from_ndarray(np.asarray(picture), format="rgb24")
                 container.mux(stream.encode(shot.reformat(format="yuv420p", dst_colorspace=1)))
-                progress(number + 1, count)
+                film.progress(number + 1, film.count)
             container.mux(stream.encode())
         return path.read_bytes()
 
 
-def gif(take: TakePicture, count: int, rate: int, progress: Callable[[int, int], None]) -> bytes:
-    """Return pictures as a GIF that repeats for ever, all in one palette, so that nothing flickers.
-
-    Args:
-        take: Returns a picture by its number; a few are asked for twice.
-        count: How many there are.
-        rate: Pictures a second; 100 is a multiple of it.
-        progress: Called with the number of pictures done and their total.
-    """
+def gif(film: Pictures) -> bytes:
+    """Return pictures as a GIF that repeats for ever, all in one palette, so nothing flickers."""
     from PIL import Image
 
-    chosen = np.unique(np.linspace(0, count - 1, PALETTE_SAMPLES).astype(int)).tolist()
-    samples = np.concatenate([np.asarray(take(k)) for k in chosen])
+    chosen = np.unique(np.linspace(0, film.count - 1, PALETTE_SAMPLES).astype(int)).tolist()
+    samples = np.concatenate([np.asarray(film.take(k)) for k in chosen])
     palette = Image.fromarray(samples).quantize(GIF_COLOURS, Image.Quantize.MEDIANCUT)
-
-    def reduced() -> Iterator[Image.Image]:
-        for number in range(count):
-            yield take(number).quantize(palette=palette, dither=Image.Dither.NONE)
-            progress(number + 1, count)
-
-    first, *rest = reduced()
+    pictures = []
+    for number in range(film.count):
+        picture = film.take(number).quantize(palette=palette, dither=Image.Dither.NONE)
+        pictures.append(picture)
+        film.progress(number + 1, film.count)
     buffer = io.BytesIO()
-    delay = 1000 // rate  # ms
-    first.save(buffer, "GIF", save_all=True, append_images=rest, duration=delay, loop=0)
+    options: dict[str, Any] = {"comment": film.comment.encode()} if film.comment else {}
+    options |= {"duration": 1000 // film.rate, "loop": 0}  # ms a picture; for ever
+    pictures[0].save(buffer, "GIF", save_all=True, append_images=pictures[1:], **options)
     return buffer.getvalue()
 
 
@@ -234,7 +244,7 @@ def gif(take: TakePicture, count: int, rate: int, progress: Callable[[int, int],
 class FilmFormat:
     """A film's format: its encoder, and the size (pixels) and rate (Hz) where none is asked for."""
 
-    encode: Encoder
+    encode: Callable[[Pictures], bytes]
     size: Size
     rate: int
 

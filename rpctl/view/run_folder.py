@@ -12,17 +12,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rpctl.errors import RpctlError
-from rpctl.files.opening import is_file, is_folder, open_input
+from rpctl.files.opening import is_file, is_folder
 from rpctl.files.writing import make_folder, to_json, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.summary import Summary, summarize
 from rpctl.simulation.run.part import PART_FOLDER, is_part
 from rpctl.simulation.run.run import Run
 from rpctl.view.marks import JSON_KEY, digest, mark_of
-from rpctl.view.pages.report import comparison_page, report_head, report_page, robot_of
+from rpctl.view.pages.report import comparison_page, report_page, robot_of
 from rpctl.view.plots.figures import tracking_image
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES
-from rpctl.view.scene.scene import Scene, build_scene, redrawn
+from rpctl.view.scene.scene import Scene, build_scene
 
 RUN_FILE, SUMMARY_FILE, FIGURE_FILE, REPORT_FILE = (
     "run.npz",
@@ -35,10 +35,10 @@ MARKED_SUFFIXES = (".json", ".png", ".pdf", ".gif", ".mp4", ".html")  # of files
 MAX_LOOKED_AT = 200  # files of a folder whose marks are read
 MAX_REPORT_MB = 6.0  # of a report, unless the user says otherwise
 BYTES_PER_MB = 1_000_000  # of a megabyte
-REPORT_ATTEMPTS = 6  # at a report within its size
-SIZE_TARGET_RATIO = (
-    0.97  # fraction of the size limit aimed at: simplification misses its count a little
+SHRINK_RATIO = (
+    0.7  # of a robot's triangles from one attempt at a report within its size to the next
 )
+MIN_TRIANGLES = 1000  # of a whole robot: fewer make no smaller report
 
 Say = Callable[[str], object]
 
@@ -168,26 +168,17 @@ def sized_report(
         summary: Its figures of merit.
         megabytes: The size, MB.
     """
-    triangles, scene = MAX_TRIANGLES, build_scene(robot, run)
-    page = report_page(run, robot, scene, summary)
-    room = megabytes * BYTES_PER_MB - (len(page) - _encoded_size(scene))  # for the robot
-    for _ in range(REPORT_ATTEMPTS):
-        size = _encoded_size(scene)
-        if size <= room or not triangles or isinstance(robot, RpctlError):
-            break
-        triangles = int(SIZE_TARGET_RATIO * triangles * max(room / size, 0.0))
-        scene = redrawn(scene, robot, run, triangles)
-    if triangles < MAX_TRIANGLES:
+    triangles = MAX_TRIANGLES
+    while True:
+        scene = build_scene(robot, run, triangles)
         page = report_page(run, robot, scene, summary)
-    if len(page) > megabytes * BYTES_PER_MB:
-        note = f"the report takes {len(page) / BYTES_PER_MB:.2f} MB: fewer triangles make it hardly"
-        scene = replace(scene, notes=(*scene.notes, f"{note} any smaller"))
-    return page, scene
-
-
-def _encoded_size(scene: Scene) -> int:
-    """Return the bytes that the robots of a scene take in a page, as base64."""
-    return 4 * -(-scene.robot_bytes // 3)
+        if len(page) <= megabytes * BYTES_PER_MB:
+            return page, scene
+        if triangles < MIN_TRIANGLES or isinstance(robot, RpctlError):
+            break
+        triangles = int(SHRINK_RATIO * triangles)
+    note = f"the report takes {len(page) / BYTES_PER_MB:.2f} MB: fewer triangles make it hardly"
+    return page, replace(scene, notes=(*scene.notes, f"{note} any smaller"))
 
 
 def find_faults(folder: Path, run: str) -> list[FileFault]:
@@ -209,27 +200,7 @@ def find_faults(folder: Path, run: str) -> list[FileFault]:
             faults.append(FileFault(name, "does not say of which run it is"))
         elif mark is not None and mark != run:
             faults.append(FileFault(name, "is of another run"))
-        elif name == REPORT_FILE and read_report(folder, run) is None:
-            faults.append(FileFault(name, "was drawn by another version of rpctl"))
     return faults
-
-
-def read_report(folder: Path, run: str) -> bytes | None:
-    """Return the report in a folder, if this version of rpctl has drawn it of this run; else None.
-
-    A report that somebody else wrote is shown only if it begins as ours do: with a policy that
-    lets a browser run rpctl's scripts and no others.
-
-    Args:
-        folder: The folder.
-        run: Digest of its ``run.npz``.
-    """
-    head = report_head(run)
-    try:
-        with open_input(folder / REPORT_FILE, "MAX_SHOWN_BYTES", "a report") as file:
-            return head + file.read() if file.read(len(head)) == head else None
-    except (RpctlError, OSError):
-        return None
 
 
 def _mark(path: Path) -> str | None:
@@ -320,7 +291,7 @@ def _changed(folder: Path) -> int:
 
 
 class RunPage:
-    """The page of a run, drawn where there is none of this run, and again when the run changes.
+    """The page of a run, drawn again when the run changes.
 
     Args:
         path: The run: a folder, a ``run.npz``, or a part.
@@ -358,7 +329,7 @@ class RunPage:
         return found.st_mtime_ns, found.st_size
 
     def _make(self) -> bytes:
-        """Return the report that is there, if it is one of this run; else draw and keep it.
+        """Draw the report, and what is missing beside it; what lies there is never shown.
 
         Raises:
             RunFileError: There is no run, or it cannot be read.
@@ -367,14 +338,11 @@ class RunPage:
         run, folder = shown.run, shown.folder
         for note in shown.notes:
             self._say(note)
-        if folder is None or run.digest is None:
-            return sized_report(run, self._robot(run), summarize(run))[0]
-        faults = find_faults(folder, run.digest)
+        faults = [] if folder is None else find_faults(folder, run.digest or "")
         if faults:
             self._say(f"{folder}: {', '.join(map(str, faults))}")
-        stored = read_report(folder, run.digest)
-        if stored is not None and not any(fault.name in MADE_FILES for fault in faults):
-            return stored
+        if folder is None or not any(fault.name in MADE_FILES for fault in faults):
+            return sized_report(run, self._robot(run), summarize(run))[0]
         made = make_files(run, folder, self._robot(run))
         try:
             write_files(made)

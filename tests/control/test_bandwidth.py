@@ -15,13 +15,10 @@ from rpctl import (
     EndEffector,
     IntegralDynamic,
     PaperDynamic,
-    PaperKinematic,
     ReducedDynamics,
     Robot,
-    RpctlError,
     UnifiedKinematic,
 )
-from rpctl.arrays import Array
 from rpctl.control.bandwidth import (
     LINEAR_ERROR,
     at_bandwidth,
@@ -29,7 +26,6 @@ from rpctl.control.bandwidth import (
     joint_gains,
 )
 from rpctl.control.law_sentences import law_sentences
-from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
 from rpctl.robot.vary import without_losses
 
@@ -86,6 +82,7 @@ def with_effort(robot: Robot, index: int, effort: float) -> Robot:
     return dataclasses.replace(robot, description=description)
 
 
+@pytest.mark.slow
 def test_an_error_of_a_tenth_takes_no_more_than_a_weak_joint_has(tiago: Robot) -> None:
     """What the laws ask of the shoulder at home, 0.1 rad off, is its whole limit; others have more.
 
@@ -120,35 +117,6 @@ def test_a_delay_that_is_known_costs_bandwidth(paper: Robot) -> None:
     late, prompt = joint_gains(dynamics, 0.002, 0.011), joint_gains(dynamics, 0.002)
     np.testing.assert_allclose(late.bandwidth, 0.5 * prompt.bandwidth)
     np.testing.assert_allclose(late.horizon, 2.0 * prompt.horizon)
-
-
-def test_a_robot_without_an_arm_has_no_gains() -> None:
-    import rpctl
-
-    assert all(len(part) == 0 for part in joint_gains(ReducedDynamics(rpctl.load("bicycle"))))
-
-
-@pytest.mark.parametrize("bandwidth", [0.0, -1.0, math.nan, math.inf])
-def test_a_bandwidth_has_to_be_one(bandwidth: float) -> None:
-    with pytest.raises(RpctlError, match=r"a bandwidth of .* Hz; give more than 0"):
-        gains_of(np.array([bandwidth]))
-
-
-def joint_rates(law: UnifiedKinematic | PaperKinematic, robot: Robot, period: float) -> Array:
-    """Return the rates asked of joints that are 0.1 off a reference at rest."""
-    dynamics, reference = ReducedDynamics(robot), reference_by_name(robot, "eight")
-    state = reference(0.0)
-    q = robot.configuration_at(state.pose, state.joints - 0.1)
-    standing: Reference = lambda _: state  # noqa: E731
-    command = law.start(dynamics, period)(dynamics, standing, 0.0, q, np.zeros(robot.dof))
-    return command.nu_d[-len(robot.joints) :] - state.joint_rates
-
-
-@pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan])
-def test_a_joint_horizon_must_predict(horizon: float) -> None:
-    for law in (UnifiedKinematic, PaperKinematic):
-        with pytest.raises(RpctlError, match="joint_horizon is"):
-            law(joint_horizon=horizon)
 
 
 def test_a_bandwidth_reaches_the_joints_of_all_laws() -> None:

@@ -1,4 +1,4 @@
-"""What a robot steps: bad samples, lost samples, laws that fail, and a stop that is controlled."""
+"""What a robot steps: bad samples, laws that fail, wrong objects, and a stop that is controlled."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from rpctl.control.law import Command, Efforts, Rest
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SolverError
-from rpctl.reference.quasi_velocities import configuration_along
+from rpctl.reference.load import load_reference
+from rpctl.reference.motion import configuration_along
 
 PERIOD = 0.002
 
@@ -137,25 +138,27 @@ def test_before_the_first_good_sample_the_efforts_are_those_of_the_rest(paper: R
         np.testing.assert_array_equal(output.efforts, rest.tau)
 
 
+@pytest.mark.slow
 def test_silence_ends_in_a_stop_and_the_next_good_sample_ends_that(paper: Robot) -> None:
     controller = Controller(paper, "circle", "unified", "integral", stale_after=0.05)
     robot = Simulated(controller)
     robot.run(1.0)
     before = robot.nu.copy()
     assert np.linalg.norm(before) > 0.1
-    robot.run(2.0, lambda t, q, nu: (t, q * np.nan, nu))
+    robot.run(1.6, lambda t, q, nu: (t, q * np.nan, nu))
     statuses = [output.status for output in robot.outputs]
     held = round(0.05 / PERIOD)
-    assert statuses[500:] == ["held"] * held + ["stopped"] * (1000 - held)
+    assert statuses[500:] == ["held"] * held + ["stopped"] * (800 - held)
     assert all(np.isfinite(output.efforts).all() for output in robot.outputs)
     assert np.linalg.norm(robot.nu) < 1e-2 * np.linalg.norm(before)
-    robot.run(4.0)
+    robot.run(2.5)
     assert robot.outputs[-1].status == "ok"
     assert robot.run(0.1)[-1] < 0.02
-    assert controller.report()["stopped"] == 1000 - held
-    assert "braked the robot at 975 samples" in controller.notes()[-1]
+    assert controller.report()["stopped"] == 800 - held
+    assert "braked the robot at 775 samples" in controller.notes()[-1]
 
 
+@pytest.mark.slow
 def test_lost_and_jittering_samples_cost_little(paper: Robot, rng: np.random.Generator) -> None:
     """The integral knows how long ago the last sample was; a period for each loses 3.8 mm."""
     controller = Controller(paper, "circle", "unified", "integral")
@@ -210,11 +213,6 @@ def test_substitutes_keep_the_limits(paper: Robot) -> None:
     assert {limit.kind for limit in output.limits} == {"effort"}
 
 
-def test_a_run_tells_that_a_law_failed(paper: Robot) -> None:
-    run = rpctl.track(paper, "circle", duration=0.02, dynamic=gives_up(3))
-    assert "the dynamic law failed at 1 of 11 samples" in run.notes[0]
-
-
 def test_where_both_laws_fail_the_robot_is_braked(paper: Robot) -> None:
     """It is measured all the while, so it stands in the end wherever it was pushed."""
     good = Controller(paper, "circle").reference
@@ -247,7 +245,7 @@ def test_mistakes_are_raised_at_the_first_sample(paper: Robot) -> None:
             Controller(paper, "circle", **settings)
 
 
-@pytest.mark.parametrize("number", [math.nan, math.inf, 1e200, -1e300])
+@pytest.mark.parametrize("number", [math.nan, 1e200])
 def test_no_sample_raises_or_is_answered_without_numbers(
     tiago: Robot, rng: np.random.Generator, number: float
 ) -> None:
@@ -255,9 +253,64 @@ def test_no_sample_raises_or_is_answered_without_numbers(
     controller = Controller(tiago, "circle")
     q, nu = tiago.configuration(), np.zeros(tiago.dof)
     entries = [*range(tiago.nq + tiago.dof)]
-    for k, entry in enumerate(rng.permutation(entries)[:12]):
+    for k, entry in enumerate(rng.permutation(entries)[:6]):
         state = np.concatenate([q, nu])
         state[entry] = number
         output = controller.step(k * PERIOD, state[: tiago.nq], state[tiago.nq :])
         assert np.isfinite(output.efforts).all()
         assert output.status in ("held", "stopped")
+
+
+ZEROS = np.zeros(4)
+NAN = np.array([0.1, np.nan, 0.0])
+
+
+def track(**given: Any) -> rpctl.Run:
+    return rpctl.track(rpctl.load("paper"), **{"reference": "line", "duration": 0.02, **given})
+
+
+def returned(**fields: Any) -> Any:
+    """Return a reference that is a line's but for some fields of its states."""
+    good = load_reference(rpctl.load("paper"), "line")
+    return lambda t: good(t)._replace(**fields)
+
+
+def commanded(**fields: Any) -> Any:
+    return lambda *state: rpctl.Command(ZEROS, ZEROS)._replace(**fields)
+
+
+CASES: list[tuple[dict[str, Any], str]] = [
+    ({"reference": lambda t: None}, "(NoneType) at t = 0 s; return a rpctl.ReferenceState"),
+    ({"reference": lambda t: NAN}, "(ndarray) at t = 0 s; return a rpctl.ReferenceState"),
+    ({"reference": lambda t: returned()(t) if t < 0.009 else None}, "(NoneType) at t = 0.01 s"),
+    ({"reference": returned(pose=[0.0, 0.0])}, "pose of the reference is [0.0, 0.0] (list); give"),
+    ({"reference": returned(twist=np.zeros(7))}, "twist of the reference is an array (7,)"),
+    ({"reference": returned(twist_dot=None)}, "twist_dot of the reference is None"),
+    ({"reference": returned(joints=np.zeros(7))}, "the reference has 7 joints, paper has 2"),
+    ({"reference": returned(joint_rates=None)}, "joint_rates of the reference is None"),
+    ({"reference": returned(twist=NAN)}, "give finite numbers"),
+    (
+        {"kinematic": rpctl.UnifiedKinematic},
+        "kinematic is the class UnifiedKinematic; give one of its objects: UnifiedKinematic(...)",
+    ),
+    *(({what: 7}, f"{what} is 7 (int); give a function") for what in ("reference", "dynamic")),
+    ({"kinematic": lambda *state: (ZEROS, ZEROS)}, "(tuple); return a rpctl.Command("),
+    ({"kinematic": commanded(nu_d=np.zeros(3))}, "nu_d of the kinematic law is an array (3,) of"),
+    ({"kinematic": commanded(nu_d_dot=np.zeros(3))}, "nu_d_dot of the kinematic law is an array"),
+    *(
+        ({"dynamic": lambda *state, value=value: value}, "tau of the dynamic law is ")
+        for value in (None, 0.0, np.zeros(2), np.full(4, np.nan), np.array(["a"] * 4))
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "told"), CASES)
+def test_what_to_give_instead_is_told(given: dict[str, Any], told: str) -> None:
+    with pytest.raises(rpctl.RpctlError) as refused:
+        track(**given)
+    assert told in str(refused.value)
+
+
+def test_the_efforts_of_a_plain_function_are_used() -> None:
+    tau = np.array([0.1, -0.2, 0.0, 0.0])
+    np.testing.assert_array_equal(track(dynamic=lambda *state: tau).tau[0], tau)

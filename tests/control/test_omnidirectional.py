@@ -10,9 +10,8 @@ import rpctl
 from rpctl import PaperKinematic, ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.error import base_error_rate, tracking_error
-from rpctl.reference.motion import ReferenceState
+from rpctl.reference.motion import ReferenceState, reference_rates
 from rpctl.reference.named import reference_by_name
-from rpctl.reference.quasi_velocities import reference_rates
 
 LAW = PaperKinematic(horizon=0.4)
 STEP = 1e-6

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from rpctl import PaperKinematic, Robot, RpctlError, UnifiedKinematic
+from rpctl import PaperKinematic, Robot, UnifiedKinematic
 from rpctl.arrays import Array
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
@@ -129,14 +129,6 @@ def test_the_sampled_limit_of_a_line_brackets_stability(v: float) -> None:
     assert amplitude(LAW, steady(v, 0.0), 1.01 * limit) > 1e-3
 
 
-@pytest.mark.parametrize("omega", [0.7, -2.0])
-def test_the_sampled_limit_of_a_spin_is_the_papers(omega: float) -> None:
-    turned = abs(omega) * LAW.horizon
-    limit = 2.0 / abs(omega) * math.atan(turned / (1.0 + LAW.beta * turned))
-    assert amplitude(LAW, steady(0.0, omega), 0.99 * limit) < 1e-9
-    assert amplitude(LAW, steady(0.0, omega), 1.01 * limit) > 1e-3
-
-
 def test_nothing_jumps_when_a_motion_starts(paper: Robot) -> None:
     """From standstill on the share of the lateral error is that of the curve to come."""
     reference = reference_by_name(paper, "circle")
@@ -155,8 +147,3 @@ def test_without_a_bend_the_sign_is_the_papers(rng: np.random.Generator) -> None
     ours, theirs = (twist_of(law, state, e, own) for law in laws)
     np.testing.assert_allclose(ours.value, theirs.value, atol=1e-12)
     np.testing.assert_allclose(ours.rate, theirs.rate, atol=1e-12)
-
-
-def test_a_weight_must_weigh() -> None:
-    with pytest.raises(RpctlError, match="weight is 0; give a positive number"):
-        UnifiedKinematic(weight=0.0)

@@ -90,14 +90,6 @@ def test_a_spinning_lidar_is_no_wheel(tmp_path: Path) -> None:
     assert robot.quasi_velocities == ("v", "omega", "lidar_joint")
 
 
-def test_wheels_on_fixed_joints_are_told(tmp_path: Path) -> None:
-    with pytest.raises(DriveError) as caught:
-        load(tmp_path, GOOD.replace('type="continuous"', 'type="fixed"'))
-    for joint in ("left_joint", "right_joint"):
-        assert f'"{joint}" (line' in str(caught.value)
-    assert 'type="continuous" with <axis xyz="0 1 0"/>' in str(caught.value)
-
-
 def test_wheels_at_right_angles_to_their_axle_are_told(tmp_path: Path) -> None:
     """What it says to write is right, in the joint's own frame."""
     wrong = re.sub(r"<collision>.*?</collision>", "", GOOD, flags=re.DOTALL)
@@ -108,12 +100,6 @@ def test_wheels_at_right_angles_to_their_axle_are_told(tmp_path: Path) -> None:
         load(tmp_path, wrong)
     left, right = re.findall(r'<axis xyz="([^"]*)"/>', str(e.value))
     assert (left, right) == ("1 0 0", "0 1 0")
-
-
-def test_a_file_without_wheels_is_told(tmp_path: Path) -> None:
-    lone = GOOD[: GOOD.index('<link name="left_wheel">')] + "</robot>"
-    with pytest.raises(DriveError, match="or say --drive fixed for an arm"):
-        load(tmp_path, lone)
 
 
 def test_p_is_midway_between_the_outermost_of_three_wheels(tmp_path: Path) -> None:

@@ -1,8 +1,7 @@
-"""Ground reactions: against the full tree, Newton and Euler, hand-made statics, and MuJoCo."""
+"""Ground reactions: against the full tree, Newton and Euler, and hand-made statics."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -20,9 +19,10 @@ from rpctl.dynamics.ground_reaction import (
     ground_reaction,
     stance_at,
 )
+from rpctl.dynamics.stance import loads, make_stance, width
 from rpctl.robot.vary import without_losses
 from tests.joint_losses import joint_losses
-from tests.robots import SET_A, ball, cargo, four_wheels, platform, write
+from tests.robots import SET_A, ball, four_wheels, platform, write
 from tests.view.samples import write_cart
 
 ROUNDING = 1e-12  # relative to the largest entry
@@ -267,23 +267,6 @@ def test_rollers_carry_the_robot(tmp_path: Path, rng: np.random.Generator) -> No
     check_joint_forces(robot, rng)
 
 
-def test_an_inconstant_basis_gives_the_same_forces(
-    paper: Robot, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    dynamics = ReducedDynamics(paper)
-    contacts = contacts_of(dynamics)
-    monkeypatch.setattr(ReducedDynamics, "constant", False)
-    moving = contacts_of(dynamics)
-    assert moving.stance is None
-    for q, nu, tau in states(paper, rng, 3):
-        here = ground_reaction(dynamics, contacts, q, nu, tau)
-        there = ground_reaction(dynamics, moving, q, nu, tau)
-        for field in dataclasses.fields(GroundReaction):
-            np.testing.assert_allclose(
-                getattr(here, field.name), getattr(there, field.name), rtol=1e-9, atol=1e-9
-            )
-
-
 def test_one_support_that_swivels_among_others_moves_the_polygon(tmp_path: Path) -> None:
     """A ball on the base at x = .6 m, one .1 m behind an upright joint at x = -.3 m."""
     fork = """
@@ -325,34 +308,63 @@ def test_fixed_bases_and_wrong_frictions() -> None:
             find_contacts(dynamics, wrong)
 
 
-def test_mujoco_settles_on_the_same_loads(tmp_path: Path) -> None:
-    """A free body on three frictionless balls, off-centre load and all."""
-    mujoco = pytest.importorskip("mujoco")
-    load, front = (8.0, 0.2, 0.3, 0.5), (L, -0.2)
-    robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(*front) + cargo(*load))))
-    ground = reaction(robot, (0.0, 0.0), (0.0, 0.0))
-    places = [(0.0, B, R), (0.0, -B, R), (*front, 0.05)]
-    balls = "".join(
-        f'<geom type="sphere" size="{z}" pos="{x} {y} {z}" condim="1" mass="{mass}"/>'
-        for (x, y, z), mass in zip(places, (M_W, M_W, 0.0), strict=True)
-    )
-    mass, x, y, z = load
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option gravity="0 0 -{G}" timestep="0.002"/><worldbody>
-        <geom type="plane" size="5 5 1" condim="1"/>
-        <body><freejoint/>{balls}
-          <geom type="sphere" size="0.01" pos="{D} 0 {HEIGHT}" mass="{M_C}" contype="0"
-            conaffinity="0"/>
-          <geom type="sphere" size="0.01" pos="{x} {y} {z}" mass="{mass}" contype="0"
-            conaffinity="0"/>
-        </body></worldbody></mujoco>"""
-    )
-    data = mujoco.MjData(model)
-    for _ in range(2000):
-        mujoco.mj_step(model, data)
-    felt, wrench = np.zeros(3), np.zeros(6)
-    for i in range(data.ncon):
-        mujoco.mj_contactForce(model, data, i, wrench)
-        felt[max(data.contact[i].geom) - 1] += wrench[0]
-    assert len(set(np.round(felt))) == 3
-    np.testing.assert_allclose(felt, ground.load, rtol=1e-2)
+SQUARE = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [0.2, 0.1], [-1.0, 1.0], [0.0, 1.0]])
+
+
+def margin(points: Array, at: Array) -> float:
+    stance = make_stance(points)
+    return float((stance.inward @ at + stance.offset).min())
+
+
+def test_the_margin_is_the_distance_to_the_nearest_edge(rng: np.random.Generator) -> None:
+    for order in (rng.permutation(6) for _ in range(20)):
+        assert margin(SQUARE[order], np.array([0.0, 0.0])) == pytest.approx(1.0)
+        assert margin(SQUARE[order], np.array([0.7, -0.2])) == pytest.approx(0.3)
+        assert margin(SQUARE[order], np.array([0.3, -1.0])) == pytest.approx(0.0)
+        assert margin(SQUARE[order], np.array([0.3, -1.4])) == pytest.approx(-0.4)
+    assert len(make_stance(SQUARE).offset) == 4
+
+
+def test_three_contacts_share_by_their_levers() -> None:
+    points = np.array([[0.0, 0.5], [0.0, -0.5], [0.8, 0.1]])
+    at, total = np.array([0.2, -0.1]), 100.0
+    moments = total * np.array([1.0, *at])
+    front = total * 0.2 / 0.8
+    left = 0.5 * (total - front) + (total * -0.1 - front * 0.1)
+    load = loads(make_stance(points), moments, 1.0)
+    np.testing.assert_allclose(load, [left, total - front - left, front], rtol=1e-13)
+
+
+def test_many_contacts_only_push_and_balance(rng: np.random.Generator) -> None:
+    """The split is that of equal springs: max(0, a + b x + c y), the least nonnegative one."""
+    for _ in range(300):
+        points = rng.normal(size=(rng.integers(4, 9), 2))
+        stance = make_stance(points)
+        at = rng.dirichlet(np.full(len(points), 0.3)) @ points
+        moments = 50.0 * np.array([1.0, *at])
+        load = loads(stance, moments, float((stance.inward @ at + stance.offset).min()))
+        assert load.min() >= -1e-9
+        np.testing.assert_allclose(stance.statics @ load, moments, atol=1e-9)
+        pressed = load > 0.0
+        plane = np.linalg.lstsq(stance.statics[:, pressed].T, load[pressed], rcond=None)[0]
+        np.testing.assert_allclose(stance.statics[:, pressed].T @ plane, load[pressed], atol=1e-9)
+        assert (stance.statics[:, ~pressed].T @ plane).max(initial=0.0) < 1e-8
+
+
+def test_outside_the_polygon_some_contact_pulls() -> None:
+    stance = make_stance(SQUARE)
+    load = loads(stance, np.array([1.0, 1.5, 0.0]), -0.5)
+    assert load.min() < 0.0
+    np.testing.assert_allclose(stance.statics @ load, [1.0, 1.5, 0.0], atol=1e-12)
+
+
+def test_where_no_split_only_pushes_that_of_the_plane_stays() -> None:
+    """Rounding may call a margin positive that is not."""
+    stance, moments = make_stance(SQUARE), np.array([1.0, 1.5, 0.0])
+    np.testing.assert_array_equal(loads(stance, moments, 1e-17), stance.split @ moments)
+
+
+def test_contacts_on_a_line_have_no_width() -> None:
+    assert width(SQUARE[:2]) == 0.0
+    assert width(np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 4.0]])) == pytest.approx(0.0, abs=1e-15)
+    assert width(SQUARE) > 1.0

@@ -118,14 +118,6 @@ def test_of_a_whole_mobile_manipulator(tiago: Robot, rng: np.random.Generator) -
     check(tiago, rng, 1)
 
 
-def test_where_S_is_constant_nothing_of_it_has_a_derivative(
-    tmp_path: Path, rng: np.random.Generator
-) -> None:
-    robot = four_wheels(tmp_path, "mecanum")
-    nu = rng.normal(size=robot.dof)
-    assert ReducedDynamics(robot).at(robot.configuration()).derivatives(nu) is None
-
-
 def test_of_the_platform_by_paper_and_pencil(tmp_path: Path) -> None:
     """Its h is (−d w², d v w) times its mass beside the wheels'; M is diagonal in (v, ω)."""
     robot = rpctl.load(write(tmp_path, platform(SET_A)))

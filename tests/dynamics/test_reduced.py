@@ -43,7 +43,7 @@ def test_the_printed_numbers_of_the_paper_robot(paper: Robot) -> None:
 speed = st.floats(-3.0, 3.0)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.floats(-2.6, 2.6), st.floats(0.35, 0.95), st.tuples(speed, speed, speed, speed))
 def test_the_closed_form_of_the_paper_robot(
     paper: Robot, theta1: float, eta: float, speeds: tuple[float, ...]

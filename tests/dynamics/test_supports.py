@@ -31,11 +31,10 @@ def names(folder: Path, extra: str, lock: tuple[str, ...] = ()) -> list[str]:
         ("paper", [(0.78, 0.0)]),
         ("mixed_chain", [(0.26, 0.15), (0.26, -0.09)]),
         ("tiago", [(0.1535, -0.102), (0.1535, 0.102), (-0.1895, -0.102), (-0.1895, 0.102)]),
-        ("tiago_dual", [(0.1535, -0.102), (0.1535, 0.102), (-0.1895, -0.102), (-0.1895, 0.102)]),
     ],
 )
 def test_robots_of_the_catalogue(name: str, points: list[tuple[float, float]]) -> None:
-    robot = rpctl.load(name, lock=("caster_*",) if name == "tiago_dual" else ())  # free, they roll
+    robot = rpctl.load(name)
     supports = find_supports(robot)
     assert supports.unknown == ()
     np.testing.assert_allclose([part.point[:2] for part in supports.parts], points, atol=1e-4)

@@ -59,13 +59,11 @@ def _agree_in_threads(
 
 @pytest.mark.usefixtures("eager_switches")
 @pytest.mark.parametrize("name", ["paper", "swerve"])  # S constant, and made anew at each q
-@pytest.mark.parametrize("what", ["forward", "bias", "energy", "reaction"])
+@pytest.mark.parametrize("what", ["forward", "reaction"])
 def test_threads_share_a_dynamics(name: str, what: str) -> None:
     dynamics = ReducedDynamics(load(name))
     answers: dict[str, Callable[[Array, Array, Array], Array | float]] = {
         "forward": dynamics.forward,
-        "bias": lambda q, nu, tau: dynamics.bias(q, nu),
-        "energy": lambda q, nu, tau: dynamics.energy(q, nu),
         "reaction": lambda q, nu, tau: np.concatenate(dynamics.reaction(q, nu, tau)),
     }
     _agree_in_threads(answers[what], _states(dynamics.robot))

@@ -86,29 +86,12 @@ def test_heading_along_the_path() -> None:
         assert not state.joint_accelerations.any()
 
 
-def test_a_robot_tracks_a_function() -> None:
-    robot = rpctl.load("paper")
-
-    def circle(t: float) -> list[float]:
-        return [np.sin(0.5 * t), 1.0 - np.cos(0.5 * t), 0.5 * t, 0.3 * np.sin(t), 0.5]
-
-    run = rpctl.track(robot, as_reference(circle), duration=2.0, control_period=0.01)
-    assert run.config.run.reference == "circle"
-    assert rpctl.summarize(run).final_base_error < 5e-3  # it starts from rest
-    assert run.t[-1] == pytest.approx(2.0)
-
-
 @pytest.mark.parametrize(
     "value", [None, (1.0, 2.0), (0.0, 0.0, float("nan")), "x, y", [[0.0], [1.0], [2.0]]]
 )
 def test_what_a_function_has_to_return_is_said(value: object) -> None:
     with pytest.raises(rpctl.RpctlError, match="return finite numbers: x, y, heading, then"):
         as_reference(lambda t: value)(0.3)  # type: ignore[arg-type, return-value]
-
-
-def test_a_path_that_stands_still_has_no_direction() -> None:
-    with pytest.raises(rpctl.RpctlError, match=r"stands still at t = 0\.5 s.*return a heading"):
-        as_reference(lambda t: (1.0, 2.0), along_path=True)(0.5)
 
 
 def test_a_reference_too_short_is_refused() -> None:

@@ -6,17 +6,14 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
-from rpctl.description.frozen_tree import FrozenTree
-from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.reference.motion import Reference, end_effector_reference
+from rpctl.errors import UnknownNameError
+from rpctl.reference.motion import Reference, reference_rates
 from rpctl.reference.named import BASE_PATHS, reference_by_name
-from rpctl.reference.quasi_velocities import reference_rates
 from rpctl.robot.catalog import names
 from tests.grids import cells
 
@@ -56,7 +53,7 @@ def test_speeds_and_accelerations_are_the_poses_derivatives(mixed_chain: Robot, 
         np.testing.assert_allclose(np.cross(state.direction[0], state.twist), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, ("paper", "tiago", "panda")))
+@pytest.mark.parametrize("name", cells(ROBOTS, ("paper",), ("tiago",)))
 def test_arms_stay_inside_their_limits(name: str) -> None:
     robot = rpctl.load(name)
     reference = reference_by_name(robot, "eight")
@@ -66,20 +63,6 @@ def test_arms_stay_inside_their_limits(name: str) -> None:
         for joint, position, rate in moved:
             assert joint.lower <= position <= joint.upper
             assert abs(rate) <= joint.velocity
-
-
-def test_the_end_effector_is_where_forward_kinematics_says(mixed_chain: Robot) -> None:
-    reference, data = reference_by_name(mixed_chain, "eight"), mixed_chain.model.createData()
-    state = reference(7.0)
-    pose = end_effector_reference(mixed_chain, data, state)
-    link = mixed_chain.end_effector
-    assert link is not None
-    positions = dict(zip((j.name for j in mixed_chain.joints), state.joints, strict=True))
-    root = pin.SE3(pin.utils.rotate("z", state.pose[2]), np.zeros(3))
-    P = np.array([*mixed_chain.drive.point, 0.0])
-    root.translation = np.array([*state.pose[:2], 0.0]) - root.rotation @ P
-    expected = root.homogeneous @ FrozenTree(mixed_chain.description, positions).pose(link)
-    np.testing.assert_allclose(pose.homogeneous, expected, atol=1e-12)
 
 
 def test_a_fixed_base_moves_its_arm_only() -> None:
@@ -92,11 +75,3 @@ def test_a_fixed_base_moves_its_arm_only() -> None:
 def test_unknown_references_are_told(tiago: Robot) -> None:
     with pytest.raises(UnknownNameError, match="did you mean eight"):
         reference_by_name(tiago, "eigth")
-
-
-def test_no_arm_no_end_effector(tiago: Robot) -> None:
-    import dataclasses
-
-    bare = dataclasses.replace(tiago, end_effector=None)
-    with pytest.raises(RpctlError, match="no arm"):
-        bare.end_effector_pose(bare.model.createData(), bare.configuration())

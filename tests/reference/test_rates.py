@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl.reference.motion import ReferenceState
-from rpctl.reference.quasi_velocities import direction, reference_rates, steering
+from rpctl.reference.motion import ReferenceState, direction, reference_rates, steering
 from tests.robots import write
 from tests.vehicles import vehicle
 

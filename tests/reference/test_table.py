@@ -173,12 +173,6 @@ def test_faults_are_told_as_of_one_time(paper: Robot) -> None:
             tabulate(paper, reference, np.array([0.0, 1.0, 2.0, 3.0]))
 
 
-def test_a_reference_of_another_robot_is_told(paper: Robot, tiago: Robot) -> None:
-    reference = reference_by_name(tiago, "eight", collisions=False)
-    with pytest.raises(WrongAnswerError, match=f"the reference has {len(tiago.joints)} joints"):
-        tabulate(paper, reference, TIMES)
-
-
 def test_a_function_that_fails_is_told_with_its_time(paper: Robot) -> None:
     def stops(t: float) -> list[float]:
         return [min(t, 2.0), 0.0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 import rpctl
-from rpctl.errors import UnknownNameError
 from rpctl.robot.catalog import ENTRIES, find, names
 from tests.grids import cells
 
@@ -31,16 +30,3 @@ def test_robots_load(name: str) -> None:
     assert robot.name == name
     assert robot.drive.type == (find(name).drive or DETECTED.get(name, "differential"))
     assert robot.dof <= len(robot.actuators)
-
-
-def test_a_mecanum_robot_is_holonomic() -> None:
-    robot = rpctl.load("tiago_pro")
-    assert robot.quasi_velocities[:3] == ("vx", "vy", "omega")
-    assert [w.joint.removeprefix("wheel_") for w in robot.drive.wheels] == [
-        "front_left_joint", "front_right_joint", "rear_left_joint", "rear_right_joint",
-    ]  # fmt: skip
-
-
-def test_an_unknown_name_suggests_the_nearest() -> None:
-    with pytest.raises(UnknownNameError, match=r"did you mean .*tiago"):
-        find("tiag0")

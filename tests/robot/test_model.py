@@ -15,16 +15,6 @@ from tests.robots import SET_A, platform, write
 from tests.vehicles import Parts
 
 
-def test_tiago_has_the_names_of_its_file(tiago: Robot) -> None:
-    assert tiago.dof == 12
-    assert (tiago.nq, tiago.nv) == (18, 15)
-    assert tiago.quasi_velocities[:3] == ("v", "omega", "torso_lift_joint")
-    assert tiago.actuators[0] == "wheel_left_joint"
-    assert tiago.actuators[-1] == "arm_7_joint"
-    assert tiago.end_effector == "wrist_ft_tool_link"
-    assert not any(name.startswith("hand_") for name in tiago.model.names)
-
-
 def test_configurations_hold_the_root_and_the_pose_is_of_p(
     mixed_chain: Robot, rng: np.random.Generator
 ) -> None:
@@ -90,11 +80,6 @@ def test_a_mimic_follows_a_continuous_joint_past_half_a_turn(tmp_path: Path) -> 
         q = robot.configuration_at(np.zeros(3), np.array([turned]))
         assert robot.joint_position(q, "push") == pytest.approx(pushed)
     assert robot.joint_position(robot.configuration(), "push") == pytest.approx(0.1)
-
-
-def test_a_lock_that_matches_nothing_is_told() -> None:
-    with pytest.raises(UnknownNameError, match="joint to lock 'hand'"):
-        rpctl.load("tiago", lock=["hand"])
 
 
 def test_a_massless_mover_is_refused_with_the_way_out(tmp_path: Path) -> None:

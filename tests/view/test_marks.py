@@ -1,89 +1,48 @@
-"""Which run a file is made of: marks that leave it readable."""
+"""Which run a file is made of: each keeps the digest, wherever its format has room."""
 
 from __future__ import annotations
 
-import io
 import os
-from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
+from rpctl import Run
 from rpctl.errors import RpctlError
-from rpctl.view.marks import ENDS, digest, mark_of, marked
+from rpctl.view import film
+from rpctl.view.marks import ENDS, comment, digest, mark_of
+from rpctl.view.plots.figures import to_pdf, to_png, tracking_figure
 
-RUN, OTHER = "0123456789abcdef" * 4, "f" * 64
-
-
-def picture(kind: str) -> bytes:
-    buffer = io.BytesIO()
-    frames = [Image.new("RGB", (3, 2), colour) for colour in ("red", "blue")]
-    more = {"save_all": True, "append_images": frames[1:]} if kind == "GIF" else {}
-    frames[0].save(buffer, kind, **more)
-    return buffer.getvalue()
+RUN = "0123456789abcdef" * 4
+PICTURES = [Image.fromarray(np.full((64, 64, 3), 60 * k, np.uint8)) for k in range(3)]
 
 
-def pdf() -> bytes:
-    """Return what stands at the ends of every PDF."""
-    return b"%PDF-1.4\n1 0 obj\n<<>>\nendobj\nstartxref\n0\n%%EOF\n"
+def content(suffix: str, golden: Run, run: str | None) -> bytes:
+    """Return a file of a kind that is made from a run."""
+    if suffix in (".png", ".pdf"):
+        figure = tracking_figure(golden, panels=["tip"])
+        return to_png(figure, 50, run) if suffix == ".png" else to_pdf(figure, run)
+    if suffix == ".mp4":
+        pytest.importorskip("av")
+    pictures = film.Pictures(PICTURES.__getitem__, 3, 10, lambda *done: None, comment(run))
+    return film.FORMATS[suffix].encode(pictures)
 
 
-def film() -> bytes:
-    av = pytest.importorskip("av")
-    import numpy as np
-
-    buffer = io.BytesIO()
-    with av.open(buffer, "w", format="mp4") as container:
-        stream = container.add_stream("libx264", rate=10)
-        stream.width = stream.height = 64
-        container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8))))
-        container.mux(stream.encode())
-    return buffer.getvalue()
-
-
-def pixels(data: bytes) -> list[bytes]:
-    with Image.open(io.BytesIO(data)) as image:
-        count = getattr(image, "n_frames", 1)
-        frames = []
-        for number in range(count):
-            image.seek(number)
-            frames.append(image.convert("RGB").tobytes())
-        return frames
-
-
-def frames(data: bytes) -> list[bytes]:
-    av = pytest.importorskip("av")
-    with av.open(io.BytesIO(data)) as container:
-        return [frame.to_ndarray().tobytes() for frame in container.decode(video=0)]
-
-
-FILES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], object]]] = {
-    ".png": (lambda: picture("PNG"), pixels),
-    ".gif": (lambda: picture("GIF"), pixels),
-    ".pdf": (pdf, lambda data: data.index(b"%%EOF") >= len(data) - 1024),
-    ".mp4": (film, frames),
-}
-
-
-@pytest.mark.parametrize("suffix", FILES)
-def test_a_mark_is_found_and_changes_nothing_else(suffix: str, tmp_path: Path) -> None:
-    make, content = FILES[suffix]
-    data, path = make(), tmp_path / f"a{suffix}"
-    path.write_bytes(data)
-    assert mark_of(path) is None
-    path.write_bytes(marked(data, suffix.upper(), RUN))
-    assert mark_of(path) == RUN
-    assert content(path.read_bytes()) == content(data)
-    assert marked(data, suffix, None) == data
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".gif", ".mp4"])
+def test_a_mark_is_found(suffix: str, golden: Run, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    for run in (None, RUN):
+        path.write_bytes(content(suffix, golden, run))
+        assert mark_of(path) == run
 
 
 def test_a_mark_is_found_at_either_end_of_a_long_file(tmp_path: Path) -> None:
     path, filling = tmp_path / "a.pdf", b" " * (2 * ENDS)
-    path.write_bytes(marked(b"%PDF" + filling + b"%%EOF", ".pdf", RUN))
-    assert mark_of(path) == RUN
-    path.write_bytes(marked(picture("PNG"), ".png", OTHER) + filling)
-    assert mark_of(path) == OTHER
+    for data in (comment(RUN).encode() + filling, filling + comment(RUN).encode()):
+        path.write_bytes(data)
+        assert mark_of(path) == RUN
 
 
 @pytest.mark.parametrize(
@@ -92,11 +51,6 @@ def test_a_mark_is_found_at_either_end_of_a_long_file(tmp_path: Path) -> None:
 def test_what_is_no_mark_is_none(text: str, tmp_path: Path) -> None:
     (tmp_path / "a").write_text(text)
     assert mark_of(tmp_path / "a") is None
-
-
-def test_files_without_room_are_refused() -> None:
-    with pytest.raises(RpctlError, match=r"\.svg does not keep which run"):
-        marked(b"", ".svg", RUN)
 
 
 def test_only_files_that_end_are_read(tmp_path: Path) -> None:

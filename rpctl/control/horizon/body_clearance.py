@@ -19,8 +19,7 @@ from rpctl.control.horizon.constraints import SoftBound, every_nth_stage
 from rpctl.control.horizon.prediction import Model
 from rpctl.control.horizon.qp import LinearisedConstraint, RowBlock, StageIndices
 from rpctl.control.horizon.target import Sample
-from rpctl.control.obstacle_shapes import links_among
-from rpctl.control.obstacles import Disc, HalfPlane, Obstacle
+from rpctl.control.obstacles import Disc, HalfPlane, Obstacle, links_among
 from rpctl.robot.collision import WORLD, CollisionModel, Nearest
 from rpctl.robot.model import BASE_NV
 from rpctl.robot.pair_motion import approach_rates, joint_limits_travel

@@ -21,13 +21,13 @@ from rpctl.control.horizon.constraints import (
 )
 from rpctl.control.horizon.cost import Cost, StateDifference, from_another_start
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.pace import PaceLimits, Preview
 from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion, make_model
-from rpctl.control.horizon.qp import CondensedStructure, Linearisation, stage_indices
+from rpctl.control.horizon.qp import CondensedQp, CondensedStructure, Linearisation, stage_indices
 from rpctl.control.horizon.settings import PlannerSettings
-from rpctl.control.horizon.solver import CondensedQp
 from rpctl.control.horizon.target import (
     EndEffectorKinematics,
+    PaceLimits,
+    Preview,
     Sample,
     Target,
     TimeScaler,

@@ -133,8 +133,9 @@ def _check_glb(content: bytes) -> Size:
         header = json.loads(content[GLB_HEAD : GLB_HEAD + length])
         return _glb_size(header)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
-        fault = f"not readable: its header is damaged ({type(error).__name__}); export it again"
-        raise MeshFaultError(fault) from None
+        raise MeshFaultError(
+            f"not readable: its header is damaged ({type(error).__name__}); export it again"
+        ) from None
 
 
 def _glb_size(header: Mapping[str, Any]) -> Size:

@@ -81,14 +81,6 @@ class MeshPaths:
                 return Path(file)
         raise MeshError("no such file; put it there, or correct the name")
 
-    def leaves(self, name: str, folder: Path) -> bool:
-        """Whether a file that a mesh in ``folder`` names lies outside all the robot's folders."""
-        if len(name) > MAX_NAME or not name.isprintable() or ":" in name:
-            return True
-        found = [folder for folders in self._packages.values() for folder in folders]
-        file = os.path.realpath(name if name[:1] == "/" else f"{folder}/{name}")
-        return not (inside(file, found) or self._known.allow(file))
-
     def _candidates(self, name: str) -> list[tuple[str, str | None]]:
         """Return the paths that a name may mean, each with the package that confines it."""
         if not name.startswith(PACKAGE):

@@ -107,7 +107,7 @@ def parse_document(data: bytes, findings: Findings) -> Any:
     if "xmlns" in text or findings.items:
         _drop_namespaces(root, findings)
     if text.count("\n") > MAX_LINE:
-        findings.add("info", None, f"lines of this file beyond {MAX_LINE} are not told exactly")
+        findings.add_at("info", None, f"lines of this file beyond {MAX_LINE} are not told exactly")
     return root
 
 
@@ -168,14 +168,15 @@ def _require_few(text: str, line: int) -> None:
             links += tag[2] is not None
         if elements > most:
             require_few_links(links, line)
-            fault = (
-                f"{elements} elements, where {most} are the limit; {how_to_raise('MAX_ELEMENTS')}"
+            raise Refusal(
+                f"{elements} elements, where {most} are the limit; {how_to_raise('MAX_ELEMENTS')}",
+                line,
             )
-            raise Refusal(fault, line)
     most = cap("MAX_ATTRIBUTES")
     if (many := text.count("=")) > most:
-        fault = f"{many} attributes, where {most} are the limit; {how_to_raise('MAX_ATTRIBUTES')}"
-        raise Refusal(fault, line)
+        raise Refusal(
+            f"{many} attributes, where {most} are the limit; {how_to_raise('MAX_ATTRIBUTES')}", line
+        )
 
 
 def require_few_links(count: int, line: int) -> None:
@@ -205,7 +206,8 @@ def _parsed(text: str, start: int, findings: Findings) -> Any:
             if prefix is None or prefix in prefixes or len(prefixes) == MAX_PREFIXES:
                 raise _syntax(error, text) from None
             prefixes.append(prefix)
-            findings.warn_at(
+            findings.add_at(
+                "warning",
                 error.lineno,
                 f'the prefix "{prefix}" is not declared; what bears it is left out, '
                 f'add xmlns:{prefix}="..." to <robot>',
@@ -316,7 +318,9 @@ def decode(data: bytes, findings: Findings) -> str:
         return text
     if declaration[1]:
         line = declaration[1].count("\n") + 1
-        findings.warn_at(line, "blanks before <?xml; remove them, other readers refuse them")
+        findings.add_at(
+            "warning", line, "blanks before <?xml; remove them, other readers refuse them"
+        )
     return "\n" * declaration[0].count("\n") + text[declaration.end() :]
 
 
@@ -348,7 +352,7 @@ def _narrow(data: bytes, codec: str, findings: Findings) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         fault = f"byte 0x{data[error.start]:02X} is not {codec.upper()}, the file's encoding"
-        findings.warn_at(line, f"{fault}; it is read as Latin-1, save the file as UTF-8")
+        findings.add_at("warning", line, f"{fault}; it is read as Latin-1, save the file as UTF-8")
         return data.decode("latin-1")
 
 
@@ -365,7 +369,7 @@ def _declared(data: bytes, findings: Findings) -> str:
         return codec
     line = data.count(b"\n", 0, declared.start(1)) + 1
     fault = f'the declared encoding "{name}" is not the file\'s'
-    findings.warn_at(line, f'{fault}; it is read as UTF-8, declare encoding="UTF-8"')
+    findings.add_at("warning", line, f'{fault}; it is read as UTF-8, declare encoding="UTF-8"')
     return "utf-8"
 
 

@@ -71,16 +71,13 @@ class Findings:
     def __init__(self) -> None:
         self.items: list[Finding] = []
 
-    def add(self, severity: str, element: Any, message: str) -> None:
-        """Note a finding.
-
-        Args:
-            severity: ``"error"``, ``"warning"`` or ``"info"``.
-            element: The element whose line it has, or None.
-            message: What is wrong, and how to correct it.
-        """
-        line = None if element is None else element.sourceline
+    def add_at(self, severity: str, line: int | None, message: str) -> None:
+        """Note a finding at a line."""
         self.items.append(Finding(severity, line, message))
+
+    def add(self, severity: str, element: Any, message: str) -> None:
+        """Note a finding at the line of an element."""
+        self.add_at(severity, element.sourceline, message)
 
     @property
     def errors(self) -> bool:
@@ -98,10 +95,6 @@ class Findings:
     def warn(self, element: Any, message: str) -> None:
         """Note a warning."""
         self.add("warning", element, message)
-
-    def warn_at(self, line: int | None, message: str) -> None:
-        """Note a warning at a line."""
-        self.items.append(Finding("warning", line, message))
 
     def numbers(self, element: Any, attribute: str, count: int, default: str | None) -> list[float]:
         """Return ``count`` sane numbers of an attribute; on a fault note it and return zeros.

@@ -153,8 +153,10 @@ def _read_limits(findings: Findings, element: Any, name: str, kind: str) -> tupl
     limit = findings.only(element, "limit")
     lower, upper, effort, velocity = -math.inf, math.inf, math.inf, math.inf
     if limit is None and kind in LIMITED_KINDS:
-        text = f'joint "{name}" has no <limit>; it is taken as unlimited, give lower and upper'
-        findings.warn(element, text)
+        findings.warn(
+            element,
+            f'joint "{name}" has no <limit>; it is taken as unlimited, give lower and upper',
+        )
     if limit is not None:
         effort, velocity = (_read_size(findings, limit, name, k) for k in ("effort", "velocity"))
         if kind in LIMITED_KINDS:
@@ -170,11 +172,11 @@ def _read_limits(findings: Findings, element: Any, name: str, kind: str) -> tupl
 def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[float, float]:
     lower, upper = (_extended(findings, limit, key, "0") for key in ("lower", "upper"))
     if lower > upper:
-        text = f'joint "{name}" has lower {lower:g} > upper {upper:g}; swap the two'
-        findings.error(limit, text)
+        findings.error(limit, f'joint "{name}" has lower {lower:g} > upper {upper:g}; swap the two')
     elif lower == upper:
-        text = f'joint "{name}" cannot move: lower and upper are {lower:g}; give its range'
-        findings.warn(limit, text)
+        findings.warn(
+            limit, f'joint "{name}" cannot move: lower and upper are {lower:g}; give its range'
+        )
     far = MAX_POSITION[kind]
     for key, value in (("lower", lower), ("upper", upper)):
         if far < abs(value) < math.inf:
@@ -187,11 +189,13 @@ def _read_size(findings: Findings, limit: Any, name: str, attribute: str) -> flo
     """Return an effort or velocity limit; inf where the file gives none."""
     size = _extended(findings, limit, attribute, "inf")
     if size <= -MIN_LIMIT:
-        text = f'{attribute} limit {size:g} of joint "{name}" is negative; {-size:g} is used'
-        findings.warn(limit, text)
+        findings.warn(
+            limit, f'{attribute} limit {size:g} of joint "{name}" is negative; {-size:g} is used'
+        )
     elif size < MIN_LIMIT:
-        text = f'{attribute} limit of joint "{name}" is {size:g}; it is taken as not given'
-        findings.warn(limit, text)
+        findings.warn(
+            limit, f'{attribute} limit of joint "{name}" is {size:g}; it is taken as not given'
+        )
     return abs(size) if MIN_LIMIT <= abs(size) <= MAX_LIMIT else math.inf
 
 

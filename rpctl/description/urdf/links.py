@@ -71,8 +71,9 @@ def _read_inertial(findings: Findings, link: Any) -> tuple[float | None, Array, 
 
 def _doubt_mass(findings: Findings, element: Any, name: str, mass: float) -> None:
     if mass > MAX_MASS_KG:
-        text = f'mass {mass:g} kg of link "{name}" is very large; is it in grams? give kg'
-        findings.warn(element, text)
+        findings.warn(
+            element, f'mass {mass:g} kg of link "{name}" is very large; is it in grams? give kg'
+        )
 
 
 def _doubt_inertia(
@@ -85,11 +86,16 @@ def _doubt_inertia(
     slack = SPD_MARGIN * max(most, 0.0)
     if mass == 0:
         if inertia.any():
-            text = f'link "{name}" has an inertia but the mass 0; give its mass, or no inertia'
-            findings.warn(element, text)
+            findings.warn(
+                element,
+                f'link "{name}" has an inertia but the mass 0; give its mass, or no inertia',
+            )
     elif most == least == 0:
-        text = f'link "{name}" is a point mass: its inertia is 0; give it if the link turns'
-        findings.add("info", element, text)
+        findings.add(
+            "info",
+            element,
+            f'link "{name}" is a point mass: its inertia is 0; give it if the link turns',
+        )
     elif least < -slack or least <= slack < most:
         findings.warn(
             element,

@@ -24,7 +24,7 @@ from rpctl.description.urdf.joints import (
 )
 from rpctl.description.urdf.links import read_colour, read_link
 from rpctl.description.xacro.expansion import expand, explanation, is_xacro
-from rpctl.errors import DescriptionError, Finding
+from rpctl.errors import DescriptionError, fault_at
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.opening import read_source
 
@@ -70,8 +70,9 @@ def read(path: str | Path, settings: ReadSettings = READ_DEFAULTS) -> Descriptio
     if not is_xacro(path, data):
         if settings.xacro_args:
             given = ", ".join(settings.xacro_args)
-            fault = f"it holds no xacro and takes no arguments; leave out {given}"
-            raise DescriptionError(path, [Finding("error", None, fault)])
+            raise fault_at(
+                path, None, f"it holds no xacro and takes no arguments; leave out {given}"
+            )
         return replace(parse(path, data), read_with=settings, file_sha256=digest)
     expansion = expand(path, settings)
     description = parse(path, expansion.text.encode("utf-8"))
@@ -87,7 +88,7 @@ def parse(path: Path, data: bytes) -> Description:
     try:
         root = _document(data, findings)
     except Refusal as refusal:
-        raise DescriptionError(path, [Finding("error", refusal.line, str(refusal))]) from None
+        raise fault_at(path, refusal.line, str(refusal)) from None
     colours = {e.get("name"): read_colour(findings, e) for e in root.findall("material")}
     links = tuple(read_link(findings, element, colours) for element in root.findall("link"))
     joints = tuple(read_joint(findings, element) for element in root.findall("joint"))
@@ -185,11 +186,13 @@ def check_names(findings: Findings, root: Any) -> None:
             if not name:
                 findings.error(element, f"<{tag}> without a name; name it")
             elif name in lines:
-                text = f'{tag} "{name}" is already at line {lines[name]}; rename one of them'
-                findings.error(element, text)
+                findings.error(
+                    element, f'{tag} "{name}" is already at line {lines[name]}; rename one of them'
+                )
             elif tag == "joint" and name in RESERVED:
-                text = f'joint "{name}" has a name that Pinocchio takes for itself; rename it'
-                findings.error(element, text)
+                findings.error(
+                    element, f'joint "{name}" has a name that Pinocchio takes for itself; rename it'
+                )
             if name:
                 lines.setdefault(name, element.sourceline)
                 _require_writing(findings, element)
@@ -198,10 +201,10 @@ def check_names(findings: Findings, root: Any) -> None:
 def _require_writing(findings: Findings, element: Any) -> None:
     """Refuse a name that could end the line it is written on, or steer a terminal."""
     if any(category(sign) == "Cc" for sign in element.get("name", "")):
-        text = (
-            f'{element.tag} "{element.get("name")}" has a control character in its name; remove it'
+        findings.error(
+            element,
+            f'{element.tag} "{element.get("name")}" has a control character in its name; remove it',
         )
-        findings.error(element, text)
 
 
 def check_tree(
@@ -214,8 +217,10 @@ def check_tree(
     for joint in joints:
         for end in (joint.parent, joint.child):
             if end not in names:
-                text = f'joint "{joint.name}" names an unknown link "{end}"; correct the name'
-                findings.error(elements[joint.name], text)
+                findings.error(
+                    elements[joint.name],
+                    f'joint "{joint.name}" names an unknown link "{end}"; correct the name',
+                )
         if joint.child in parents:
             findings.error(
                 elements[joint.name],
@@ -228,14 +233,15 @@ def check_tree(
     if len(roots) > 1:
         listed = ", ".join(f'"{name}"' for name in roots[:MAX_LISTED])
         more = ", ..." if len(roots) > MAX_LISTED else ""
-        text = f"{len(roots)} root links ({listed}{more}); join them by fixed joints"
-        findings.error(root, text)
+        findings.error(root, f"{len(roots)} root links ({listed}{more}); join them by fixed joints")
     elif not roots:
         findings.error(root, "the joints form a cycle; a URDF is a tree with one root link")
     else:
         for name in sorted(names - _reached(roots[0], joints)):
-            text = f'link "{name}" is in a cycle, not below the root; correct a parent'
-            findings.error(elements[parents[name].name], text)
+            findings.error(
+                elements[parents[name].name],
+                f'link "{name}" is in a cycle, not below the root; correct a parent',
+            )
 
 
 def _reached(root: str, joints: Sequence[Joint]) -> set[str]:

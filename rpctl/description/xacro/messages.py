@@ -142,8 +142,16 @@ def _fault(path: Path, answer: Answer) -> list[str]:
     """Return the message on what xacro refuses."""
     if answer["old"]:
         file, tag, line = answer["old"][0]
-        fault = f"{OLD_XACRO}: write <xacro:{tag}> for <{tag}>, and so for all, its calls, too"
-        return [format_finding(file, Finding("error", line, fault))]
+        return [
+            format_finding(
+                file,
+                Finding(
+                    "error",
+                    line,
+                    f"{OLD_XACRO}: write <xacro:{tag}> for <{tag}>, and so for all, its calls, too",
+                ),
+            )
+        ]
     macros, wants = answer.get("macros"), [w[0] for w in answer["wants"] if w[3] != "text"]
     within = f' (in macro "{excerpt(macros[-1])}")' if macros else ""
     after = f" (without {', '.join(dict.fromkeys(wants))}, not found)" if wants else ""

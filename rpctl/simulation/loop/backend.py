@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
-from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError
-from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
-from rpctl.simulation.loop.closed_loop import LoopRecord, Watcher, close_loop
+from rpctl.simulation.loop.closed_loop import Loop, close_loop
 from rpctl.simulation.loop.recorder import LoopSample, Recorder
 from rpctl.simulation.plants.plant import Plant
 
@@ -29,30 +27,14 @@ UNCOMPILED = {  # fields of a plant that only Python simulates, and why
 SAMPLE_S, BUILD_S, BUILD_EXPONENT = 3e-4, 2e-3, 2.7
 
 
-def run_loop(
-    dynamics: ReducedDynamics,
-    config: Config,
-    reference: Reference,
-    steps: int,
-    recorder: Recorder | None,
-    record: LoopRecord,
-    progress: Callable[[int, int], object] | None = None,
-    watch: Watcher | None = None,
-    backend: str = "auto",
-) -> None:
-    """Close the loop for a number of control periods, by one backend or the other.
+def run_loop(loop: Loop, recorder: Recorder, backend: str = "auto") -> None:
+    """Close a loop by one backend or the other.
 
     The numbers of both agree to rounding. What machine code cannot do is done in Python, and said.
 
     Args:
-        dynamics: Of the simulated robot, without what the plant adds.
-        config: Laws, circumstances and plant; its limits are the robot's already.
-        reference: What is tracked.
-        steps: Number of control periods.
-        recorder: Gets every sample; None keeps no log.
-        record: Filled when the loop ends, early or not.
-        progress: Called with the samples done and their total.
-        watch: Called with every sample, which only Python's loop does.
+        loop: What it needs; filled when it ends, early or not.
+        recorder: Gets every sample.
         backend: ``"auto"``, ``"compiled"`` or ``"pinocchio"``.
 
     Raises:
@@ -60,18 +42,38 @@ def run_loop(
         UnknownNameError: There is no such backend.
     """
     require_backend(backend)
-    python = backend == "pinocchio" or (backend == "auto" and not pays(dynamics.robot, steps))
-    reason = None if python else refusal(dynamics.robot, config, watch is not None)
-    recorded, expected = 0, backend == "auto"  # to `auto` it is no news what has no machine code
-    if not python and reason is None:
-        reason, recorded = _compiled(dynamics, config, reference, steps, recorder, record, progress)
+    robot = loop.dynamics.robot
+    if backend == "pinocchio" or (backend == "auto" and not pays(robot, loop.steps)):
+        return close_loop(loop, recorder.add)
+    reason, recorded = refusal(robot, loop.config, loop.watch is not None), 0
+    expected = reason is not None and backend == "auto"  # which knows what has no machine code
+    if reason is None:
+        reason, recorded = _compiled(loop, recorder)
         if reason is None:
-            return
-        expected = False
-    if reason is not None and not expected:
-        record.remarks = (f"the loop was closed in Python: {reason}",)
-    take = None if recorder is None else _from(recorded, recorder.add)
-    close_loop(dynamics, config, reference, steps, take, record, progress, watch)
+            return None
+    if not expected:
+        loop.remarks = (f"the loop was closed in Python: {reason}",)
+    numbers = itertools.count()
+
+    def take(sample: LoopSample) -> None:
+        if next(numbers) >= recorded:  # the loop begins anew
+            recorder.add(sample)
+
+    return close_loop(loop, take)
+
+
+def _compiled(loop: Loop, recorder: Recorder) -> tuple[str | None, int]:
+    """Close a loop as machine code; return why not to the end, and the samples recorded."""
+    from rpctl.simulation.compiled.build import DiffersError
+    from rpctl.simulation.compiled.tracking_loop import NeedsPython, close_compiled_loop
+
+    try:
+        close_compiled_loop(loop, recorder)
+    except DiffersError as error:
+        return str(error), 0
+    except NeedsPython as error:
+        return error.reason, error.samples
+    return None, loop.steps + 1
 
 
 def require_backend(name: str) -> None:
@@ -139,48 +141,3 @@ def plant_refusal(plant: Plant, scattered: Iterable[str] = ()) -> str | None:
         if name in fields or getattr(plant, name) != getattr(default, name):
             return reason
     return None
-
-
-def _compiled(
-    dynamics: ReducedDynamics,
-    config: Config,
-    reference: Reference,
-    steps: int,
-    recorder: Recorder | None,
-    record: LoopRecord,
-    progress: Callable[[int, int], object] | None,
-) -> tuple[str | None, int]:
-    """Close the loop as machine code; return why not to the end, and the samples recorded.
-
-    Args:
-        dynamics: Of the simulated robot, without what the plant adds.
-        config: Laws, circumstances and plant.
-        reference: What is tracked.
-        steps: Number of control periods.
-        recorder: Gets every sample.
-        record: Filled when the loop ends.
-        progress: Called with the samples done and their total.
-    """
-    from rpctl.simulation.compiled.build import DiffersError
-    from rpctl.simulation.compiled.tracking_loop import NeedsPython, close_compiled_loop
-
-    try:
-        close_compiled_loop(dynamics, config, reference, steps, recorder, record, progress)
-    except DiffersError as error:
-        return str(error), 0
-    except NeedsPython as error:
-        return error.reason, error.samples
-    return None, steps + 1
-
-
-def _from(first: int, take: Watcher) -> Watcher:
-    """Return what takes the samples of a loop that begins anew, from one of them on."""
-    if not first:
-        return take
-    numbers = itertools.count()
-
-    def later(sample: LoopSample) -> None:
-        if next(numbers) >= first:
-            take(sample)
-
-    return later

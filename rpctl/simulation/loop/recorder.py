@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.control.law import Limit
-from rpctl.reference.motion import ReferenceState
-from rpctl.reference.quasi_velocities import reference_rates, steering
+from rpctl.reference.motion import ReferenceState, reference_rates, steering
+from rpctl.reference.table import ReferenceTable, table_of
 from rpctl.simulation.run.derived import TURN, Derivation, left, reference_configurations
 from rpctl.simulation.run.facts import reference_wheels
 from rpctl.simulation.run.log import Log
@@ -23,7 +21,6 @@ BATCH = 256  # samples that wait at most until they are kept
 NOTHING = np.empty(0)
 NOTHING_FELT: Mapping[str, Array] = MappingProxyType({})
 FELT = ("root_pose", "ground_load", "wheel_slip")  # what only some plants know
-NO_DIRECTION = np.full(9, np.nan)  # of a reference that gives none
 
 
 class LoopSample(NamedTuple):
@@ -60,184 +57,109 @@ class LoopSample(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """K samples, a row each; those from ``pose`` on are of the reference's state.
+    """K samples, a row each.
 
-    Its nine numbers of direction are NaN where it gives none. Joint accelerations are not kept.
+    Attributes:
+        reference: Their times, and the reference then.
+        columns: Columns of the log that plant and controller tell, by name.
+        limits: Number of the set of limits that bind (K,).
     """
 
-    t: Array  # (K,)
-    work: Array  # (K,)
-    lost: Array  # (K,)
-    limits: Array  # (K,) number of the set of limits that bind
-    q: Array
-    nu: Array
-    tau: Array
-    nu_d: Array
-    nu_cmd: Array  # (K, 0) where efforts are sent
-    pose: Array
-    twist: Array
-    twist_dot: Array
-    joints: Array
-    joint_rates: Array
-    direction: Array
-    felt: Mapping[str, Array] = NOTHING_FELT
+    reference: ReferenceTable
+    columns: Mapping[str, Array]
+    limits: Array
 
-    @property
-    def arrays(self) -> tuple[Array, ...]:
-        """All of them that are not what only the plant knows."""
-        return tuple(getattr(self, name) for name in self._fields[:-1])
-
-    def rows(self, chosen: slice | NDArray[np.intp]) -> Samples:
+    def rows(self, chosen: slice) -> Samples:
         """Return some of them."""
-        felt = {name: each[chosen] for name, each in self.felt.items()}
-        rest = self._fields[:-1]
-        return Samples(**{name: getattr(self, name)[chosen] for name in rest}, felt=felt)
+        columns = {name: each[chosen] for name, each in self.columns.items()}
+        return Samples(self.reference.at(chosen), columns, self.limits[chosen])
 
     def first_not_finite(self) -> int | None:
         """Return the number of the first that holds numbers that are not finite."""
-        given = [*self.arrays[:-1], *self.felt.values()]
-        flat = (each.reshape(len(self.t), -1) for each in given)
-        bad = np.flatnonzero(~np.isfinite(np.hstack(list(flat))).all(axis=1))
+        flat = [each.reshape(len(self.limits), -1) for each in self.columns.values()]
+        bad = np.flatnonzero(~np.isfinite(np.hstack(flat)).all(axis=1))
         return int(bad[0]) if len(bad) else None
-
-    def state(self, k: int | slice = slice(None)) -> ReferenceState:
-        """Return the reference's state at a sample, or at some of them, a row each.
-
-        Of several samples the direction is left out.
-        """
-        direction = self.direction[k].reshape(-1, 3, 3)[0] if isinstance(k, int) else NO_DIRECTION
-        return ReferenceState(
-            self.pose[k],
-            self.twist[k],
-            self.twist_dot[k],
-            self.joints[k],
-            self.joint_rates[k],
-            np.zeros_like(self.joints[k]),
-            None if np.isnan(direction.flat[0]) else direction,
-        )
-
-
-def _stacked(waiting: Sequence[LoopSample], numbers: Mapping[tuple[Limit, ...], int]) -> Samples:
-    """Return samples as arrays."""
-    states = [sample.state for sample in waiting]
-    directions = [NO_DIRECTION if s.direction is None else np.ravel(s.direction) for s in states]
-    own = ("t", "work", "lost", "q", "nu", "tau", "nu_d", "nu_cmd")
-    of_state = ("pose", "twist", "twist_dot", "joints", "joint_rates")
-    return Samples(
-        **{name: np.array([getattr(sample, name) for sample in waiting]) for name in own},
-        **{name: np.array([getattr(state, name) for state in states]) for name in of_state},
-        limits=np.array([numbers[sample.limits] for sample in waiting]),
-        direction=np.array(directions),
-        felt={name: np.array([s.felt[name] for s in waiting]) for name in waiting[0].felt},
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Carry:
-    """What a batch needs of the sample before it.
-
-    Attributes:
-        headings: Of base and reference (2,), as they were measured, rad.
-        turns: Full turns that have been added to them (2,).
-        t: Time, s.
-        rolled: Angles of the reference's wheels and casters (n_turning,), rad.
-        rolling: Their rates (n_turning,), rad/s.
-    """
-
-    headings: Array
-    turns: Array
-    t: float
-    rolled: Array
-    rolling: Array
 
 
 class _Reference:
     """Follows the reference's speeds, full turns and wheels through all samples of a run."""
 
-    def __init__(self, derivation: Derivation) -> None:
-        self._robot, self._dynamics = derivation.robot, derivation.dynamics
-        self._steered = len(self._robot.drive.steered)
-        self._turning = reference_wheels(self._robot)[self._steered :]
-        self._indices = [self._robot.velocity_index(name) for name in self._turning]
-        self._carry: _Carry | None = None
+    def __init__(self, derivation: Derivation, first: Samples) -> None:
+        self._robot = robot = derivation.robot
+        self._dynamics = derivation.dynamics
+        self._steered = len(robot.drive.steered)
+        self._turning = reference_wheels(robot)[self._steered :]
+        self._indices = [robot.velocity_index(name) for name in self._turning]
+        # Of the sample before: its time (s), headings of base and reference (rad) and full turns
+        # added to them, angles (rad) and rates of the reference's wheels and casters. Wheels begin
+        # at 0, casters where the robot's are.
+        q = first.columns["q"][0]
+        casters = {swivel.joint for swivel in robot.drive.swivels if swivel.role == "caster"}
+        self._t = float(first.reference.t[0])
+        self._headings, self._turns = self._headings_of(first)[0], np.zeros(2)
+        self._angles = np.array(
+            [robot.joint_position(q, name) if name in casters else 0.0 for name in self._turning]
+        )
+        self._rates = np.zeros(len(self._turning))
 
     def take(self, samples: Samples) -> dict[str, Array]:
         """Return arrays of the log that follow from consecutive samples, a row each."""
-        carry = self._start(samples) if self._carry is None else self._carry
-        headings = np.column_stack([self._headings(samples.q), samples.pose[:, 2]])
-        jumps = np.diff(headings, axis=0, prepend=carry.headings[None])
-        turns = carry.turns + np.cumsum(-np.round(jumps / TURN), axis=0)
-        nu, steered = self._speeds(samples)
-        wheels, rolling = self._rolled(samples, nu, steered, carry)
-        last = float(samples.t[-1])
-        self._carry = _Carry(headings[-1], turns[-1], last, wheels[-1, self._steered :], rolling)
+        reference, headings = samples.reference, self._headings_of(samples)
+        jumps = np.diff(headings, axis=0, prepend=self._headings[None])
+        turns = self._turns + np.cumsum(-np.round(jumps / TURN), axis=0)
+        nu, steered = self._speeds(reference)
+        wheels = np.hstack([steered, self._rolled(reference, nu, steered)])
+        self._headings, self._turns, self._t = headings[-1], turns[-1], float(reference.t[-1])
         return {
             "nu_ref": nu,
-            "base_ref": samples.pose + TURN * turns[:, 1:] * [0.0, 0.0, 1.0],
-            "joints_ref": samples.joints,
+            "base_ref": reference.pose + TURN * turns[:, 1:] * [0.0, 0.0, 1.0],
+            "joints_ref": reference.joints,
             "wheels_ref": wheels,
             "turns": turns[:, 0],
         }
 
-    def _headings(self, q: Array) -> Array:
-        return np.asarray(np.arctan2(q[:, 3], q[:, 2]) + self._robot.drive.heading)
+    def _headings_of(self, samples: Samples) -> Array:
+        """Return the headings (K, 2) of the base and of its reference, rad."""
+        q = samples.columns["q"]
+        base = np.arctan2(q[:, 3], q[:, 2]) + self._robot.drive.heading
+        return np.column_stack([base, samples.reference.pose[:, 2]])
 
-    def _start(self, samples: Samples) -> _Carry:
-        """Return what is before the first sample: wheels at 0, casters where the robot's are."""
-        robot = self._robot
-        headings = np.array([self._headings(samples.q[:1])[0], samples.pose[0, 2]])
-        casters = {swivel.joint for swivel in robot.drive.swivels if swivel.role == "caster"}
-        rolled = [
-            robot.joint_position(samples.q[0], name) if name in casters else 0.0
-            for name in self._turning
-        ]
-        return _Carry(
-            headings,
-            np.zeros(2),
-            float(samples.t[0]),
-            np.array(rolled),
-            np.zeros(len(rolled)),
-        )
-
-    def _speeds(self, samples: Samples) -> tuple[Array, Array]:
+    def _speeds(self, reference: ReferenceTable) -> tuple[Array, Array]:
         """Return ν (K, dof) of the reference, and positions (K, n_steered) of steered joints."""
-        robot, count = self._robot, len(samples.t)
+        robot = self._robot
         if not self._steered:
-            return reference_rates(robot, samples.state()).nu, np.empty((count, 0))
-        states = [samples.state(k) for k in range(count)]
+            return reference_rates(robot, reference.state).nu, np.empty((len(reference), 0))
+        states = list(reference.states())
         return (
             np.array([reference_rates(robot, state).nu for state in states]),
             np.array([steering(robot, state)[0] for state in states]),
         )
 
-    def _rolled(
-        self, samples: Samples, nu: Array, steered: Array, carry: _Carry
-    ) -> tuple[Array, Array]:
-        """Return the reference's wheels (K, n), integrated from ν, and their last rates.
+    def _rolled(self, reference: ReferenceTable, nu: Array, steered: Array) -> Array:
+        """Return the angles (K, n) of the reference's wheels and casters, integrated from ν.
 
         Args:
-            samples: The samples.
-            nu: Quasi-velocities of the reference (K, dof).
+            reference: The reference.
+            nu: Its quasi-velocities (K, dof).
             steered: Positions of its steered joints (K, n_steered), rad.
-            carry: Of the sample before.
         """
-        steps = np.diff(samples.t, prepend=carry.t)
+        steps = np.diff(reference.t, prepend=self._t)
         if self._dynamics.constant:
-            rates = nu @ self._dynamics.basis(samples.q[0])[self._indices].T
-            before = np.vstack([carry.rolling, rates[:-1]])
-            rolled = np.cumsum(np.vstack([carry.rolled, steps[:, None] * before]), axis=0)[1:]
-            return np.hstack([steered, rolled]), rates[-1]
-        standing = np.hstack([steered, np.zeros((len(nu), len(self._turning)))])
-        q = reference_configurations(self._robot, samples.pose, samples.joints, standing)
+            rates = nu @ self._dynamics.basis(self._robot.configuration())[self._indices].T
+            before = np.vstack([self._rates, rates[:-1]])
+            rolled = np.cumsum(np.vstack([self._angles, steps[:, None] * before]), axis=0)[1:]
+            self._angles, self._rates = rolled[-1], rates[-1]
+            return rolled
+        angles = np.empty((len(nu), len(self._turning)))
+        standing = np.hstack([steered, np.zeros_like(angles)])
+        q = reference_configurations(self._robot, reference.pose, reference.joints, standing)
         entries = [self._robot.entries[name] for name in self._turning]
-        angles, rate = carry.rolled, carry.rolling
-        for row, wheels, now, step in zip(q, standing, nu, steps, strict=True):
-            angles = angles + step * rate
-            for entry, angle in zip(entries, angles.tolist(), strict=True):
+        for k, (row, now, step) in enumerate(zip(q, nu, steps, strict=True)):
+            self._angles = angles[k] = self._angles + step * self._rates
+            for entry, angle in zip(entries, self._angles.tolist(), strict=True):
                 entry.write(row, angle)
-            rate = (self._dynamics.basis(row) @ now)[self._indices]
-            wheels[self._steered :] = angles
-        return standing, rate
+            self._rates = (self._dynamics.basis(row) @ now)[self._indices]
+        return angles
 
 
 class Recorder:
@@ -260,7 +182,7 @@ class Recorder:
         known: Callable[[], Mapping[str, Any]] = dict,
     ) -> None:
         self._derivation, self._every, self._part, self._known = derivation, every, part, known
-        self._reference = _Reference(derivation)
+        self._reference: _Reference | None = None
         self._total, self._room = steps + 1, -(-steps // every) + 1
         self._waiting: list[LoopSample] = []
         self._taken = self.rows = 0  # samples that were looked at, and logged
@@ -294,8 +216,6 @@ class Recorder:
         Raises:
             RpctlError: A sample is nothing that a log can hold; those before it are logged.
         """
-        if not len(samples.t):
-            return
         self.flush()
         numbers = np.array([self._sets.setdefault(each, len(self._sets)) for each in sets])
         self._take(samples._replace(limits=numbers[samples.limits.astype(int)]))
@@ -311,9 +231,20 @@ class Recorder:
         """
         waiting, self._waiting = self._waiting, []
         if waiting:
-            self._take(_stacked(waiting, self._sets), ends)
+            self._take(self._stacked(waiting), ends)
         elif ends:
             self._write(ends)
+
+    def _stacked(self, waiting: Sequence[LoopSample]) -> Samples:
+        """Return samples as arrays."""
+        told = ("q", "nu", "tau", "nu_d", "nu_cmd", "work", "lost")
+        columns = {name: np.array([getattr(sample, name) for sample in waiting]) for name in told}
+        for name in waiting[0].felt:
+            columns[name] = np.array([sample.felt[name] for sample in waiting])
+        times = np.array([sample.t for sample in waiting])
+        states = [sample.state for sample in waiting]
+        limits = np.array([self._sets[sample.limits] for sample in waiting])
+        return Samples(table_of(self._derivation.robot, times, states), columns, limits)
 
     def _take(self, samples: Samples, ends: bool = False) -> None:
         bad = samples.first_not_finite()
@@ -321,30 +252,32 @@ class Recorder:
             self._log(samples.rows(slice(bad)), ends or bad is not None)
         self._write(ends or bad is not None)
         if bad is not None:
-            raise left(float(samples.t[bad]))
+            raise left(float(samples.reference.t[bad]))
 
     def _log(self, samples: Samples, ends: bool) -> None:
         """Keep those samples whose turn it is."""
-        count = len(samples.t)
+        count = len(samples.limits)
         chosen = np.arange(-self._taken % self._every, count, self._every)
         self._taken += count
         if (ends or self._taken == self._total) and (not len(chosen) or chosen[-1] != count - 1):
             chosen = np.append(chosen, count - 1)
-        reference = self._reference.take(samples)
-        kept = samples.rows(chosen)
-        names = ("t", "q", "nu", "tau", "nu_d", "nu_cmd", "work", "lost", "limits")
-        columns = {name: getattr(kept, name) for name in names}
-        columns |= {name: each[chosen] for name, each in reference.items()}
-        nothing = np.empty((len(chosen), 0))
-        columns |= dict.fromkeys(FELT, nothing) | dict(kept.felt)
+        self._reference = self._reference or _Reference(self._derivation, samples)
+        nothing = np.empty((count, 0))
+        columns = {
+            "t": samples.reference.t,
+            "limits": samples.limits,
+            **dict.fromkeys(FELT, nothing),
+            **samples.columns,
+            **self._reference.take(samples),
+        }
         rows = slice(self.rows, self.rows + len(chosen))
         for name, values in columns.items():
             if name not in self._columns:
                 self._columns[name] = np.empty((self._room, *values.shape[1:]))
-            self._columns[name][rows] = values
+            self._columns[name][rows] = values[chosen]
         self.rows = rows.stop
         sets = list(self._sets)
-        for number in dict.fromkeys(kept.limits.astype(int).tolist()):
+        for number in dict.fromkeys(samples.limits[chosen].astype(int).tolist()):
             self._bound |= dict.fromkeys(sets[number])
 
     def _write(self, ends: bool) -> None:
@@ -355,14 +288,16 @@ class Recorder:
         """Return what is kept of some rows, and what else is known of the run by now."""
         columns = {name: each[rows] for name, each in self._columns.items()}
         columns["active_limits"] = self._active_limits(columns.pop("limits"))
-        return columns, {**self._known(), "bound_limits": self._bound_limits()}
+        return columns, {**self._known(), "bound_limits": self.bound_limits}
 
     def log(self) -> Log:
         """Return the log of the samples that were added, one at least."""
         columns, _ = self._content(slice(self.rows))
-        return Log(columns, self._bound_limits(), self._derivation)
+        return Log(columns, self.bound_limits, self._derivation)
 
-    def _bound_limits(self) -> tuple[tuple[str, str], ...]:
+    @property
+    def bound_limits(self) -> tuple[tuple[str, str], ...]:
+        """Joint and kind of each limit that has bound the efforts so far."""
         return tuple((limit.joint, limit.kind) for limit in self._bound)
 
     def _active_limits(self, numbers: Array) -> Array:

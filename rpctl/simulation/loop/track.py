@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from rpctl.arrays import Array
 from rpctl.control.controller import default_laws
-from rpctl.control.fallback import require_callable
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.law_sentences import law_sentences
+from rpctl.control.safeguards import require_callable
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
@@ -25,10 +25,9 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import CONFIG_TABLES, Config, LimitOverrides, RunSettings
 from rpctl.simulation.loop.backend import run_loop
 from rpctl.simulation.loop.budget import Budget, find_budget
-from rpctl.simulation.loop.closed_loop import LoopRecord, Watcher, start_configuration
-from rpctl.simulation.loop.periods import delay_note, duration_note, log_note
-from rpctl.simulation.loop.recorder import Recorder
-from rpctl.simulation.loop.watching import Watching
+from rpctl.simulation.loop.closed_loop import Loop, Watching, start_configuration
+from rpctl.simulation.loop.notes import end_note, run_notes
+from rpctl.simulation.loop.recorder import LoopSample, Recorder
 from rpctl.simulation.merits.collision_facts import NOT_LOOKED_FOR
 from rpctl.simulation.merits.collisions import (
     Surroundings,
@@ -121,10 +120,15 @@ def track(
         SizingRequest(run.size, run.speed, run.laps).refuse(
             "the reference is a function, with its own pace", *WISHES
         )
-    watcher = None if watch is None else lambda s: watch(s.t, s.q, s.state)
-    collisions = settings.get("collisions", True)
     return simulate(
-        robot, config, own, certificate, progress, watcher, collisions=collisions, backend=backend
+        robot,
+        config,
+        own,
+        certificate=certificate,
+        progress=progress,
+        watch=None if watch is None else lambda s: watch(s.t, s.q, s.state),
+        collisions=settings.get("collisions", True),
+        backend=backend,
     )
 
 
@@ -154,24 +158,10 @@ def _configured(
     return replace(config, **tables)
 
 
-def simulate(
-    robot: Robot,
-    config: Config,
-    reference: Reference | None = None,
-    certificate: Certificate | None = None,
-    progress: Callable[[int, int], object] | None = None,
-    watch: Watcher | None = None,
-    ended: Callable[[Run], object] | None = None,
-    part: PartWriter | None = None,
-    collisions: bool = True,
-    backend: str = "auto",
-) -> Run:
-    """Simulate a robot as a configuration says, from rest.
+class SimulateOptions(TypedDict, total=False):
+    """Who looks on while a run is simulated, and what is kept with it.
 
-    Args:
-        robot: The robot, before the configuration's limits.
-        config: Laws, limits, circumstances and plant.
-        reference: What the configuration's reference is; None loads it by its name.
+    Attributes:
         certificate: A certificate to keep with the run.
         progress: Called with the samples done and their total.
         watch: Called with every sample; what it takes is not counted as the simulation's. If it or
@@ -179,9 +169,33 @@ def simulate(
         ended: Called with what was simulated if an error or Ctrl-C ends the loop early and there
             is a motion to keep; the exception is raised afterwards.
         part: Where the samples are written while they are simulated; :meth:`Run.load` reads its
-            folder, also after the process was killed. None: nowhere.
-        collisions: Whether to look for collisions of its links afterwards.
+            folder, also after the process was killed.
+        collisions: Whether to look for collisions of its links afterwards, as it is if not given.
         backend: What closes the loop, as of :func:`track`.
+    """
+
+    certificate: Certificate | None
+    progress: Callable[[int, int], object] | None
+    watch: Callable[[LoopSample], object] | None
+    ended: Callable[[Run], object]
+    part: PartWriter
+    collisions: bool
+    backend: str
+
+
+def simulate(
+    robot: Robot,
+    config: Config,
+    reference: Reference | None = None,
+    **options: Unpack[SimulateOptions],
+) -> Run:
+    """Simulate a robot as a configuration says, from rest.
+
+    Args:
+        robot: The robot, before the configuration's limits.
+        config: Laws, limits, circumstances and plant.
+        reference: What the configuration's reference is; None loads it by its name.
+        **options: Who looks on, and what is kept with the run.
 
     Raises:
         DivergedError: The motion left the finite numbers.
@@ -189,107 +203,113 @@ def simulate(
             the reference does not fit the robot, or the robot starts inside an obstacle.
     """
     robot = config.limits.apply(robot)
+    collisions, part = options.get("collisions", True), options.get("part")
     if reference is None:
         reference = config.run.load_reference(robot, collisions)
     around = _surroundings(robot, config, reference) if collisions else None
     steps = require_affordable(robot, config, reference).periods
     config = config.with_run(log_every=config.run.log_step(steps))
-    dynamics = ReducedDynamics(robot)
-    derivation = Derivation(dynamics, config)
-    told = _Told(robot, config, reference, certificate, derivation)
-    loop = LoopRecord()
+    loop = _loop(robot, config, reference, steps, options)
+    derivation = Derivation(loop.dynamics, config)
     recorder = Recorder(derivation, steps, config.run.log_every or 1, part, loop.known)
-    watching = None if watch is None else Watching("what watched the simulation", watch)
-    showing = Watching("what showed its progress", progress)
-
-    def notes() -> tuple[str, ...]:
-        watched = () if watching is None else watching.notes
-        return (*loop.notes, *watched, *showing.notes, *(() if part is None else part.notes))
-
+    made = _Made(_header(loop, derivation, options.get("certificate")), loop, recorder, part)
     if part is not None:
-        part.begin(told.header(loop, steps, notes()))
+        part.begin(made.header())
+    bodies = None
     try:
-        run_loop(dynamics, config, reference, steps, recorder, loop, showing, watching, backend)
+        run_loop(loop, recorder, options.get("backend", "auto"))
         recorder.flush(ends=True)
-        log, bodies = recorder.log(), None
         if around is not None:
+            log = recorder.log()
             bodies = find_collisions(around, log.t, log.q)
     except BaseException as error:
-        if ended is not None:
+        if (ended := options.get("ended")) is not None:
             with suppress(RpctlError):  # what is sound of the last batch is logged
                 recorder.flush(ends=True)
             if recorder.rows >= MIN_SAMPLES:
-                log = recorder.log()
-                note = _end_note(error, float(log.t[-1]), steps * config.run.control_period)
-                missed = (NOT_LOOKED_FOR,) if around is not None else ()
-                header = told.header(loop, recorder.steps, (*notes(), *missed, note), whole=False)
-                ended(run_of(replace(header, bound_limits=log.bound_limits), log, robot))
+                missed = () if around is None else (NOT_LOOKED_FOR,)
+                ended(made.run(robot, missed, error))
         raise
-    header = told.header(loop, recorder.steps, notes())
-    return run_of(replace(header, bound_limits=log.bound_limits, collisions=bodies), log, robot)
+    return replace(made.run(robot), collisions=bodies)
 
 
-class _Told:
-    """What there is to say of a run besides its samples.
+def _loop(
+    robot: Robot, config: Config, reference: Reference, steps: int, options: SimulateOptions
+) -> Loop:
+    """Return the loop that is to be closed, apart from whom it shows its samples."""
+    loop = Loop(ReducedDynamics(robot), config, reference, steps)
+    if (watch := options.get("watch")) is not None:
+        loop.watch = Watching("what watched the simulation", watch)
+    if (progress := options.get("progress")) is not None:
+        loop.progress = Watching("what showed its progress", progress)
+    return loop
 
-    Args:
-        robot: The robot, with the configuration's limits.
-        config: Laws, circumstances and plant.
-        reference: What is tracked.
-        certificate: A certificate to keep with the run.
-        derivation: Knows how the simulated robot stands.
+
+def _header(loop: Loop, derivation: Derivation, certificate: Certificate | None) -> Header:
+    """Return what there is to say of a run before it begins."""
+    config, reference, robot = loop.config, loop.reference, loop.dynamics.robot
+    plant, period = config.plant, config.run.control_period
+    recording: Recording | None = getattr(reference, "recording", None)
+    dynamic = config.dynamic if config.output is None else None
+    known = ReducedDynamics(plant.known_robot(robot))
+    return Header(
+        robot=robot_facts(robot),
+        ground=ground_facts(derivation.contacts, config.run.friction),
+        config=recorded(config, loop.steps),
+        controller_model=None if plant.controller_model is None else plant.controller_model.name,
+        kinematic_report={},
+        certificate=None if certificate is None else certificate.to_dict(),
+        wall_time=0.0,
+        sizing=getattr(reference, "sizing", None),
+        recording=None if recording is None else recording.to_dict(),
+        law_sentences=law_sentences(known, config.kinematic, dynamic, period),
+    )
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A run as far as it has come.
+
+    Attributes:
+        planned: What there was to say of it before it began.
+        loop: Its loop.
+        recorder: What was logged.
+        part: Where that is written meanwhile.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        config: Config,
-        reference: Reference,
-        certificate: Certificate | None,
-        derivation: Derivation,
-    ) -> None:
-        self._config, self._certificate = config, certificate
-        self._robot, self._reference = robot_facts(robot), reference
-        self._ground = ground_facts(derivation.contacts, config.run.friction)
-        known = ReducedDynamics(config.plant.known_robot(robot))
-        dynamic = config.dynamic if config.output is None else None
-        self._sentences = law_sentences(known, config.kinematic, dynamic, config.run.control_period)
+    planned: Header
+    loop: Loop
+    recorder: Recorder
+    part: PartWriter | None
 
-    def header(
-        self, loop: LoopRecord, steps: int, notes: tuple[str, ...], whole: bool = True
-    ) -> Header:
-        """Return the header of a run.
+    def header(self, *notes: str, whole: bool = True) -> Header:
+        """Return what there is to say of it now; ``notes`` come last."""
+        written = () if self.part is None else self.part.notes
+        asked = run_notes(self.loop.config, whole)
+        return replace(
+            self.planned,
+            **self.loop.known(),
+            notes=(*asked, *self.loop.notes, *written, *notes),
+            bound_limits=self.recorder.bound_limits,
+        )
+
+    def run(
+        self, robot: Robot, missed: tuple[str, ...] = (), error: BaseException | None = None
+    ) -> Run:
+        """Return the run.
 
         Args:
-            loop: What the loop has left so far.
-            steps: Number of control periods that it covers.
-            notes: What became of the loop and of those who watched it, in sentences.
-            whole: Whether it was not ended early.
+            robot: Its robot.
+            missed: What was left out, in sentences.
+            error: What ended it early.
         """
-        config, period = self._config, self._config.run.control_period
-        asked = config.run.duration if whole else None
-        model = config.plant.controller_model
-        recording: Recording | None = getattr(self._reference, "recording", None)
-        return Header(
-            robot=self._robot,
-            ground=self._ground,
-            config=recorded(config, steps),
-            controller_model=None if model is None else model.name,
-            kinematic_report=loop.report,
-            notes=(
-                *(() if asked is None else duration_note(asked, period)),
-                *delay_note(config.plant.delay, period),
-                *velocity_note(config),
-                *log_note(config.run.log_every or 1, period),
-                *plant_note(config),
-                *notes,
-            ),
-            certificate=None if self._certificate is None else self._certificate.to_dict(),
-            wall_time=loop.wall_time,
-            sizing=getattr(self._reference, "sizing", None),
-            recording=None if recording is None else recording.to_dict(),
-            law_sentences=self._sentences,
-        )
+        log, planned = self.recorder.log(), self.planned.config.run
+        if error is None:
+            return run_of(self.header(), log, robot)
+        note = end_note(error, float(log.t[-1]), planned.duration or 0.0)
+        header = self.header(*missed, note, whole=False)
+        duration = self.recorder.steps * planned.control_period
+        return run_of(replace(header, config=header.config.with_run(duration=duration)), log, robot)
 
 
 def _surroundings(robot: Robot, config: Config, reference: Reference) -> Surroundings | None:
@@ -326,46 +346,6 @@ def require_affordable(robot: Robot, config: Config, reference: Reference) -> Bu
 def late(delay: float, duration: float) -> str:
     """Return that a delay (s) is longer than the run (s), in words."""
     return f"delay is {delay:g} s, longer than the run of {duration:g} s"
-
-
-def plant_note(config: Config) -> tuple[str, ...]:
-    """Return the note that something else than rolling wheels moves the robot, or none."""
-    plant, friction = config.plant, f"friction {config.run.friction:g}"
-    if plant.own is not None:
-        return (f"a simulator of the user's, {type(plant.own).__name__}, moved the robot",)
-    known = {
-        "slipping": f"the robot moved on tyres that slip, {friction}",
-        "contact": f"MuJoCo moved the robot: its wheels meet the ground in contacts, {friction}",
-    }
-    return (known[plant.kind],) if plant.kind in known else ()
-
-
-def velocity_note(config: Config) -> tuple[str, ...]:
-    """Return the note that the robot of a run takes speeds, and how it follows them, or none."""
-    output = config.output
-    if output is None:
-        return ()
-    truth = config.plant.velocity_interface(output)
-    note = (
-        f"the controller sends speeds, which the robot follows {_lateness(truth)}; the efforts are "
-        "those that this motion takes"
-    )
-    if (truth.lag, truth.lags, truth.dead_time) == (output.lag, output.lags, output.dead_time):
-        return (note,)
-    return (f"{note}; the controller takes them to be followed {_lateness(output)}",)
-
-
-def _lateness(output: VelocityOutput) -> str:
-    """Return how late speeds are followed, in words."""
-    lags = "".join(f" ({lag:g} s of {name})" for name, lag in output.lags.items())
-    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s"
-
-
-def _end_note(error: BaseException, t: float, duration: float) -> str:
-    """Return the sentence that says when (s) and why a run ended early."""
-    reason = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
-    reason = reason or type(error).__name__
-    return f"ended at {t:.4g} of {duration:.4g} s ({reason}); what was simulated is kept"
 
 
 def _as_plant(plant: str | Plant | PlantModel, robot: Robot) -> Plant:

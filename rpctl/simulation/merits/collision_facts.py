@@ -111,6 +111,9 @@ class CollisionFacts:
         return (f"links that touch by build may touch: {listed}{more}", *self.notes)
 
 
+NO_COLLISIONS = CollisionFacts((), (), (), (), 0.0, (), ())
+
+
 def collision_texts(collisions: Sequence[Collision]) -> list[str]:
     """Return the deepest collisions in sentences, and how many more there were.
 

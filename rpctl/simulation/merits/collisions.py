@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.control.obstacle_shapes import links_among
+from rpctl.control.obstacles import links_among
 from rpctl.errors import RpctlError
 from rpctl.robot.collision import TOUCH_M, WORLD, CollisionModel
 from rpctl.robot.model import Robot
@@ -32,7 +32,7 @@ from rpctl.simulation.merits.texts import length
 
 RESOLUTION_M = 1e-3  # m: how far a pair may move on before it is looked at again, at least
 BUDGET = 100_000  # distances after which the resolution doubles: a third of a second
-BLOCK = 1024  # samples whose motion is added up at once
+BLOCK = 256  # samples whose motion is added up at once
 INSTANTS = 200  # of the series, at most
 
 
@@ -119,38 +119,6 @@ def _of_links(collisions: Sequence[Collision]) -> list[Collision]:
     return list(found.values())
 
 
-class _Block:
-    """The paths of the pairs over some samples: how far each can have approached since the start.
-
-    Args:
-        first: Number of the first sample.
-        start: The paths (n,) before the block, m.
-        rates: Of the pairs per motion of the joints (n, columns).
-        moved: Motion of the joints from before the block to each sample (samples, columns).
-    """
-
-    def __init__(self, first: int, start: Array, rates: Array, moved: Array) -> None:
-        self.first, self.count = first, len(moved)
-        self._start, self._rates, self._moved = start, rates, moved
-        self._rows: dict[int, Array] = {}
-        self.end = self.at(self.count - 1)
-
-    def at(self, k: int) -> Array:
-        """Return the paths (n,) at a sample of the block."""
-        return np.asarray(self._start + self._rates @ self._moved[k])
-
-    def row(self, pair: int) -> Array:
-        """Return the path of a pair (samples,)."""
-        if pair not in self._rows:
-            self._rows[pair] = self._start[pair] + self._moved @ self._rates[pair]
-        return self._rows[pair]
-
-    def take_rows(self, pairs: NDArray[np.intp]) -> None:
-        """Compute the paths of many pairs together."""
-        rows = self._start[pairs, None] + self._rates[pairs] @ self._moved.T
-        self._rows |= dict(zip(pairs.tolist(), rows, strict=True))
-
-
 class _Scan:
     """Follows the pairs along a motion.
 
@@ -189,41 +157,40 @@ class _Scan:
             moved = np.cumsum(joint_motion(robot, self._q[max(first - 1, 0) : last]), axis=0)
             if not first:
                 moved = np.vstack([np.zeros(rates.shape[1]), moved])
-            block = _Block(first, path, rates, moved)
-            self._follow(block)
-            path = block.end
+            paths = path[:, None] + rates @ moved.T  # (n, samples)
+            self._follow(first, paths)
+            path = paths[:, -1]
 
-    def _follow(self, block: _Block) -> None:
-        """Look at the pairs wherever they are due in some samples."""
-        active = np.flatnonzero(block.end >= self._goal)
-        block.take_rows(active)
-        due: dict[int, int] = {}  # sample of the block at which a pair is to be looked at
-        waiting: list[list[int]] = [[] for _ in range(block.count)]  # pairs by that sample
+    def _follow(self, first: int, paths: Array) -> None:
+        """Look at the pairs wherever they are due in some samples.
+
+        Args:
+            first: Number of the first of them.
+            paths: How far each pair can have approached until then since the start (n, samples), m.
+        """
+        count, shown = paths.shape[1], set((self._instants - first).tolist())
+        due: dict[int, int] = {}  # sample at which a pair is to be looked at
+        waiting: list[list[int]] = [[] for _ in range(count)]  # pairs by that sample
 
         def wait(pair: int, k: int) -> None:
-            row = block.row(pair)
-            due[pair] = k + int(row[k:].searchsorted(self._goal[pair]))
-            if due[pair] < block.count:
+            due[pair] = k + int(paths[pair, k:].searchsorted(self._goal[pair]))
+            if due[pair] < count:
                 waiting[due[pair]].append(pair)
 
-        for pair in active.tolist():
+        for pair in np.flatnonzero(paths[:, -1] >= self._goal).tolist():
             wait(pair, 0)
-        shown = set((self._instants - block.first).tolist())
-        for k in range(block.count):
+        for k in range(count):
             pairs = sorted(pair for pair in waiting[k] if due[pair] == k)
             if not pairs and k not in shown:
                 continue
-            self._distances.place(self._q[block.first + k])
+            self._distances.place(self._q[first + k])
             for pair in pairs:
-                self._look(pair, block.first + k, float(block.row(pair)[k]))
+                self._look(pair, first + k, float(paths[pair, k]))
             if k in shown:
-                pairs += self._show(block.first + k, block.at(k))
+                pairs += self._show(first + k, paths[:, k])
             self._plan(pairs)
             for pair in pairs:
-                if self._goal[pair] <= block.end[pair]:
-                    wait(pair, k)
-                else:
-                    due[pair] = block.count
+                wait(pair, k)
 
     def _look(self, pair: int, k: int, path: float) -> None:
         """Compute the distance of a pair at a sample, all shapes placed."""

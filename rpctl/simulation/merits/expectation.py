@@ -10,22 +10,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numpy as np
-
-from rpctl.arrays import Array
-from rpctl.control.horizon.constraints import contact_radius
-from rpctl.dynamics.ground_reaction import find_contacts
-from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.motion import Reference, end_effector_reference
+from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
-from rpctl.simulation.loop.closed_loop import LoopRecord, close_loop
 from rpctl.simulation.loop.periods import delay_periods, whole_periods
-from rpctl.simulation.loop.recorder import LoopSample
-from rpctl.simulation.loop.track import default_duration
-from rpctl.simulation.merits.obstacles import BASE, TIP, find_obstacles
-from rpctl.simulation.merits.outcome import DIVERGING, STUCK, SUCCESSES, outcome, trace_points
-from rpctl.simulation.merits.path_error import PathFigures, path_figures
+from rpctl.simulation.loop.track import default_duration, simulate
+from rpctl.simulation.merits.outcome import DIVERGING, STUCK, SUCCESSES
+from rpctl.simulation.merits.path_error import PathFigures
+from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.merits.texts import lag, length
 from rpctl.simulation.plants.starting import MASS_RATIO, perturbed_plant
 
@@ -92,36 +84,6 @@ class Expectation:
         return {**asdict(self), "sentence": self.sentence}
 
 
-class _Poses:
-    """Keeps poses of base and end effector, ``SAMPLE_S`` apart."""
-
-    def __init__(self, robot: Robot, period: float) -> None:
-        self._robot, self._data = robot, robot.model.createData()
-        self._every, self._count = max(1, round(SAMPLE_S / period)), 0
-        self._rows: dict[str, list[Array]] = {}
-
-    def __call__(self, sample: LoopSample) -> None:
-        self._count += 1
-        if (self._count - 1) % self._every:
-            return
-        robot, state = self._robot, sample.state
-        row = {"t": np.array(sample.t), "base": robot.base_pose(sample.q), "base_ref": state.pose}
-        row["ee"] = row["ee_ref"] = np.empty(0)
-        if robot.end_effector is not None:
-            row["ee"] = robot.end_effector_pose(self._data, sample.q).translation.copy()
-            wanted = end_effector_reference(robot, self._data, state)
-            row["ee_ref"] = wanted.translation.copy()
-        for key, value in row.items():
-            self._rows.setdefault(key, []).append(value)
-
-    def arrays(self) -> dict[str, Array]:
-        """Return what was kept, samples first; headings without jumps."""
-        arrays = {key: np.array(rows) for key, rows in self._rows.items()}
-        for poses in (arrays["base"], arrays["base_ref"]):
-            poses[:, 2] = np.unwrap(poses[:, 2])
-        return arrays
-
-
 def expect(robot: Robot, config: Config, reference: Reference | None = None) -> Expectation | None:
     """Return what a run would come to with a heavier robot, wheel friction and a delay.
 
@@ -147,11 +109,11 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
     steps = whole_periods(min(DURATION_RATIO * nominal, MAX_DURATION_S), period)
     if steps * period < MIN_DURATION_S:
         return None
-    plant, output = perturbed_plant(known), config.output
-    late = output is not None and bool(output.lag or output.lags)
-    if output is not None and late:
-        lags = {name: LAG_RATIO * lag for name, lag in output.lags.items()}
-        plant = replace(plant, lag=LAG_RATIO * output.lag, lags=lags)
+    plant, lag_ratio = perturbed_plant(known), None
+    if config.output is not None and (config.output.lag or config.output.lags):
+        lag_ratio = LAG_RATIO
+        lags = {name: LAG_RATIO * lag for name, lag in config.output.lags.items()}
+        plant = replace(plant, lag=LAG_RATIO * config.output.lag, lags=lags)
     facts = Expectation(
         MASS_RATIO,
         plant.joint_friction,
@@ -159,30 +121,23 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
         steps * period,
         DIVERGING,
         "",
-        lag_ratio=LAG_RATIO if late else None,
+        lag_ratio=lag_ratio,
     )
-    changed = replace(config, plant=plant, run=replace(settings, initial_error=(0.0, 0.0, 0.0)))
-    dynamics = ReducedDynamics(known)
-    poses = _Poses(dynamics.robot, period)
+    brief = replace(
+        settings,
+        duration=steps * period,
+        initial_error=(0.0, 0.0, 0.0),
+        log_every=max(1, round(SAMPLE_S / period)),
+    )
     try:
-        close_loop(dynamics, changed, reference, steps, None, LoopRecord(), watch=poses)
+        run = simulate(known, replace(config, plant=plant, run=brief), reference, collisions=False)
+        summary = summarize(run)
     except Exception as error:
         return replace(facts, outcome_sentence=f"it ended early ({error})")
-    return _judged(facts, poses.arrays(), config, dynamics)
-
-
-def _judged(
-    facts: Expectation, kept: Mapping[str, Array], config: Config, dynamics: ReducedDynamics
-) -> Expectation:
-    """Return what became of the motion that was kept."""
-    points = trace_points(**kept)
-    radius = contact_radius(dynamics.robot, find_contacts(dynamics, config.run.friction))
-    name, sentence = outcome(kept["t"], points, find_obstacles(config, radius))
-    paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
     return replace(
         facts,
-        outcome=name,
-        outcome_sentence=sentence,
-        base_path=paths[BASE],
-        end_effector_path=paths.get(TIP),
+        outcome=summary.outcome,
+        outcome_sentence=summary.outcome_sentence,
+        base_path=summary.base_path,
+        end_effector_path=summary.end_effector_path,
     )

@@ -15,7 +15,6 @@ import numpy as np
 
 from rpctl.arrays import Array
 
-FEW_SIDES = 4  # of a path, for which NumPy takes longer than Python
 STANDING_SPEED = 1e-4  # m/s: a slower reference stands, and nobody falls behind it
 
 
@@ -142,8 +141,7 @@ def _progress(actual: Array, reference: Array, sides: Array, lengths: Array, arc
             lower = min(place, arcs[k])
             first = min(bisect_right(arcs, lower) - 1, last - 1)
             end = min(max(bisect_left(arcs, place + math.pi * gap), first + 1), last)
-            nearest = _nearest_of_few if end - first <= FEW_SIDES else _nearest_of_many
-            j, share, point = nearest(path, here, first, end, lower - arcs[first])
+            j, share, point = _nearest(path, here, first, end, lower - arcs[first])
             place = arcs[j] + share * float(lengths[j])
         places[k] = place
     return places
@@ -158,26 +156,7 @@ class _Polygon(NamedTuple):
     squares: Array
 
 
-def _nearest_of_few(
-    path: _Polygon, here: list[float], first: int, end: int, lower: float
-) -> tuple[int, float, list[float]]:
-    """Return what :func:`_nearest_of_many` does; of few sides it takes a fifth of the time."""
-    best, found = math.inf, (first, 0.0, here)
-    for j in range(first, end):
-        start, along = path.corners[j].tolist(), path.sides[j].tolist()
-        ahead = sum((x - a) * b for x, a, b in zip(here, start, along, strict=True))
-        share = ahead / float(path.squares[j])
-        if j == first:
-            share = max(share, lower / (float(path.lengths[j]) or 1.0))
-        share = min(max(share, 0.0), 1.0)
-        point = [a + share * b for a, b in zip(start, along, strict=True)]
-        away = math.dist(here, point)
-        if away < best:
-            best, found = away, (j, share, point)
-    return found
-
-
-def _nearest_of_many(
+def _nearest(
     path: _Polygon, here: list[float], first: int, end: int, lower: float
 ) -> tuple[int, float, list[float]]:
     """Return the nearest point on sides ``first`` to ``end``: the side, the share of it, the point.

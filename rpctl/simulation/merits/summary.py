@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -10,7 +11,11 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.reference.sizing import Sizing
-from rpctl.simulation.merits.collision_facts import Collision, LinkClearance
+from rpctl.simulation.merits.collision_facts import (
+    NO_COLLISIONS,
+    Collision,
+    LinkClearance,
+)
 from rpctl.simulation.merits.felt_ground import FeltGround, felt_ground
 from rpctl.simulation.merits.obstacles import BASE, TIP, run_obstacles
 from rpctl.simulation.merits.outcome import STUCK, SUCCESSES, outcome, trace_points
@@ -205,44 +210,35 @@ class Summary:
 
 def summarize(run: Run) -> Summary:
     """Return the figures of merit of a run."""
-    log, robot = run.log, run.robot
-    base = np.hypot(*log.e[:, :2].T)
-    arm = np.linalg.norm(log.ee - log.ee_ref, axis=1) if robot.end_effector else None
+    log, bodies = run.log, run.collisions or NO_COLLISIONS
     points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
-    bodies = run.collisions
-    collisions = () if bodies is None else bodies.collisions
-    name, sentence = outcome(run.t, points, run_obstacles(run), collisions)
-    if name == STUCK and bodies is not None and bodies.ahead:
+    name, sentence = outcome(run.t, points, run_obstacles(run), bodies.collisions)
+    if name == STUCK and bodies.ahead:
         sentence += f"; {' and '.join(bodies.ahead)}"
     paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
-    half = len(run.t) // 2
-    tau = np.abs(run.tau).max(axis=0)
-    limited = np.isfinite(robot.effort_limits)
-    peaks = np.where(limited, tau / np.array(robot.effort_limits), -1.0)  # -1: never the largest
-    duration = float(run.t[-1])
+    base = _error(np.hypot(*log.e[:, :2].T))
+    tip = _error(np.linalg.norm(log.ee - log.ee_ref, axis=1)) if TIP in points else (None,) * 3
+    efforts = _efforts(run)
+    limited = [peak for peak in efforts if math.isfinite(peak.limit)]
+    most = max(limited, key=lambda peak: peak.ratio, default=None)
     return Summary(
         outcome=name,
         outcome_sentence=sentence,
         nominal=run.controller_model is None and replace(run.config.plant, seed=0) == Plant(),
-        duration=duration,
-        rms_base_error=_rms(base),
-        final_base_error=float(base[-1]),
-        settled_base_error=float(base[half:].max()),
+        duration=float(run.t[-1]),
+        rms_base_error=base[0],
+        final_base_error=base[1],
+        settled_base_error=base[2],
         final_lateral_error=float(abs(log.e[-1, 1])),
         base_path=paths[BASE],
-        joint_errors=_joint_errors(run, half),
-        rms_end_effector_error=None if arm is None else _rms(arm),
-        final_end_effector_error=None if arm is None else float(arm[-1]),
-        settled_end_effector_error=None if arm is None else float(arm[half:].max()),
+        joint_errors=_joint_errors(run),
+        rms_end_effector_error=tip[0],
+        final_end_effector_error=tip[1],
+        settled_end_effector_error=tip[2],
         end_effector_path=paths.get(TIP),
-        efforts=tuple(
-            EffortPeak(name, peak, limit, peak / limit)
-            for name, peak, limit in zip(
-                robot.actuators, tau.tolist(), robot.effort_limits, strict=True
-            )
-        ),
-        max_effort_ratio=float(peaks.max()) if limited.any() else None,
-        max_effort_joint=robot.actuators[int(peaks.argmax())] if limited.any() else None,
+        efforts=efforts,
+        max_effort_ratio=None if most is None else most.ratio,
+        max_effort_joint=None if most is None else most.actuator,
         limits_violated=violations(run),
         limits_bound=binding_limits(run),
         ground=ground(run),
@@ -252,51 +248,49 @@ def summarize(run: Run) -> Summary:
         energy_residual=_energy_residual(run),
         constraint_residual=float(log.constraint_residual.max()),
         wall_time=run.wall_time,
-        realtime_factor=duration / run.wall_time,
+        realtime_factor=float(run.t[-1]) / run.wall_time,
         sizing=run.sizing,
         recording=run.recording,
         log_every=run.config.run.log_every or 1,
-        clearances=() if bodies is None else bodies.clearances,
-        collisions=collisions,
-        collision_notes=() if bodies is None else bodies.remarks,
+        clearances=bodies.clearances,
+        collisions=bodies.collisions,
+        collision_notes=bodies.remarks,
         felt_ground=felt_ground(run),
     )
 
 
 def violations(run: Run) -> tuple[Violation, ...]:
     """Return the limits of the URDF that a run broke."""
-    log, robot = run.log, run.robot
-    found: list[Violation] = []
-    for name, tau, rate, effort_limit, velocity_limit in zip(
-        robot.actuators,
-        run.tau.T,
-        log.rates.T,
-        robot.effort_limits,
-        robot.velocity_limits,
-        strict=True,
-    ):
-        found += _violation(run, name, "effort", np.abs(tau), effort_limit)
-        found += _violation(run, name, "velocity", np.abs(rate), velocity_limit)
-    for name, position, lower, upper in zip(
-        robot.joint_names, log.joints.T, robot.lower_limits, robot.upper_limits, strict=True
-    ):
-        found += _position_violations(run, name, position, lower, upper)
-    for name, position, (lower, upper) in zip(
-        robot.steering_names, log.steering.T, robot.steering_limits, strict=True
-    ):
-        found += _position_violations(run, name, position, lower, upper)
-    for name, position, rate, (lower, upper, fastest) in zip(
-        robot.other_names,
-        log.others.T,
-        log.other_rates.T,
-        robot.other_limits,
-        strict=True,
-    ):
-        if name not in robot.actuators:
-            found += _violation(run, name, "velocity", np.abs(rate), fastest)
-        if name not in robot.steering_names:
-            found += _position_violations(run, name, position, lower, upper)
+    found = []
+    for joint, kind, values, limit in _limited(run):
+        sign = -1.0 if kind == "lower" else 1.0
+        broken = sign * values > sign * limit + LIMIT_TOLERANCE * max(abs(limit), 1.0)
+        if broken.any():
+            first, duration = float(run.t[int(np.argmax(broken))]), float(broken.mean() * run.t[-1])
+            worst = sign * float((sign * values).max())
+            found.append(Violation(joint, kind, worst, float(limit), first, duration))
     return tuple(found)
+
+
+def _limited(run: Run) -> Iterator[tuple[str, str, Array, float]]:
+    """Yield all that has a limit: the joint, the kind of limit, the values (K,), and the limit."""
+    log, robot = run.log, run.robot
+    for k, name in enumerate(robot.actuators):
+        yield name, "effort", np.abs(run.tau[:, k]), robot.effort_limits[k]
+        yield name, "velocity", np.abs(log.rates[:, k]), robot.velocity_limits[k]
+    for k, name in enumerate(robot.joint_names):
+        yield name, "lower", log.joints[:, k], robot.lower_limits[k]
+        yield name, "upper", log.joints[:, k], robot.upper_limits[k]
+    for k, name in enumerate(robot.steering_names):
+        for kind, limit in zip(("lower", "upper"), robot.steering_limits[k], strict=True):
+            yield name, kind, log.steering[:, k], limit
+    for k, name in enumerate(robot.other_names):
+        lower, upper, fastest = robot.other_limits[k]
+        if name not in robot.actuators:
+            yield name, "velocity", np.abs(log.other_rates[:, k]), fastest
+        if name not in robot.steering_names:
+            yield name, "lower", log.others[:, k], lower
+            yield name, "upper", log.others[:, k], upper
 
 
 def binding_limits(run: Run) -> tuple[BindingLimit, ...]:
@@ -309,39 +303,24 @@ def binding_limits(run: Run) -> tuple[BindingLimit, ...]:
     return tuple(found)
 
 
-def _position_violations(
-    run: Run, joint: str, position: Array, lower: float, upper: float
-) -> list[Violation]:
-    """Return the position limits that a joint broke."""
-    below = [  # found as an upper limit of the negative, kept as the joint counts
-        replace(broken, value=-broken.value, allowed=-broken.allowed)
-        for broken in _violation(run, joint, "lower", -position, -lower)
-    ]
-    return [*below, *_violation(run, joint, "upper", position, upper)]
+def _error(sizes: Array) -> tuple[float, float, float]:
+    """Return the root mean square of an error's sizes (K,), the last, and the settled one."""
+    rms = float(np.sqrt(np.mean(np.square(sizes))))
+    return rms, float(sizes[-1]), float(sizes[len(sizes) // 2 :].max())
 
 
-def _violation(run: Run, joint: str, kind: str, value: Array, limit: float) -> list[Violation]:
-    broken = value > limit + LIMIT_TOLERANCE * max(abs(limit), 1.0)
-    if not broken.any():
-        return []
-    first, duration = float(run.t[int(np.argmax(broken))]), float(broken.mean() * run.t[-1])
-    return [Violation(joint, kind, float(value.max()), float(limit), first, duration)]
+def _joint_errors(run: Run) -> tuple[JointError, ...]:
+    rows = zip(run.robot.joint_names, run.robot.units, np.abs(run.log.e[:, 3:].T), strict=True)
+    return tuple(JointError(name, unit, *_error(sizes)) for name, unit, sizes in rows)
 
 
-def _joint_errors(run: Run, half: int) -> tuple[JointError, ...]:
-    sizes = map(np.abs, run.log.e[:, 3:].T)
-    rows = zip(run.robot.joint_names, run.robot.units, sizes, strict=True)
-    return tuple(
-        JointError(name, unit, _rms(size), float(size[-1]), float(size[half:].max()))
-        for name, unit, size in rows
-    )
+def _efforts(run: Run) -> tuple[EffortPeak, ...]:
+    peaks = np.abs(run.tau).max(axis=0).tolist()
+    rows = zip(run.robot.actuators, peaks, run.robot.effort_limits, strict=True)
+    return tuple(EffortPeak(name, peak, limit, peak / limit) for name, peak, limit in rows)
 
 
 def _energy_residual(run: Run) -> float:
     """Return the largest gap between energy, work and loss, relative to the work's swing."""
     gap = run.log.energy - run.log.energy[0] - run.log.work + run.log.lost
     return float(np.abs(gap).max() / max(float(np.ptp(run.log.work)), 1e-12))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -13,7 +13,7 @@ from rpctl.dynamics.ground_reaction import GroundReaction, find_contacts, ground
 from rpctl.dynamics.pushes import outside_at
 from rpctl.dynamics.reduced import OutsideForce, Reactions, ReducedDynamics
 from rpctl.errors import DivergedError
-from rpctl.reference.quasi_velocities import configurations
+from rpctl.reference.motion import configurations
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.run.facts import other_joints, reference_wheels, steered_joints
@@ -21,7 +21,7 @@ from rpctl.simulation.run.log import Log
 
 TURN = 2.0 * math.pi
 PLACES = ("base", "joints", "steering", "others", "e", "q_ref")
-BLOCK = 4096  # rows whose forces are computed at once
+BLOCK = 1024  # rows whose forces are computed at once
 NOT_FINITE = ("load_range", "slip_range")  # arrays in which NaN and inf have a meaning
 GROUND_COLUMNS = (
     "wheel_force", "axle_force", "contact_load", "zmp", "tip_margin", "slip_ratio", "load_range",

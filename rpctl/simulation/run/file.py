@@ -94,15 +94,21 @@ def write_run(path: str | Path, header: Header, log: Log, precision: str = "doub
     if precision not in PRECISIONS:
         raise UnknownNameError("precision", precision, PRECISIONS)
     single = precision == "single"
-    arrays = {}
-    for name in _saved(header, single):
-        numbers = np.asfortranarray(getattr(log, name))
-        fits = COLUMNS[name].kept == SINGLE and np.abs(numbers).max(initial=0.0) < MAX_SINGLE
-        short = name != "t" and (single or fits)
-        arrays[name] = in_single(name, numbers) if short else numbers
-    with writing(path) as file:
-        np.savez_compressed(file, allow_pickle=False, header=header_bytes(header), **arrays)
+    told = np.frombuffer(json.dumps(header_as_plain(header)).encode(), np.uint8)
+    with writing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        _add(archive, HEADER, told)
+        for name in _saved(header, single):  # one after another, for all take much memory
+            numbers = getattr(log, name)
+            fits = COLUMNS[name].kept == SINGLE and np.abs(numbers).max(initial=0.0) < MAX_SINGLE
+            short = name != "t" and (single or fits)
+            _add(archive, name, np.asfortranarray(in_single(name, numbers) if short else numbers))
     return Path(path)
+
+
+def _add(archive: zipfile.ZipFile, name: str, numbers: Numbers) -> None:
+    """Add an entry, as ``numpy.savez_compressed`` does."""
+    with archive.open(name + SUFFIX, "w", force_zip64=True) as entry:
+        np.lib.format.write_array(entry, numbers, allow_pickle=False)
 
 
 def _saved(header: Header, single: bool) -> tuple[str, ...]:
@@ -129,9 +135,9 @@ def in_single(name: str, numbers: Array) -> Numbers:
     return np.where(larger, np.nextafter(short, np.float32(0.0)), short)
 
 
-def header_bytes(header: Header) -> NDArray[np.uint8]:
-    """Return a header as the entry of a file."""
-    return np.frombuffer(json.dumps({"schema": SCHEMA, **to_plain(header)}).encode(), np.uint8)
+def header_as_plain(header: Header) -> dict[str, Any]:
+    """Return a header as the JSON of a file has it."""
+    return {"schema": SCHEMA, **to_plain(header)}
 
 
 def read_run(path: str | Path) -> tuple[Header, dict[str, Array]]:
@@ -145,35 +151,28 @@ def read_run(path: str | Path) -> tuple[Header, dict[str, Array]]:
         if HEADER not in entries:
             raise RunFileError(f"{path}: not a run of rpctl; give a run.npz that it wrote")
         header = read_header(_bytes(entries.pop(HEADER)), path)
-        check_arrays({name: entry.shape for name, entry in entries.items()}, header)
-        arrays = {name: entry.read() for name, entry in entries.items()}
-        for name, array in arrays.items():
-            check_numbers(name, array)
-    return header, arrays
+        return header, _numbers(entries, header)
 
 
-def read_arrays(path: Path, label: str) -> tuple[bytes, dict[str, Array]]:
-    """Return the bytes of one entry of a part, and its arrays.
-
-    Args:
-        path: The file.
-        label: Name of the entry that is no array of the log.
+def read_chunk(path: Path, header: Header) -> dict[str, Array]:
+    """Return the arrays of a chunk of a run that was stopped.
 
     Raises:
-        RunFileError: The file is missing or damaged.
+        RunFileError: The file is missing, damaged, or no chunk of such a run.
     """
     with blamed(path), _opened(path, "the folder of a run that was stopped") as entries:
-        if label not in entries:
-            raise EntryError(f'entry "{label}" is missing')
-        told = _bytes(entries.pop(label))
-        _require_names(entries, set(KEPT))
-        lengths = {entry.shape[:1] for entry in entries.values()}
-        if len(lengths) != 1 or lengths == {()}:
-            raise EntryError("its arrays are of differing lengths")
-        arrays = {name: entry.read() for name, entry in entries.items()}
-        for name, array in arrays.items():
-            check_numbers(name, array)
-    return told, arrays
+        return _numbers(entries, header, chunk=True)
+
+
+def _numbers(
+    entries: Mapping[str, _Entry], header: Header, chunk: bool = False
+) -> dict[str, Array]:
+    """Return the arrays of a file, whose shapes are compared before they are read."""
+    check_arrays({name: entry.shape for name, entry in entries.items()}, header, chunk)
+    arrays = {name: entry.read() for name, entry in entries.items()}
+    for name, array in arrays.items():
+        check_numbers(name, array)
+    return arrays
 
 
 @contextmanager
@@ -200,7 +199,12 @@ def read_header(data: bytes, path: str | Path) -> Header:
         RunFileError: It has another schema.
         EntryError: It is no header; what is wrong is named by its place.
     """
-    plain = read_object(data)
+    try:
+        plain = read_json(data.decode())
+    except ValueError as error:  # also of bytes that are no text
+        raise EntryError(f"no JSON of a run: {one_line(str(error))}") from None
+    if not isinstance(plain, dict):
+        raise EntryError("no JSON of a run")
     schema = plain.pop("schema", None)
     if schema != SCHEMA:
         raise RunFileError(
@@ -221,54 +225,39 @@ def read_header(data: bytes, path: str | Path) -> Header:
     return header
 
 
-def read_object(data: bytes) -> dict[str, Any]:
-    """Return the members of an object of JSON.
-
-    Raises:
-        EntryError: It is none.
-    """
-    try:
-        plain = read_json(data.decode())
-    except ValueError as error:  # also of bytes that are no text
-        raise EntryError(f"no JSON of a run: {one_line(str(error))}") from None
-    if not isinstance(plain, dict):
-        raise EntryError("no JSON of a run")
-    return plain
-
-
-def check_arrays(shapes: Mapping[str, tuple[int, ...]], header: Header, part: bool = False) -> None:
+def check_arrays(shapes: Mapping[str, tuple[int, ...]], header: Header, chunk: bool) -> None:
     """Refuse arrays that are missing, not known, or of other shapes than the header's names say.
 
     Args:
         shapes: By name, the samples' dimension first.
         header: What the run is.
-        part: Whether nothing is there that follows from others.
+        chunk: Whether nothing is there that follows from others; a chunk may be of one sample, and
+            has a column for each limit that had bound by then.
 
     Raises:
         EntryError: Naming the entry.
     """
-    _require_names(shapes, set(KEPT if part or header.robot.rebuilds else COLUMNS))
+    needed = set(KEPT if chunk or header.robot.rebuilds else COLUMNS)
+    if wrong := (needed - shapes.keys()) | (shapes.keys() - COLUMNS.keys()):
+        listed = ", ".join(one_line(name) for name in sorted(wrong)[:10])
+        raise EntryError(f"entries missing or not known: {listed}")
     lengths = sorted({shape[0] if shape else 0 for shape in shapes.values()})
     if len(lengths) != 1:
         raise EntryError(f"arrays of differing lengths {lengths}")
-    if lengths[0] < MIN_SAMPLES:
+    if lengths[0] < (1 if chunk else MIN_SAMPLES):
         raise EntryError(f'entry "t" has {lengths[0]} samples; a run has {MIN_SAMPLES} or more')
     sizes = header.sizes()
     for name, shape in shapes.items():
         wanted = tuple(sizes.get(size, size) for size in COLUMNS[name].sizes)
-        if shape[1:] != wanted and not (COLUMNS[name].absent and _is_missing(shape)):
+        fits = shape[1:] == wanted or (COLUMNS[name].absent and _is_missing(shape))
+        if chunk and name == "active_limits":
+            fits = len(shape) == 2 and shape[1] <= sizes["bound_limits"]
+        if not fits:
             raise EntryError(f'entry "{name}" does not fit its names: {shape[1:]}, not {wanted}')
     for name, other in TOGETHER:
         there = {name, other} <= shapes.keys() and not _is_missing(shapes[name])
         if there and _is_missing(shapes[other]):
             raise EntryError(f'entry "{other}" has no samples, but "{name}" has')
-
-
-def _require_names(found: Mapping[str, object], needed: set[str]) -> None:
-    """Refuse entries that are missing or not known."""
-    if wrong := (needed - found.keys()) | (found.keys() - COLUMNS.keys()):
-        listed = ", ".join(one_line(name) for name in sorted(wrong)[:10])
-        raise EntryError(f"entries missing or not known: {listed}")
 
 
 def _is_missing(shape: tuple[int, ...]) -> bool:

@@ -112,14 +112,15 @@ def recorded(config: Config, periods: int) -> Config:
         periods: Number of control periods that were simulated.
     """
     run, plant = config.run, config.plant
-    x1, x2, x3 = map(float, run.initial_error)
     delay = delay_periods(plant.delay, run.control_period) * run.control_period
     return dataclasses.replace(
         config,
         kinematic=recordable(config.kinematic, KINEMATIC_CHOICE),
         dynamic=recordable(config.dynamic, DYNAMIC_CHOICE),
         run=dataclasses.replace(
-            run, duration=periods * run.control_period, initial_error=(x1, x2, x3)
+            run,
+            duration=periods * run.control_period,
+            initial_error=tuple(map(float, run.initial_error)),
         ),
         plant=_recorded_plant(plant, delay),
     )

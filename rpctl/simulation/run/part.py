@@ -1,9 +1,9 @@
 """A run on disk while it is simulated: what a kill or a loss of power leaves is a valid run.
 
 A part is a folder. ``header.json`` says what a run is besides its samples, as the entry ``header``
-of a run's file does. The samples follow in ``000000.npz``, ``000001.npz`` and so on, each of which
-appears whole or not at all. They are plain NumPy files: the arrays of the log by name, and the
-bytes ``label`` of JSON that say which run and which rows they are.
+of a run's file does; it is written anew before each of the files with samples: ``000000.npz``,
+``000001.npz`` and so on, plain NumPy files of the arrays of the log by name. Each file appears
+whole or not at all.
 
 A process that writes a part holds a lock on it, which ends with the process however it ends.
 """
@@ -15,7 +15,6 @@ import io
 import json
 import os
 import time
-import uuid
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -33,20 +32,16 @@ from rpctl.simulation.merits.collision_facts import NOT_LOOKED_FOR
 from rpctl.simulation.run.file import (
     EntryError,
     blamed,
-    check_arrays,
     check_numbers,
-    header_bytes,
-    read_arrays,
+    header_as_plain,
+    read_chunk,
     read_header,
-    read_object,
 )
 from rpctl.simulation.run.header import Header
 from rpctl.simulation.run.log import MIN_SAMPLES
 
 PART_FOLDER = "run.part"  # beside the files of the finished run
-HEADER_FILE, LOCK_FILE, LABEL = "header.json", "lock", "label"
-IDENTITY = "part"  # the member of a label that tells one run's files from another's
-LATER = ("bound_limits", "kinematic_report", "wall_time")  # members that each chunk tells anew
+HEADER_FILE, LOCK_FILE = "header.json", "lock"
 Content = Callable[[slice], tuple[Mapping[str, Array], Mapping[str, Any]]]
 CHUNK_PATTERN = "[0-9]" * 6 + "*.npz"
 CHUNK_ROWS = 2048  # of a chunk; TIAGo takes a second for them
@@ -74,7 +69,8 @@ class PartWriter:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder, self.notes = Path(folder), tuple[str, ...]()
-        self._id, self._rows, self._chunks = uuid.uuid4().hex, 0, 0
+        self._header: dict[str, Any] = {}
+        self._rows, self._chunks = 0, 0
         self._written_at, self._failed = time.perf_counter(), False
         self._made = not self.folder.parent.exists()
         make_folder(self.folder.parent)
@@ -120,9 +116,8 @@ class PartWriter:
 
     def begin(self, header: Header) -> None:
         """Write what the run is besides its samples."""
-        told = read_object(header_bytes(header).tobytes()) | {IDENTITY: self._id}
-        kept = {name: value for name, value in told.items() if name not in LATER}
-        self._write(HEADER_FILE, json.dumps(kept).encode())
+        self._header = header_as_plain(header)
+        self._write(HEADER_FILE, json.dumps(self._header).encode())
 
     def is_late(self) -> bool:
         """Return whether so much time has passed that what there is should be written."""
@@ -136,7 +131,7 @@ class PartWriter:
         Args:
             rows: How many rows the log has.
             content: Returns what is kept of some rows, by name, and what else is known by now, by
-                the names in ``LATER``.
+                the header's names.
             ends: Whether no rows will follow.
         """
         count = rows - self._rows
@@ -145,9 +140,9 @@ class PartWriter:
         if not (ends or count >= CHUNK_ROWS or self.is_late()):
             return
         arrays, known = content(slice(self._rows, rows))
-        label = json.dumps({**known, IDENTITY: self._id, "first": self._rows}).encode()
         buffer = io.BytesIO()
-        np.savez(buffer, allow_pickle=False, **{LABEL: np.frombuffer(label, np.uint8)}, **arrays)
+        np.savez(buffer, allow_pickle=False, **arrays)
+        self._write(HEADER_FILE, json.dumps({**self._header, **known}).encode())
         self._write(f"{self._chunks:06d}.npz", buffer.getvalue())
         self._rows, self._chunks, self._written_at = rows, self._chunks + 1, time.perf_counter()
 
@@ -189,42 +184,22 @@ def read_part(folder: str | Path) -> tuple[Header, dict[str, Array]]:
         RunFileError: A file is missing, damaged, or of another run; it is named.
     """
     folder = Path(folder)
-    with blamed(folder / HEADER_FILE):
-        plain = read_object(read_input(folder / HEADER_FILE, "MAX_RUN_BYTES", KIND))
-        identity = plain.pop(IDENTITY, None)
-        later, arrays = _samples(folder, identity)
-        data = json.dumps({**plain, **later}).encode()
-        header = read_header(data, folder / HEADER_FILE)
-    with blamed(folder):
-        check_arrays({name: array.shape for name, array in arrays.items()}, header, part=True)
-        check_numbers("t", arrays["t"])  # across chunks, too
-    return _ended(header, float(arrays["t"][-1])), arrays
-
-
-def _samples(folder: Path, identity: object) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Return what the last chunk tells anew, and the samples of all."""
-    chunks, later, first = list[dict[str, Array]](), dict[str, Any](), 0
-    for path in _all_chunks(folder):
-        label, arrays = read_arrays(path, LABEL)
-        with blamed(path):
-            later = read_object(label)
-            start, part = later.pop("first", None), later.pop(IDENTITY, None)
-            if set(later) != set(LATER) or type(start) is not int:
-                raise EntryError(f'entry "{LABEL}" says other than a chunk does')
-            if part != identity or start != first:
-                raise EntryError("its samples are of another run, or out of order")
-            for name, array in arrays.items():
-                fits = not chunks or array.shape[1:] == chunks[0][name].shape[1:]
-                if not fits and name != "active_limits":
-                    raise EntryError(f'entry "{name}" does not fit the other chunks')
-        first += len(arrays["t"])
+    path, chunks = folder / HEADER_FILE, list[dict[str, Array]]()
+    files = _all_chunks(folder)
+    with blamed(path):
+        header = read_header(read_input(path, "MAX_RUN_BYTES", KIND), path)
+    for chunk in files:
+        arrays = read_chunk(chunk, header)
+        missing = len(header.bound_limits) - arrays["active_limits"].shape[1]
+        arrays["active_limits"] = np.pad(arrays["active_limits"], ((0, 0), (0, missing)))
         chunks.append(arrays)
-    # Each chunk has a column for each limit that had bound by then.
-    widest = max(chunk["active_limits"].shape[1] for chunk in chunks)
-    for chunk in chunks:
-        missing = widest - chunk["active_limits"].shape[1]
-        chunk["active_limits"] = np.pad(chunk["active_limits"], ((0, 0), (0, missing)))
-    return later, {name: np.concatenate([each[name] for each in chunks]) for name in chunks[0]}
+    with blamed(folder):
+        shapes = {name: {each[name].shape[1:] for each in chunks} for name in chunks[0]}
+        if differing := [name for name in shapes if len(shapes[name]) > 1]:
+            raise EntryError(f'entry "{differing[0]}" is missing in some files')
+        arrays = {name: np.concatenate([each[name] for each in chunks]) for name in chunks[0]}
+        check_numbers("t", arrays["t"])  # across files, too
+    return _ended(header, float(arrays["t"][-1])), arrays
 
 
 def _ended(header: Header, t: float) -> Header:

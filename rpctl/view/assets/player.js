@@ -4,7 +4,8 @@ const player = (() => {
   const data = JSON.parse(document.getElementById("rpctl-scene").textContent);
   const pane = document.getElementById("scene");
   const bytes = (text) => Uint8Array.from(atob(text), (char) => char.charCodeAt(0));
-  const upright = ([x, y, z]) => new MeshCat.THREE.Vector3(x, z, -y); // three.js is y-up
+  const fov = 30; // degrees: long enough a lens that robots keep their shape
+  const directions = [[0.45, -1, 0.62], [1, 0.45, 0.62], [-0.45, -1, 0.62], [1, -0.45, 0.62]];
 
   const viewer = new MeshCat.Viewer(pane, false); // false: it does not draw by itself
   viewer.gui.domElement.remove();
@@ -25,10 +26,12 @@ const player = (() => {
       ghosts.push([find(node.name.replace("reference", "robot")), node]);
   });
 
-  const { eye, target, depth, fov } = data.camera;
+  const { eye, back, depth } = nearestView(data.hull.map((point) => upright(...point)),
+    directions.map((direction) => upright(...direction)), fov,
+    pane.clientWidth / Math.max(pane.clientHeight, 1));
   Object.assign(viewer.camera, { near: depth / 100, far: 20 * depth, fov });
-  viewer.camera.position.copy(upright(eye));
-  viewer.controls.target.copy(upright(target));
+  viewer.camera.position.copy(eye);
+  viewer.controls.target.copy(eye).addScaledVector(back, -depth);
   show(0);
   viewer.set_3d_pane_size();
 

@@ -1,7 +1,6 @@
 /* The scene: meshcat's viewer, with cameras, layers, efforts as colour and the ground's forces. */
 
 const FIELD_OF_VIEW = 34; // degrees
-const MARGIN = 0.9; // of the picture that the motion may fill
 
 /* Return the scene, or null where the browser cannot draw one. */
 function makeScene(data, pane) {
@@ -92,9 +91,7 @@ function makeScene(data, pane) {
     viewer.set_dirty();
   }
 
-  // ---- camera: the scene is z-up, three.js is y-up ------------------------------------------
-
-  function upright(x, y, z) { return new MeshCat.THREE.Vector3(x, z, -y); }
+  // ---- camera --------------------------------------------------------------------------------
 
   function shift(by) {
     const step = upright(by.x, by.y, by.z);
@@ -120,9 +117,9 @@ function makeScene(data, pane) {
 
   /* Put the camera as near as all points fit into the picture, seen from the best direction. */
   function aim(points, ...directions) {
-    const corners = points.map((point) => upright(...point));
-    const fits = directions.map((direction) => fit(corners, upright(...direction).normalize()));
-    const { eye, back, depth } = fits.reduce((a, b) => (b.depth < a.depth ? b : a));
+    const { fov, aspect } = viewer.camera;
+    const { eye, back, depth } = nearestView(points.map((point) => upright(...point)),
+      directions.map((direction) => upright(...direction)), fov, aspect);
     viewer.camera.near = depth / 200;
     viewer.camera.far = depth * 50;
     viewer.camera.position.copy(eye);
@@ -130,27 +127,6 @@ function makeScene(data, pane) {
     viewer.camera.updateProjectionMatrix();
     viewer.controls.update();
     viewer.set_dirty();
-  }
-
-  /* With the axes of the camera (right, up, back towards it), a point is in the picture where
-     |x - cx| <= t (cz - z), t the tangent of half the field of view; likewise for y. The nearest
-     camera then follows from the extremes of x + t z and x - t z. */
-  function fit(corners, back) {
-    const right = new MeshCat.THREE.Vector3(0, 1, 0).cross(back).normalize();
-    const up = back.clone().cross(right);
-    const tangent = MARGIN * Math.tan(FIELD_OF_VIEW * Math.PI / 360);
-    const span = (axis, t) => {
-      const sum = Math.max(...corners.map((c) => c.dot(axis) + t * c.dot(back)));
-      const difference = Math.min(...corners.map((c) => c.dot(axis) - t * c.dot(back)));
-      return { away: (sum - difference) / (2 * t), middle: (sum + difference) / 2 };
-    };
-    const across = span(right, tangent * viewer.camera.aspect), along = span(up, tangent);
-    const away = Math.max(across.away, along.away);
-    const eye = right.multiplyScalar(across.middle)
-      .addScaledVector(up, along.middle).addScaledVector(back, away);
-    const depths = corners.map((corner) => away - corner.dot(back));
-    const depth = Math.max((Math.min(...depths) + Math.max(...depths)) / 2, 0.1);
-    return { eye, back, depth };
   }
 
   function press(name) {

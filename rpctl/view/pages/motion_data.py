@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -41,11 +41,25 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
         names: What the runs are called.
     """
     times, thins = _axis([run.t - run.t[0] for run in runs])
-    found: Iterable[tuple[str, str, Variants]]
     if len(runs) == 1:
-        found = ((c.title, c.note, [("", c, thins)]) for c in _clipped_charts(runs[0]))
-    else:
-        found = _by_line(runs, names, thins)
+        return _packed_charts(
+            times, ((c.title, c.note, [("", c, thins)]) for c in each_chart(runs[0]))
+        )
+    return _packed_charts(times, _by_line(runs, names, thins))
+
+
+def drawn_charts(times: Array, charts: Sequence[Chart]) -> dict[str, Any]:
+    """Return charts on one time axis (n,), s, ready for JSON; none has more than MAX_POINTS.
+
+    Args:
+        times: The axis.
+        charts: Their lines have n values each.
+    """
+    return _packed_charts(times, ((c.title, c.note, [("", c, [np.asarray])]) for c in charts))
+
+
+def _packed_charts(times: Array, charts: Iterable[tuple[str, str, Variants]]) -> dict[str, Any]:
+    """Return charts, each with its title, note and variants, on one time axis (n,), s."""
     return {
         "x": packed(times),
         "charts": [
@@ -56,45 +70,9 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
                     {"label": label, **_variant(chart, drawn)} for label, chart, drawn in variants
                 ],
             }
-            for title, note, variants in found
+            for title, note, variants in charts
         ],
     }
-
-
-def drawn_charts(times: Array, charts: Sequence[Chart]) -> dict[str, Any]:
-    """Return charts on one time axis (n,), s, ready for JSON; none has more than MAX_POINTS.
-
-    Args:
-        times: The axis.
-        charts: Their lines have n values each.
-    """
-
-    def whole(values: Array) -> Array:
-        return values
-
-    return {
-        "x": packed(times),
-        "charts": [
-            {
-                "title": chart.title,
-                "note": chart.note,
-                "variants": [{"label": "", **_variant(chart, [whole])}],
-            }
-            for chart in charts
-        ],
-    }
-
-
-def _clipped_charts(run: Run) -> Iterator[Chart]:
-    """Yield the charts of a run, each clipped at its top; a band beyond it has no upper bound."""
-    for chart in each_chart(run):
-        top, lines = chart.top, []
-        for line in chart.lines if top < np.inf else ():
-            band = line.band
-            if band is not None:
-                band = np.minimum(band[0], top), np.where(band[1] > top, np.inf, band[1])
-            lines.append(replace(line, values=np.minimum(line.values, top), band=band))
-        yield replace(chart, lines=tuple(lines)) if lines else chart
 
 
 def _by_line(
@@ -103,7 +81,7 @@ def _by_line(
     """Regroup the charts of several runs: per chart and kind of line, one line for each run."""
     gathered: dict[str, dict[str, list[tuple[Chart, Line, int]]]] = {}
     for k, run in enumerate(runs):
-        for chart in _clipped_charts(run):
+        for chart in each_chart(run):
             for line in chart.lines:
                 found = gathered.setdefault(chart.title, {}).setdefault(line.label, [])
                 found.append((chart, line, k))
@@ -114,8 +92,9 @@ def _by_line(
             lines = tuple(
                 replace(line, label=names[k], colour=k, shown=True) for _, line, k in found
             )
-            unit = _axis_unit(found[0][0], lines[0])
-            chart = replace(found[0][0], unit=unit, lines=lines, named=True)
+            chart = found[0][0]
+            unit = chart.unit if chart.limits else lines[0].unit
+            chart = replace(chart, unit=unit, lines=lines, named=True)
             variants.append((label, chart, [thins[k] for _, _, k in found]))
         note = variants[0][1].note
         if next(iter(kinds.values()))[0][0].named:
@@ -127,10 +106,6 @@ def _by_line(
             note = "; ".join(filter(None, [note, short.shared]))
         result.append((title, note, variants))
     return result
-
-
-def _axis_unit(chart: Chart, line: Line) -> str:
-    return chart.unit if chart.limits else line.unit
 
 
 def _variant(chart: Chart, thins: list[Thin]) -> dict[str, Any]:

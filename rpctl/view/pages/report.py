@@ -28,7 +28,6 @@ from rpctl.view.pages.page import (
     asset,
     embed,
     policy,
-    render,
     render_page,
 )
 from rpctl.view.pages.panel import (
@@ -45,7 +44,7 @@ from rpctl.view.pages.third_party import licences, meshcat_script, uplot_script
 from rpctl.view.scene.scene import Scene, build_scene, compare_scene, node_prefix
 
 STYLES = ("uplot/uPlot.min.css", "report.css", "charts.css")
-SCRIPTS = ("limit_lines.js", "charts.js", "forces.js", "scene.js", "page.js")
+SCRIPTS = ("limit_lines.js", "charts.js", "forces.js", "camera.js", "scene.js", "page.js")
 THUMB_PX = 16  # width of the slider's thumb, whose middle stands at the time
 TITLE = "Linear loop"
 WIDTH, HEIGHT, EDGE = 240, 48, 4  # of the drawing, pixels
@@ -176,18 +175,6 @@ def robot_of(run: Run, package_dirs: Sequence[str | Path] = ()) -> Robot | Rpctl
         return run.load_robot(package_dirs)
     except RpctlError as error:
         return error
-
-
-def report_head(digest: str) -> bytes:
-    """Return how the page of a run begins if this version of rpctl has drawn it.
-
-    That is all up to its policy and its run's digest. After this policy a browser runs no script
-    but rpctl's, whatever else the page holds.
-
-    Args:
-        digest: Of the run's file.
-    """
-    return render("head.html", policy=report_policy(), run=digest).encode()
 
 
 def report_policy() -> str:

@@ -3,53 +3,42 @@
 from __future__ import annotations
 
 import base64
-import re
-import zlib
 from pathlib import PurePath
 
 import numpy as np
-from markupsafe import Markup
 
 from rpctl.errors import RpctlError
 from rpctl.simulation.run.run import Run
-from rpctl.view.pages.page import StandInBadge, asset, embed, policy, render, render_page
+from rpctl.view.pages.page import StandInBadge, asset, embed, render, render_page
 from rpctl.view.pages.third_party import licences, meshcat_script
 from rpctl.view.scene.scene import Scene, build_scene
-from rpctl.view.scene.stage import FIELD_OF_VIEW, fit_camera
 
 HIDDEN_GHOST_DISTANCE = 2e-3  # m, rad: a ghost as near as that is hidden behind its robot
 ASPECT = 16.0 / 9.0  # of the scene in a notebook
 MAX_WIDTH_PX = 960  # pixels, at most
 
 
-def player(scene: Scene, title: str, aspect: float, script: str, controls: bool = False) -> str:
+def player(scene: Scene, title: str, script: str, controls: bool = False) -> str:
     """Return a page that shows a scene and nothing else.
 
     Args:
         scene: The scene.
         title: What it shows.
-        aspect: Width over height of the page; the camera is placed for it.
         script: What moves the scene, by ``player.show(time)``.
         controls: Whether a timeline lies over the scene.
     """
-    camera = fit_camera(scene.hull, aspect)
     data = {
         "duration": scene.duration,
         "frames": len(scene.times),
         "covered": HIDDEN_GHOST_DISTANCE,
-        "camera": {
-            "eye": np.round(camera.eye, 4).tolist(),
-            "target": np.round(camera.target, 4).tolist(),
-            "depth": camera.depth,
-            "fov": FIELD_OF_VIEW,
-        },
+        "hull": np.round(scene.hull, 3).tolist(),
         "commands": [base64.b64encode(command).decode() for command in scene.commands],
     }
     return render_page(
         "player.html",
         title=title,
         styles=["player.css"],
-        scripts=(meshcat_script(), asset("player.js"), script),
+        scripts=(meshcat_script(), asset("player.js") + asset("camera.js"), script),
         dark=False,
         controls=controls,
         stand_in=StandInBadge.of(scene.stand_ins),
@@ -69,7 +58,7 @@ def show(run: Run) -> str:
     except RpctlError as error:
         fault = str(error)
     else:
-        page = pack(player(scene, name, ASPECT, asset("notebook.js"), controls=True))
+        page = player(scene, name, asset("notebook.js"), controls=True)
     shown = {"width": MAX_WIDTH_PX, "aspect": f"{ASPECT:.4f}", "page": page, "fault": fault}
     return render("notebook.html", summary=_summary_line(run), title=name, **shown)
 
@@ -86,12 +75,3 @@ def _summary_line(run: Run) -> str:
     reference = PurePath(run.config.run.reference).name  # no folder of this machine
     duration = run.t[-1] - run.t[0]
     return f"{run.robot.name}, {reference}, {duration:.4g} s; final error: {', '.join(errors)}"
-
-
-def pack(page: str) -> str:
-    """Return a page that unpacks itself, at half the size: notebooks store their outputs."""
-    script = asset("unpack.js")
-    inner = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
-    packed = base64.b64encode(zlib.compress(page.encode(), level=9)).decode()
-    allowed = policy(script, *inner)
-    return render("packed.html", policy=allowed, packed=packed, script=Markup(script))

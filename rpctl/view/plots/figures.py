@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from rpctl.files.writing import write_atomically
 from rpctl.simulation.run.run import Run
 from rpctl.view.chart import ERROR_FLOOR, PANELS, PATHS, Chart, Panel, decades
 from rpctl.view.charts import ALL_SPLITS, charts, coloured_joints, has_base
-from rpctl.view.marks import marked
+from rpctl.view.marks import MARK, comment
 from rpctl.view.plots import style
 from rpctl.view.plots.paths import draw_paths
 from rpctl.view.plots.style import (
@@ -40,7 +40,6 @@ ROW_HEIGHT_IN, WIDE_ROW_HEIGHT_IN = 58.0 / 25.4, 75.0 / 25.4  # heights of a row
 MARGIN_IN = 0.07  # inches: around each panel, its labels included
 DPI = 200  # of the figure in a run's folder
 PRINT_DPI = 400  # of a figure for print
-PALETTE_COLOURS = 256  # of the PNG's palette: a third of the size, and the eye sees no difference
 PANEL_LETTERS = "abcdefghijklmnopqrstuvwxyz"
 TRUETYPE = 42  # fonts as publishers ask for them: whole letters that stay text
 PanelChart = tuple[Panel, Chart | None]  # a panel and its chart; None where it shows the paths
@@ -48,7 +47,7 @@ PanelChart = tuple[Panel, Chart | None]  # a panel and its chart; None where it 
 
 def tracking_image(run: Run) -> bytes:
     """Return the figure of a run as the bytes of a PNG."""
-    return marked(to_png(tracking_figure(run), DPI), ".png", run.digest)
+    return to_png(tracking_figure(run), DPI, run.digest)
 
 
 def save_figure(
@@ -73,8 +72,9 @@ def save_figure(
     if suffix not in (".pdf", ".png"):
         raise RpctlError(f"{path}: figures are .pdf or .png; give a name that ends so")
     figure = tracking_figure(run, panels=panels, column=column)
-    content = to_pdf(figure) if suffix == ".pdf" else to_png(figure, PRINT_DPI)
-    return write_atomically(path, marked(content, suffix, run.digest))
+    if suffix == ".pdf":
+        return write_atomically(path, to_pdf(figure, run.digest))
+    return write_atomically(path, to_png(figure, PRINT_DPI, run.digest))
 
 
 @own_settings()
@@ -102,7 +102,10 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
     for (panel, chart), letter, (row, span) in zip(shown, PANEL_LETTERS, places, strict=False):
         axes = figure.add_subplot(grid[row, span])
         style_axes(axes, (f"({letter})  " if len(shown) > 1 else "") + panel.title)
-        draw_panel(axes, run, panel, chart)
+        if chart is None:
+            draw_paths(axes, run)
+        else:
+            _draw_chart(axes, run, panel, chart)
         below = add_legend(axes, below=width * (panel.wide and columns == 1), title=panel.shared)
         height = (WIDE_ROW_HEIGHT_IN if panel.wide else ROW_HEIGHT_IN) + LEGEND_ROW_IN * below
         heights[row] = max(heights[row], height)
@@ -135,34 +138,40 @@ def _choose(found: list[PanelChart], wanted: Sequence[str]) -> list[PanelChart]:
 
 
 @own_settings()
-def to_png(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as the bytes of a PNG with a palette of 256 colours."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image
+def to_png(figure: Figure, dpi: int, run: str | None = None) -> bytes:
+    """Return a figure as the bytes of a PNG.
 
-    figure.set_dpi(dpi)
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    pixels = np.asarray(canvas.buffer_rgba())[..., :3].copy()
-    # An octree finds the palette seven times as fast as a median cut, but greys the paper.
-    paletted = Image.fromarray(pixels).quantize(PALETTE_COLOURS, Image.Quantize.FASTOCTREE)
-    colours = np.array(paletted.getpalette()).reshape(-1, 3)
-    colours[np.asarray(paletted)[0, 0]] = pixels[0, 0]
-    paletted.putpalette(colours.ravel().tolist())
+    Args:
+        figure: The figure.
+        dpi: Dots per inch.
+        run: Digest of the run that it is of, which the file tells; None: of no run.
+    """
     buffer = io.BytesIO()
-    paletted.save(buffer, "PNG", dpi=(dpi, dpi))
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={MARK: run} if run else None)
     return buffer.getvalue()
 
 
 @own_settings()
-def to_pdf(figure: Figure) -> bytes:
-    """Return a figure as the bytes of a PDF, its fonts in it."""
+def to_pdf(figure: Figure, run: str | None = None) -> bytes:
+    """Return a figure as the bytes of a PDF, its fonts and the digest of its run in it."""
     from matplotlib import rc_context
 
     buffer = io.BytesIO()
+    # Without a date the same run gives the same file.
+    metadata = {"CreationDate": None, "Keywords": comment(run) or None}
     with rc_context({"pdf.fonttype": TRUETYPE}):
-        # Without a date the same run gives the same file.
-        figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
+        figure.savefig(buffer, format="pdf", metadata=metadata)
+    return buffer.getvalue()
+
+
+@own_settings()
+def to_svg(figure: Figure) -> bytes:
+    """Return a figure as the bytes of an SVG, the same for the same figure."""
+    from matplotlib import rc_context
+
+    buffer = io.BytesIO()
+    with rc_context({"svg.hashsalt": "rpctl"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
 
 
@@ -173,21 +182,6 @@ def find_panels(run: Run) -> list[PanelChart]:
         found.append((PATHS, None))
     found += [(chart.panel, chart) for chart in charts(run) if chart.panel is not None]
     return sorted(found, key=lambda each: PANELS.index(each[0].name))
-
-
-def draw_panel(axes: Axes, run: Run, panel: Panel, chart: Chart | None) -> None:
-    """Draw what a panel shows.
-
-    Args:
-        axes: The panel's axes.
-        run: The run.
-        panel: The panel.
-        chart: Its chart; None where it shows the paths.
-    """
-    if chart is None:
-        draw_paths(axes, run)
-    else:
-        _draw_chart(axes, run, panel, chart)
 
 
 def _draw_chart(axes: Axes, run: Run, panel: Panel, chart: Chart) -> None:

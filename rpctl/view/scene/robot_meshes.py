@@ -19,7 +19,15 @@ from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.run import Run
 from rpctl.view.scene import stand_ins
-from rpctl.view.scene.stand_ins import MeshCache, PlacedSurface, StandIn, place_shape, sticks
+from rpctl.view.scene.stage import corners_of
+from rpctl.view.scene.stand_ins import (
+    MeshCache,
+    PlacedSurface,
+    StandIn,
+    place_shape,
+    sticks,
+    surface_of,
+)
 
 MAX_TRIANGLES = 45_000  # of a whole robot: it stays recognisable, and its report small
 MIN_MESH_TRIANGLES = 300  # triangles that even the smallest mesh keeps
@@ -142,39 +150,26 @@ def _shaded(
     placed_surfaces: list[PlacedSurface], triangles: int
 ) -> tuple[tuple[BodyPart, ...], tuple[ShadedMesh, ...], tuple[str, ...]]:
     """Return the parts, their surfaces, simplified to a budget that each enters once, and notes."""
-    digest_of = {item.key: _digest(item.surface) for item in placed_surfaces}
-    unique = {
-        digest_of[item.key]: item.surface for item in placed_surfaces
-    }  # two files may hold one mesh
-    index = {each: number for number, each in enumerate(unique)}
-    cap = _cap([len(surface.faces) for surface in unique.values()], triangles)
-    foreign = {digest_of[item.key] for item in placed_surfaces if item.foreign}
-    shaded = [shade_surface(surface, cap, key in foreign) for key, surface in unique.items()]
-    surfaces = tuple(mesh for mesh, _ in shaded)
-    faults = {key: fault for key, (_, fault) in zip(unique, shaded, strict=True) if fault}
-    named = {digest_of[item.key]: item.key[1] for item in placed_surfaces if item.foreign}
-    notes = tuple(
-        f'mesh "{_file_label(str(named.get(key, "")))}" is drawn as a box: {fault}'
-        for key, fault in faults.items()
-    )
+    digests = [_digest(item.surface) for item in placed_surfaces]
+    unique = dict(zip(digests, placed_surfaces, strict=True))  # two files may hold one mesh
+    cap = _cap([len(item.surface.faces) for item in unique.values()], triangles)
+    surfaces, notes = [], []
+    for item in unique.values():
+        mesh, fault = shade_surface(item.surface, cap, bool(item.mesh))
+        surfaces.append(mesh)
+        if fault:
+            notes.append(f'mesh "{_file_label(item.mesh)}" is drawn as a box: {fault}')
+    index = {digest: number for number, digest in enumerate(unique)}
     parts = tuple(
-        BodyPart(
-            item.joint,
-            item.pose,
-            index[digest_of[item.key]],
-            item.rgba or DEFAULT_RGBA,
-            item.stands_in,
-        )
-        for item in placed_surfaces
+        BodyPart(item.joint, item.pose, index[digest], item.rgba or DEFAULT_RGBA, item.stands_in)
+        for item, digest in zip(placed_surfaces, digests, strict=True)
     )
-    return parts, surfaces, notes
+    return parts, tuple(surfaces), tuple(notes)
 
 
 def _digest(surface: Surface) -> bytes:
     """Return a digest of a surface's triangles, wherever they came from."""
-    digest = hashlib.sha256(surface.faces.tobytes())
-    digest.update(surface.vertices.tobytes())
-    return digest.digest()
+    return hashlib.sha256(surface.faces.tobytes() + surface.vertices.tobytes()).digest()
 
 
 def _cap(counts: list[int], total: int) -> int:
@@ -189,18 +184,15 @@ def _cap(counts: list[int], total: int) -> int:
 
 def bounding_corners(bodies: Bodies, joint: int) -> Array | None:
     """Return the corners (8, 3) of the box around a joint's parts in its frame, m; None: bare."""
-    boxes = []
-    for part in bodies.parts:
-        if part.joint == joint:
-            vertices = bodies.surfaces[part.surface].vertices
-            if len(vertices):
-                placed_surfaces = vertices @ part.pose[:3, :3].T + part.pose[:3, 3]
-                boxes.append((placed_surfaces.min(axis=0), placed_surfaces.max(axis=0)))
-    if not boxes:
+    clouds = [
+        bodies.surfaces[part.surface].vertices @ part.pose[:3, :3].T + part.pose[:3, 3]
+        for part in bodies.parts
+        if part.joint == joint and len(bodies.surfaces[part.surface].vertices)
+    ]
+    if not clouds:
         return None
-    low = np.min([box[0] for box in boxes], axis=0)
-    high = np.max([box[1] for box in boxes], axis=0)
-    return np.array([[(low, high)[k >> i & 1][i] for i in range(3)] for k in range(8)])
+    ends = np.concatenate(clouds)
+    return corners_of(ends.min(axis=0), ends.max(axis=0))
 
 
 def shade_surface(surface: Surface, triangles: int, foreign: bool) -> tuple[ShadedMesh, str]:
@@ -234,8 +226,8 @@ def _shade_confined(surface: Surface, triangles: int) -> ShadedMesh:
     """
     arrays = [surface.vertices, surface.faces.astype("<u4")]
     answer = ask("shade", {"triangles": triangles}, arrays)[1]
-    kinds = [each.dtype for each in answer], [each.shape[1:] for each in answer]
-    if kinds != ([np.float32, np.int8, np.uint32], [(3,)] * 3):
+    kinds = [(each.dtype, each.shape[1:]) for each in answer]
+    if kinds != [(np.float32, (3,)), (np.int8, (3,)), (np.uint32, (3,))]:
         raise MeshError("its reader answered with no mesh")
     vertices, normals, faces = answer
     bound = float(np.abs(surface.vertices).max()) * FARTHEST
@@ -250,10 +242,8 @@ def _box(surface: Surface) -> Surface:
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     edges = np.maximum(high - low, THINNEST * (high - low).max())
     unit = float(edges.max())  # trimesh drops triangles that are tiny in its own unit
-    box = library("trimesh.creation").box(edges / unit)
-    return Surface(
-        unit * np.asarray(box.vertices) + 0.5 * (low + high), np.asarray(box.faces), None
-    )
+    box = surface_of(library("trimesh.creation").box(edges / unit), unit)
+    return Surface(box.vertices + 0.5 * (low + high), box.faces, None)
 
 
 def base_marker(run: Run, reason: str) -> Bodies:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,11 +75,6 @@ class Scene:
     def duration(self) -> float:
         """Length of the animation, s."""
         return float(self.times[-1])
-
-    @property
-    def robot_bytes(self) -> int:
-        """Size of the command that draws the robots: what fewer triangles make smaller."""
-        return len(self.commands[-2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,25 +247,6 @@ def opening_commands(lower: Array, upper: Array, ground: float) -> list[bytes]:
         lights_command(lower, upper),
         ground_command(lower, upper, ground),
     ]
-
-
-def redrawn(scene: Scene, robot: Robot, run: Run, triangles: int) -> Scene:
-    """Return a run's scene whose robot has another number of triangles; else it stays as it is.
-
-    Args:
-        scene: The scene.
-        robot: Its robot.
-        run: Its run.
-        triangles: About how many the robot may have.
-    """
-    bodies = build_bodies(robot, triangles)
-    motion = Motion(bodies, scene.times, np.empty(0), desired=np.empty(0))
-    *before, _, animation = scene.commands
-    return replace(
-        scene,
-        commands=(*before, _robots([motion]), animation),
-        notes=(*_notes(run, scene.times, robot), *bodies.notes),
-    )
 
 
 def _notes(run: Run, times: Array, robot: Robot | RpctlError) -> tuple[str, ...]:

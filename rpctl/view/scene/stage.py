@@ -1,8 +1,6 @@
-"""The ground of a scene with its grid, the lights above it, and a camera that sees a motion."""
+"""The ground of a scene with its grid, and the lights above it."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,9 +11,6 @@ from rpctl.view.scene import threejs
 GRID_PIECES = 16  # each line fades out in so many steps
 SHADOW_MAP_PX = 2048  # pixels
 SUN_DIRECTION = np.array([-0.35, -0.55, 1.0])  # direction to the light that casts shadows
-FIELD_OF_VIEW = 30.0  # degrees, top to bottom: long enough a lens that robots keep their shape
-FILLED_RATIO = 0.9  # of the picture that the motion may fill
-VIEW_DIRECTIONS = ((0.45, -1.0, 0.62), (1.0, 0.45, 0.62), (-0.45, -1.0, 0.62), (1.0, -0.45, 0.62))
 
 
 def ground_disc(lower: Array, upper: Array) -> tuple[Array, float]:
@@ -103,8 +98,7 @@ def lights_command(lower: Array, upper: Array) -> bytes:
 def _sun(lower: Array, upper: Array) -> threejs.Json:
     """Return the sun, whose shadows cover the box between two corners (3,), m."""
     axes = view_axes(SUN_DIRECTION)
-    corners = np.array([[(lower, upper)[k >> i & 1][i] for i in range(3)] for k in range(8)])
-    seen = corners @ axes.T
+    seen = corners_of(lower, upper) @ axes.T
     (left, bottom, near), (right, top, far) = seen.min(axis=0) - 0.2, seen.max(axis=0) + 0.2
     sun = np.eye(4)
     distance = max(far, 0.0) + 1.0  # the sun shines towards the origin, wherever the motion is
@@ -126,56 +120,14 @@ def _sun(lower: Array, upper: Array) -> threejs.Json:
     return threejs.node("DirectionalLight", "sun", sun, **shine)
 
 
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """A camera that is level.
-
-    Attributes:
-        eye: Where it is (3,), m.
-        target: What it looks at (3,), m.
-        depth: Distance between the two, m.
-    """
-
-    eye: Array
-    target: Array
-    depth: float
-
-
-def fit_camera(points: Array, aspect: float) -> Camera:
-    """Return the camera that sees all points from as near as it can.
-
-    Args:
-        points: What has to be in the picture (n, 3), m.
-        aspect: Width of the picture over its height.
-    """
-    cameras = [_fit(points, aspect, np.array(direction)) for direction in VIEW_DIRECTIONS]
-    return min(cameras, key=lambda camera: camera.depth)
+def corners_of(lower: Array, upper: Array) -> Array:
+    """Return the corners (8, 3) of the box between two of them (3,)."""
+    return np.array(np.meshgrid(*np.stack([lower, upper], axis=1))).reshape(3, -1).T
 
 
 def view_axes(direction: Array) -> Array:
-    """Return right, up and backward (3, 3) of a level camera that is in a direction, not z."""
+    """Return right, up and backward (3, 3) of a level view from a direction, not z."""
     back = direction / np.linalg.norm(direction)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
     return np.array([right, np.cross(back, right), back])
-
-
-def _fit(points: Array, aspect: float, direction: Array) -> Camera:
-    """Return the nearest camera in a direction.
-
-    Along its axes a point (a, b, c) is in the picture where |a - a0| <= s (c0 - c), s the tangent
-    of half the field of view; likewise for b. The least c0 follows from the extremes of a + s c
-    and a - s c.
-    """
-    axes = view_axes(direction)
-    seen = points @ axes.T  # (n, 3)
-    tangent = FILLED_RATIO * np.tan(np.radians(0.5 * FIELD_OF_VIEW))
-    away, middle = [], []
-    for along, s in ((seen[:, 0], tangent * aspect), (seen[:, 1], tangent)):
-        high, low = (along + s * seen[:, 2]).max(), (along - s * seen[:, 2]).min()
-        away.append((high - low) / (2.0 * s))
-        middle.append(0.5 * (high + low))
-    distance = max(away)
-    depth = max(distance - 0.5 * float(seen[:, 2].max() + seen[:, 2].min()), 0.1)
-    eye = np.array([*middle, distance]) @ axes
-    return Camera(eye, eye - depth * axes[2], depth)

@@ -22,7 +22,6 @@ from rpctl.robot.model import Robot
 
 STICK_RGBA = (0.45, 0.52, 0.62, 1.0)
 
-Key = tuple[object, ...]
 MeshCache = dict[tuple[str, tuple[float, ...]], Mesh]  # by name and scale
 MIN_EDGE_RATIO = 0.02  # of the robot's size: a thinner box would not be seen
 MAX_EDGE_RATIO = 1.2  # of the robot's size: no body is so large, its inertia is not in earnest
@@ -53,20 +52,18 @@ class PlacedSurface:
     Attributes:
         joint: Index of the joint in the Pinocchio model that moves it.
         pose: Matrix (4, 4) from the surface's coordinates to the joint's frame, scale included.
-        key: What tells surfaces apart.
         surface: The triangles.
         rgba: Colour, each in [0, 1]; None where neither the URDF nor the mesh gives one.
         stands_in: Whether it is drawn in the place of a mesh that is missing.
-        foreign: Whether a mesh file gives its triangles.
+        mesh: Name of the mesh file that gives its triangles; empty where none does.
     """
 
     joint: int
     pose: Array
-    key: Key
     surface: Surface
-    rgba: tuple[float, ...] | None
+    rgba: tuple[float, ...] | None = None
     stands_in: bool = False
-    foreign: bool = False
+    mesh: str = ""
 
 
 def place_shape(
@@ -90,16 +87,15 @@ def place_shape(
     if shape.mesh is None:
         surface = primitive(shape.kind, shape.size)
         require_extent([surface], pose, "")
-        yield PlacedSurface(joint, pose, (shape.kind, shape.size), surface, shape.rgba)
+        yield PlacedSurface(joint, pose, surface, shape.rgba)
         return
     read = (shape.mesh, shape.size)
     if read not in cache:
         cache[read] = read_shape(shape.mesh, shape.size, robot.description.mesh_paths)
     pose = pose @ np.diag([*shape.size, 1.0])
     require_extent(cache[read].surfaces, pose, "")
-    for number, surface in enumerate(cache[read].surfaces):
-        key, rgba = ("mesh", shape.mesh, number), shape.rgba or surface.rgba
-        yield PlacedSurface(joint, pose, key, surface, rgba, foreign=True)
+    for surface in cache[read].surfaces:
+        yield PlacedSurface(joint, pose, surface, shape.rgba or surface.rgba, mesh=shape.mesh)
 
 
 def link_frame(robot: Robot, link: Link) -> tuple[int, Array]:
@@ -123,11 +119,11 @@ def sticks(robot: Robot) -> Iterator[PlacedSurface]:
     ball = surface_of(creation.icosphere(subdivisions=2, radius=thickness))
     for link in robot.description.links:
         joint, pose = link_frame(robot, link)
-        yield PlacedSurface(joint, pose, ("ball",), ball, STICK_RGBA)
+        yield PlacedSurface(joint, pose, ball, STICK_RGBA)
         for end in (below_joint.origin[:3, 3] for below_joint in below[link.name]):
             if np.linalg.norm(end) > thickness:
                 stick = surface_of(creation.cylinder(0.5 * thickness, segment=[np.zeros(3), end]))
-                yield PlacedSurface(joint, pose, ("stick", *end.tolist()), stick, STICK_RGBA)
+                yield PlacedSurface(joint, pose, stick, STICK_RGBA)
 
 
 @dataclass(frozen=True)
@@ -163,19 +159,20 @@ def stand_in(
             continue
     if found:
         return StandIn(link.name, "collision"), found
+    joint, frame = link_frame(robot, link)
     if not link.mass or link.mass < 0.0:
-        radius = MARKER_RATIO * size
-        ball = library("trimesh.creation").icosphere(subdivisions=2, radius=radius)
-        joint, frame = link_frame(robot, link)
-        key = ("marker", radius)
-        marker = PlacedSurface(joint, frame, key, surface_of(ball), None, stands_in=True)
+        ball = library("trimesh.creation").icosphere(subdivisions=2, radius=MARKER_RATIO * size)
+        marker = PlacedSurface(joint, frame, surface_of(ball), stands_in=True)
         return StandIn(link.name, "marker"), [marker]
     edges, axes = inertia_box(link.mass, link.inertia)
-    largest = MAX_EDGE_RATIO * size
-    kind: Kind = "scaled inertia" if edges.max() > largest else "inertia"
-    edges = edges * min(1.0, largest / edges.max()) if edges.max() > 0.0 else edges
-    edges = np.maximum(edges, MIN_EDGE_RATIO * size)
-    return StandIn(link.name, kind), [_box(robot, link, edges, axes)]
+    scale = min(1.0, MAX_EDGE_RATIO * size / max(edges.max(), MIN_EDGE_RATIO * size))
+    edges = np.maximum(scale * edges, MIN_EDGE_RATIO * size)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = axes, link.com
+    unit = float(edges.max())  # trimesh drops triangles that are tiny in its own unit
+    box = surface_of(library("trimesh.creation").box(edges / unit), unit)
+    kind: Kind = "scaled inertia" if scale < 1.0 else "inertia"
+    return StandIn(link.name, kind), [PlacedSurface(joint, frame @ pose, box, stands_in=True)]
 
 
 def inertia_box(mass: float, inertia: Array) -> tuple[Array, Array]:
@@ -229,21 +226,9 @@ def label(stand_ins: Iterable[StandIn]) -> str:
     return f"Mesh missing: {count} link{'s' if count > 1 else ''}, hatched"
 
 
-def _box(robot: Robot, link: Link, edges: Array, axes: Array) -> PlacedSurface:
-    """Return a box at the centre of mass of a link."""
-    joint, frame = link_frame(robot, link)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = axes, link.com
-    unit = float(edges.max())  # trimesh drops triangles that are tiny in its own unit
-    box = surface_of(library("trimesh.creation").box(edges / unit), unit)
-    key = ("inertia", *edges.tolist())
-    return PlacedSurface(joint, frame @ pose, key, box, None, stands_in=True)
-
-
 def _metric(placed: PlacedSurface) -> PlacedSurface:
     """Return a surface as a stand-in, in metres, so that all hatches are equally wide."""
     scale = np.linalg.norm(placed.pose[:3, :3], axis=0)
     surface = Surface(placed.surface.vertices * scale, placed.surface.faces, None)
     pose = placed.pose @ np.diag([*(1.0 / scale), 1.0])
-    key = (*placed.key, *scale.tolist())
-    return replace(placed, pose=pose, key=key, surface=surface, rgba=None, stands_in=True)
+    return replace(placed, pose=pose, surface=surface, rgba=None, stands_in=True)

@@ -7,13 +7,13 @@ import queue
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from rpctl.arrays import Array
 from rpctl.control.registry import KINEMATIC_LAWS
-from rpctl.errors import RpctlError, UnknownNameError, is_number
+from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.files.records import WITHIN, OneOf, Range, Record, Setting, read_record
 from rpctl.reference.pose_goal import MAX_DISTANCE, PoseGoal, seen_from, to_goal
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
@@ -28,25 +28,26 @@ from rpctl.view.serve.server import EVENTS, Action, PageServer, Stream
 GO = "go"  # where the page asks for a motion, below its own address
 LOOK_S = 0.1  # s; as often the server looks whether it is to end
 REACHED_M, REACHED_RAD = 0.02, 0.02  # a goal as near as that is called reached
-KEYS = ("start", "posture", "goal", "arm", "kinematic")
+PLACE = Range(-MAX_DISTANCE, MAX_DISTANCE)
+Pose = tuple[float, float, float]
 LIMIT_TOLERANCE = 1e-9  # rad or m; a posture is written in decimals
 
 
-@dataclass(frozen=True, eq=False)
-class GoRequest:
-    """A motion that a page asks for.
+@dataclass(frozen=True)
+class GoRequest(Record):
+    """A motion that a page asks for."""
 
-    Attributes:
-        start: Pose of P (3,) where it begins: x, y in m, heading in rad.
-        posture: Positions of the arm there (n_joints,), rad or m.
-        goal: Where it is to end.
-        kinematic: Name of the kinematic law.
-    """
+    of = "the page's "
+    start: Annotated[Pose, PLACE, Setting("m, m, rad", help="Pose of P where it begins.")]
+    posture: Annotated[Mapping[str, float], WITHIN, Setting("rad or m", help="Of the arm there.")]
+    goal: Annotated[Pose | None, PLACE, Setting("m, m, rad", help="Pose of P where it ends.")]
+    arm: Annotated[Mapping[str, float], WITHIN, Setting("rad or m", help="Of the arm's joints.")]
+    kinematic: Annotated[str, OneOf(tuple(KINEMATIC_LAWS)), Setting(help="The kinematic law.")]
 
-    start: Array
-    posture: Array
-    goal: PoseGoal
-    kinematic: str
+    @property
+    def pose_goal(self) -> PoseGoal:
+        """Where it is to end."""
+        return PoseGoal(self.goal, self.arm)
 
 
 def read_request(robot: Robot, asked: Any) -> GoRequest:
@@ -60,40 +61,20 @@ def read_request(robot: Robot, asked: Any) -> GoRequest:
         RpctlError: It is of another form, a number is none or too large, or a joint is not known
             or beyond its limits.
     """
-    if not isinstance(asked, dict) or set(asked) != set(KEYS):
-        raise RpctlError(f"a motion is asked for by {', '.join(KEYS)}")
-    start = _pose("start", asked["start"])
-    goal = None if asked["goal"] is None else _pose("goal", asked["goal"])
-    given = _positions(robot, asked["posture"])
-    if set(given) != set(robot.joint_names):
-        raise RpctlError(f"posture: give all joints of the arm, {', '.join(robot.joint_names)}")
-    for joint in robot.joints:
-        room = LIMIT_TOLERANCE
-        if not joint.lower - room <= given[joint.name] <= joint.upper + room:
-            raise RpctlError(f"{joint.name} begins at {given[joint.name]:.6g}, beyond its limits")
-    law = str(asked["kinematic"])
-    if law not in KINEMATIC_LAWS:
-        raise UnknownNameError("kinematic law", law, KINEMATIC_LAWS)
-    posture = np.array([given[name] for name in robot.joint_names])
-    arm = _positions(robot, asked["arm"])
-    return GoRequest(np.array(start), posture, PoseGoal(goal, arm), law)
-
-
-def _pose(name: str, values: Any) -> tuple[float, float, float]:
-    fine = isinstance(values, list) and len(values) == 3 and all(map(is_number, values))
-    if not fine or max(map(abs, values)) > MAX_DISTANCE:
-        raise RpctlError(f"{name}: give x, y (m) and heading (rad), below {MAX_DISTANCE:g}")
-    x, y, heading = map(float, values)
-    return x, y, heading
-
-
-def _positions(robot: Robot, values: Any) -> Mapping[str, float]:
-    if not isinstance(values, dict) or not all(map(is_number, values.values())):
-        raise RpctlError("joints: give a position, rad or m, for each by name")
-    for name in values:
+    faults: list[str] = []
+    request = read_record(GoRequest, asked if isinstance(asked, dict) else {}, "", faults)
+    if request is None:
+        raise RpctlError(f"no motion can be asked for so: {'; '.join(faults)}")
+    for name in (*request.posture, *request.arm):
         if name not in robot.joint_names:
             raise UnknownNameError("joint of the arm", name, robot.joint_names)
-    return {name: float(value) for name, value in values.items()}
+    if set(request.posture) != set(robot.joint_names):
+        raise RpctlError(f"posture: give all joints of the arm, {', '.join(robot.joint_names)}")
+    for joint in robot.joints:
+        position, room = request.posture[joint.name], LIMIT_TOLERANCE
+        if not joint.lower - room <= position <= joint.upper + room:
+            raise RpctlError(f"{joint.name} begins at {position:.6g}, beyond its limits")
+    return request
 
 
 class GoServer:
@@ -167,8 +148,10 @@ class GoServer:
 
     def _simulate(self, robot: Robot, request: GoRequest, server: PageServer) -> str:
         """Return how near a motion came to its goal, in a sentence."""
-        reference = to_goal(robot, request.goal, request.start, request.posture)
-        config = Config().with_laws(request.kinematic, None).with_run(reference=str(request.goal))
+        start = np.array([request.posture[name] for name in robot.joint_names])
+        goal = request.pose_goal
+        reference = to_goal(robot, goal, np.array(request.start), start)
+        config = Config().with_laws(request.kinematic, None).with_run(reference=str(goal))
         duration = default_duration(reference)
         self._stream.send("begin", {"duration": duration})
         show = Broadcast(robot, server, self._stream, duration, self._stop, awaits=False)
@@ -183,7 +166,7 @@ class GoServer:
 
 def ending(run: Run, request: GoRequest) -> str:
     """Return how near a run came to the goal that was asked for, in a sentence."""
-    pose = request.start if request.goal.pose is None else np.array(request.goal.pose)
+    pose = np.array(request.start if request.goal is None else request.goal)
     x, y, turn = seen_from(run.log.base[-1], pose)
     distance, turn = math.hypot(x, y), abs(turn)
     near = distance < REACHED_M and turn < REACHED_RAD

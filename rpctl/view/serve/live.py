@@ -15,8 +15,12 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.reference.motion import Reference, ReferenceState, end_effector_reference
-from rpctl.reference.quasi_velocities import configuration_along
+from rpctl.reference.motion import (
+    Reference,
+    ReferenceState,
+    configuration_along,
+    end_effector_reference,
+)
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.loop.recorder import LoopSample
@@ -259,7 +263,7 @@ class Broadcast:
         Args:
             report: What is served from now on.
         """
-        self._server.serve(report.read_bytes)
+        self._server.page = report.read_bytes
         readers = self._stream.readers
         before = self._server.delivered
         self._stream.send("done", None)

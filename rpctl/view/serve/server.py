@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import islice
-from types import TracebackType
 from typing import Any
 
 from rpctl.errors import RpctlError
@@ -138,7 +137,7 @@ class Stream:
             return self._changed.wait_for(lambda: self._readers > 0, seconds)
 
 
-class PageServer:
+class PageServer(ThreadingHTTPServer):
     """Serves one page on a free port of the loopback interface inside the ``with`` block.
 
     All users of a machine reach its loopback interface. The address has a random token, and
@@ -153,10 +152,14 @@ class PageServer:
 
     Attributes:
         url: Where the page is, its token included; it ends in a slash.
+        page: Returns the page that is served.
+        delivered: How often the page was delivered completely.
 
     Raises:
         RpctlError: The loopback interface has no port for it.
     """
+
+    daemon_threads = True
 
     def __init__(
         self,
@@ -164,48 +167,7 @@ class PageServer:
         stream: Stream | None = None,
         actions: Mapping[str, Action] | None = None,
     ) -> None:
-        self._server = _Server(page, stream, actions or {})
-        self.url = f"http://{LOOPBACK}:{self._server.server_port}/{self._server.token}/"
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True)
-
-    def __enter__(self) -> PageServer:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._server.stream is not None:
-            self._server.stream.close()
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
-
-    def serve(self, page: PageSource) -> None:
-        """Serve another page from now on."""
-        self._server.page = page
-
-    @property
-    def delivered(self) -> int:
-        """How often the page was delivered completely."""
-        return self._server.delivered
-
-    def wait_delivered(self, count: int, seconds: float) -> bool:
-        """Wait until the page was delivered ``count`` times; return whether it was in time."""
-        with self._server.delivery:
-            return self._server.delivery.wait_for(lambda: self._server.delivered >= count, seconds)
-
-
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-
-    def __init__(
-        self, page: PageSource, stream: Stream | None, actions: Mapping[str, Action]
-    ) -> None:
-        self.page, self.stream, self.actions = page, stream, actions
+        self.page, self.stream, self.actions = page, stream, actions or {}
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
         self.making = threading.Lock()  # one page at a time: loading a robot is not for threads
         self.delivered, self.delivery = 0, threading.Condition()
@@ -214,6 +176,24 @@ class _Server(ThreadingHTTPServer):
         except OSError as error:
             reason = error.strerror or error
             raise RpctlError(f"{LOOPBACK}: no page can be served here: {reason}") from None
+        self.url = f"http://{LOOPBACK}:{self.server_port}/{self.token}/"
+        self._thread = threading.Thread(target=self.serve_forever, args=(0.1,), daemon=True)
+
+    def __enter__(self) -> PageServer:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.stream is not None:
+            self.stream.close()
+        self.shutdown()
+        self.server_close()
+        self._thread.join()
+
+    def wait_delivered(self, count: int, seconds: float) -> bool:
+        """Wait until the page was delivered ``count`` times; return whether it was in time."""
+        with self.delivery:
+            return self.delivery.wait_for(lambda: self.delivered >= count, seconds)
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Ignore a client that disconnects; report every other error."""
@@ -222,15 +202,20 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _Server
+    server: PageServer
     server_version, sys_version = "rpctl", ""
     timeout = CLIENT_TIMEOUT_S
 
     def do_GET(self) -> None:
-        self._answer(body=True)
+        place, stream = self._place(), self.server.stream
+        if place == PAGE:
+            self._send_page()
+        elif place == EVENTS and stream is not None and self.command == "GET":
+            self._send_events(stream)
+        elif place is not None:
+            self.send_error(HTTPStatus.NOT_FOUND)
 
-    def do_HEAD(self) -> None:
-        self._answer(body=False)
+    do_HEAD = do_GET
 
     def do_POST(self) -> None:
         """Do what the page asks for; a page from elsewhere has another origin, and is refused."""
@@ -248,20 +233,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif not (length.isascii() and length.isdigit() and int(length) <= MAX_REQUEST):
             self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
-            self._act(action, self.rfile.read(int(length)))
-
-    def _act(self, action: Action, sent: bytes) -> None:
-        try:
-            asked = json.loads(sent, parse_int=float, parse_constant=_refuse_constant)
-        except (ValueError, RecursionError):
-            self._send_text("this is no JSON", HTTPStatus.BAD_REQUEST)
-            return
-        try:
-            action(asked)
-        except RpctlError as error:
-            self._send_text(str(error), HTTPStatus.CONFLICT)
-        else:
-            self._send_text("", HTTPStatus.OK)
+            self._send(*_answer(action, self.rfile.read(int(length))))
 
     def _place(self) -> str | None:
         """Return what is asked for below the token; None: the request was refused.
@@ -278,21 +250,10 @@ class _Handler(BaseHTTPRequestHandler):
         known = hmac.compare_digest(token.encode("latin-1"), self.server.token.encode())
         if known and slash:
             return place
-        self._send_text(NO_TOKEN, HTTPStatus.NOT_FOUND, self.command != "HEAD")
+        self._send(NO_TOKEN, HTTPStatus.NOT_FOUND)
         return None
 
-    def _answer(self, body: bool) -> None:
-        place = self._place()
-        if place is None:
-            return
-        if place == PAGE:
-            self._send_page(body)
-        elif place == EVENTS and self.server.stream is not None and body:
-            self._send_events(self.server.stream)
-        else:
-            self.send_error(HTTPStatus.NOT_FOUND)
-
-    def _send_page(self, body: bool) -> None:
+    def _send_page(self) -> None:
         try:
             with self.server.making:
                 content = self.server.page()
@@ -300,38 +261,35 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND, "the page is gone")
             return
         except RpctlError as error:
-            self._send_text(str(error), HTTPStatus.CONFLICT, body)
+            self._send(str(error), HTTPStatus.CONFLICT)
             return
-        self._send_head("text/html; charset=utf-8", len(content))
-        if body:
-            self.wfile.write(content)
+        self._send(content, kind="text/html")
+        if self.command != "HEAD":
             with self.server.delivery:
                 self.server.delivered += 1
                 self.server.delivery.notify_all()
 
-    def _send_text(self, text: str, status: HTTPStatus, body: bool = True) -> None:
-        content = text.encode()
-        self._send_head("text/plain; charset=utf-8", len(content), status)
-        if body:
-            self.wfile.write(content)
+    def _send(
+        self, content: str | bytes, status: HTTPStatus = HTTPStatus.OK, kind: str = "text/plain"
+    ) -> None:
+        data = content.encode() if isinstance(content, str) else content
+        self.send_response(status)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(data)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(data)
 
     def _send_events(self, stream: Stream) -> None:
         """Send the events that the page has not seen yet, then every new one."""
         last = self.headers.get("Last-Event-ID", "")
-        self._send_head("text/event-stream")
+        known = last.isascii() and last.isdigit() and len(last) <= MAX_DIGITS
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "text/event-stream")
+        self.end_headers()
         with stream.reading():
-            known = last.isascii() and last.isdigit() and len(last) <= MAX_DIGITS
             for event in stream.events(int(last) + 1 if known else 0):
                 self.wfile.write(event)
-
-    def _send_head(
-        self, kind: str, length: int | None = None, status: HTTPStatus = HTTPStatus.OK
-    ) -> None:
-        self.send_response(status)
-        self.send_header("Content-Type", kind)
-        if length is not None:
-            self.send_header("Content-Length", str(length))
-        self.end_headers()
 
     def end_headers(self) -> None:
         """Send the head with what all answers carry, those that the library writes included."""
@@ -341,6 +299,19 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:
         """Log nothing; the terminal shows only the URL."""
+
+
+def _answer(action: Action, sent: bytes) -> tuple[str, HTTPStatus]:
+    """Do what a page asks for; return what it is told."""
+    try:
+        asked = json.loads(sent, parse_int=float, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError):
+        return "this is no JSON", HTTPStatus.BAD_REQUEST
+    try:
+        action(asked)
+    except RpctlError as error:
+        return str(error), HTTPStatus.CONFLICT
+    return "", HTTPStatus.OK
 
 
 def _refuse_constant(name: str) -> None:

@@ -6,15 +6,19 @@ import itertools
 from collections.abc import Callable, Iterator
 
 import numpy as np
+import pinocchio as pin
 
 import rpctl
-from rpctl import Robot
+from rpctl import ReducedDynamics, Robot
+from rpctl.arrays import Array
 from rpctl.equivalence.mujoco_model import MujocoModel
+from rpctl.robot import catalog
 from tests.bench.machine_step import step_time
 from tests.bench.rows import Row, Section, cpu_seconds
-from tests.bench.test_speed import DRIVES, floor, naive, projected, state_of
 
 COMMAND = "python -m tests.bench.table --only forward"
+State = tuple[ReducedDynamics, Array, Array, Array]
+DRIVES = (*(entry.name for entry in catalog.ENTRIES if entry.own), "tiago", "tiago_pro")
 QUICK = ("paper", "swerve", "mecanum", "tiago")
 
 
@@ -68,3 +72,44 @@ def _mujoco(robot: Robot) -> Callable[[], object]:
         mujoco.mj_forward(model, data)
 
     return run
+
+
+def state_of(robot: Robot) -> State:
+    rng = np.random.default_rng(20210601)
+    q = robot.random_configuration(rng)
+    tau = rng.normal(size=len(robot.actuators))
+    return ReducedDynamics(robot), q, rng.normal(size=robot.dof), tau
+
+
+def floor(state: State) -> Callable[[], object]:
+    """Pinocchio's two algorithms alone: what no projection can undercut."""
+    dynamics, q, nu, _ = state
+    model, v = dynamics.robot.model, dynamics.basis(q) @ nu
+    data, still = model.createData(), np.zeros(model.nv)
+
+    def run() -> object:
+        return pin.crba(model, data, q), pin.rnea(model, data, q, v, still)
+
+    return run
+
+
+def naive(state: State) -> Callable[[], object]:
+    """The same projection as a first draft would write it."""
+    dynamics, q, nu, tau = state
+    model, S, B = dynamics.robot.model, dynamics.basis(q), dynamics.actuation(q)
+
+    data = model.createData()
+
+    def run() -> Array:
+        M = S.T @ pin.crba(model, data, q) @ S
+        h = S.T @ pin.nonLinearEffects(model, data, q, S @ nu)
+        return np.asarray(np.linalg.solve(M, B @ tau - h))
+
+    return run
+
+
+def projected(state: State) -> Callable[[], object]:
+    """Forward dynamics where the robot was not before: nothing of the last call serves again."""
+    dynamics, q, nu, tau = state
+    places = itertools.cycle((q, dynamics.robot.configuration()))
+    return lambda: dynamics.forward(next(places), nu, tau)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 import rpctl
+from rpctl import Robot
 from rpctl.control.horizon.law import Horizon
+from rpctl.control.horizon.planner import Planner
 from tests.bench.rows import Row, Section
-from tests.bench.test_horizon import part_seconds
 
+OFF = (0.1, -0.1, 0.2)  # of the closed loop's start: limits bind for a second or so
 COMMAND = "python -m tests.bench.table --only horizon"
 PARTS = {
     "a sample, whole": "plan",
@@ -37,3 +43,38 @@ def section(quick: bool) -> Section:
         "limits bind. What is left of a sample is prediction and bookkeeping."
     )
     return Section("A sample of the horizon law", rows, note)
+
+
+def timed(call: Callable[..., Any], seconds: list[float]) -> Callable[..., Any]:
+    """Return a call that notes the processor time it took, s."""
+
+    def noted(*args: Any) -> Any:
+        began = time.thread_time()
+        result = call(*args)
+        seconds.append(time.thread_time() - began)
+        return result
+
+    return noted
+
+
+def part_seconds(
+    robot: Robot, law: Horizon, parts: dict[str, str], duration: float
+) -> dict[str, list[float]]:
+    """Return the processor times (s) of parts of the planner, call by call, over a closed loop.
+
+    Args:
+        robot: The robot.
+        law: The law.
+        parts: Methods of the planner by label.
+        duration: Of the loop, s.
+    """
+    figures: dict[str, list[float]] = {label: [] for label in parts}
+    usual = {name: getattr(Planner, name) for name in parts.values()}
+    for label, name in parts.items():
+        setattr(Planner, name, timed(usual[name], figures[label]))
+    try:
+        rpctl.track(robot, "eight", duration=duration, initial_error=OFF, kinematic=law)
+    finally:
+        for name, call in usual.items():
+            setattr(Planner, name, call)
+    return figures

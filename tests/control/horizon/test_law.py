@@ -23,8 +23,7 @@ from rpctl import (
 )
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.prediction import Indices
-from rpctl.control.horizon.qp import Linearisation
-from rpctl.control.horizon.solver import CondensedQp, CondensedSolution
+from rpctl.control.horizon.qp import CondensedQp, CondensedSolution, Linearisation
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name
@@ -185,15 +184,6 @@ def test_laws_prepare_in_closed_loop(paper: Robot) -> None:
     assert prepared.rms_base_error == pytest.approx(usual.rms_base_error, rel=0.01)
 
 
-def test_contradicting_bounds_give_way(paper: Robot) -> None:
-    """Two walls with less room than the base's radius between them: softened, not failed."""
-    walls = (HalfPlane(0.0, 1.0, -0.9), HalfPlane(0.0, -1.0, -0.9))
-    run = track(paper, "line", 1.0, Horizon(base_obstacles=walls, base_radius=1.0))
-    report = summarize(run).kinematic_report
-    assert report["fallbacks"] == 0
-    assert report["softened"] == report["solves"]
-
-
 def test_command_and_rate_agree(paper: Robot) -> None:
     reference, dynamics = reference_by_name(paper, "eight"), ReducedDynamics(paper)
     law = Horizon().start(dynamics, PERIOD)
@@ -242,5 +232,3 @@ def test_settings_that_predict_nothing_are_refused() -> None:
         Horizon(period=0.2)
     with pytest.raises(RpctlError, match="prepare and asynchronous exclude each other"):
         Horizon(prepare=True, asynchronous=True)
-    with pytest.raises(RpctlError, match="base_radius is 0; give a positive number"):
-        Horizon(base_radius=0.0)

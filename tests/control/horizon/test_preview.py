@@ -8,9 +8,8 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics
 from rpctl.arrays import Array
-from rpctl.control.horizon import pace
+from rpctl.control.horizon import target as pace
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.pace import Preview
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.named import reference_by_name
 
@@ -57,13 +56,3 @@ def test_an_instant_is_read_once() -> None:
         law(dynamics, reference, k * PERIOD, q, np.zeros(robot.dof))
     assert len(read) == len(set(read))
     assert len(read) == 20 + 5 * 20 + 1  # of 20 solves, 5 a step, each 20 steps ahead; pace beyond
-
-
-def test_another_reference_is_read_anew() -> None:
-    robot = rpctl.load("paper")
-    read = Preview(robot)
-    for name in ("eight", "circle"):
-        reference = reference_by_name(robot, name)
-        assert read.follow(reference)
-        assert not read.follow(reference)
-        np.testing.assert_array_equal(read(3.0).state.pose, reference(3.0).pose)

@@ -13,7 +13,6 @@ from tests.description.corpus import BASE
 
 BOX = '<box size="0.5 0.4 0.2"/>'
 LINE = BASE[: BASE.index(BOX)].count("\n") + 1
-LATE = 2**17  # bytes of geometry before the library of images
 DAE = "<COLLADA><library_images><image><init_from>{}</init_from></image></library_images></COLLADA>"
 
 
@@ -60,37 +59,6 @@ def test_a_folder_whose_name_begins_alike_is_another(tmp_path: Path) -> None:
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "ws" / "bot_private" / "a.stl")
     (finding,) = rpctl.load(path).findings
     assert "refused: it lies outside the folders" in finding.message
-
-
-@pytest.mark.parametrize(
-    ("texture", "fine"),
-    [
-        ("wood.png", True),
-        ("../wood.png", True),
-        ("", True),
-        ("../../../secret.png", False),
-        ("/etc/passwd", False),
-        ("file:///home/me/wood.png", False),
-        (r"C:\wood.png", False),
-    ],
-)
-def test_textures_out_of_reach_are_told(texture: str, fine: bool, tmp_path: Path) -> None:
-    path = with_mesh(tmp_path, "a.dae")
-    (path.parent / "a.dae").write_text(DAE.format(texture))
-    expected = [f.message for f in rpctl.load(path).findings]
-    assert expected == [] if fine else "lies out of reach and is left out" in expected[0]
-
-
-@pytest.mark.parametrize("image", ["{}", "<ref>{}</ref>"])
-def test_textures_are_found_wherever_they_are_named(image: str, tmp_path: Path) -> None:
-    path = with_mesh(tmp_path, "a.dae")
-    text = DAE.format(image.format("/etc/passwd"))
-    late = text.replace("<COLLADA>", "<COLLADA><library_geometries/>" + " " * LATE)
-    (path.parent / "a.dae").write_text(late)
-    (finding,) = rpctl.load(path).findings
-    assert 'texture "/etc/passwd" lies out of reach' in finding.message
-    (path.parent / "a.dae").write_text("")
-    assert rpctl.load(path).findings == ()
 
 
 def test_all_missing_packages_are_told_in_one_warning(tmp_path: Path) -> None:

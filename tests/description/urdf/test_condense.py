@@ -19,12 +19,6 @@ def test_one_idiom_is_one_line() -> None:
     )
 
 
-def test_other_words_and_other_severities_stay_apart() -> None:
-    other = Finding("warning", 12, 'joint "b" has no limit; give one')
-    remark = Finding("info", 13, limit("d", 13).message)
-    assert condense([limit("a", 10), other, remark]) == (limit("a", 10), other, remark)
-
-
 def test_the_weightiest_come_first() -> None:
     error = Finding("error", 99, "no wheels; give some")
     remark = Finding("info", 1, "lines are those of the expanded text")

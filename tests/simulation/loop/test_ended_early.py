@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,6 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import recorder
-from rpctl.simulation.loop.closed_loop import Watcher
 from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.collision_facts import NOT_LOOKED_FOR
@@ -28,7 +28,7 @@ def ended_run(
     robot: Robot,
     error: type[BaseException],
     config: Config = SETTINGS,
-    watch: Watcher | None = None,
+    watch: Callable[[LoopSample], None] | None = None,
 ) -> Run:
     """Return what is kept of a simulation that an exception ends."""
     kept: list[Run] = []

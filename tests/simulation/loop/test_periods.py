@@ -7,8 +7,10 @@ from fractions import Fraction
 
 import pytest
 
-from rpctl import RpctlError
-from rpctl.simulation.loop.periods import delay_note, delay_periods, duration_note, whole_periods
+from rpctl import Plant, RpctlError
+from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.loop.notes import run_notes
+from rpctl.simulation.loop.periods import delay_periods, is_whole, whole_periods
 
 PERIODS = ("0.001", "0.002", "0.003", "0.005", "0.01", "0.7")
 
@@ -21,18 +23,18 @@ def test_they_count_as_decimals_do(period: str) -> None:
         whole = tenths % 10 == 0
         periods = whole_periods(float(time), float(period))
         assert periods == max(1, math.floor(time / Fraction(period)))
-        assert (duration_note(float(time), float(period)) == ()) is whole
         assert delay_periods(float(time), float(period)) == (tenths + 5) // 10
-        assert (delay_note(float(time), float(period)) == ()) is whole
+        assert is_whole(float(time), float(period), tenths // 10) is whole
     assert delay_periods(0.0, float(period)) == 0
-    assert delay_note(0.0, float(period)) == ()
 
 
 def test_what_is_simulated_is_told() -> None:
-    (ends,), (late,) = duration_note(1.0, 0.3), delay_note(0.5, 0.2)
+    run = RunSettings(duration=1.0, control_period=0.3)
+    ends, late = run_notes(Config(run=run, plant=Plant(delay=0.5)))
     said = "is no whole number of control periods of"
     assert ends == f"a duration of 1 s {said} 0.3 s: the run ends at 0.9 s"
-    assert late == f"a delay of 0.5 s {said} 0.2 s: 0.6 s are simulated"
+    assert late == f"a delay of 0.5 s {said} 0.3 s: 0.6 s are simulated"
+    assert run_notes(Config(run=run, plant=Plant(delay=0.5)), whole=False) == (late,)
 
 
 def test_what_is_no_time_is_told() -> None:

@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.simulation.merits.path_error import (
-    PathTrace,
-    _nearest_of_few,
-    _nearest_of_many,
-    _Polygon,
-    path_figures,
-    trace_path,
-)
+from rpctl.simulation.merits.path_error import PathTrace, path_figures, trace_path
 
 COUNT = 2001
 T: Array = np.linspace(0.0, 20.0, COUNT)  # s
@@ -210,25 +203,3 @@ def test_figures_are_of_the_halves_they_say() -> None:
     assert found.mean_lateral == pytest.approx(0.125)
     assert (found.final_lag, found.final_lag_distance) == (-0.3, -0.6)
     assert (found.largest_lag, found.largest_lag_distance) == (0.4, 0.8)
-
-
-@pytest.mark.parametrize("dimension", [1, 2, 3])
-def test_few_sides_and_many_have_the_same_nearest_point(dimension: int) -> None:
-    """Sides without length among them, and from on the path itself."""
-    rng = np.random.default_rng(dimension)
-    for _ in range(40):
-        corners = rng.normal(size=(7, dimension)).round(1)
-        corners[3] = corners[2]
-        sides = np.diff(corners, axis=0)
-        lengths = np.linalg.norm(sides, axis=1)
-        path = _Polygon(corners, sides, lengths, np.where(lengths > 0.0, lengths**2, 1.0))
-        first = int(rng.integers(0, 3))
-        here = (corners[4] if rng.random() < 0.2 else rng.normal(size=dimension)).tolist()
-        lower = float(rng.uniform(0.0, 1.0) * lengths[first])
-        arc = np.concatenate([[0.0], np.cumsum(lengths)])
-        found = [
-            [arc[side] + share * lengths[side], *point]
-            for nearest in (_nearest_of_few, _nearest_of_many)
-            for side, share, point in [nearest(path, here, first, 6, lower)]
-        ]
-        np.testing.assert_allclose(found[0], found[1], atol=1e-12)

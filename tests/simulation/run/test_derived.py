@@ -14,8 +14,7 @@ from rpctl import Plant, ReducedDynamics, ReferenceState, Robot, RpctlError, Run
 from rpctl.arrays import Array
 from rpctl.control.law import Command, Efforts, Limit
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
-from rpctl.reference.motion import Reference, end_effector_reference
-from rpctl.reference.quasi_velocities import reference_rates, steering
+from rpctl.reference.motion import Reference, end_effector_reference, reference_rates, steering
 from rpctl.simulation.loop import recorder
 from rpctl.simulation.run.log import COLUMNS
 from tests.robots import write

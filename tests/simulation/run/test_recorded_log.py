@@ -10,8 +10,7 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.law import Command
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference
-from rpctl.reference.quasi_velocities import reference_rates
+from rpctl.reference.motion import Reference, reference_rates
 
 ASKED = np.array([0.3, -0.2, 0.5, 0.1])  # m/s, rad/s, rad/s, m/s
 

@@ -23,4 +23,4 @@ def goal_page(robot: Robot) -> str:
 
 def bare_scene(scene: Scene) -> str:
     """Return the page of a scene that a script of a line moves."""
-    return player(scene, "scene", 1.5, "window.rpctl = { ready: true };")
+    return player(scene, "scene", "window.rpctl = { ready: true };")

@@ -201,7 +201,7 @@ def test_pages_report_film_and_notebook_tell_of_it(tmp_path: Path, missing: bool
     scene = build_scene(robot, run)
     report = write_report(run, tmp_path / "report.html", robot=robot).read_text("utf-8")
     both = write_report([run, run], tmp_path / "both.html").read_text("utf-8")
-    pages = [report, both, robot_page(robot), player(scene, "mast", 1.5, "")]
+    pages = [report, both, robot_page(robot), player(scene, "mast", "")]
     for page in pages:
         assert (BADGE in page) == missing
         assert ("a box of the inertia of mast" in page) == missing

@@ -1,0 +1,77 @@
+"""What a run tells besides its figures: how it differs from what was asked for, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rpctl.control.velocity_output import VelocityOutput
+from rpctl.simulation.config import Config
+from rpctl.simulation.loop.periods import delay_periods, is_whole, whole_periods
+
+MOVED_BY = {  # by the plant's kind
+    "slipping": "the robot moved on tyres that slip",
+    "contact": "MuJoCo moved the robot: its wheels meet the ground in contacts",
+}
+
+
+def run_notes(config: Config, whole: bool = True) -> tuple[str, ...]:
+    """Return what a configuration makes of what was asked for.
+
+    Args:
+        config: What was asked for, and how many samples are logged.
+        whole: Whether the run was not ended early.
+    """
+    return tuple(_notes(config, whole))
+
+
+def _notes(config: Config, whole: bool) -> Iterator[str]:
+    run, plant, period = config.run, config.plant, config.run.control_period
+    if whole and run.duration is not None:
+        periods = whole_periods(run.duration, period)
+        if not is_whole(run.duration, period, periods):
+            yield (
+                f"a duration of {run.duration:g} s is no whole number of control periods of "
+                f"{period:g} s: the run ends at {periods * period:g} s"
+            )
+    periods = delay_periods(plant.delay, period)
+    if not is_whole(plant.delay, period, periods):
+        yield (
+            f"a delay of {plant.delay:g} s is no whole number of control periods of {period:g} s: "
+            f"{periods * period:g} s are simulated"
+        )
+    if config.output is not None:
+        yield _speeds_note(config.output, plant.velocity_interface(config.output))
+    every = run.log_every or 1
+    if every > 1:
+        yield (
+            f"one sample of {every} is logged, each {every * period:g} s: figures and curves do "
+            "not see what happens in between"
+        )
+    if plant.own is not None:
+        yield f"a simulator of the user's, {type(plant.own).__name__}, moved the robot"
+    elif plant.kind in MOVED_BY:
+        yield f"{MOVED_BY[plant.kind]}, friction {run.friction:g}"
+
+
+def _speeds_note(known: VelocityOutput, truth: VelocityOutput) -> str:
+    """Return the note that a robot takes speeds, and how it follows them."""
+    note = (
+        f"the controller sends speeds, which the robot follows {_lateness(truth)}; the efforts are "
+        "those that this motion takes"
+    )
+    if truth == known:
+        return note
+    return f"{note}; the controller takes them to be followed {_lateness(known)}"
+
+
+def _lateness(output: VelocityOutput) -> str:
+    """Return how late speeds are followed, in words."""
+    lags = "".join(f" ({lag:g} s of {name})" for name, lag in output.lags.items())
+    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s"
+
+
+def end_note(error: BaseException, t: float, duration: float) -> str:
+    """Return the sentence that says when (s) and why a run ended early."""
+    reason = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
+    reason = reason or type(error).__name__
+    return f"ended at {t:.4g} of {duration:.4g} s ({reason}); what was simulated is kept"
