@@ -16,11 +16,10 @@ from rpctl.simulation.merits.collision_facts import (
     Collision,
     LinkClearance,
 )
-from rpctl.simulation.merits.felt_ground import FeltGround, felt_ground
+from rpctl.simulation.merits.ground import FeltGround, GroundFigures, felt_ground, ground
 from rpctl.simulation.merits.obstacles import BASE, TIP, run_obstacles
 from rpctl.simulation.merits.outcome import SUCCESSES, outcome, trace_points
 from rpctl.simulation.merits.path_error import PathFigures, path_figures
-from rpctl.simulation.merits.slip_and_tip import GroundFigures, ground
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.run.run import Run
 
