@@ -91,16 +91,15 @@ def certify(robot: Robot, settings: VerifyOptions, strict: bool = False) -> Cert
     engines = [] if settings.engines == "none" else settings.engines.split(",")
     samples = settings.samples
     with progress_bar("verify") as advance:
-        return verify(
+        certificate = verify(
             robot,
             samples,
             settings.seed,
             engines,
             lambda done: advance(done, samples),
-            strict,
-            settings.contact,
-            settings.onset,
+            [name for name in ("contact", "onset") if getattr(settings, name)],
         )
+    return certificate.strict() if strict else certificate
 
 
 def show_certificate(certificate: Certificate) -> None:

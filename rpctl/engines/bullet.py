@@ -24,7 +24,6 @@ from rpctl.engines.engine import (
     joint_losses,
 )
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
-from rpctl.equivalence.contact.model import Tyre
 from rpctl.libraries import library
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
@@ -41,7 +40,7 @@ PLANE_FRICTION = 1.0  # of plane.urdf; PyBullet multiplies the coefficients of a
 DIALECT = Dialect(
     name="PyBullet",
     meshes=(".stl", ".obj", ".dae"),
-    crowned=lambda tread: _sphere(tread),
+    crowned='<sphere radius="{radius!r}"/>',
     massless='<inertial><mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
     "</inertial>",
 )
@@ -239,10 +238,6 @@ class BulletRun(UrdfRun):
 def _rotation(turn: Sequence[float]) -> Array:
     """Return the rotation (3, 3) of a quaternion (4,) x, y, z, w."""
     return np.asarray(pin.Quaternion(np.array(turn)).matrix())
-
-
-def _sphere(tread: Tyre) -> str:
-    return f'<sphere radius="{tread.radius!r}"/>'
 
 
 SAID = {

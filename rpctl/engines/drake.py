@@ -22,7 +22,6 @@ from rpctl.engines.engine import (
 )
 from rpctl.engines.mujoco.bodies import link_fault
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
-from rpctl.equivalence.contact.model import Tyre
 from rpctl.libraries import library
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
@@ -39,7 +38,7 @@ HALF_SPACE = "deformable contact"  # Drake warns of each ground that it has no s
 DIALECT = Dialect(
     name="Drake",
     meshes=(".obj", ".vtk", ".gltf"),
-    crowned=lambda tread: _ellipsoid(tread),
+    crowned='<drake:ellipsoid a="{radius!r}" b="{radius!r}" c="{half_width!r}"/>',
     proximity="<drake:proximity_properties><drake:mu_static value='0'/>"
     "<drake:mu_dynamic value='0'/></drake:proximity_properties>",
     strict_transmissions=True,
@@ -257,10 +256,6 @@ def _harden(scene: Any) -> None:
     properties.point_stiffness = STIFFNESS
     config.default_proximity_properties = properties
     scene.set_config(config)
-
-
-def _ellipsoid(tread: Tyre) -> str:
-    return f'<drake:ellipsoid a="{tread.radius!r}" b="{tread.radius!r}" c="{tread.half_width!r}"/>'
 
 
 SAID = {

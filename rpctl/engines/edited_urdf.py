@@ -5,7 +5,7 @@ Lengths m, masses kg, inertias kg·m².
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from rpctl.description.meshes.paths import MeshError
 from rpctl.description.records import Shape
 from rpctl.dynamics.stance import find_supports
 from rpctl.engines.engine import Mended
-from rpctl.equivalence.contact.model import Tyre, support_shapes, tyre
+from rpctl.equivalence.contact.model import support_shapes, tyre
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
@@ -34,7 +34,8 @@ class Dialect:
     Attributes:
         name: The engine.
         meshes: Endings of the meshes that it reads as collision shapes.
-        crowned: Returns the shape, XML, that stands for a tyre with a crown.
+        crowned: The shape, XML, that stands for a tyre with a crown, a format of ``radius`` and
+            ``half_width``.
         proximity: XML of a collision without friction, or nothing.
         massless: XML of the inertia of a link that has none.
         strict_transmissions: Whether it refuses a transmission without an actuator.
@@ -42,22 +43,14 @@ class Dialect:
 
     name: str
     meshes: tuple[str, ...]
-    crowned: Callable[[Tyre], str]
+    crowned: str
     proximity: str = ""
     massless: str = ""
     strict_transmissions: bool = False
 
 
-@dataclass(frozen=True)
-class EditedUrdf:
-    """A URDF that an engine reads, and what was left out of the user's, in sentences."""
-
-    text: str
-    notes: tuple[str, ...]
-
-
-def edit_urdf(robot: Robot, mended: Mended, dialect: Dialect) -> EditedUrdf:
-    """Return a robot's file for an engine: what no switch mends stays as the user wrote it.
+def edit_urdf(robot: Robot, mended: Mended, dialect: Dialect) -> tuple[str, tuple[str, ...]]:
+    """Return a robot's file for an engine, and notes: what is not mended stays as it was.
 
     Locked joints become fixed ones. What only draws is left out, and transmissions are, for
     efforts act on joints; and meshes that are not found or that the engine refuses, which the
@@ -80,19 +73,21 @@ def edit_urdf(robot: Robot, mended: Mended, dialect: Dialect) -> EditedUrdf:
     links = {element.get("name"): element for element in root.findall("link")}
     treads = [tyre(robot, wheel) for wheel in robot.drive.wheels]
     if "collisions" in mended:
-        _keep_contacts(root, robot)
+        for element in _others(root, robot):
+            element.getparent().remove(element)
     if "caster" in mended:
         _put_supports(links, robot, dialect)
     if "wheel" in mended:
         for wheel, tread in zip(robot.drive.wheels, treads, strict=True):
             child = robot.description.joint[wheel.joint].child
             _drop_collisions(links[name] for name, _ in robot.tree.rigid_links(child))
-            links[tread.link].append(_collision(dialect.crowned(tread), tread.pose))
+            crowned = dialect.crowned.format(radius=tread.radius, half_width=tread.half_width)
+            links[tread.link].append(_collision(crowned, tread.pose))
             notes += [tread.note] if tread.note else []
     if "inertia" in mended:
         _put_inertias(links, robot, dialect)
     notes += _resolve_meshes(root, robot, dialect)
-    return EditedUrdf(etree.tostring(root, encoding="unicode"), tuple(dict.fromkeys(notes)))
+    return etree.tostring(root, encoding="unicode"), tuple(dict.fromkeys(notes))
 
 
 def edged_wheels(robot: Robot) -> bool:
@@ -119,12 +114,6 @@ def _lock(root: Any, robot: Robot) -> None:
                 element.remove(found)
         element.set("type", "fixed")
         element.append(urdf_origin(placement))
-
-
-def _keep_contacts(root: Any, robot: Robot) -> None:
-    """Drop the shapes that are neither a wheel nor a support."""
-    for element in _others(root, robot):
-        element.getparent().remove(element)
 
 
 def _others(root: Any, robot: Robot) -> list[Any]:

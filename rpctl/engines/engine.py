@@ -15,7 +15,7 @@ from rpctl.drive.drive import Wheel
 from rpctl.drive.wheels import mostly_left
 from rpctl.equivalence.contact.mujoco_body import planar, tilt
 from rpctl.equivalence.contact.plan import DrivenRobot
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import DivergedError, RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 
 ENGINES = {  # by the name that users give
@@ -72,8 +72,10 @@ class EngineMissing(RpctlError):
     """An engine is not installed; the message has the command that installs it."""
 
 
-class EngineFault(RpctlError):
+class EngineFault(DivergedError):
     """An engine refuses a robot, or its motion diverges; its own words are in the message."""
+
+    exit_code = RpctlError.exit_code
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +149,7 @@ def joint_losses(robot: Robot, name: str) -> tuple[float, float]:
 class EngineRun(DrivenRobot, Protocol):
     """A robot in an engine, from its start on; ``dt`` is a multiple of the engine's tick.
 
-    Where the motion diverges, ``advance`` raises an :class:`EngineFault`.
+    Where the motion diverges, ``advance`` raises a :class:`DivergedError`.
 
     Attributes:
         contacts: Names of the contacts, those of ``Contacts.names`` in their order: the wheels'

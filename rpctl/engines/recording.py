@@ -13,8 +13,9 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.engines.engine import EngineFault, EngineRun, EngineState, LinkMotion, wheel_slip
+from rpctl.engines.engine import EngineRun, EngineState, LinkMotion, wheel_slip
 from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, Course, ReducedRobot
+from rpctl.errors import DivergedError
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 
@@ -154,7 +155,7 @@ def record(
                 plan.drive(run, -1, tick)
             start = run.state()
         samples.extend(_samples(run, robot, plan, tick))  # those before a fault stay
-    except EngineFault as error:
+    except DivergedError as error:
         fault = str(error)
     samples = samples or [_Sample(0.0, start, 0.0 * start.load, 0.0 * start.slip, 0.0)]
     states, first = [sample.state for sample in samples], start.planar

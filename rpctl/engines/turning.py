@@ -12,9 +12,10 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.drive.wheels import mostly_left
-from rpctl.engines.engine import ALL_DEFAULT, Engine, EngineFault, EngineRun
+from rpctl.engines.engine import ALL_DEFAULT, Engine, EngineRun
 from rpctl.engines.recording import SETTLING_S
 from rpctl.equivalence.contact.plan import ContactPlan
+from rpctl.errors import DivergedError
 from rpctl.robot.model import Robot
 
 TURNING_S = 4.0  # s that it turns; the second half counts
@@ -144,12 +145,12 @@ def judge_turn(
     try:
         run = engine.start_turning(robot, plan.q[0], friction)
         mended = turn_in_place(run, robot, plan, engine.tick, speed)
-    except EngineFault:
+    except DivergedError:
         return None
     try:
         run = engine.start(robot, plan.q[0], ALL_DEFAULT, friction)
         default = turn_in_place(run, robot, plan, engine.tick, speed)
-    except EngineFault:
+    except DivergedError:
         default = None
     own = scrubbing_track(wheel_places(robot), mended.load)
     return TurnVerdict(default, mended, drive.track, own, engine.turning_setting)
@@ -168,7 +169,7 @@ def turn_in_place(
         speed: Of the rims, m/s.
 
     Raises:
-        EngineFault: The motion diverges.
+        DivergedError: The motion diverges.
     """
     names = [wheel.joint for wheel in robot.drive.wheels]
     motors = [robot.actuators.index(name) for name in names]

@@ -138,11 +138,10 @@ class UrdfRun(ABC):
     @contextmanager
     def file(self, mended: Mended) -> Iterator[str]:
         """Have the robot's file, mended, for the engine to read; what was left out is noted."""
-        edited = edit_urdf(self.robot, mended, self.dialect)
-        self.notes = edited.notes
+        text, self.notes = edit_urdf(self.robot, mended, self.dialect)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "robot.urdf"
-            path.write_text(edited.text, encoding="utf-8")
+            path.write_text(text, encoding="utf-8")
             yield str(path)
 
     def measured(self, names: Sequence[str]) -> tuple[Array, Array]:

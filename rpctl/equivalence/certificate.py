@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from rpctl.equivalence.check import CONTACT_ORACLE, Check, Skipped
@@ -26,7 +26,7 @@ class Certificate:
         estimated_links: Links whose mass and inertia are estimates: the equations are right for
             them, they need not be right for the robot.
         declared: How far the user's own numbers are from the file's shapes; neither passed nor
-            failed, but with ``strict``, when they are among ``checks``.
+            failed.
         shared: What no derivation found for itself, in phrases.
         idealised: What the model leaves out of the file, or takes for simpler, in sentences; no
             comparison here can tell.
@@ -53,6 +53,10 @@ class Certificate:
         """Whether every comparison that was made passed."""
         trials = [trial for trial in (self.contact, self.onset) if trial is not None]
         return all(trial.passed for trial in trials) and all(check.passed for check in self.checks)
+
+    def strict(self) -> Certificate:
+        """Return it with the declared numbers among the checks: they fail where shapes differ."""
+        return replace(self, checks=(*self.checks, *self.declared), declared=())
 
     @property
     def notes(self) -> list[tuple[str, str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -55,9 +55,7 @@ def verify(
     seed: int = 0,
     engines: Sequence[str] = ENGINES,
     progress: Callable[[int], object] | None = None,
-    strict: bool = False,
-    contact: bool = False,
-    onset: bool = False,
+    trials: Collection[str] = (),
 ) -> Certificate:
     """Compare the reduced dynamics with independent derivations at random states.
 
@@ -70,10 +68,8 @@ def verify(
         engines: Other physics engines that take part (``"mujoco"``). One that is not installed, or
             that refuses the robot, has a row that says so.
         progress: Called with the number of states done.
-        strict: Whether numbers that the user declared fail where the file's shapes contradict
-            them; else the certificate tells by how much.
-        contact: Whether the robot is to roll on a plane, too, as a free body in MuJoCo.
-        onset: Whether it is to slip and to tip there, too, and when that was predicted.
+        trials: What it is to do on a plane, too, as a free body in MuJoCo: to roll (``"contact"``),
+            to slip and to tip, and when that was predicted (``"onset"``).
 
     Returns:
         The certificate; a comparison that is not finite fails.
@@ -81,18 +77,14 @@ def verify(
     Raises:
         RpctlError: ``samples`` is not positive or beyond the cap, or an engine is not known.
     """
-    if samples < 1:
-        raise RpctlError(f"{samples} samples prove nothing; give at least 1")
-    if samples > cap("MAX_STATES"):
-        most = f"{cap('MAX_STATES'):,}"
-        raise RpctlError(f"{samples:,} samples, over {most}; {how_to_raise('MAX_STATES')}")
+    _require_samples(samples)
     reading, dynamics = read(robot), ReducedDynamics(robot)
     mujoco, absent = _engine(robot, reading, engines)
     geometry = Geometry(dynamics, reading)
     oracle = GibbsAppell(robot, reading=reading)
     derivations = _Derivations(dynamics, find_rolling(robot), oracle, geometry, mujoco)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
-    declared = () if strict else tuple(check for check in rows if check.name == DECLARED)
+    declared = tuple(check for check in rows if check.name == DECLARED)
     certificate = Certificate(
         robot=robot.name,
         samples=samples,
@@ -105,7 +97,16 @@ def verify(
         idealised=tuple(each.sentence for each in idealisations(robot)),
         loaded_with={"source": robot.source, **robot.loaded_with.arguments()},
     )
-    return _with_trials(robot, certificate, contact, onset) if contact or onset else certificate
+    return _with_trials(robot, certificate, trials) if trials else certificate
+
+
+def _require_samples(samples: int) -> None:
+    """Refuse none, or too many."""
+    if samples < 1:
+        raise RpctlError(f"{samples} samples prove nothing; give at least 1")
+    if samples > cap("MAX_STATES"):
+        most = f"{cap('MAX_STATES'):,}"
+        raise RpctlError(f"{samples:,} samples, over {most}; {how_to_raise('MAX_STATES')}")
 
 
 def _worst(
@@ -212,23 +213,23 @@ def _engine(
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
 
 
-def _with_trials(robot: Robot, certificate: Certificate, contact: bool, onset: bool) -> Certificate:
+def _with_trials(robot: Robot, certificate: Certificate, trials: Collection[str]) -> Certificate:
     """Return a certificate with trials in MuJoCo, or the rows that say why there are none."""
     from rpctl.equivalence.contact import trial as contact_trial
     from rpctl.equivalence.onset import trial as onset_trial
 
-    asked = {
-        "contact": (contact, contact_trial.CHECK_NAME, contact_trial.contact_trial),
-        "onset": (onset, onset_trial.TRIAL_NAME, onset_trial.onset_trial),
+    known = {
+        "contact": (contact_trial.CHECK_NAME, contact_trial.contact_trial),
+        "onset": (onset_trial.TRIAL_NAME, onset_trial.onset_trial),
     }
     made: dict[str, Any] = {}
     skipped = list(certificate.skipped)
-    for kind, (wanted, name, run) in asked.items():
-        if wanted:
-            absent = Skipped(name, CONTACT_ORACLE, ABSENT)
-            trial = run(robot) if mujoco_engine.installed() else absent
-            if isinstance(trial, Skipped):
-                skipped.append(trial)
-            else:
-                made[kind] = trial
+    for kind in trials:
+        name, run = known[kind]
+        absent = Skipped(name, CONTACT_ORACLE, ABSENT)
+        trial = run(robot) if mujoco_engine.installed() else absent
+        if isinstance(trial, Skipped):
+            skipped.append(trial)
+        else:
+            made[kind] = trial
     return replace(certificate, skipped=tuple(skipped), **made)

@@ -18,7 +18,7 @@ from tests import urdf
 DIALECT = Dialect(
     name="Engine",
     meshes=(".obj",),
-    crowned=lambda tread: f'<crowned radius="{tread.radius}" half="{tread.half_width}"/>',
+    crowned='<crowned radius="{radius}" half="{half_width}"/>',
     proximity='<drake:slides xmlns:drake="http://drake.mit.edu"/>',
     massless="<inertial><mass value='0'/></inertial>",
 )
@@ -30,8 +30,8 @@ def robot() -> Robot:
 
 
 def edited(robot: Robot, *mended: str) -> tuple[Any, tuple[str, ...]]:
-    found = edit_urdf(robot, frozenset(mended), DIALECT)
-    return etree.fromstring(found.text), found.notes
+    text, notes = edit_urdf(robot, frozenset(mended), DIALECT)
+    return etree.fromstring(text), notes
 
 
 def shapes(root: Any, link: str) -> list[str]:
@@ -128,10 +128,10 @@ def test_meshes_that_are_not_found_or_not_read_are_left_out_and_told(tmp_path: P
 def test_a_transmission_without_an_actuator_is_told(tmp_path: Path, strict: bool) -> None:
     more = '<transmission name="t"><joint name="wheel_left_joint"/></transmission>'
     robot = rpctl.load(two_wheels(tmp_path / "two.urdf", more=more))
-    dialect = Dialect("Engine", (), lambda tread: "<x/>", strict_transmissions=strict)
-    found = edit_urdf(robot, ALL_DEFAULT, dialect)
-    assert "transmission" not in found.text
-    assert bool(found.notes) is strict
+    dialect = Dialect("Engine", (), "<x/>", strict_transmissions=strict)
+    text, notes = edit_urdf(robot, ALL_DEFAULT, dialect)
+    assert "transmission" not in text
+    assert bool(notes) is strict
 
 
 def test_what_a_robot_has_that_can_be_mended(tmp_path: Path, robot: Robot) -> None:

@@ -18,7 +18,6 @@ from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.ground import GROUND
 from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings, read_heights
-from rpctl.robot.vary import with_payload
 from tests import urdf
 from tests.robots import SET_A, ball, free_caster, platform, write
 
@@ -54,35 +53,6 @@ def test_settings_that_mujoco_cannot_take_are_refused(given: dict[str, Any], sai
     with pytest.raises(RpctlError, match=said):
         ContactSettings(**given)
     ContactSettings(timestep=0.001, time_constant=0.02)  # exactly 20
-
-
-def test_motors_stops_and_losses_are_the_files(tmp_path: Path) -> None:
-    arm = urdf.link("arm", urdf.inertial(2, (0.02, 0.02, 0.02)))
-    more = urdf.limit(-0.5, 0.7, 12, 2) + '<dynamics damping="0.3" friction="0.4"/>'
-    shoulder = urdf.joint("shoulder", "revolute", ("base", "arm"), "0 0 0.3", "0 0 1", more)
-    robot = load(tmp_path, arm, shoulder)
-    model = built(robot).compile()
-    names = [model.actuator(k).name for k in range(model.nu)]
-    assert names == list(robot.actuators)
-    motor, joint = model.actuator("shoulder"), model.joint("shoulder")
-    assert motor.ctrllimited[0]
-    np.testing.assert_array_equal(motor.ctrlrange, [-12, 12])
-    assert not model.actuator("left_joint").ctrllimited[0]
-    np.testing.assert_array_equal(joint.range, [-0.5, 0.7])
-    assert not model.joint("left_joint").limited[0]
-    dof = int(joint.dofadr[0])
-    assert np.ravel(model.dof_damping[dof])[0] == 0.3
-    assert model.dof_frictionloss[dof] == 0.4
-    lossless = built(robot, losses=False).compile()
-    assert not lossless.dof_damping.any()
-    assert not lossless.dof_frictionloss.any()
-
-
-def test_masses_are_the_robots_and_a_load_is_carried(paper: Robot) -> None:
-    loaded = with_payload(paper, paper.end_effector or "", 2.5)
-    for robot in (paper, loaded):
-        assert built(robot).compile().body_mass.sum() == pytest.approx(robot.mass, rel=1e-12)
-    assert loaded.mass == pytest.approx(paper.mass + 2.5)
 
 
 def test_an_inertia_that_no_body_has_is_mended_and_told(tmp_path: Path) -> None:

@@ -28,7 +28,6 @@ from rpctl.engines.urdf_engine import (
     Point,
     UrdfEngine,
     UrdfRun,
-    follower_inertia,
 )
 from rpctl.equivalence.contact.mujoco_body import STABLE, tie_rod_efforts
 from rpctl.robot.model import Robot
@@ -136,26 +135,6 @@ def test_rods_pull_anew_in_each_step_and_only_where_they_are_mended(car: Robot) 
         rods = tie_rod_efforts(car.drive, astray, inertia, bandwidth) if inertia else {}
         assert run.given[0][leader] == 1.0 + rods.get(leader, 0.0)
         assert run.given[0].get(follower, 0.0) == rods.get(follower, 0.0)
-
-
-def test_tie_rods_pull_to_their_place_and_do_no_work_along_it(car: Robot) -> None:
-    leader, follower = car.drive.steered[0].joint, car.drive.followers[0].joint
-    q = car.configuration(joints={leader: 0.3})
-    inertia, place = follower_inertia(car, q), car.joint_position(q, follower)
-
-    def pull(left: tuple[float, float], right: tuple[float, float]) -> dict[str, float]:
-        return tie_rod_efforts(car.drive, {leader: left, follower: right}, inertia, BANDWIDTH)
-
-    assert pull((0.3, 0.0), (place, 0.0)) == pytest.approx({leader: 0, follower: 0})
-    ahead = pull((0.3, 0.0), (place + 0.01, 0.0))
-    assert ahead[follower] == pytest.approx(-inertia[follower] * BANDWIDTH**2 * 0.01)
-    nearby = car.configuration(joints={leader: 0.31})
-    slope = (car.joint_position(nearby, follower) - place) / 0.01
-    assert ahead[leader] + slope * ahead[follower] == pytest.approx(0.0, abs=0.01 * ahead[leader])
-    along = pull((0.3, 0.2), (place, 0.2 * slope))
-    assert abs(along[follower]) < 0.02 * abs(ahead[follower])
-    damped = pull((0.3, 0.0), (place, 1.0))[follower]
-    assert damped == pytest.approx(-2.0 * inertia[follower] * BANDWIDTH)
 
 
 def test_what_a_library_prints_is_kept(capfd: pytest.CaptureFixture[str]) -> None:

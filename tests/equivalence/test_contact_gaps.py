@@ -42,6 +42,7 @@ def rows_of(
         ("path", "pose", [0.6, 0.8, 0.0], 1e-3, ""),
         ("heading", "pose", [0.0, 0.0, 1.0], 1e-3, ""),
         ("force of the ground", "force", [0.0, -1.0, 0.0], 1.0, "y"),
+        ("zero-moment point", "zmp", [-1.0, 0.0], 1e-3, "x"),
         ("wheel loads", "load", [0.0, 0.0, 1.0], 1.0, "base_link"),
         ("joint forces", "efforts", [0.0, 1.0], 1.0, "arm_prismatic_joint"),
         ("joint torques", "efforts", [-1.0, 0.0], 1.0, "arm_revolute_joint"),
@@ -68,15 +69,6 @@ def test_every_row_fails_alone_at_its_band(
     assert found[row].residual == pytest.approx(1.5)
     assert found[row].gap == pytest.approx(gap)
     assert (found[row].entry, found[row].sample) == (entry, len(engine.pose) - 1)
-
-
-def test_the_zero_moment_point_fails_alone(paper: Robot, trial: ContactTrial) -> None:
-    """Its band is half a percent of 1.5 m, the distance between the wheels."""
-    changed = moved(trial.engine, zmp=np.array([-0.015, 0.0]))
-    found = {c.name: c for c in rows_of(paper, changed, trial.engine, trial.joints)}
-    assert [name for name, check in found.items() if not check.passed] == ["zero-moment point"]
-    assert found["zero-moment point"].residual == pytest.approx(2.0)
-    assert found["zero-moment point"].entry == "x"
 
 
 def test_bands_are_those_that_are_stated(paper: Robot, trial: ContactTrial) -> None:

@@ -30,10 +30,10 @@ def swivelled(robot: Robot, **changes: float) -> Robot:
 
 
 def moved(robot: Robot) -> dict[str, float]:
-    """Return how far the plan moves each joint with a servo, rad or m."""
-    plan = planned(robot)
-    way = plan.targets[0][-1] - plan.targets[0][0]
-    return dict(zip(plan.names, way.tolist(), strict=True))
+    """Return how far the plan moves each joint at full pace, rad or m."""
+    size = contact_plan._amplitudes(robot, contact_plan.Course(), 1.0).tolist()
+    sizes = dict(zip(robot.quasi_velocities, size, strict=True))
+    return {name: size for name, size in sizes.items() if name.endswith("_joint")}
 
 
 def test_the_servo_pushes_towards_the_plan(paper: Robot) -> None:

@@ -19,15 +19,14 @@ from tests.equivalence.ill_scaled import NASTY
 PERCENT = in_method("energy", lambda original, *arguments: 1.01 * original(*arguments))
 
 
-@pytest.mark.parametrize("name", ["mixed_chain", "1 mm long", "tip of 1e5 kg"])
-@pytest.mark.parametrize("sample", range(3))
-def test_a_hundredth_more_energy_has_its_residual(tmp_path: Path, name: str, sample: int) -> None:
+@pytest.mark.parametrize("name", ["mixed_chain", "1 mm long"])
+def test_a_hundredth_more_energy_has_its_residual(tmp_path: Path, name: str) -> None:
     """Ė is a hundredth more than the power P, relative to the larger of what E and P are made of.
 
     The floor of the scale is 1 J, or the kinetic energy where that is less.
     """
     robot = rpctl.load(name) if name == "mixed_chain" else NASTY[name](tmp_path)
-    dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, sample)
+    dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, 0)
     q, nu = state.q, state.nu
     forced = force_state(dynamics, state, find_rounding_scales(dynamics, state, None))
     terms = nu * (dynamics.actuation(q) @ forced.tau)
@@ -55,20 +54,3 @@ def test_a_hundredth_more_energy_over_a_motion(paper: Robot) -> None:
     moved = float(np.abs(np.reshape(works, (energy.POWER_ATTEMPTS, -1)).sum(axis=1)).sum())
     scale = max(moved, min(1.0, start + moved))
     assert found.residual == pytest.approx(0.01 * abs(sum(works)) / scale, rel=1e-6)
-
-
-def test_truncation_is_extrapolated_away(tmp_path: Path) -> None:
-    """What is left of the energy's gap in a step is far less than in the two halves alone."""
-    robot = NASTY["chain of 30"](tmp_path)
-    dynamics, state = ReducedDynamics(robot), draw_state(robot, 0, 0)
-    q, nu, step = state.q, state.nu, 4e-3
-    tau = efforts(dynamics, q, nu, state.push)
-    pair = energy._pair(dynamics, q, nu, tau, step)
-    half = rk4_step(dynamics, q, nu, tau, 0.5 * step)
-    end = rk4_step(dynamics, half.q, half.nu, tau, 0.5 * step)
-    whole = rk4_step(dynamics, q, nu, tau, step)
-    plain = dynamics.energy(*end[:2]) - dynamics.energy(q, nu) - half.work - end.work
-    assert abs(pair.gap) < abs(plain) / 12.0
-    assert pair.work == half.work + end.work
-    gap, size = np.abs(end.nu - whole.nu).max(), np.abs(end.nu).max() + np.abs(end.nu - nu).max()
-    assert pair.error == gap / size

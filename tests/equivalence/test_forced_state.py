@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from rpctl import ReducedDynamics, Robot, draw_state, load
-from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.state import (
     efforts,
-    find_rounding_scales,
-    force_state,
     inertia_spread,
     inverse,
 )
@@ -35,32 +32,6 @@ def test_efforts_hold_what_is_driven_and_no_more(tmp_path: Path, name: str) -> N
         push = np.where(np.arange(len(still)) == k, 0.7, 0.0)
         pushed = dynamics.forward(q, nu, efforts(dynamics, q, nu, push))
         assert B[:, k] @ (pushed - held) == pytest.approx(0.7, abs=1e-10)
-
-
-@pytest.mark.parametrize("name", ["origin 100 m away", "front wheel drives alone"])
-def test_sizes_bound_what_they_are_of(tmp_path: Path, name: str) -> None:
-    robot = NASTY[name](tmp_path)
-    dynamics, oracle = ReducedDynamics(robot), GibbsAppell(robot)
-    for sample in range(5):
-        state = draw_state(robot, 0, sample)
-        q, nu = state.q, state.nu
-        M, h, known = dynamics.inertia(q), np.abs(dynamics.bias(q, nu)), oracle.reduced(q, nu)
-        alone = find_rounding_scales(dynamics, state, None)
-        assert (alone.bias >= h * (1.0 - 1e-9)).all()
-        assert alone.force == alone.bias.max()
-        scales = find_rounding_scales(dynamics, state, known.h_size)
-        np.testing.assert_array_equal(scales.bias, np.maximum(alone.bias, known.h_size))
-        assert scales.force == known.h_size.max()
-        assert (scales.inertia >= np.abs(M) * (1.0 - 1e-9)).all()
-        forced = force_state(dynamics, state, scales)
-        np.testing.assert_array_equal(forced.nu_dot, dynamics.forward(q, nu, forced.tau))
-        driven = np.abs(dynamics.actuation(q) @ forced.tau)
-        assert (forced.forces >= (np.abs(M @ forced.nu_dot) + h + driven) * (1.0 - 1e-9)).all()
-        v_dot = dynamics.basis(q) @ forced.nu_dot
-        assert forced.size >= np.abs(v_dot).max()
-        row = int(np.argmax(np.abs(forced.response) @ forced.forces))
-        worst = np.sign(forced.response[row]) * forced.forces  # roundings that all add up
-        assert forced.size == pytest.approx(forced.response[row] @ worst, rel=1e-12)
 
 
 def test_an_inertia_of_any_units_is_inverted(paper: Robot) -> None:

@@ -2,50 +2,13 @@
 
 from __future__ import annotations
 
-import ast
-from pathlib import Path
-
-import casadi
 import numpy as np
-import pinocchio as pin
 import pytest
-import sympy as sp
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.derive.program import CASADI, CasadiScalar
-from rpctl.equivalence import gibbs_appell
 from rpctl.equivalence.gibbs_appell import GibbsAppell, Terms
-from rpctl.equivalence.tree import Scalars
 from tests import closed_form
-
-
-def test_it_asks_neither_pinocchio_nor_the_dynamics() -> None:
-    tree = ast.parse(Path(gibbs_appell.__file__).read_text(encoding="utf-8"))
-    imported = {
-        name
-        for node in ast.walk(tree)
-        for name in (
-            [alias.name for alias in node.names]
-            if isinstance(node, ast.Import)
-            else [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-        )
-    }  # fmt: skip
-    assert not any(name.startswith(("pinocchio", "rpctl.dynamics")) for name in imported)
-    called = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-    assert "velocity_index" in called  # names and indices are read from the robot, no model
-    assert not called & {"model", "crba", "rnea", "forwardKinematics", "createData"}
-
-
-def test_the_free_tree(robot: Robot, rng: np.random.Generator) -> None:
-    oracle, data = GibbsAppell(robot), robot.model.createData()
-    for _ in range(5):
-        q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
-        terms = oracle.full(q, v)
-        M = pin.crba(robot.model, data, q)
-        h = pin.nonLinearEffects(robot.model, data, q, v)
-        np.testing.assert_allclose(terms.M, M, atol=1e-12 * np.abs(M).max())
-        np.testing.assert_allclose(terms.h, h, atol=1e-12 * np.abs(h).max())
 
 
 def test_the_closed_form(paper: Robot, rng: np.random.Generator) -> None:
@@ -72,54 +35,6 @@ def test_mimic_joints_follow() -> None:
     finger = panda.description.link["panda_leftfinger"].mass
     assert finger is not None
     assert terms.M[-1, -1] == 2 * finger
-
-
-def test_symbols_differentiate_to_what_floats_sum(paper: Robot) -> None:
-    """The same recursion over SymPy symbols: G's Hessian and gradient in ν̇ are M and h."""
-    speeds, rates = sp.symbols("v omega a b"), sp.symbols("v_dot omega_dot a_dot b_dot")
-    theta1, eta = sp.symbols("theta1 eta")
-    exact = Scalars(
-        lambda value, kind, label: sp.nsimplify(round(value, 12), rational=True), sp.cos, sp.sin
-    )
-    oracle = GibbsAppell(paper, exact)
-    positions = dict.fromkeys(oracle.tree.moving, sp.Integer(0))
-    positions |= {"arm_revolute_joint": theta1, "arm_prismatic_joint": eta}
-    root, rolling = oracle.rolling_root(exact.identity(3), positions, speeds)
-    G = sp.expand(oracle.function(positions, speeds, rates, root, rolling))
-    M = sp.hessian(G, rates)
-    h = sp.Matrix([sp.diff(G, rate) for rate in rates]).subs(dict.fromkeys(rates, 0))
-    terms = oracle.terms(
-        positions, speeds, *oracle.rolling_root(exact.identity(3), positions, speeds)
-    )
-    assert sp.simplify(M - sp.Matrix(terms.M)) == sp.zeros(4, 4)
-    assert sp.simplify(h - sp.Matrix(terms.h)) == sp.zeros(4, 1)
-    nu = np.array([0.8, 0.5, -0.4, 0.3])
-    at = {theta1: 0.7, eta: 0.6, **dict(zip(speeds, nu, strict=True))}
-    numbers = np.array(M.subs(at).evalf(), dtype=float)
-    np.testing.assert_allclose(numbers, closed_form.inertia(0.7, 0.6), atol=1e-12)
-    numbers = np.array(h.subs(at).evalf(), dtype=float).ravel()
-    np.testing.assert_allclose(numbers, closed_form.bias(0.7, 0.6, nu), atol=1e-12)
-
-
-def test_casadi_symbols_give_the_same_numbers(mixed_chain: Robot, rng: np.random.Generator) -> None:
-    oracle = GibbsAppell(mixed_chain, CASADI)
-    n, names = mixed_chain.dof, oracle.tree.moving
-    speeds, angles = casadi.SX.sym("nu", n), casadi.SX.sym("q", len(names))
-    u = np.empty(n, dtype=object)
-    u[:] = [CasadiScalar.of(speeds[i]) for i in range(n)]
-    positions = {name: CasadiScalar.of(angles[i]) for i, name in enumerate(names)}
-    terms = oracle.terms(positions, u, *oracle.rolling_root(CASADI.identity(3), positions, u))
-    M = casadi.vertcat(*(casadi.horzcat(*(entry.sx for entry in row)) for row in terms.M))
-    h = casadi.vertcat(*(entry.sx for entry in terms.h))
-    function = casadi.Function("terms", [angles, speeds], [M, h])
-    dynamics = ReducedDynamics(mixed_chain)
-    for _ in range(5):
-        q, nu = mixed_chain.random_configuration(rng), rng.normal(size=n)
-        at = [mixed_chain.joint_position(q, name) for name in names]
-        found = [np.array(value) for value in function(at, nu)]
-        truth = dynamics.inertia(q), dynamics.bias(q, nu)[:, None]
-        for value, expected in zip(found, truth, strict=True):
-            np.testing.assert_allclose(value, expected, atol=1e-12 * np.abs(expected).max())
 
 
 MOVING = ("mixed_chain", "swerve", "tricycle", "casters", "caster_drive", "mecanum")

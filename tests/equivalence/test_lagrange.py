@@ -40,15 +40,6 @@ def test_it_solves_its_equations(robot: Robot, rng: np.random.Generator, redunda
         np.testing.assert_allclose(A.T @ motion.multipliers, motion.force)
 
 
-def test_the_constraint_does_no_work(robot: Robot, rng: np.random.Generator) -> None:
-    dynamics = ReducedDynamics(robot)
-    q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
-    v = dynamics.basis(q) @ nu
-    force = constrained_motion(robot, find_rolling(robot), q, v, rng.normal(size=robot.nv)).force
-    assert abs(force @ v) < 1e-12 * np.abs(force).max() * np.abs(v).max()
-    assert np.abs(force).max() > 1.0
-
-
 def test_pinocchio_agrees_where_rows_are_independent(
     robot: Robot, rng: np.random.Generator
 ) -> None:

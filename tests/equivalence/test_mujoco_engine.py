@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
-import subprocess
-import sys
 from importlib import metadata
 from pathlib import Path
 
@@ -15,7 +12,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
-from rpctl.equivalence import mujoco_engine, mujoco_model
+from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import EngineRefused, EngineTerms, MujocoEngine
 from rpctl.robot.catalog import ENTRIES
@@ -28,7 +25,7 @@ if not mujoco_engine.installed():
 EXACT = 1e-12  # rounding over a tree of tens of links, with two decades to spare
 ROBOTS = [entry.name for entry in ENTRIES if entry.name not in ("tiago_pro", "pr2")]
 STATES = 5
-ONE_A_KIND = ("paper", "tiago", "mecanum", "car", "swerve", "panda")
+ONE_A_KIND = ("paper", "mecanum", "car", "swerve", "panda")
 
 LIMB = """
   <link name="stub">{inertial}</link>
@@ -66,7 +63,7 @@ def gaps(robot: Robot, engine: MujocoEngine, rng: np.random.Generator) -> tuple[
     )
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, ONE_A_KIND))
+@pytest.mark.parametrize("name", cells(ROBOTS, ONE_A_KIND, slow=["tiago"]))
 def test_the_reduced_dynamics_agree(name: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     engine = MujocoEngine(robot)
@@ -157,16 +154,6 @@ def test_the_drift_of_the_basis_matters(
     assert gaps(mixed_chain, engine, rng)[1] > 1e-6
 
 
-@pytest.mark.parametrize("module", [mujoco_engine, mujoco_model])
-def test_it_asks_neither_pinocchio_nor_the_dynamics(module: object) -> None:
-    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))  # type: ignore[attr-defined]
-    imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    imported |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
-    assert not any(name.startswith(("pinocchio", "rpctl.dynamics")) for name in imported)
-    called = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-    assert not called & {"model", "crba", "rnea", "forwardKinematics", "createData"}
-
-
 @pytest.mark.parametrize(
     ("version", "enough"), [("3.13.0", False), ("3.14.0", True), ("4.0.0", True)]
 )
@@ -175,17 +162,6 @@ def test_an_old_mujoco_does_not_count(
 ) -> None:
     monkeypatch.setattr(metadata, "version", lambda _: version)
     assert mujoco_engine.installed() == enough
-
-
-def test_mujoco_is_imported_only_when_an_engine_is_made() -> None:
-    code = (
-        "import sys; from rpctl.equivalence import mujoco_engine as e; "
-        "assert e.installed(); print(*sys.modules)"
-    )
-    completed = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert "mujoco" not in completed.stdout.split()
 
 
 def test_a_body_that_is_a_rod_as_a_whole_is_refused(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_its_faults_are_found(
     assert found <= {check.name for check in proof.checks if not check.passed}
 
 
-@pytest.mark.parametrize("name", ["paper", "tiago"])
+@pytest.mark.parametrize("name", cells(["paper", "tiago"], ["paper"], ["tiago"]))
 def test_limits_of_ordinary_robots_are_constants(name: str) -> None:
     for check in rpctl.verify(rpctl.load(name), samples=3).checks:
         if check.against != SHAPES:

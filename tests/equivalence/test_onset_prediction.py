@@ -156,21 +156,6 @@ def row(could: float, equal: float, would: float, measured: float) -> Onset:
     return Onset("drives off", SLIPS, "N", MU, could, would, equal, measured)
 
 
-def test_verdicts() -> None:
-    assert row(100.0, 100.0, 100.0, 96.0).verdict == WITHIN
-    assert row(100.0, 100.0, 100.0, 94.0).verdict == WRONG
-    assert row(100.0, 100.0, 100.0, 108.0).verdict == WRONG
-    assert row(50.0, 70.0, 100.0, 90.0).verdict == INSIDE
-    assert row(50.0, 70.0, 100.0, 45.0).verdict == WRONG
-    assert row(50.0, 70.0, 100.0, 110.0).verdict == SAFE
-    assert row(math.inf, math.inf, math.inf, math.inf).verdict == WITHIN
-    assert row(math.inf, math.inf, math.inf, 90.0).verdict == WRONG
-    assert row(50.0, 70.0, 100.0, math.inf).verdict == SAFE
-    assert row(0.0, 70.0, math.inf, 5.0).verdict == INSIDE
-    assert row(50.0, 70.0, 100.0, 45.0).to_dict()["passed"] is False
-    assert row(50.0, 70.0, math.inf, 80.0).to_dict()["would"] is None
-
-
 def test_the_tolerance_of_a_speed_is_half_of_a_forces() -> None:
     speed = dataclasses.replace(row(1.03, 1.03, 1.03, 1.0), unit="m/s")
     assert speed.verdict == WRONG
@@ -181,3 +166,24 @@ def test_an_onset_is_found_or_there_is_none() -> None:
     assert find_onset(lambda value: value > 3.7, 1.0) == pytest.approx(3.7, rel=RESOLUTION)
     assert find_onset(lambda value: True, 1.0) == 0.0
     assert find_onset(lambda value: False, 1.0) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("predicted_at", "measured", "verdict"),
+    [
+        ((100.0, 100.0, 100.0), 96.0, WITHIN),
+        ((100.0, 100.0, 100.0), 94.0, WRONG),
+        ((100.0, 100.0, 100.0), 108.0, WRONG),
+        ((50.0, 70.0, 100.0), 90.0, INSIDE),
+        ((50.0, 70.0, 100.0), 45.0, WRONG),
+        ((50.0, 70.0, 100.0), 110.0, SAFE),
+        ((math.inf, math.inf, math.inf), math.inf, WITHIN),
+        ((math.inf, math.inf, math.inf), 90.0, WRONG),
+        ((50.0, 70.0, 100.0), math.inf, SAFE),
+        ((0.0, 70.0, math.inf), 5.0, INSIDE),
+    ],
+)
+def test_verdicts(predicted_at: tuple[float, float, float], measured: float, verdict: str) -> None:
+    found = row(*predicted_at, measured).to_dict()
+    assert (found["verdict"], found["passed"]) == (verdict, verdict != WRONG)
+    assert found["would"] == (predicted_at[2] if math.isfinite(predicted_at[2]) else None)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +9,6 @@ import pytest
 
 import rpctl
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.equivalence import file_drive, file_wheels, planar, raw_file, tree, wheel_slip
 from rpctl.equivalence.file_reading import read
 from rpctl.equivalence.raw_file import read_file
 from rpctl.robot.catalog import names
@@ -55,35 +52,3 @@ def test_it_reads_by_itself_only_what_yourdfpy_cannot(tmp_path: Path) -> None:
     assert not reading.yourdfpy
     assert reading.links == reading.raw.links
     assert rpctl.verify(robot, 2).passed
-
-
-@pytest.mark.parametrize("module", [raw_file, file_wheels, file_drive, wheel_slip])
-def test_it_shares_no_number_with_the_strict_reader_or_the_detection(module: object) -> None:
-    """Of ``description`` only meshes are opened through it; of ``robot`` records are named."""
-    source = Path(str(module.__file__)).read_text(encoding="utf-8")  # type: ignore[attr-defined]
-    nodes = list(ast.walk(ast.parse(source)))
-    imported = {
-        f"{node.module}.{alias.name}"
-        for node in nodes
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    rooms = ("rpctl.description", "rpctl.drive", "rpctl.robot")
-    own = {each for each in imported if each.startswith(rooms)}
-    assert own <= {
-        "rpctl.description.meshes.reading",
-        "rpctl.description.meshes.paths.MeshError",
-        "rpctl.description.meshes.paths.MeshPaths",
-        "rpctl.drive.drive.Drive",
-        "rpctl.drive.drive.Swivel",
-        "rpctl.drive.drive.Wheel",
-        "rpctl.robot.model.Robot",
-    }
-    read_of_robot = {n.attr for n in nodes if isinstance(n, ast.Attribute)}
-    assert not read_of_robot & {"xml", "model", "tree", "child_joints", "parent_joint"}
-
-
-@pytest.mark.parametrize("module", [raw_file, file_wheels, file_drive, tree, planar])
-def test_poses_and_axes_are_not_those_of_the_detection(module: object) -> None:
-    source = Path(str(module.__file__)).read_text(encoding="utf-8")  # type: ignore[attr-defined]
-    assert not re.search(r"frozen_tree|FrozenTree|robot\.tree\b", source)

@@ -25,7 +25,6 @@ from rpctl.engines.mujoco.switches import mend, mujoco_switches
 from rpctl.engines.mujoco.user_load import PREFIX, compiled, load_as_user
 from rpctl.engines.mujoco.world import MujocoWorld
 from rpctl.equivalence.contact.mujoco_body import MujocoBody, RollingBody, Touching
-from rpctl.errors import DivergedError
 from rpctl.robot.model import Robot
 
 SETTINGS = ContactSettings(wheel_shape="crowned")  # those that ``rpctl export`` writes
@@ -105,17 +104,11 @@ class TurningRun(MujocoWorld):
         super().__init__(robot, built)
         self.notes, self._t = built.notes, 0.0
         self.place(q, -robot.drive.ground)
-        try:
-            self.settle()
-        except DivergedError as error:
-            raise EngineFault(str(error)) from None
+        self.settle()
 
     def advance(self, tau: Array, dt: float) -> None:
         """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
-        try:
-            self.run(tau, dt)
-        except DivergedError as error:
-            raise EngineFault(str(error)) from None
+        self.run(tau, dt)
         self._t += dt
 
     def state(self) -> EngineState:

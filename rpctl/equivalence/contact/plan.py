@@ -234,24 +234,30 @@ def rest_plan(dynamics: ReducedDynamics, q: Array) -> ContactPlan:
         hold = _hold(dynamics, q)
     except ActuationError:  # what nothing drives hangs as it likes
         hold = np.zeros(len(robot.actuators))
-    servoed = _servoed(robot)
+    return _plan(dynamics, hold, [q], [np.zeros(robot.nv)], [hold])
+
+
+def _plan(
+    dynamics: ReducedDynamics, hold: Array, q: list[Array], v: list[Array], tau: list[Array]
+) -> ContactPlan:
+    """Return the plan of a motion; a servo holds the joints whose rates are quasi-velocities."""
+    robot, count = dynamics.robot, len(q)
+    speeds = robot.quasi_velocities
+    servoed = tuple(k for k, name in enumerate(robot.actuators) if name in speeds)
     names = tuple(robot.actuators[k] for k in servoed)
-    places = np.array([robot.joint_position(q, name) for name in names])
+    index = [robot.velocity_index(name) for name in names]
+    positions = np.array([[robot.joint_position(at, name) for name in names] for at in q])
+    rates = np.array(v)[:, index]
     return ContactPlan(
-        q=q[None],
-        v=np.zeros((1, robot.nv)),
-        tau=hold[None],
+        q=np.array(q),
+        v=np.array(v),
+        tau=np.array(tau),
         hold=hold,
         servoed=servoed,
         names=names,
-        targets=(places[None], np.zeros((1, len(names)))),
-        inertia=felt_inertia(dynamics, q, names)[None],
+        targets=(positions.reshape(count, len(names)), rates.reshape(count, len(names))),
+        inertia=np.array([felt_inertia(dynamics, at, names) for at in q]),
     )
-
-
-def _servoed(robot: Robot) -> tuple[int, ...]:
-    """Return the actuators (indices) whose joints' rates are quasi-velocities."""
-    return tuple(k for k, name in enumerate(robot.actuators) if name in robot.quasi_velocities)
 
 
 def start(robot: Robot) -> Array:
@@ -280,21 +286,7 @@ def _plan_at_pace(dynamics: ReducedDynamics, course: Course, pace: float) -> Con
         tau.append(dynamics.efforts(ahead, dynamics.inverse(ahead, nu, nu_dot)))
         q.append(pin.integrate(robot.model, q[-1], tick_s * velocity))
         v.append(dynamics.basis(q[-1]) @ course.speeds((tick + 1) * tick_s, size, rising)[0])
-    servoed = _servoed(robot)
-    names = tuple(robot.actuators[k] for k in servoed)
-    index = [robot.velocity_index(name) for name in names]
-    positions = np.array([[robot.joint_position(at, name) for name in names] for at in q])
-    rates = np.array(v)[:, index].reshape(len(v), len(names))
-    return ContactPlan(
-        q=np.array(q),
-        v=np.array(v),
-        tau=np.array(tau),
-        hold=_hold(dynamics, q[0]),
-        servoed=servoed,
-        names=names,
-        targets=(positions.reshape(len(q), len(names)), rates),
-        inertia=np.array([felt_inertia(dynamics, at, names) for at in q]),
-    )
+    return _plan(dynamics, _hold(dynamics, q[0]), q, v, tau)
 
 
 def _amplitudes(robot: Robot, course: Course, pace: float) -> Array:
