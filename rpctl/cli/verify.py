@@ -6,14 +6,14 @@ import math
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
-from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
-from rpctl.cli.streams import print_json
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, tell
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.check import CONTACT_ORACLE, Check, Skipped
@@ -72,12 +72,8 @@ def verify_command(
         from rpctl.view.pages.certificate import write_certificate
 
         write_certificate(certificate, settings.html)
-    if as_json:
-        print_json(certificate.to_dict())
-    else:
-        show_certificate(certificate)
-    if not certificate.passed:
-        raise typer.Exit(CHECK_FAILED)
+    show = partial(show_certificate, certificate)
+    tell(as_json, certificate.to_dict, show, certificate.passed)
 
 
 def certify(robot: Robot, settings: VerifyOptions, strict: bool = False) -> Certificate:
