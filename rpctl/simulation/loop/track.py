@@ -113,7 +113,7 @@ def track(
         DivergedError: The motion left the finite numbers.
         RpctlError: A setting is out of range, or the reference does not fit the robot.
     """
-    config = _configured(robot, reference, config, {**settings})
+    config = configured(robot, reference, config, {**settings})
     run = config.run
     own = None if isinstance(reference, str) else reference
     if own is not None:
@@ -132,7 +132,7 @@ def track(
     )
 
 
-def _configured(
+def configured(
     robot: Robot, reference: str | Reference | None, config: Config | None, given: dict[str, Any]
 ) -> Config:
     """Return a configuration with a reference and with settings by their names."""
