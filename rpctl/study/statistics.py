@@ -89,8 +89,8 @@ def mean(values: Array, confidence: float = CONFIDENCE) -> Interval:
     if count < 2:
         return Interval(center, -math.inf, math.inf)
     error = float(np.std(values, ddof=1)) / math.sqrt(count)
-    low, high = library("scipy.stats").t.interval(confidence, count - 1, center, error)
-    return Interval(center, *((center, center) if error == 0.0 else (float(low), float(high))))
+    reach = error * float(library("scipy.stats").t.ppf(0.5 + 0.5 * confidence, count - 1))
+    return Interval(center, center - reach, center + reach)
 
 
 def quantile(values: Array, level: float, confidence: float = CONFIDENCE) -> Interval:
