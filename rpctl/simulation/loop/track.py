@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 from rpctl.arrays import Array
 from rpctl.control.controller import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
-from rpctl.control.law_sentences import law_sentences
+from rpctl.control.registry import law_sentences
 from rpctl.control.safeguards import require_callable
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics

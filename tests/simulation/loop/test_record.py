@@ -13,7 +13,7 @@ import pytest
 import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError, Run, track
 from rpctl.control.law import Efforts, Limit
-from rpctl.control.unregistered import Unregistered, from_json, to_json, unregistered
+from rpctl.control.registry import Unregistered, from_json, to_json, unregistered
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
 

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 
 import rpctl
 from rpctl import Run
-from rpctl.control.unregistered import Unregistered
+from rpctl.control.registry import Unregistered
 from rpctl.simulation.config import Config
 from rpctl.view.plots import style
 from tests.golden import COUNT
