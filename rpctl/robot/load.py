@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rpctl.description.density import fill
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.meshes.checks import check_meshes
+from rpctl.description.meshes.paths import check_meshes
 from rpctl.description.records import Description, Joint
 from rpctl.description.urdf.reader import read
 from rpctl.description.xacro.expansion import lines_explained
