@@ -24,6 +24,7 @@ from rpctl.equivalence.gibbs_appell import (
     free_terms,
     rolling_terms,
 )
+from rpctl.equivalence.mujoco_model import EngineRefused
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
 from rpctl.errors import RpctlError, UnknownNameError
@@ -208,7 +209,7 @@ def _engine(
     if mujoco_engine.installed():
         try:
             return mujoco_engine.MujocoEngine(robot, reading), ()
-        except mujoco_engine.EngineRefused as refusal:
+        except EngineRefused as refusal:
             note = f"refused: {refusal}"
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
 
