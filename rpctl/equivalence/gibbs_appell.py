@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.equivalence.file_reading import FileReading
+from rpctl.equivalence.file_drive import FileReading
 from rpctl.equivalence.planar import base_motion
 from rpctl.equivalence.state import State
 from rpctl.equivalence.tree import (

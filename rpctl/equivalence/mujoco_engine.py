@@ -6,24 +6,276 @@ file, too, and of which the certificate has rows of their own:
 
     M = Sᵀ M_free S,   h = Sᵀ (h_free + M_free Ṡν),   B = Sᵀ × actuators' columns.
 
+MuJoCo reads the numbers of the user's file, as they are written there. What is added: two slides
+and a hinge for the root link, locked joints made fixed, and the principal axes of inertia.
+Contacts and limits are left out; so is friction, which MuJoCo makes a constraint and not a force.
+
 MuJoCo (Todorov, Erez, Tassa, IROS 2012) is optional, and imported when an engine is made.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
-from importlib import import_module, metadata
+from importlib import metadata
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
+from lxml import etree
 
 from rpctl.arrays import Array
-from rpctl.equivalence.file_reading import FileReading, read
+from rpctl.description.density import inertial_element
+from rpctl.equivalence.contact.mujoco_body import mujoco_library, quaternion
+from rpctl.equivalence.file_drive import FileReading, read, rotor_inertias
 from rpctl.equivalence.gibbs_appell import GibbsAppell
-from rpctl.equivalence.mujoco_model import MujocoModel
+from rpctl.equivalence.raw_file import RawFile, document
+from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
+
+NAME_PREFIX = (
+    "rpctl/"  # before the names of links: MuJoCo gives one named "world" a meaning of its own
+)
+GRAVITY = (0.0, 0.0, -9.81)  # m/s², as Pinocchio's default
+LAMINA_TOLERANCE = (
+    1e-14  # of the largest principal moment: a lamina meets A + B = C to rounding only
+)
+MIN_INERTIA = 1e-15  # kg and kg·m²; MuJoCo wants more (its mjMINVAL) in a body that moves
+
+
+class EngineRefused(RpctlError):
+    """MuJoCo does not simulate the robot; the links to blame are named."""
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass (kg), centre of mass (3,) and inertia (3, 3) about it, in the axes of some link."""
+
+    mass: float
+    com: Array
+    inertia: Array
+
+    def placed(self, pose: Array) -> Inertial:
+        """Return it as seen from a frame in which its own has ``pose`` (4, 4)."""
+        R, p = pose[:3, :3], pose[:3, 3]
+        return Inertial(self.mass, p + R @ self.com, R @ self.inertia @ R.T)
+
+    def put(self, body: Any) -> None:
+        """Give it to an ``MjsBody``, by principal axes: MuJoCo finds them to 1e-12 kg·m² only."""
+        moments, axes = np.linalg.eigh(self.inertia)
+        axes *= np.sign(np.linalg.det(axes))
+        a, b, c = np.maximum(moments, 0.0)
+        body.mass, body.ipos, body.iquat = self.mass, self.com, quaternion(axes)
+        body.inertia, body.fullinertia = [a, b, min(c, a + b)], np.full(6, np.nan)
+        body.explicitinertial = True
+
+
+def inertia_fault(inertia: Array, tolerance: float = LAMINA_TOLERANCE) -> str:
+    """Return why no body has an inertia (3, 3), which MuJoCo then refuses, or nothing.
+
+    Args:
+        inertia: About the centre of mass, kg·m².
+        tolerance: Of the largest principal moment, to which a lamina meets A + B = C.
+    """
+    a, b, c = np.linalg.eigvalsh(inertia)
+    if a < -tolerance * abs(c):
+        return f"inertia is not positive definite ({moments_text(inertia)})"
+    if c - a - b > tolerance * abs(c):
+        return f"inertia breaks the triangle rule ({moments_text(inertia)})"
+    return ""
+
+
+def moments_text(inertia: Array) -> str:
+    """Return the principal moments of an inertia (3, 3) in words."""
+    a, b, c = np.linalg.eigvalsh(inertia)
+    return f"principal moments {a:.3g}, {b:.3g}, {c:.3g} kg·m²"
+
+
+MASSLESS = Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
+
+
+class MujocoModel:
+    """MuJoCo's ``MjModel`` of a robot.
+
+    Args:
+        reading: Its file; read anew if None.
+        release: Gives the root link its freedom, given the ``MjSpec`` and the link's ``MjsBody``;
+            None for a planar base.
+
+    Attributes:
+        mjm: The ``MjModel``: qpos and qvel of a planar base are x, y, turn of the root link, then
+            the joints.
+        root: Index of the root link's body.
+        joints: Index in qpos and in qvel of every moving joint.
+        refused: Links that MuJoCo refuses, each with the reason.
+        fused: What was done about them: made one body with the links fixed to them.
+
+    Raises:
+        EngineRefused: A moving body is unphysical even as a whole; its links are named.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        reading: FileReading | None = None,
+        release: Callable[[Any, Any], None] | None = None,
+    ) -> None:
+        self._mujoco = mujoco_library()
+        self._robot = robot
+        self._raw = (reading or read(robot)).raw
+        self.refused: tuple[str, ...] = ()
+        self.fused: tuple[str, ...] = ()
+        spec = self._mujoco.MjSpec.from_string(_bare_urdf(robot))
+        self._freeze(spec)
+        for head, poses in _rigid_bodies(self._raw, robot.locked).items():
+            self._give_inertia(spec, head, poses)
+        (release or self._add_planar_base)(spec, spec.body(NAME_PREFIX + self._raw.root))
+        self.mjm = self._compiled(spec)
+        self.root = int(self.mjm.body(NAME_PREFIX + self._raw.root).id)
+        self.joints = {
+            joint.name: int(self.mjm.joint(joint.name).dofadr[0])
+            for joint in self._raw.joints
+            if joint.type != "fixed" and joint.name not in robot.locked
+        }
+        for name, inertia in rotor_inertias(robot, self._raw).items():
+            self.mjm.dof_armature[self.joints[name]] = inertia
+
+    def _add_planar_base(self, spec: Any, root: Any) -> None:
+        """Let the root link slide along x and y and turn about z."""
+        kinds = self._mujoco.mjtJoint
+        root.add_joint(name=f"{NAME_PREFIX}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
+        root.add_joint(name=f"{NAME_PREFIX}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
+        root.add_joint(name=f"{NAME_PREFIX}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
+
+    def _compiled(self, spec: Any) -> Any:
+        """Return the model with inertias as they are given."""
+        compiler = spec.compiler
+        compiler.fusestatic = compiler.balanceinertia = compiler.autolimits = False
+        compiler.boundmass = compiler.boundinertia = 0.0
+        compiler.inertiafromgeom = self._mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        spec.option.gravity = GRAVITY
+        try:
+            return spec.compile()
+        except ValueError as error:
+            reason = " ".join(str(error).replace(NAME_PREFIX, "").split())
+            raise EngineRefused(f"{self._robot.name}: MuJoCo refuses it: {reason}") from None
+
+    def _freeze(self, spec: Any) -> None:
+        """Move the bodies behind locked joints to where these are locked."""
+        for name, position in self._robot.locked.items():
+            joint = self._raw.joint[name]
+            body = spec.body(NAME_PREFIX + joint.child)
+            pose = joint.motion(position)
+            body.pos, body.quat = pose[:3, 3], quaternion(pose)
+
+    def _give_inertia(self, spec: Any, head: str, poses: dict[str, Array]) -> None:
+        """Set the inertias of the links that move as one body with the link ``head``.
+
+        Where MuJoCo would refuse one of them, the whole body's inertia is given to the head.
+        """
+        bodies = {link: self._read(spec.body(NAME_PREFIX + link)) for link in poses}
+        faults = {link: inertia_fault(body.inertia) for link, body in bodies.items()}
+        faults = {link: fault for link, fault in faults.items() if fault}
+        if faults:
+            lines = self._robot.description.link
+            named = tuple(f'link "{k}" (line {lines[k].line}): {why}' for k, why in faults.items())
+            whole = _sum([body.placed(poses[link]) for link, body in bodies.items()])
+            self._require(whole, named, tuple(poses))
+            self.refused += named
+            self.fused += tuple(_fusion_note(link, head) for link in faults)
+            bodies = {link: whole if link == head else MASSLESS for link in poses}
+        for link, body in bodies.items():
+            body.put(spec.body(NAME_PREFIX + link))
+
+    def _require(self, whole: Inertial, named: tuple[str, ...], links: tuple[str, ...]) -> None:
+        """Refuse a moving body that is unphysical as a whole."""
+        fault = inertia_fault(whole.inertia)
+        if not fault and np.linalg.eigvalsh(whole.inertia)[0] < MIN_INERTIA:
+            fault = "a principal moment is 0"
+        if fault:
+            raise EngineRefused(
+                f"{self._robot.name}: MuJoCo refuses {'; '.join(named)}; the body of all links "
+                f"fixed together there ({', '.join(links)}) is no better: {fault}; correct its "
+                "<inertia>"
+            )
+
+    def _read(self, body: Any) -> Inertial:
+        """Return a link's inertia as MuJoCo read it; a link without one weighs nothing."""
+        xx, yy, zz, xy, xz, yz = np.nan_to_num(body.fullinertia)
+        R = np.zeros(9)
+        self._mujoco.mju_quat2Mat(R, body.iquat)
+        axes = R.reshape(3, 3)
+        inertia = axes @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ axes.T
+        return Inertial(float(body.mass), np.nan_to_num(body.ipos), inertia)
+
+
+def _bare_urdf(robot: Robot) -> str:
+    """Return the file's links with their inertias, and its joints; locked joints are fixed.
+
+    An axis that the file leaves out is URDF's, (1, 0, 0): MuJoCo has another. An inertia that it
+    leaves out may be the robot's estimate.
+    """
+    source = document(robot.description.raw)
+    bare = etree.Element("robot", name="robot")
+    estimated = robot.description.estimated_links
+    for link in source.findall("link"):
+        name = link.get("name")
+        copy = etree.SubElement(bare, "link", name=NAME_PREFIX + name)
+        copy.extend(deepcopy(link.findall("inertial")[:1]))
+        if name in estimated:
+            copy.append(inertial_element(robot.description.link[name]))
+    for joint in source.findall("joint"):
+        name = joint.get("name")
+        kind = "fixed" if name in robot.locked else joint.get("type")
+        copy = etree.SubElement(bare, "joint", name=name, type=kind)
+        for end in ("parent", "child"):
+            etree.SubElement(copy, end, link=NAME_PREFIX + joint.find(end).get("link"))
+        dynamics = joint.find("dynamics")
+        if dynamics is not None and robot.loaded_with.losses:
+            damping = str(max(0.0, float(dynamics.get("damping") or 0.0)))
+            etree.SubElement(copy, "dynamics", damping=damping)
+        for tag in ("origin", "axis"):
+            copy.extend(deepcopy(joint.findall(tag)[:1]))
+        if joint.find("axis") is None:
+            etree.SubElement(copy, "axis", xyz="1 0 0")
+    return str(etree.tostring(bare, encoding="unicode"))
+
+
+def _rigid_bodies(raw: RawFile, locked: Mapping[str, float]) -> dict[str, dict[str, Array]]:
+    """Return, by the first link of each moving body, the poses (4, 4) of its links in that one."""
+    bodies = {raw.root: {raw.root: np.eye(4)}}
+    stack = [(raw.root, raw.root)]
+    while stack:
+        link, head = stack.pop()
+        for joint in raw.below[link]:
+            if joint.type != "fixed" and joint.name not in locked:
+                bodies[joint.child] = {joint.child: np.eye(4)}
+                stack.append((joint.child, joint.child))
+            else:
+                pose = joint.motion(locked.get(joint.name, 0.0))
+                bodies[head][joint.child] = bodies[head][link] @ pose
+                stack.append((joint.child, head))
+    return bodies
+
+
+def _sum(bodies: list[Inertial]) -> Inertial:
+    """Return several bodies as one, by the parallel-axis rule."""
+    mass = sum(body.mass for body in bodies)
+    com = sum((body.mass * body.com for body in bodies), np.zeros(3)) / (mass or 1.0)
+    inertia = np.zeros((3, 3))
+    for body in bodies:
+        d = body.com - com
+        inertia += body.inertia + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
+    return Inertial(mass, com, inertia)
+
+
+def _fusion_note(link: str, head: str) -> str:
+    if link == head:
+        return f'link "{link}" is made one body with the links fixed to it'
+    return f'link "{link}" is made one body with "{head}", to which it is fixed'
+
 
 OLDEST_MUJOCO = (3, 14)  # before it MuJoCo turned an inertia read from a URDF to its principal axes
 
@@ -68,7 +320,7 @@ class MujocoEngine:
     """
 
     def __init__(self, robot: Robot, reading: FileReading | None = None) -> None:
-        self._mujoco: Any = import_module("mujoco")
+        self._mujoco = mujoco_library()
         self._robot = robot
         reading = reading or read(robot)
         tree = MujocoModel(robot, reading)

@@ -11,9 +11,14 @@ import numpy as np
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import RollingConstraints, find_rolling
 from rpctl.equivalence import checks, mujoco_engine
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.check import CONTACT_ORACLE, EXACT_TOLERANCE, Check, Skipped
-from rpctl.equivalence.file_reading import FileReading, read, shared
+from rpctl.equivalence.certificate import (
+    CONTACT_ORACLE,
+    EXACT_TOLERANCE,
+    Certificate,
+    Check,
+    Skipped,
+)
+from rpctl.equivalence.file_drive import FileReading, read, shared
 from rpctl.equivalence.gibbs_appell import (
     BREAKDOWNS,
     STATES_AT_ONCE,
@@ -24,7 +29,6 @@ from rpctl.equivalence.gibbs_appell import (
     free_terms,
     rolling_terms,
 )
-from rpctl.equivalence.mujoco_model import EngineRefused
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
 from rpctl.errors import RpctlError, UnknownNameError
@@ -209,7 +213,7 @@ def _engine(
     if mujoco_engine.installed():
         try:
             return mujoco_engine.MujocoEngine(robot, reading), ()
-        except EngineRefused as refusal:
+        except mujoco_engine.EngineRefused as refusal:
             note = f"refused: {refusal}"
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
 

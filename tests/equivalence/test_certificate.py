@@ -7,7 +7,7 @@ import pytest
 import rpctl
 from rpctl import Robot, RpctlError, verify
 from rpctl.arrays import Array
-from rpctl.equivalence import mujoco_engine, mujoco_model
+from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.state import draw_state
 from rpctl.robot.catalog import names
@@ -72,7 +72,7 @@ def test_an_engine_that_is_not_installed_never_passes(
 
 def test_an_engine_that_refuses_says_why(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(self: object, *arguments: object) -> None:
-        raise mujoco_model.EngineRefused("link a weighs nothing")
+        raise mujoco_engine.EngineRefused("link a weighs nothing")
 
     monkeypatch.setattr(mujoco_engine, "installed", lambda: True)
     monkeypatch.setattr(mujoco_engine.MujocoEngine, "__init__", refuse)

@@ -13,8 +13,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence.gibbs_appell import GibbsAppell
-from rpctl.equivalence.mujoco_engine import EngineTerms, MujocoEngine
-from rpctl.equivalence.mujoco_model import EngineRefused
+from rpctl.equivalence.mujoco_engine import EngineRefused, EngineTerms, MujocoEngine
 from rpctl.robot.catalog import ENTRIES
 from tests.grids import cells
 from tests.robots import SET_A, platform, write

@@ -9,9 +9,9 @@ from typing import Any
 
 from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.check import CONTACT_ORACLE, Skipped
+from rpctl.equivalence.certificate import CONTACT_ORACLE, Skipped
 from rpctl.equivalence.contact.trial import tilt_note
-from rpctl.equivalence.mujoco_model import EngineRefused
+from rpctl.equivalence.mujoco_engine import EngineRefused
 from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, PushedBody, measure
 from rpctl.equivalence.onset.prediction import (
     SLIPS,
