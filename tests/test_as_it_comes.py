@@ -60,26 +60,6 @@ FOUR_WHEELS = """
 <gazebo><plugin name="drive" filename="libgazebo_ros_$(arg plugin).so">
   <wheelSeparation>0.62</wheelSeparation><wheelDiameter>0.2</wheelDiameter></plugin></gazebo>
 """
-ARM = """
-<xacro:include filename="$(find wheels_description)/urdf/wheel.xacro"/>
-<xacro:wheel name="left" parent="base_link" x="0" y="0.25"/>
-<xacro:wheel name="right" parent="base_link" x="0" y="-0.25"/>
-<link name="caster">
-  <collision><geometry><sphere radius="0.05"/></geometry></collision>
-</link>
-<joint name="caster_mount" type="fixed">
-  <parent link="base_link"/><child link="caster"/><origin xyz="-0.25 0 0.05"/>
-</joint>
-"""
-
-
-def turning(name: str, parent: str, xyz: str, axis: str, span: float, mimic: str = "") -> str:
-    """Return a link of an arm or a finger and the joint that turns it."""
-    return f"""<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="0.6"/>
-      <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-    <joint name="{name}_joint" type="revolute"><parent link="{parent}"/><child link="{name}"/>
-      <origin xyz="{xyz}"/><axis xyz="{axis}"/>
-      <limit lower="{-span}" upper="{span}" effort="20" velocity="2"/>{mimic}</joint>"""
 
 
 @pytest.fixture
@@ -90,15 +70,6 @@ def workspace(tmp_path: Path) -> Path:
     xacro(wheels / "urdf" / "wheel.xacro", WHEEL)
     rover = package(source / "rover" / "rover_description")
     xacro(rover / "urdf" / "rover.urdf.xacro", BODY, FOUR_WHEELS)
-    arm = [
-        turning("shoulder", "base_link", "0.1 0 0.3", "0 0 1", 2.0),
-        turning("elbow", "shoulder", "0 0 0.1", "0 1 0", 2.5),
-        turning("wrist", "elbow", "0 0 0.3", "0 1 0", 2.5),
-        turning("finger_left", "wrist", "0 0.03 0.2", "1 0 0", 0.5),
-        turning("finger_right", "wrist", "0 -0.03 0.2", "1 0 0", 0.5,
-                '<mimic joint="finger_left_joint" multiplier="-1"/>'),
-    ]  # fmt: skip
-    xacro(rover / "urdf" / "manipulator.urdf.xacro", BODY, ARM, *arm)
     return source
 
 
@@ -135,17 +106,3 @@ def test_a_rover_on_four_wheels(
     assert summary["outcome"] == "tracked"
     assert summary["limits_violated"] == []
     assert summary["final_base_error"] < 1e-3
-
-
-@pytest.mark.slow
-def test_a_manipulator_without_its_meshes(workspace: Path, tmp_path: Path) -> None:
-    path = str(workspace / "rover" / "rover_description" / "urdf" / "manipulator.urdf.xacro")
-    known = answer("inspect", path)
-    assert known["drive"]["type"] == "differential"
-    assert known["end_effector"] == "wrist"
-    assert {"finger_left_joint", "finger_right_joint"} == known["locked"].keys()
-    assert "gripper joints are frozen" in messages(known)
-    summary = answer("track", path, "--samples", "0", "--out", str(tmp_path / "run"))
-    assert summary["outcome"] == "tracked"
-    assert summary["limits_violated"] == []
-    assert "Mesh missing" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")

@@ -36,7 +36,7 @@ ROOMS += [
     "study",
 ]
 ROOMS += ["view", "cli"]
-VIEW = ["labels", "palette", "still_chart", "study_figures", "chart", "charts", "marks", "scene"]
+VIEW = ["labels", "palette", "still_chart", "chart", "charts", "marks", "scene"]
 VIEW += ["plots", "pages", "serve", "film", "run_folder"]
 NOT_FOR = {"control": {"equivalence"}, "dynamics": {"equivalence"}}
 

@@ -120,20 +120,6 @@ def test_plain_track_keeps_every_limit(name: str) -> None:
     assert run.t[-1] == pytest.approx(summary.sizing.duration, abs=0.01)
 
 
-@pytest.mark.thorough
-def test_the_casters_of_tiago_dual_roll_along() -> None:
-    robot = rpctl.load("tiago_dual")
-    assert (robot.dof, robot.drive.type) == (19, "differential")
-    assert [swivel.role for swivel in robot.drive.swivels] == 4 * ["caster"]
-    assert [wheel.driven for wheel in robot.drive.wheels] == 2 * [True] + 4 * [False]
-    assert rpctl.verify(robot, samples=3).passed
-    summary = rpctl.summarize(
-        rpctl.track(robot, "eight", duration=2.5, initial_error=(0.02, -0.02, 0.02))
-    )
-    assert summary.limits_violated == ()
-    assert summary.final_base_error < 0.01
-
-
 @pytest.mark.parametrize(("name", "reference"), cells(PAIRS, slow=PAIRS_IN_CI))
 def test_every_drive_follows_every_reference(name: str, reference: str) -> None:
     robot = rpctl.load(name)

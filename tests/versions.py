@@ -26,7 +26,7 @@ EXTRAS = ("xacro",)
 TOOLS = ("pytest", "hypothesis")  # the newest ones: they are not what is tested
 SMOKE = (  # at least one file for each dependency, and what broke with one of them before
     "tests/cli/test_app.py",
-    "tests/control/horizon/test_qp.py",
+    "tests/control/horizon/test_condensed.py",
     "tests/control/test_box_least_squares.py",
     "tests/derive/test_closed_form.py",
     "tests/description/test_density.py",

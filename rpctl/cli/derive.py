@@ -32,7 +32,7 @@ class DeriveOptions:
     law: Annotated[
         str | None,
         typer.Option(
-            metavar="paper|unified",
+            metavar="NAME",
             help="Write this kinematic law, its derivative and a dynamic law, down to the efforts; "
             "as C, a controller in one file.",
         ),

@@ -26,9 +26,8 @@ from rpctl.study.merits import REFUSED
 from rpctl.study.optimise import optimise
 from rpctl.study.store import RUNS_FILE
 from rpctl.study.study import Study, run_study
-from rpctl.study.study_file import read_study
+from rpctl.study.study_file import read_study, study_template
 from rpctl.study.study_result import read_result
-from rpctl.study.template import study_template
 
 SUMMARY_FILE = "study.json"
 PAGE = "rpctl.view.pages.study"
@@ -128,7 +127,7 @@ def _run(
     as_json: bool,
 ) -> None:
     """Run the design, write what it found, and print it."""
-    with progress_bar("study", f"{len(study.points)} runs") as advance:
+    with progress_bar("study", f"{len(study.values)} runs") as advance:
         run_study(robot, study, folder, executor, advance, settings.resume)
     result = read_result(folder)
     if {*result.runs.outcomes} == {REFUSED}:

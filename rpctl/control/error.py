@@ -124,7 +124,7 @@ class Leash(Record):
         x1, x2, x3 = error
         square = sheet.named("u_square", (x1**2 + x2**2) / self.distance**2)
         near = square < SERIES_RADIUS**2
-        u = sheet.named("u", math.sqrt(math.fmax(square, SERIES_RADIUS**2)))
+        u = sheet.named("u", math.sqrt(math.if_else(near, SERIES_RADIUS**2, square)))
         series = 1.0 - square / 3.0 + 2.0 * square**2 / 15.0
         scale = sheet.named("k", math.if_else(near, series, math.tanh(u) / u))
         turned = self.heading * math.tanh(x3 / self.heading)

@@ -13,6 +13,7 @@ from rpctl.control.error import Tracking
 from rpctl.control.twist_law import BaseLaw
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.files.records import POSITIVE, POSITIVE_OR_NONE, WITHIN, Setting
+from rpctl.kernels.sheet import Sheet
 
 
 @dataclass(frozen=True)
@@ -56,15 +57,16 @@ class PaperKinematic(BaseLaw):
         """Return the speed and the turning rate to ask of a base that cannot move sideways."""
         omega_r = at.twist[2]
         omega_d = at.sheet.named("omega_d", omega_r + at.e[2] / self.horizon)
-        b = at.sheet.named("b", self.beta * smooth_sign(omega_r, self.smoothing))
+        b = at.sheet.named("b", self.beta * smooth_sign(at.sheet, omega_r, self.smoothing))
         return coupled_speed(at, omega_d, b, self.horizon), omega_d
 
 
-def smooth_sign(value: Any, slow: Any) -> Any:
+def smooth_sign(sheet: Sheet, value: Any, slow: Any) -> Any:
     """Return value/√(value² + slow²), 0 where both are 0; the sign where ``slow`` is 0."""
-    square = value**2 + slow**2
+    square = sheet.named("s_square", value**2 + slow**2)
     moves = square > 0.0
-    return math.if_else(moves, value, 0.0) / math.sqrt(math.if_else(moves, square, 1.0))
+    size = sheet.named("s_size", math.sqrt(math.if_else(moves, square, 1.0)))
+    return math.if_else(moves, value, 0.0) / size
 
 
 def coupled_speed(at: Tracking, omega_d: Any, b: Any, horizon: Any) -> Any:

@@ -173,7 +173,7 @@ def _rolling(
     rows, drift, unit_drift = measured.rolling
     weights, n, t, t_dot = twist_weights(drive), [row[0] for row in rows], [], []
     for i, row in enumerate(rows):
-        t.append(sheet.named(f"t{i + 1}", twist[i] - dot(row[1:], measured.steering_rates)))
+        t.append(sheet.named(f"rest{i + 1}", twist[i] - dot(row[1:], measured.steering_rates)))
         t_dot.append(sheet.rate(twist[i]) - dot(row[1:], changes) - drift[i])
     n_dot = [a - b for a, b in zip(unit_drift, drift, strict=True)]
     square = sheet.named("n_square", _weighted(weights, n, n))
@@ -204,7 +204,7 @@ def _joint_command(
     # A wheel may as well roll backwards: δ* counts modulo π.
     turns = rounded((actual - angle) / numbers.pi)
     wanted = sheet.named(f"{name}_any", angle + numbers.pi * turns)
-    goal = sheet.named(f"{name}_goal", clipped(wanted, lower, upper))
+    goal = _within(sheet, f"{name}_goal", wanted, lower, upper)
     free = sheet.named(f"{name}_free", wanted == goal)
     follow = sheet.named(f"{name}_rate", math.if_else(free, sheet.rate(angle), 0.0))
     asked = sheet.named(f"{name}_ask", follow + (goal - actual) / time)
@@ -213,11 +213,18 @@ def _joint_command(
     near = [(limit - actual) / BRAKE_TIME for limit in (lower, upper)]
     least = -fastest if numbers.isinf(lower) else clipped(near[0], -fastest, numbers.inf)
     most = fastest if numbers.isinf(upper) else clipped(near[1], -numbers.inf, fastest)
-    bound = sheet.named(f"{name}_d", clipped(asked, least, most))
+    least, most = sheet.named(f"{name}_min", least), sheet.named(f"{name}_max", most)
+    bound = _within(sheet, f"{name}_d", asked, least, most)
     braking = -rate / BRAKE_TIME
     if numbers.isfinite(fastest):
         braking = math.if_else(math.fabs(bound) < fastest, braking, 0.0)
     return bound, sheet.named(f"{name}_d_dot", math.if_else(bound == asked, change, braking))
+
+
+def _within(sheet: Sheet, name: str, value: Any, lower: Any, upper: Any) -> Any:
+    """Write a value within bounds; the upper one prevails."""
+    raised = sheet.named(f"{name}_up", clipped(value, lower, numbers.inf))
+    return sheet.named(name, clipped(raised, -numbers.inf, upper))
 
 
 def _direction(sheet: Sheet, drive: Drive, g: Sequence[Any], t: Sequence[Any]) -> list[Any]:

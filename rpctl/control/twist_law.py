@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math as numbers
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -31,6 +32,8 @@ from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.kernels.sheet import Evaluator, Sheet
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import BASE_NV, Robot
+
+NUMBERS = (int, float, np.float64)  # types of settings that formulas take for scalars
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,23 @@ class BaseLaw(Record, ABC):
         controller = BaseController(self, dynamics, horizons)
         return controller(dynamics, reference, t, q, nu)
 
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers among the settings by name, but for the joints' prediction time."""
+        found = _numbers(self)
+        if self.leash is not None:
+            found |= {f"leash.{name}": value for name, value in _numbers(self.leash).items()}
+        return found
+
+    def with_numbers(self, scalars: Mapping[str, Any]) -> BaseLaw:
+        """Return the law with scalars for what :meth:`numbers` names."""
+        found, leash = copy(self), copy(self.leash)
+        object.__setattr__(found, "leash", leash)
+        for name, scalar in scalars.items():
+            owner, _, inner = name.rpartition(".")
+            if owner in ("", "leash"):
+                object.__setattr__(leash if owner else found, inner, scalar)
+        return found
+
     def refuses(self, at: Tracking) -> Any:
         """Return whether the law cannot follow the reference at a time, a scalar."""
         return 0.0
@@ -126,6 +146,13 @@ class BaseLaw(Record, ABC):
         Args:
             at: The reference and the error, in scalars.
         """
+
+
+def _numbers(record: Record) -> dict[str, float]:
+    names = (item.name for item in fields(record) if item.name != "joint_horizon")
+    values = {name: getattr(record, name) for name in names}
+    kinds = {name: type(value) for name, value in values.items()}
+    return {name: float(values[name]) for name, kind in kinds.items() if kind in NUMBERS}
 
 
 class Desired(NamedTuple):

@@ -94,5 +94,5 @@ class UnifiedKinematic(BaseLaw):
         d = sheet.named("d", (a * p2 + w * h * x3) / size)
         omega_d = sheet.named("omega_d", at.twist[2] + d)
         along, _, turn = at.direction
-        b = sheet.named("b", self.beta * smooth_sign(turn, self.bend * along))
+        b = sheet.named("b", self.beta * smooth_sign(sheet, turn, self.bend * along))
         return coupled_speed(at, omega_d, b, h), omega_d

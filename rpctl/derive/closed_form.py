@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from rpctl.derive.equations import Equations, Parameter, by_recursion
-from rpctl.derive.folding import cyclic_joints
+from rpctl.derive.equations import Equations, Parameter, by_recursion, cyclic_joints
 from rpctl.derive.polynomial import TooLargeError
 from rpctl.derive.short_form import ShortForm, shortest_form
 from rpctl.derive.substitution import candidate_forms, with_angle_sums

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from rpctl.derive.law_program import LawProgram
 from rpctl.derive.program import ScalarProgram, program
-from rpctl.derive.steps import C_FLOAT, FUNCTIONS, PYTHON, C, Language, Written, write_steps
+from rpctl.derive.steps import C_FLOAT, FUNCTIONS, PYTHON, C, Language, Node, Written, write_steps
 from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.robot.model import Robot
 
@@ -118,7 +118,8 @@ def python_source(robot: Robot) -> str:
     ``NAME_losses(q, nu)`` returns ℓ (dof,), and ``forward`` has it on the right.
     """
     steps, name = program(robot), identifier(robot.name)
-    lines = ['"""', *_header(robot, steps), '"""', "", "from math import cos, sin, sqrt", "", ""]
+    imported = _imported((*steps.nodes, *steps.loss_nodes, ("sqrt",)))
+    lines = ['"""', *_header(robot, steps), '"""', "", imported, "", ""]
     lines += [f"def {name}_dynamics(q, nu):", '    """Return M, h and B as lists."""']
     given, values = _written(steps, PYTHON)
     lines += [f"    {symbol} = {text}" for symbol, text in given]
@@ -155,6 +156,12 @@ def _python_losses(name: str, steps: ScalarProgram) -> list[str]:
     ]
 
 
+def _imported(nodes: Iterable[Node]) -> str:
+    """Return the line that imports the functions of steps."""
+    kinds = {node[0] for node in nodes}
+    return f"from math import {', '.join(sorted(kinds & set(FUNCTIONS)))}"
+
+
 def identifier(name: str) -> str:
     """Return a robot's name as an identifier of C and of Python; names come from any file."""
     word = re.sub(r"[^A-Za-z0-9_]", "_", name)[:NAME_LENGTH]
@@ -178,7 +185,7 @@ def _header(robot: Robot, steps: ScalarProgram) -> Iterator[str]:
 
     lost = " + l" if steps.losses else ""
     equation = f"M nu_dot + h = B tau{lost}"
-    yield f"{comment(robot.name)}: {equation}, derived by the Gibbs-Appell equations."
+    yield f"{comment(robot.name)}: {equation}, with M of composite bodies, h of Newton and Euler."
     yield f"M ({robot.dof} x {robot.dof}) and B ({robot.dof} x {len(robot.actuators)}) row by row."
     yield "SI units; gravity is 9.81 m/s2 along -z. v (forward) or vx, vy, and omega are speeds of"
     yield "the base in its own axes; nothing depends on its place, nor on angles not listed."
@@ -243,10 +250,7 @@ def python_law(program: LawProgram) -> str:
     lists; ``r`` has the attributes of ``rpctl.ReferenceState``.
     """
     name = identifier(program.law.robot.name)
-    kinds = {node[0] for node in program.nodes}
-    imported = ", ".join(sorted(kinds & set(FUNCTIONS)))
-    lines = ['"""', *_law_header(program), '"""', ""]
-    lines += [f"from math import {imported}", "", ""] if imported else [""]
+    lines = ['"""', *_law_header(program), '"""', "", _imported(program.nodes), "", ""]
     lines += [f"def {name}_law(pose, q, nu, r):", '    """Return tau, nu_d and nu_d_dot."""']
     if any(node[0] == "input" and "direction" in node[1] for node in program.nodes):
         lines.append("    direction = ((0.0,) * 3,) * 3 if r.direction is None else r.direction")
@@ -276,7 +280,7 @@ def _law_written(program: LawProgram, language: Language) -> Written:
 def _settings(program: LawProgram) -> Iterator[tuple[str, str, str]]:
     """Yield the constants that the steps read: name, value, and a comment of C."""
     read = {node[1] for node in program.nodes if node[0] == "input"}
-    for setting in program.law.sheet.settings:
+    for setting in program.law.settings:
         if str(setting.symbol) in read:
             what = comment(setting.of) + (f" [{setting.unit}]" if setting.unit else "")
             yield str(setting.symbol), repr(setting.value), f" /* {what} */"
@@ -303,9 +307,8 @@ def _law_header(program: LawProgram) -> Iterator[str]:
     yield "  pose  of the root link: x, y [m], heading [rad]"
     for k, name in enumerate(program.positions):
         yield f"  q[{k}]  {comment(name)}  [{'m' if name in slides else 'rad'}]"
-    for k, (name, given) in enumerate(zip(robot.quasi_velocities, law.nu, strict=True)):
-        unit = next(each.unit for each in law.sheet.inputs if each.symbol == given)
-        yield f"  nu[{k}]  {comment(name)}  [{unit}]"
+    for k, name in enumerate(robot.quasi_velocities):
+        yield f"  nu[{k}]  {comment(name)}  [{law.inputs[k].unit}]"
     yield "  r  the reference at this time; SI units, in the order of nu where it is the arm's"
     for k, name in enumerate(robot.actuators):
         yield f"  tau[{k}]  {comment(name)}  [{'N' if name in slides else 'N m'}]"

@@ -11,15 +11,16 @@ from itertools import count
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import sympy as sp
 
-from rpctl.derive.folding import cyclic_joints
 from rpctl.derive.polynomial import Poly, PolynomialScalar, Space, rounded
 from rpctl.equivalence.gibbs_appell import GibbsAppell, JointRates, LinkKinematics
 from rpctl.equivalence.tree import Scalars, Tree
 from rpctl.robot.model import Robot
 
 COEFFICIENT_DIGITS = 13  # of a coefficient that directions of 15 decimals have gone into
+SYMMETRY_TOLERANCE = 1e-13  # relative; the inertia of a round wheel turns with it by no more
 MAX_TERMS = 2500  # of one polynomial
 MAX_TIME_S = 20.0  # s, for the whole derivation
 
@@ -198,6 +199,29 @@ def by_recursion(robot: Robot, named: bool = False) -> Equations:
     )
     found = derivation.result(terms.M, terms.h, terms.B, angular_velocities)
     return replace(found, losses=losses)
+
+
+def cyclic_joints(robot: Robot) -> frozenset[str]:
+    """Return the joints whose angle the dynamics do not depend on: each turns one round body.
+
+    Round means: its centre of mass is on the joint's axis, and its inertia is the same about all
+    directions across it. The wheels of most robots are.
+    """
+    model, found = robot.model, set()
+    for name in robot.entries:
+        number = model.getJointId(name)
+        motion = np.ravel(model.joints[number].createData().S)
+        if number in list(model.parents) or not motion[3:].any():
+            continue
+        body, turn = model.inertias[number], pin.AngleAxis(1.0, motion[3:]).matrix()
+        across = np.abs(np.cross(motion[3:], body.lever)).max()
+        change = np.abs(turn @ body.inertia @ turn.T - body.inertia).max()
+        if (
+            across <= SYMMETRY_TOLERANCE * max(1.0, np.abs(body.lever).max())
+            and change <= SYMMETRY_TOLERANCE * np.abs(body.inertia).max()
+        ):
+            found.add(name)
+    return frozenset(found)
 
 
 def position_symbols(robot: Robot) -> dict[str, sp.Symbol]:

@@ -1,4 +1,4 @@
-"""Scalar steps, each once: how C and Python write them, and how SymPy's expressions become them."""
+"""Scalar steps, each once, read from CasADi's graphs, and how C and Python write them."""
 
 from __future__ import annotations
 
@@ -8,20 +8,32 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import casadi
-import sympy as sp
 
-from rpctl.derive.law_sheet import Choice
+from rpctl.errors import RpctlError
 
 Node = tuple[Any, ...]  # (operation, operands): indices of nodes, a number, or an input's place
 Written = tuple[list[tuple[str, str]], Callable[[int], str]]
 
-INFIX = {casadi.OP_ADD: "+", casadi.OP_SUB: "-", casadi.OP_MUL: "*", casadi.OP_DIV: "/"}
-CALLS = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos", casadi.OP_SQRT: "sqrt"}
-FUNCTIONS = ("sin", "cos", "sqrt", "tanh", "asin", "atan2", "ceil", "floor", "fabs")
+SUMS, PRODUCTS = ("+", "-"), ("*", "/")
+COMPARISONS, LOGIC = ("<", "<=", "==", "!="), ("&&", "||")
+FUNCTIONS = ("sin", "cos", "sqrt", "tanh", "asin", "atan2", "floor", "fabs")
+OPERATIONS = {  # of CasADi, that have a node of their own
+    casadi.OP_ADD: "+", casadi.OP_SUB: "-", casadi.OP_MUL: "*", casadi.OP_DIV: "/",
+    casadi.OP_NEG: "-", casadi.OP_LT: "<", casadi.OP_LE: "<=", casadi.OP_EQ: "==",
+    casadi.OP_NE: "!=", casadi.OP_AND: "&&", casadi.OP_OR: "||", casadi.OP_NOT: "!",
+    casadi.OP_SIN: "sin", casadi.OP_COS: "cos", casadi.OP_SQRT: "sqrt", casadi.OP_TANH: "tanh",
+    casadi.OP_ASIN: "asin", casadi.OP_ATAN2: "atan2", casadi.OP_FLOOR: "floor",
+    casadi.OP_FABS: "fabs",
+}  # fmt: skip
 LEAVES = ("q", "nu", "number", "input")  # nodes without operands
 MAX_INLINE = 60  # characters; a longer expression gets a line of its own
-# How firmly an expression holds together: choices, sums, products, the rest.
-CHOICE_PRECEDENCE, SUM_PRECEDENCE, PRODUCT_PRECEDENCE, ATOM_PRECEDENCE = range(4)
+# How firmly an expression holds together: choices, and, or, comparisons, sums, products, the rest.
+CHOICE_PRECEDENCE, LOGIC_PRECEDENCE, COMPARISON_PRECEDENCE = range(3)
+SUM_PRECEDENCE, PRODUCT_PRECEDENCE, ATOM_PRECEDENCE = range(3, 6)
+
+
+INFIX = {LOGIC_PRECEDENCE: LOGIC, COMPARISON_PRECEDENCE: COMPARISONS}
+INFIX |= {SUM_PRECEDENCE: SUMS, PRODUCT_PRECEDENCE: PRODUCTS}
 
 
 @dataclass(frozen=True)
@@ -30,16 +42,18 @@ class Language:
 
     Attributes:
         choice: A choice between two values by a condition, of ``{test}``, ``{yes}``, ``{no}``.
+        words: How it writes an operator, where that is another than its node's.
         suffix: What ends a number with a point, and the name of a function.
     """
 
     choice: str
+    words: Mapping[str, str]
     suffix: str = ""
 
 
-C = Language("{test} ? {yes} : {no}")
-C_FLOAT = Language(C.choice, "f")
-PYTHON = Language("{yes} if {test} else {no}")
+C = Language("{test} ? {yes} : {no}", {})
+C_FLOAT = Language(C.choice, {}, "f")
+PYTHON = Language("{yes} if {test} else {no}", {"&&": "and", "||": "or", "!": "not "})
 
 
 @dataclass
@@ -49,7 +63,8 @@ class Steps:
     Attributes:
         nodes: ``("q", i)``, ``("nu", i)``, ``("input", text)``, ``("number", value)``; then
             ``(operation, operands…)`` with ``"+" "-" "*" "/"`` of two or ``"-"`` of one, a function
-            of :data:`FUNCTIONS`, or ``"<"`` with two to compare and the two to choose from.
+            of :data:`FUNCTIONS`, a comparison, ``"&&" "||" "!"``, or ``"?"`` with a condition and
+            the two to choose from.
     """
 
     nodes: list[Node] = field(default_factory=list)
@@ -88,20 +103,41 @@ class Steps:
 
     def _operation(self, operation: int, operands: list[int]) -> int:
         """Return the node of one of CasADi's operations, in the few that code is written with."""
-        a = operands[0]
-        if operation in INFIX:
-            return self.add(INFIX[operation], *operands)
-        if operation in CALLS:
-            return self.add(CALLS[operation], a)
-        if operation == casadi.OP_NEG:
-            return self.add("-", a)
+        a, b = operands[0], operands[-1]
+        zero, one = self.add("number", 0.0), self.add("number", 1.0)
+        if operation == casadi.OP_ADD and (whole := self._choice(a, b)) is not None:
+            return whole
+        if operation == casadi.OP_IF_ELSE_ZERO:
+            test = self.nodes[a]
+            if test[0] == "!":
+                return self.add("?", test[1], zero, b)
+            return self.add("?", a, b, zero)
+        if operation in OPERATIONS:
+            return self.add(OPERATIONS[operation], *operands)
         if operation == casadi.OP_SQ:
             return self.add("*", a, a)
         if operation == casadi.OP_TWICE:
             return self.add("*", self.add("number", 2.0), a)
         if operation == casadi.OP_INV:
-            return self.add("/", self.add("number", 1.0), a)
-        raise AssertionError(f"the recursion has no CasADi operation {operation}")
+            return self.add("/", one, a)
+        if operation == casadi.OP_FMIN:
+            return self.add("?", self.add("<", a, b), a, b)
+        if operation == casadi.OP_FMAX:
+            return self.add("?", self.add("<", a, b), b, a)
+        if operation == casadi.OP_SIGN:
+            below = self.add("?", self.add("<", a, zero), self.add("number", -1.0), zero)
+            return self.add("?", self.add("<", zero, a), one, below)
+        raise RpctlError("a formula has an operation that code is not written with")
+
+    def _choice(self, a: int, b: int) -> int | None:
+        """Return the choice that two sums of a choice and 0 are together; None if they are none."""
+        (kind, *first), (other, *second), zero = self.nodes[a], self.nodes[b], ("number", 0.0)
+        if kind != "?" or other != "?" or first[0] != second[0]:
+            return None
+        for (test, yes, no), (_, yes_too, no_too) in ((first, second), (second, first)):
+            if self.nodes[no] == zero and self.nodes[yes_too] == zero:
+                return self.add("?", test, yes, no_too)
+        return None
 
 
 def write_steps(
@@ -162,27 +198,25 @@ def _text(node: Node, texts: Sequence[tuple[str, int]], language: Language) -> t
     if kind in FUNCTIONS:
         arguments = ", ".join(texts[a][0] for a in held)
         return f"{kind}{language.suffix}({arguments})", ATOM_PRECEDENCE
-    if kind == "<":
-        parts = [_parenthesised(texts[a], SUM_PRECEDENCE) for a in held]
-        test = f"{parts[0]} < {parts[1]}"
-        return language.choice.format(test=test, yes=parts[2], no=parts[3]), CHOICE_PRECEDENCE
+    if kind == "?":
+        parts = [_parenthesised(texts[a], LOGIC_PRECEDENCE) for a in held]
+        choice = language.choice.format(test=parts[0], yes=parts[1], no=parts[2])
+        return choice, CHOICE_PRECEDENCE
+    word = language.words.get(kind, kind)
+    if kind == "!":
+        return f"{word}{_parenthesised(texts[held[0]], ATOM_PRECEDENCE)}", COMPARISON_PRECEDENCE
     if len(held) == 1:
         return f"-{_parenthesised(texts[held[0]], ATOM_PRECEDENCE)}", SUM_PRECEDENCE
-    precedence = SUM_PRECEDENCE if kind in "+-" else PRODUCT_PRECEDENCE
     left, right = (texts[a] for a in held)
-    return (
-        f"{_parenthesised(left, precedence)} {kind} {_parenthesised(right, precedence + 1)}",
-        precedence,
-    )
+    precedence = next(level for level, kinds in INFIX.items() if kind in kinds)
+    both = precedence in (LOGIC_PRECEDENCE, COMPARISON_PRECEDENCE)
+    first = _parenthesised(left, precedence + both)
+    return f"{first} {word} {_parenthesised(right, precedence + 1)}", precedence
 
 
 def _parenthesised(expression: tuple[str, int], needed: int) -> str:
     text, precedence = expression
     return text if precedence >= needed else f"({text})"
-
-
-SYMPY_CALLS = {sp.sin: "sin", sp.cos: "cos", sp.tanh: "tanh", sp.ceiling: "ceil", sp.asin: "asin",
-         sp.atan2: "atan2", sp.Abs: "fabs"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -216,87 +250,8 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
         divisions=kinds["/"],
         roots=kinds["sqrt"],
         functions=sum(kinds[name] for name in FUNCTIONS if name != "sqrt"),
-        choices=kinds["<"],
+        choices=kinds["?"],
     )
-
-
-class Translator:
-    """Adds SymPy's expressions to steps.
-
-    Args:
-        steps: Where to add.
-    """
-
-    def __init__(self, steps: Steps) -> None:
-        self.steps = steps
-        self.known: dict[sp.Expr, int] = {}
-
-    def node(self, expression: sp.Expr) -> int:
-        """Return the node of an expression whose symbols are known."""
-        if expression not in self.known:
-            self.known[expression] = self._node(expression)
-        return self.known[expression]
-
-    def number(self, value: float) -> int:
-        """Return the node of a number."""
-        return self.steps.add("number", float(value) + 0.0)
-
-    def _node(self, x: sp.Expr) -> int:
-        if x.is_number and not x.is_Function:
-            return self.number(float(x))
-        if x.is_Add:
-            return self._sum(x)
-        if x.is_Mul:
-            return self._product(x)
-        if x.is_Pow:
-            return self._power(x.base, x.exp)
-        if isinstance(x, Choice):
-            return self.steps.add("<", *map(self.node, x.args))
-        return self.steps.add(SYMPY_CALLS[x.func], *map(self.node, x.args))
-
-    def _sum(self, x: sp.Expr) -> int:
-        terms = [(term, bool(term.as_coeff_Mul()[0].is_negative)) for term in x.args]
-        terms.sort(key=lambda pair: pair[1])  # those that are added come first
-        first, negative = terms[0]
-        total = self.node(first)
-        for term, negative in terms[1:]:
-            if negative:
-                total = self.steps.add("-", total, self.node(-term))
-            else:
-                total = self.steps.add("+", total, self.node(term))
-        return total
-
-    def _product(self, x: sp.Expr) -> int:
-        coefficient, rest = x.as_coeff_Mul()
-        above, below = [], []
-        for factor in sp.Mul.make_args(rest):
-            if factor.is_Pow and factor.exp.could_extract_minus_sign():
-                below.append(self._power(factor.base, -factor.exp))
-            elif factor != 1:
-                above.append(self.node(factor))
-        size = abs(coefficient)
-        if size != 1 or not above:
-            above.insert(0, self.number(float(size)))
-        product = self._multiplied(above)
-        if below:
-            product = self.steps.add("/", product, self._multiplied(below))
-        return self.steps.add("-", product) if coefficient.is_negative else product
-
-    def _multiplied(self, factors: Sequence[int]) -> int:
-        product = factors[0]
-        for factor in factors[1:]:
-            product = self.steps.add("*", product, factor)
-        return product
-
-    def _power(self, base: sp.Expr, exponent: sp.Expr) -> int:
-        if exponent.could_extract_minus_sign():
-            return self.steps.add("/", self.number(1.0), self._power(base, -exponent))
-        whole, half = divmod(exponent, 1)
-        assert half in (0, sp.Rational(1, 2)), f"no steps for the power {exponent}"
-        factors = [self.node(base)] * int(whole)
-        if half:
-            factors.append(self.steps.add("sqrt", self.node(base)))
-        return self._multiplied(factors)
 
 
 def without_idle(nodes: Sequence[Node], wanted: Sequence[int]) -> tuple[list[Node], dict[int, int]]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
+import casadi
 import sympy as sp
 
 from rpctl.derive.closed_form import ClosedForm
-from rpctl.derive.law_program import LawSheet
-from rpctl.derive.law_sheet import as_piecewise
+from rpctl.derive.equations import rational
+from rpctl.derive.law_program import Given, LawSetting, LawSheet
 from rpctl.derive.short_form import readable
+from rpctl.derive.steps import Steps
 from rpctl.errors import printable
 
 
@@ -219,18 +223,22 @@ def law_text(law: LawSheet, form: ClosedForm | None) -> str:
         law: The law on a robot.
         form: The robot's equations in closed form, or None if they are too long to read.
     """
-    sheet = law.sheet
     lines = [f"{printable(law.robot.name)}: from the measured state to actuator efforts", ""]
-    settings = [(f"{s.symbol} = {s.value:g} {s.unit}", s.of) for s in sheet.settings]
+    settings = [
+        (f"{s.symbol} = {s.value:g} {s.unit}", s.of) for s in law.settings if _is_read(law, s)
+    ]
     lines += ["settings", *columns(settings), ""]
-    read = _read(law)
-    given = [each for each in sheet.inputs if each.symbol in read]
-    inputs = [(str(g.symbol), f"{printable(g.of)} {_bracketed(g.unit)}".strip()) for g in given]
+    inputs = [
+        (str(g.symbol), f"{printable(g.of)} {_bracketed(g.unit)}".strip())
+        for g in law.inputs
+        if _is_read(law, g)
+    ]
+    inputs += [(name, ROLLING) for name in sorted(law.rolling & law.read)]
     lines += ["inputs: pose of the root link, positions and rates, the reference (_r)"]
     lines += [*columns(inputs), "", "in this order"]
-    lines += [f"  {symbol} = {_plain(value)}" for symbol, value in sheet.definitions]
+    lines += [f"  {name} = {plain(expression(value))}" for name, (_, value) in law.shown.items()]
     for name, values in (("nu_d", law.nu_d), ("nu_d_dot", law.nu_d_dot), ("nu_dot", law.nu_dot)):
-        lines.append(f"  {name} = ({', '.join(map(_plain, values))})")
+        lines.append(f"  {name} = ({', '.join(plain(expression(x)) for x in values)})")
     lossy = " - l(nu_d), l the losses in the joints" if law.robot.losses is not None else ""
     lines += ["", f"tau of least effort, relative to the limits, with B tau = M nu_dot + h{lossy}"]
     lines.append("")
@@ -244,26 +252,27 @@ def law_latex(law: LawSheet, form: ClosedForm | None) -> str:
         law: The law on a robot.
         form: The robot's equations in closed form, or None if they are too long to read.
     """
-    sheet, read = law.sheet, _read(law)
-    symbols = [*(s.symbol for s in sheet.settings), *(g.symbol for g in sheet.inputs)]
-    symbols += [symbol for symbol, _ in sheet.definitions]
-    names = {symbol: symbol_latex(str(symbol)) for symbol in symbols}
+    names = {sp.Symbol(name, real=True): symbol_latex(name) for name in law.read}
     rows = [
-        f"${names[s.symbol]}$ & {s.value:g} {escaped(s.unit)}, {escaped(s.of)}"
-        for s in sheet.settings
+        f"${symbol_latex(str(s.symbol))}$ & {s.value:g} {escaped(s.unit)}, {escaped(s.of)}"
+        for s in law.settings
+        if _is_read(law, s)
     ]
     rows += [
-        f"${names[g.symbol]}$ & {escaped(f'{g.of} {_bracketed(g.unit)}')}" for g in sheet.inputs
-        if g.symbol in read
-    ]  # fmt: skip
+        f"${symbol_latex(str(g.symbol))}$ & {escaped(f'{g.of} {_bracketed(g.unit)}')}"
+        for g in law.inputs
+        if _is_read(law, g)
+    ]
+    rows += [f"${symbol_latex(name)}$ & {escaped(ROLLING)}" for name in law.rolling & law.read]
     legend = "\\begin{tabular}{lp{13cm}}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n"
-    definitions = [(names[symbol], as_piecewise(value)) for symbol, value in sheet.definitions]
     body = [f"\\section*{{{escaped(law.robot.name)}: the law}}", legend]
-    body.append(aligned(definitions, names))
+    shown = [(symbol_latex(name), expression(value)) for name, (_, value) in law.shown.items()]
+    body.append(aligned(shown, names))
     for name, values in (
         (r"\nu_d", law.nu_d), (r"\dot\nu_d", law.nu_d_dot), (r"\dot\nu^*", law.nu_dot)
     ):  # fmt: skip
-        body.append(f"\\[ {name} = \\bigl({_listed(values, names)}\\bigr) \\]")
+        listed = ",\\ ".join(_latex(expression(value), names) for value in values)
+        body.append(f"\\[ {name} = \\bigl({listed}\\bigr) \\]")
     lossy = r" - \ell(\nu_d)$, $\ell$ the losses in the joints" if law.robot.losses else "$"
     body.append(
         r"$\tau$ is the effort, least relative to the limits, with $B\tau = M\dot\nu^* + h"
@@ -275,6 +284,54 @@ def law_latex(law: LawSheet, form: ClosedForm | None) -> str:
     )
 
 
+def expression(value: Any) -> sp.Expr:
+    """Return a scalar of CasADi's as an expression of SymPy."""
+    steps, symbols = Steps(), casadi.symvar(casadi.SX(value))
+    function = casadi.Function("value", [casadi.vertcat(*symbols)], [casadi.SX(value)])
+    (last,) = steps.evaluate(function, [lambda i: steps.add("input", symbols[i].name())])
+    found: list[Any] = []
+    for kind, *held in steps.nodes:
+        if kind == "input":
+            found.append(sp.Symbol(held[0], real=True))
+        elif kind == "number":
+            turns = held[0] / math.pi
+            found.append(rational(turns) * sp.pi if turns in TURNS else rational(held[0]))
+        elif kind in LOGIC:
+            found.append(LOGIC[kind](*(_condition(found[a]) for a in held)))
+        elif kind == "?":
+            test, yes, no = _condition(found[held[0]]), *(_number(found[a]) for a in held[1:])
+            found.append(sp.Piecewise((yes, test), (no, True)))
+        else:
+            found.append(OPERATIONS[kind](*(_number(found[a]) for a in held)))
+    return _number(found[last])
+
+
+def _difference(a: sp.Expr, *b: sp.Expr) -> sp.Expr:
+    return a - b[0] if b else -a
+
+
+ROLLING = "what rolling makes of nu at the present steering"
+TURNS = (0.5, 1.0, 2.0)  # times pi: numbers that are written so
+LOGIC = {"&&": sp.And, "||": sp.Or, "!": sp.Not}
+OPERATIONS: dict[str, Callable[..., Any]] = {
+    "+": sp.Add, "-": _difference, "*": sp.Mul, "/": lambda a, b: a / b, "<": sp.Lt, "<=": sp.Le,
+    "==": sp.Eq, "!=": sp.Ne, "sin": sp.sin, "cos": sp.cos, "sqrt": sp.sqrt, "tanh": sp.tanh,
+    "asin": sp.asin, "atan2": sp.atan2, "floor": sp.floor, "fabs": sp.Abs,
+}  # fmt: skip
+
+
+def _is_condition(value: Any) -> bool:
+    return isinstance(value, sp.logic.boolalg.Boolean) and not value.is_Symbol
+
+
+def _condition(value: Any) -> Any:
+    return value if _is_condition(value) else sp.Ne(value, 0)
+
+
+def _number(value: Any) -> Any:
+    return sp.Piecewise((1, value), (0, True)) if _is_condition(value) else value
+
+
 def symbol_latex(name: str) -> str:
     """Return x1_dot as a dotted x with index 1, theta1_r_ddot as a twice dotted theta."""
     stem, dots = name, ""
@@ -282,7 +339,7 @@ def symbol_latex(name: str) -> str:
         if name.endswith(ending):
             stem, dots = name.removesuffix(ending), mark
     head, *indices = stem.split("_")
-    letters, number = re.fullmatch(r"([A-Za-z]+)(\d*)", head).groups()  # type: ignore[union-attr]
+    letters, number = re.fullmatch(r"([A-Za-z]+)(\w*)", head).groups()  # type: ignore[union-attr]
     stem = f"\\{letters}" if letters in GREEK else letters
     stem = stem if len(letters) == 1 or letters in GREEK else f"\\mathit{{{letters}}}"
     stem = f"{dots}{{{stem}}}" if dots else stem
@@ -294,21 +351,8 @@ def _word(word: str) -> str:
     return f"\\{word}" if word in GREEK else f"\\mathrm{{{word}}}"
 
 
-def _listed(values: tuple[sp.Expr, ...], names: Mapping[sp.Symbol, str]) -> str:
-    return ",\\ ".join(
-        str(sp.latex(as_piecewise(value), symbol_names=dict(names))) for value in values
-    )
-
-
-def _read(law: LawSheet) -> set[sp.Symbol]:
-    """Return the symbols that the law depends on."""
-    parts = [value for _, value in law.sheet.definitions]
-    parts += [*law.nu_d, *law.nu_d_dot, *law.nu_dot]
-    return set().union(*(part.free_symbols for part in parts))
-
-
-def _plain(value: sp.Expr) -> str:
-    return plain(as_piecewise(value))
+def _is_read(law: LawSheet, each: LawSetting | Given) -> bool:
+    return each.symbol.name() in law.read
 
 
 def _bracketed(unit: str) -> str:

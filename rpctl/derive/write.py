@@ -6,10 +6,8 @@ from typing import Any, NamedTuple
 
 from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.control.dynamic import PaperDynamic
-from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
-from rpctl.control.unified import UnifiedKinematic
 from rpctl.derive.closed_form import ClosedForm, closed_form
 from rpctl.derive.codegen import c_law, c_source, python_law, python_source
 from rpctl.derive.law_program import law_program, law_sheet
@@ -80,7 +78,8 @@ def derive_law(
 
     Args:
         robot: The robot.
-        kinematic: ``"paper"``, ``"unified"``, or such a law with settings of its own.
+        kinematic: The name of a law that is a formula (``"unified"``, ``"paper"``,
+            ``"kanayama"``, ``"feedback-linearization"``), or such a law with settings of its own.
         dynamic: ``"paper"``, or that law with settings of its own.
         format: ``"text"`` or ``"latex"`` to read; ``"python"`` or ``"c"``, code without
             dependencies, without loops and without memory.
@@ -111,7 +110,7 @@ def _closed(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic
     """Return the laws, which have a closed form on this robot."""
     if robot.dof == 0:
         raise RpctlError(f"{robot.name}: nothing moves, so there is no law to write")
-    if type(law) not in (PaperKinematic, UnifiedKinematic):
+    if not isinstance(law, BaseLaw):
         raise RpctlError(f"{_refusal(law)}; take --law unified or paper")
     if type(efforts) is not PaperDynamic:
         raise RpctlError(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-from hashlib import sha256
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,21 +24,18 @@ from rpctl.study.experiment import Progress, RunTable, join_tables
 from rpctl.study.journal import Journal
 from rpctl.study.merits import merits_for
 from rpctl.study.provenance import code_identity, experiment_identity
-from rpctl.study.runner import RunChunk, Runner
+from rpctl.study.runner import Runner, run_rows
 from rpctl.study.scatter import Scatter, settings_at, with_values
 from rpctl.study.statistics import CONFIDENCE, Interval, mean, quantile, share
-from rpctl.study.store import read_runs
-from rpctl.study.study import Optimisation, Study, chunk_size, run_study, succeeded
+from rpctl.study.study import Optimisation, Study, succeeded
 from rpctl.study.words import merit_unit, merit_words, number, unit_of
 
 SEARCH_FOLDER, JOURNAL_FILE = "optimize", "generations.jsonl"
 OPTIMUM_FILE, CONFIG_FILE = "optimum.json", "optimized.toml"
-INVERSE_STEPS = 60  # of a bisection: each halves an interval of 1
 RESAMPLES = 1000  # of the bootstrap
 BEFORE, AFTER = "before", "after"  # the file's own settings, and those that were found
 BETTER, WORSE, UNCLEAR = "better", "worse", "no clear difference"
 
-Evaluate = Callable[[Array], Array]  # of points (P, n) of the unit cube their costs (P,)
 Judged = tuple[Array, NDArray[np.bool_]]  # a merit of each run, and which runs succeeded
 
 
@@ -70,72 +66,44 @@ def optimise(
     Raises:
         RpctlError: There is nothing to optimise, or the folder holds something else.
     """
-    worker, notify = executor or Executor(), progress or (lambda done, total: None)
-    search = _Search(robot, study, out, worker, notify)
+    search = _Search(robot, study, out, executor or Executor(), progress)
     merits_for(robot, (search.asked.merit, *study.success))
     search.begin(resume)
-    first = start_point(study.experiment.config, study.ranges)
     dimension, seed = len(study.ranges.names), study.settings.seed
-    minimise(search.costs, dimension, search.population, search.generations, seed, first)
-    if not np.isfinite(search.lowest):
-        raise RpctlError(
-            f"no settings within the ranges let any run come to its end; see [scatter] and "
-            f"[optimize.parameters] of {out}"
-        )
-    optimum = search.optimum(search.validated())
-    make_folder(out)
-    write_atomically(out / OPTIMUM_FILE, (to_json(optimum) + "\n").encode(), follow_links=False)
-    return optimum
-
-
-def minimise(
-    costs: Evaluate,
-    dimension: int,
-    population: int,
-    generations: int,
-    seed: int,
-    first: Array | None,
-) -> None:
-    """Walk with differential evolution through the unit cube; all follows from the seed.
-
-    Args:
-        costs: Returns the costs (P,) of points (P, n).
-        dimension: n.
-        population: P.
-        generations: How many, the first one with them.
-        seed: Of the search.
-        first: A point that is tried first, or None.
-    """
-    start = library("scipy.stats").qmc.LatinHypercube(dimension, rng=seed).random(population)
-    if first is not None:
-        start[0] = first
     library("scipy.optimize").differential_evolution(
-        lambda x: costs(np.ascontiguousarray(x.T)),
+        lambda x: search.costs(np.ascontiguousarray(x.T)),
         [(0.0, 1.0)] * dimension,
-        init=start,
-        maxiter=generations - 1,
+        init=library("scipy.stats")
+        .qmc.LatinHypercube(dimension, rng=seed)
+        .random(search.population),
+        x0=start_point(study.experiment.config, study.ranges),
+        maxiter=search.generations - 1,
         tol=0.0,
         polish=False,
         updating="deferred",
         vectorized=True,
         rng=np.random.default_rng(seed),
     )
+    if not np.isfinite(search.lowest):
+        raise RpctlError(
+            f"no settings within the ranges let any run come to its end; see [scatter] and "
+            f"[optimize.parameters] of {out}"
+        )
+    optimum = search.optimum()
+    make_folder(out)
+    write_atomically(out / OPTIMUM_FILE, (to_json(optimum) + "\n").encode(), follow_links=False)
+    return optimum
 
 
 def start_point(config: Config, ranges: Scatter) -> Array | None:
     """Return the point (n,) of a configuration's own settings; None if one is out of its range."""
-    point = []
+    brentq, point = library("scipy.optimize").brentq, []
     for name, distribution in zip(ranges.names, ranges.distributions, strict=True):
         value = setting(config, name)
         low, high = distribution.quantile(np.array([0.0, 1.0])).tolist()
         if value is None or not low <= value <= high:
             return None
-        a, b = 0.0, 1.0
-        for _ in range(INVERSE_STEPS):
-            middle = 0.5 * (a + b)
-            below = float(distribution.quantile(np.array(middle))) < value
-            a, b = (middle, b) if below else (a, middle)
-        point.append(b)
+        point.append(brentq(lambda p: distribution.quantile(np.array(p)) - value, 0.0, 1.0))  # noqa: B023
     return np.array(point)
 
 
@@ -155,157 +123,121 @@ class _Search:
     """
 
     def __init__(
-        self, robot: Robot, study: Study, out: Path, executor: Executor, progress: Progress
+        self, robot: Robot, study: Study, out: Path, executor: Executor, progress: Progress | None
     ) -> None:
         if study.optimisation is None:
             raise RpctlError("the study says nothing to optimise; write [optimize.parameters]")
         self.robot, self.study, self.asked, self.out = robot, study, study.optimisation, out
-        self.executor, self.progress = executor, progress
+        self.executor, self.progress = executor, progress or (lambda done, total: None)
         self.population = self.asked.population(len(study.ranges.names))
         self.generations = self.asked.evaluations // self.population
         self.history: list[float] = []
-        self.lowest = np.inf
-        self._best: Array = np.zeros(len(study.ranges.names))
-        self._known: dict[bytes, float] = {}  # the costs by point
-        self._journal = Journal(out / SEARCH_FOLDER / JOURNAL_FILE, self._identity, "a search")
+        self.lowest, self.found = np.inf, study.experiment.config
+        self._done, self._known = 0, dict[bytes, float]()  # runs; the costs by point
         names = study.scatter.names + study.ranges.names
         self._runner = Runner(robot, replace(study.experiment, names=names))
 
-    @property
-    def _identity(self) -> dict[str, Any]:
-        study = self.study
-        own = {k: v for k, v in vars(self.asked).items() if k not in ("validation", "evaluations")}
-        return {
+    def begin(self, resume: bool) -> None:
+        """Make the journal, or take what it holds: the search walks the same way again."""
+        study, own = self.study, asdict(self.asked)
+        identity = {
             "robot": robot_identity(self.robot),
             "seed": study.settings.seed,
             "experiment": experiment_identity(study.experiment, study.scatter),
             "success": dict(study.success),
-            "optimize": {**own, "parameters": self._ends()},
+            "optimize": {
+                **{key: own[key] for key in own if key not in ("validation", "evaluations")},
+                "parameters": self._ends(),
+            },
             "versions": code_identity(study.design),
         }
-
-    def _ends(self) -> dict[str, list[float]]:
-        """Return the ends and the middle of each setting's range, by its path."""
-        ranges = self.study.ranges
-        shares = np.array([0.0, 0.5, 1.0])
-        ends = [distribution.quantile(shares).tolist() for distribution in ranges.distributions]
-        return dict(zip(ranges.names, ends, strict=True))
-
-    def begin(self, resume: bool) -> None:
-        """Make the journal, or take what it holds: the search walks the same way again."""
+        path = self.out / SEARCH_FOLDER / JOURNAL_FILE
+        self._journal = Journal(path, identity, "a search")
         for record in self._journal.begin(resume):
             self._known |= zip(map(_key, record["points"]), record["costs"], strict=True)
 
-    @property
-    def total(self) -> int:
-        """Number of all runs, the validation's with them."""
-        return self.generations * self.population * self.asked.runs + 2 * self.asked.validation
-
-    @property
-    def best(self) -> Config:
-        """The configuration of the lowest cost."""
-        values = self.study.ranges.values(self._best[None])[0]
-        return with_values(self.study.experiment.config, self.study.ranges.names, values)
+    def _ends(self) -> dict[str, list[float]]:
+        """Return the ends of each setting's range, by its path."""
+        ranges, ends = self.study.ranges, np.array([0.0, 1.0])
+        found = [distribution.quantile(ends).tolist() for distribution in ranges.distributions]
+        return dict(zip(ranges.names, found, strict=True))
 
     def costs(self, points: Array) -> Array:
         """Return the costs (P,) of a generation of points (P, n); keep them."""
+        study, asked = self.study, self.asked
         new = np.array([point for point in points if _key(point) not in self._known])
         if len(new):
-            found = self._costs_of_new(new)
-            self._journal.add({"points": new.tolist(), "costs": found})
-            self._known |= zip(map(_key, new), found, strict=True)
-        costs = np.array([self._known[_key(point)] for point in points])
-        at = int(np.argmin(costs))
-        if costs[at] < self.lowest:
-            self._best, self.lowest = points[at].copy(), float(costs[at])
-            write_config(self.best, self.out / CONFIG_FILE)
+            kind = "latin-hypercube" if study.scatter.names else "monte-carlo"
+            design = Design(kind, asked.runs, study.settings.seed)
+            judged = self._judged(self._runner, design, study.ranges.values(new))
+            costs = [asked.cost(*each) for each in judged]
+            self._journal.add({"points": new.tolist(), "costs": costs})
+            self._known |= zip(map(_key, new), costs, strict=True)
+        found = np.array([self._known[_key(point)] for point in points])
+        at = int(np.argmin(found))
+        if found[at] < self.lowest:
+            values = study.ranges.values(points[at : at + 1])[0]
+            self.found = with_values(study.experiment.config, study.ranges.names, values)
+            self.lowest = float(found[at])
+            write_config(self.found, self.out / CONFIG_FILE)
         self.history.append(self.lowest)
-        self.progress(len(self.history) * self.population * self.asked.runs, self.total)
-        return costs
+        self._done = len(self.history) * self.population * asked.runs
+        return found
 
-    def _costs_of_new(self, points: Array) -> list[float]:
-        """Run the scatter with the settings of each point, one point after another."""
-        study, asked = self.study, self.asked
-        kind = "latin-hypercube" if study.scatter.names else "monte-carlo"
-        design = Design(kind, asked.runs, study.settings.seed)
+    def _judged(self, runner: Runner, design: Design, settings: Array) -> list[Judged]:
+        """Run one scatter with each of some settings (P, n); return what became of its runs."""
+        study, count = self.study, design.count
         scattered = settings_at(study.scatter, design.points(len(study.scatter.names)))
-        settings = np.repeat(study.ranges.values(points), asked.runs, axis=0)
-        values = np.hstack([np.tile(scattered, (len(points), 1)), settings])
-        numbers = np.tile(np.arange(asked.runs), len(points))
-        rows = np.arange(len(values))
-        size = study.settings.chunk or chunk_size(len(values), self.executor.workers)
-        parts = [slice(first, first + size) for first in range(0, len(values), size)]
-        chunks = [RunChunk(rows[part], numbers[part], values[part]) for part in parts]
-        tables, done = [], len(self.history) * self.population * asked.runs
-        for _, table in self.executor.map_chunks(self._runner, chunks):
+        values = np.hstack(
+            [np.tile(scattered, (len(settings), 1)), np.repeat(settings, count, axis=0)]
+        )
+        rows, numbers = np.arange(len(values)), np.tile(np.arange(count), len(settings))
+        total = self.generations * self.population * self.asked.runs + 2 * self.asked.validation
+        tables: list[RunTable] = []
+        for table in run_rows(runner, rows, numbers, values, self.executor, study.settings.chunk):
             tables.append(table)
-            done += len(table)
-            self.progress(done, self.total)
+            self._done += len(table)
+            self.progress(self._done, total)
         runs = join_tables(tables, len(values))
-        costs = []
-        for first in range(0, len(values), asked.runs):
-            part = slice(first, first + asked.runs)
-            merits = {name: each[part] for name, each in runs.merits.items()}
-            success = succeeded(merits, runs.outcomes[part], study.success)
-            costs.append(asked.cost(merits[asked.merit], success))
-        return costs
+        success = succeeded(runs.merits, runs.outcomes, study.success)
+        merit = runs.merits[self.asked.merit]
+        parts = [slice(first, first + count) for first in range(0, len(values), count)]
+        return [(merit[part], success[part]) for part in parts]
 
-    def validated(self) -> dict[str, RunTable]:
-        """Run a fresh scatter, the same for both, with the file's settings and with those found."""
-        study, asked, tables = self.study, self.asked, {}
-        done = self.total - 2 * asked.validation
-        settings = replace(
-            study.settings, design="monte-carlo", count=asked.validation,
-            seed=study.settings.seed + 1, merit=asked.merit, worst=0,
-        )  # fmt: skip
-        for name, config in {BEFORE: study.experiment.config, AFTER: self.best}.items():
-            experiment = replace(study.experiment, config=config, seed=settings.seed)
-            tried = replace(study, experiment=experiment, settings=settings, text="")
-            # One of other settings does not meet the folder of these.
-            digest = sha256(repr((config, tried.design)).encode()).hexdigest()[:8]
-            folder = self.out / SEARCH_FOLDER / f"{name}-{digest}"
-
-            def count(more: int, _: int, before: int = done) -> None:
-                self.progress(before + more, self.total)
-
-            path = run_study(self.robot, tried, folder, self.executor, count, resume=True)
-            tables[name] = read_runs(path)[0]
-            done += asked.validation
-        return tables
-
-    def optimum(self, tables: Mapping[str, RunTable]) -> dict[str, Any]:
-        """Return what was found and how it did in the validation, as JSON says it."""
-        asked, study = self.asked, self.study
-        ends, after = self._ends(), study.ranges.values(self._best[None])[0].tolist()
-        judged = {
-            name: (table.merits[asked.merit], study.succeeded(table))
-            for name, table in tables.items()
-        }
-        change = cost_change(asked, judged[BEFORE], judged[AFTER], study.settings.seed)
+    def optimum(self) -> dict[str, Any]:
+        """Validate what was found on a fresh scatter, and return all of it as JSON says it."""
+        asked, study, names = self.asked, self.study, self.study.ranges.names
+        seed, judged = study.settings.seed, dict[str, Judged]()
+        design = Design(count=asked.validation, seed=seed + 1)
+        for name, config in {BEFORE: study.experiment.config, AFTER: self.found}.items():
+            experiment = replace(study.experiment, config=config, seed=seed + 1)
+            runner = Runner(self.robot, experiment)
+            (judged[name],) = self._judged(runner, design, np.empty((1, 0)))
+        change = cost_change(asked, judged[BEFORE], judged[AFTER], seed)
         smaller = int((judged[AFTER][0] < judged[BEFORE][0]).sum())
         own = ("merit", "statistic", "level", "failure_weight", "method", "runs")
         return {
             **{name: getattr(asked, name) for name in own},
             "evaluations": len(self.history) * self.population,
-            "seed": study.settings.seed,
+            "seed": seed,
             "settings": {
                 name: {
                     "before": setting(study.experiment.config, name),
-                    "after": value,
-                    "range": ends[name][::2],
+                    "after": setting(self.found, name),
+                    "range": self._ends()[name],
                 }
-                for name, value in zip(study.ranges.names, after, strict=True)
+                for name in names
             },
             "cost": self.lowest,
             "history": self.history,
             "validation": {
                 "runs": asked.validation,
-                "seed": study.settings.seed + 1,
-                **{name: _judged(asked, *each) for name, each in judged.items()},
+                "seed": seed + 1,
+                **{name: _figures(asked, *each) for name, each in judged.items()},
                 "better": share(smaller, asked.validation)._asdict(),
                 "change": None if change is None else change._asdict(),
             },
-            "config": str(write_config(self.best, self.out / CONFIG_FILE)),
+            "config": str(write_config(self.found, self.out / CONFIG_FILE)),
         }
 
 
@@ -314,7 +246,7 @@ def _key(point: Any) -> bytes:
     return np.ascontiguousarray(point, float).tobytes()
 
 
-def _judged(asked: Optimisation, values: Array, success: NDArray[np.bool_]) -> dict[str, Any]:
+def _figures(asked: Optimisation, values: Array, success: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the cost of a validation, and its parts with their intervals."""
     known = values[np.isfinite(values)]
     statistic = mean(known)
@@ -344,18 +276,21 @@ def cost_change(asked: Optimisation, before: Judged, after: Judged, seed: int) -
         after: The same with the other.
         seed: Of the draws.
     """
-    costs = [asked.cost(*each) for each in (before, after)]
-    if asked.statistic == "worst" or not np.isfinite(costs).all():
+
+    def change(rows: NDArray[np.intp]) -> float:
+        first, second = (asked.cost(each[0][rows], each[1][rows]) for each in (before, after))
+        return second - first if first != second else 0.0
+
+    runs = np.arange(len(before[0]))
+    if asked.statistic == "worst" or not np.isfinite([change(runs), asked.cost(*after)]).all():
         return None
-    rng, count = np.random.default_rng(seed), len(before[0])
-    changes = np.empty(RESAMPLES)
-    for k in range(RESAMPLES):
-        drawn = rng.integers(count, size=count)
-        first, second = (asked.cost(each[0][drawn], each[1][drawn]) for each in (before, after))
-        changes[k] = second - first if first != second else 0.0
+    drawn = library("scipy.stats").bootstrap(
+        (runs,), change, n_resamples=RESAMPLES, vectorized=False, method="percentile",
+        rng=np.random.default_rng(seed),
+    ).bootstrap_distribution  # fmt: skip
     tail = 0.5 * (1.0 - CONFIDENCE)
-    low, high = np.quantile(changes, [tail, 1.0 - tail], method="nearest").tolist()
-    return Interval(costs[1] - costs[0], low, high)
+    low, high = np.quantile(drawn, [tail, 1.0 - tail], method="nearest").tolist()
+    return Interval(change(runs), low, high)
 
 
 class OptimumVerdict(NamedTuple):

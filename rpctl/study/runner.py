@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +23,7 @@ from rpctl.simulation.loop.track import default_duration, simulate
 from rpctl.simulation.merits.measures import measures
 from rpctl.simulation.merits.outcome import DIVERGING
 from rpctl.simulation.run.run import Run
+from rpctl.study.executor import Executor
 from rpctl.study.experiment import SERIES, Experiment, Progress, RunTable
 from rpctl.study.merits import REFUSED, RunVerdict, merits_for, run_merits
 
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     from rpctl.study.lanes import Lanes
 
 RUNS = 10  # that a loop is built for, at least: whether it pays depends on no one's chunks
+LARGEST_CHUNK = 256  # runs
+CHUNKS_EACH = 8  # for each worker, where there are enough runs
+LANES = 8  # chunks are whole numbers of them: the most that any processor runs side by side
 BLOCK = 256  # runs that are done at a time, and after which progress is told
 
 
@@ -206,6 +210,40 @@ class Runner:
         for name, column in table.merits.items():
             column[row] = merits[name]
         return verdict
+
+
+def run_rows(
+    runner: Runner,
+    rows: NDArray[np.int64],
+    numbers: NDArray[np.int64],
+    values: Array,
+    executor: Executor,
+    size: int | None = None,
+) -> Iterator[RunTable]:
+    """Yield the rows of runs, a chunk at a time, as they end.
+
+    Args:
+        runner: What simulates them.
+        rows: Which (K,) of all rows.
+        numbers: Of the runs (K,), from which their random numbers follow.
+        values: Settings of all rows (N, n).
+        executor: What runs the chunks.
+        size: Of a chunk; None: as suits the workers.
+    """
+    size = size or chunk_size(len(rows), executor.workers)
+    starts = range(0, len(rows), size)
+    chunks = [
+        RunChunk(rows[k : k + size], numbers[k : k + size], values[rows[k : k + size]])
+        for k in starts
+    ]
+    for _, table in executor.map_chunks(runner, chunks):
+        yield table
+
+
+def chunk_size(rows: int, workers: int) -> int:
+    """Return how many of some rows are done at a time."""
+    share = max(1, min(LARGEST_CHUNK, rows // (CHUNKS_EACH * workers)))
+    return share if share < LANES else share - share % LANES
 
 
 def _content(name: str) -> bytes | None:

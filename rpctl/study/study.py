@@ -2,123 +2,94 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from shlex import quote
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.errors import RpctlError, UnknownNameError, require_positive, require_within
+from rpctl.errors import LARGEST, RpctlError
+from rpctl.files.records import NOT_NEGATIVE, POSITIVE, OneOf, Range, Record, Setting
 from rpctl.files.writing import write_atomically
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.merits.outcome import ON_PATH_M, TRACKED
-from rpctl.study.design import Design, extra
+from rpctl.study.design import DESIGNS, Design, extra
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Experiment, Progress, RunTable, join_tables
 from rpctl.study.journal import Journal
 from rpctl.study.merits import MERITS, merits_for
 from rpctl.study.provenance import code_identity, experiment_identity
-from rpctl.study.runner import RunChunk, Runner
+from rpctl.study.runner import Runner, run_rows
 from rpctl.study.scatter import Scatter, settings_at
 from rpctl.study.statistics import worst_rows
 from rpctl.study.store import RUNS_FILE, read_runs, record_of, table_of, write_runs
 
 STUDY_FILE, JOURNAL_FILE = "study.toml", "runs.jsonl"
-LARGEST_CHUNK = 256  # runs
-CHUNKS_EACH = 8  # for each worker, where the study is large enough
-LANES = 8  # chunks are whole numbers of them: the most that any processor runs side by side
 STATISTICS = ("mean", "quantile", "worst")
 METHODS = ("differential-evolution",)
 MERIT = "rms_base_error"  # that runs are compared by, unless the study names another
 
 
-@dataclass(frozen=True)
-class StudySettings:
-    """The table ``[study]`` of a file.
-
-    Attributes:
-        design: ``monte-carlo``, ``grid``, ``latin-hypercube``, ``sobol`` or ``morris``.
-        count: The most runs.
-        seed: Of all that is drawn.
-        duration: Of each run, s; None: as ``[run]`` says, or as long as the reference moves.
-        samples: The most points of a series over time.
-        chunk: Runs that are done at a time; None: as many as suits the workers.
-        merit: That runs are compared by, the worst first; larger is worse.
-        worst: How many of the worst runs are written as configurations.
-        tolerance: How far from its reference a run that succeeds may end, m.
-    """
-
-    design: str = "monte-carlo"
-    count: int = 100
-    seed: int = 0
-    duration: float | None = None
-    samples: int = 200
-    chunk: int | None = None
-    merit: str = MERIT
-    worst: int = 3
-    tolerance: float = ON_PATH_M
-
-    def __post_init__(self) -> None:
-        """Refuse what is out of range."""
-        Design(self.design, self.count, self.seed)
-        if self.duration is not None:
-            require_positive("duration", self.duration)
-        require_positive("tolerance", self.tolerance)
-        fewest = {"samples": 2, "chunk": 1, "worst": 0}
-        for name, least in fewest.items():
-            value = getattr(self, name)
-            if value is not None and value < least:
-                raise RpctlError(f"{name} is {value}; give a whole number, {least} or more")
+def whole(least: int) -> Range:
+    """Return the whole numbers from one on."""
+    return Range(least, LARGEST, f"a whole number, {least} or more")
 
 
 @dataclass(frozen=True)
-class Optimisation:
+class StudySettings(Record):
+    """The table ``[study]`` of a file."""
+
+    design: Annotated[str, OneOf(tuple(DESIGNS)), Setting(help=", ".join(DESIGNS))] = "monte-carlo"
+    count: Annotated[
+        int, whole(1), Setting(help="runs; a design that needs some number takes one within")
+    ] = 100
+    seed: Annotated[int, whole(0), Setting(help="of all that is drawn")] = 0
+    duration: Annotated[
+        float | None, POSITIVE, Setting("s", help="of each run; as [run] says if not given")
+    ] = None
+    samples: Annotated[int, whole(2), Setting(help="points of the curves over time, at most")] = 200
+    chunk: Annotated[int | None, whole(1), Setting(help="runs that are done at a time")] = None
+    merit: Annotated[str, Setting(help="that runs are compared by, the worst first")] = MERIT
+    worst: Annotated[
+        int, whole(0), Setting(help="so many of the worst runs are written, to be replayed")
+    ] = 3
+    tolerance: Annotated[
+        float, POSITIVE, Setting("m", help="how far from its reference a good run may end")
+    ] = ON_PATH_M
+
+
+@dataclass(frozen=True)
+class Optimisation(Record):
     """The table ``[optimize]`` of a file, but for the settings and their ranges.
 
     The cost is the statistic of the merit over the runs that have it, plus ``failure_weight`` times
     the share of runs that did not succeed.
-
-    Attributes:
-        merit: That is to be small.
-        statistic: Of the merit over the scatter: one of :data:`STATISTICS`.
-        level: Of the quantile.
-        failure_weight: What the share of runs that fail costs, in the merit's unit.
-        evaluations: The most sets of settings that are tried.
-        runs: Of each set of settings, the same scattered plants and noise for all.
-        validation: Fresh runs with the settings that were found, and with those of the file.
-        method: One of :data:`METHODS`.
     """
 
-    merit: str = MERIT
-    statistic: str = "mean"
-    level: float = 0.95
-    failure_weight: float = 1.0
-    evaluations: int = 200
-    runs: int = 32
-    validation: int = 200
-    method: str = METHODS[0]
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be optimised."""
-        if self.statistic not in STATISTICS:
-            raise UnknownNameError("statistic", self.statistic, STATISTICS)
-        if self.method not in METHODS:
-            raise UnknownNameError("method", self.method, METHODS)
-        if not 0.0 < self.level < 1.0:
-            raise RpctlError(f"level is {self.level:g}; give one between 0 and 1")
-        if self.failure_weight < 0.0:
-            raise RpctlError(f"failure_weight is {self.failure_weight:g}; give 0 or more")
-        require_within("failure_weight", [self.failure_weight])
-        for name, least in {"runs": 1, "validation": 2}.items():
-            if getattr(self, name) < least:
-                raise RpctlError(f"{name} is {getattr(self, name)}; give {least} or more")
+    merit: Annotated[str, Setting(help="that is to be small")] = MERIT
+    statistic: Annotated[
+        str, OneOf(STATISTICS), Setting(help=f"over the scatter: {', '.join(STATISTICS)}")
+    ] = "mean"
+    level: Annotated[
+        float, Range(1e-6, 1.0 - 1e-6, "one between 0 and 1"), Setting(help="of the quantile")
+    ] = 0.95
+    failure_weight: Annotated[
+        float, NOT_NEGATIVE, Setting(help="what the share of runs that fail costs")
+    ] = 1.0
+    evaluations: Annotated[int, whole(1), Setting(help="sets of settings that are tried")] = 200
+    runs: Annotated[int, whole(1), Setting(help="of each, the same scatter and noise for all")] = 32
+    validation: Annotated[
+        int, whole(2), Setting(help="fresh runs with what was found, and with the file's settings")
+    ] = 200
+    method: Annotated[str, OneOf(METHODS)] = METHODS[0]
 
     def population(self, settings: int) -> int:
         """Return how many sets of so many settings are tried at a time.
@@ -141,7 +112,7 @@ class Optimisation:
             merit: Of each run (N,); inf where a run has none.
             success: Which runs (N,) succeeded.
         """
-        known = np.sort(merit[np.isfinite(merit)])
+        known = merit[np.isfinite(merit)]
         if not len(known):
             return float(np.inf)
         return self.figure(known) + self.failure_weight * (1.0 - float(np.mean(success)))
@@ -149,10 +120,9 @@ class Optimisation:
     def figure(self, known: Array) -> float:
         """Return the statistic of merits (K,), all finite."""
         if self.statistic == "mean":
-            return float(np.mean(known))
-        if self.statistic == "worst":
-            return float(np.max(known))
-        return float(np.quantile(known, self.level, method="inverted_cdf"))
+            return float(np.mean(np.sort(known)))
+        level = 1.0 if self.statistic == "worst" else self.level
+        return float(np.quantile(known, level, method="inverted_cdf"))
 
 
 @dataclass(frozen=True)
@@ -186,14 +156,9 @@ class Study:
         return Design(self.settings.design, self.settings.count, self.settings.seed)
 
     @cached_property
-    def points(self) -> Array:
-        """Points of the design (N, n), each entry in [0, 1]."""
-        return self.design.points(len(self.scatter.names))
-
-    @cached_property
     def values(self) -> Array:
         """Settings of all runs (N, n)."""
-        return settings_at(self.scatter, self.points)
+        return settings_at(self.scatter, self.design.points(len(self.scatter.names)))
 
     def config_of(self, run: int) -> Config:
         """Return the configuration of a run, which ``rpctl track --config`` replays."""
@@ -230,22 +195,16 @@ def run_study(
     """
     merits_for(robot, (study.settings.merit, *study.success))
     extra("pyarrow.parquet")  # a library that is missing is told before anything is written
-    worker, notify = executor or Executor(), progress or (lambda done, total: None)
-    total, path = len(study.points), out / RUNS_FILE
     journal = Journal(out / JOURNAL_FILE, _identity(robot, study), "a study")
-    tables = [table_of(each) for each in journal.begin(resume)]
-    if path.exists():
-        finished, details = read_runs(path)
-        journal.require_same(details["identity"], resume)
-        tables.append(finished)
+    tables = _kept(journal, resume)
     if study.text:
         write_atomically(out / STUDY_FILE, study.text.encode(), follow_links=False)
-    done = np.unique(np.concatenate([np.zeros(0, np.int64), *(each.index for each in tables)]))
-    missing = np.setdiff1d(np.arange(total), done)
-    count = total - len(missing)
+    total, notify = len(study.values), progress or (lambda done, total: None)
+    rows = np.setdiff1d(np.arange(total), [row for table in tables for row in table.index])
+    count = total - len(rows)
     notify(count, total)
-    runner = Runner(robot, study.experiment)
-    for _, table in worker.map_chunks(runner, [*_chunks(study, missing, worker.workers)]):
+    runner, worker = Runner(robot, study.experiment), executor or Executor()
+    for table in run_rows(runner, rows, rows, study.values, worker, study.settings.chunk):
         journal.add(record_of(table))
         tables.append(table)
         count += len(table)
@@ -253,10 +212,25 @@ def run_study(
     runs = join_tables(tables, total)
     units = {name: merit.unit for name, merit in MERITS.items()}
     details = {"identity": journal.identity, **_details(robot, study)}
-    write_runs(path, runs, study.succeeded(runs), details, units)
+    write_runs(out / RUNS_FILE, runs, study.succeeded(runs), details, units)
     journal.rewrite([])
     _write_worst(study, out, runs)
-    return path
+    return out / RUNS_FILE
+
+
+def _kept(journal: Journal, resume: bool) -> list[RunTable]:
+    """Return the runs that a folder holds, of its journal and of a study that has ended.
+
+    Raises:
+        RpctlError: They are not to be gone on with, or of something else.
+    """
+    tables = [table_of(each) for each in journal.begin(resume)]
+    path = journal.path.parent / RUNS_FILE
+    if path.exists():
+        finished, details = read_runs(path)
+        journal.require_same(details["identity"], resume)
+        tables.append(finished)
+    return tables
 
 
 def _identity(robot: Robot, study: Study) -> dict[str, object]:
@@ -298,21 +272,6 @@ def _write_worst(study: Study, out: Path, runs: RunTable) -> None:
 def worst_file(k: object) -> str:
     """Return the name of the configuration of the k-th worst run."""
     return f"worst-{k}.toml"
-
-
-def _chunks(study: Study, missing: NDArray[np.int64], workers: int) -> Iterator[RunChunk]:
-    """Yield the runs that lack in chunks of runs that follow each other."""
-    size = study.settings.chunk or chunk_size(len(missing), workers)
-    for stretch in np.split(missing, np.flatnonzero(np.diff(missing) != 1) + 1):
-        for first in range(0, len(stretch), size):
-            rows = stretch[first : first + size]
-            yield RunChunk(rows, rows, study.values[rows])
-
-
-def chunk_size(rows: int, workers: int) -> int:
-    """Return how many of some rows are done at a time."""
-    share = max(1, min(LARGEST_CHUNK, rows // (CHUNKS_EACH * workers)))
-    return share if share < LANES else share - share % LANES
 
 
 def succeeded(

@@ -1,31 +1,32 @@
-"""A study's file in TOML: what is run, what differs, and how it is judged."""
+"""A study's file in TOML: what is run, what differs, how it is judged; and one to begin with."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 import numpy as np
 
 from rpctl.errors import DescriptionError, Finding, RpctlError
 from rpctl.files import toml
 from rpctl.files.opening import read_text
-from rpctl.files.records import read_record
+from rpctl.files.records import fields_of, read_record
 from rpctl.files.toml import Table
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import CONFIG_TABLES, Config, config_from_tables
 from rpctl.study.distributions import DISTRIBUTIONS, Fixed
 from rpctl.study.experiment import Experiment
-from rpctl.study.merits import merits_for
-from rpctl.study.scatter import Scatter, scatter_of, with_values
+from rpctl.study.merits import MERITS, merits_for
+from rpctl.study.scatter import Scatter, scatter_of, scattered_paths, with_values
 from rpctl.study.study import Optimisation, Study, StudySettings
 
 OWN_TABLES = ("study", "scatter", "success", "optimize")
 KIND = "a study file"
 TRIED = 0.25  # the quantile that is tried on the robot: the middle of a scale varies nothing
-Made = TypeVar("Made")
 
 
 def read_study(path: str | Path, robot: Robot, backend: str = "auto") -> Study:
@@ -71,7 +72,8 @@ def _study(data: Table, robot: Robot, backend: str, faults: list[str]) -> Study 
         config = config.with_run(duration=settings.duration)
     scatter = _scatter(own["scatter"], "scatter", config, faults)
     success = _success(own["success"], robot, faults)
-    _try(faults, "study.merit", lambda: merits_for(robot, (settings.merit,)))
+    with _told(faults, "study.merit"):
+        merits_for(robot, (settings.merit,))
     ranges, optimisation = _optimisation(own["optimize"], robot, config, faults)
     faults += [
         f'optimize.parameters."{name}": is scattered, too; leave one of them out'
@@ -81,20 +83,26 @@ def _study(data: Table, robot: Robot, backend: str, faults: list[str]) -> Study 
     if faults:
         return None
     config, scatter = _with_fixed(config, scatter)
-    _try(faults, "scatter", lambda: _require_fit(robot, config, scatter))
+    with _told(faults, "scatter"):
+        _require_fit(robot, config, scatter)
     experiment = Experiment(
-        config,
-        scatter.names,
-        settings.seed,
-        samples=settings.samples,
-        tolerance=settings.tolerance,
-        backend=backend,
-    )
+        config, scatter.names, settings.seed, samples=settings.samples,
+        tolerance=settings.tolerance, backend=backend,
+    )  # fmt: skip
     return Study(experiment, scatter, settings, success, ranges, optimisation)
 
 
+@contextmanager
+def _told(faults: list[str], where: str) -> Iterator[None]:
+    """Add what is refused inside to the faults."""
+    try:
+        yield
+    except RpctlError as error:
+        faults.append(f"{where}: {error}")
+
+
 def _table(data: Table, name: str, faults: list[str]) -> Table:
-    """Return one of a file's tables, empty if it has none."""
+    """Return a table of a table, empty if it has none."""
     table = data.get(name, {})
     if isinstance(table, Mapping):
         return dict(table)
@@ -111,14 +119,12 @@ def _scatter(table: Table, where: str, config: Config, faults: list[str]) -> Sca
         config: What it is of.
         faults: All that is wrong with the file so far.
     """
-    names: list[str] = []
-    distributions: list[Any] = []
+    found = Scatter()
     for name, value in _flat(table):
-        found = _try(faults, f'{where}."{name}"', lambda: scatter_of({name: value}, config))  # noqa: B023
-        if found is not None:
-            names += found.names
-            distributions += found.distributions
-    return Scatter(tuple(names), tuple(distributions))
+        with _told(faults, f'{where}."{name}"'):
+            one = scatter_of({name: value}, config)
+            found = Scatter(found.names + one.names, found.distributions + one.distributions)
+    return found
 
 
 def _flat(table: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
@@ -140,15 +146,12 @@ def _is_distribution(value: Mapping[str, Any]) -> bool:
 
 def _success(table: Table, robot: Robot, faults: list[str]) -> dict[str, float]:
     """Return the largest merits of a run that succeeds."""
-    found: dict[str, float] = {}
     for name, value in table.items():
-        if _try(faults, "success", lambda: merits_for(robot, (name,))) is None:  # noqa: B023
-            continue
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            faults.append(f"success.{name}: is {value!r}; give a number")
-        else:
-            found[name] = float(value)
-    return found
+        with _told(faults, "success"):
+            merits_for(robot, (name,))
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                faults.append(f"success.{name}: is {value!r}; give a number")
+    return table
 
 
 def _optimisation(
@@ -157,21 +160,19 @@ def _optimisation(
     """Return the settings to be found and what they are judged by; None: nothing is."""
     if not table:
         return Scatter(), None
-    ranges = table.pop("parameters", {})
-    if not isinstance(ranges, Mapping):
-        faults.append(f"optimize.parameters: is {ranges!r}; write [optimize.parameters]")
-        return Scatter(), None
+    own = {key: value for key, value in table.items() if key != "parameters"}
     given = {
         name: {"uniform": value} if isinstance(value, list) else value
-        for name, value in _flat(ranges)
+        for name, value in _flat(_table(table, "parameters", faults))
     }
     scatter = _scatter(given, "optimize.parameters", config, faults)
-    asked = read_record(Optimisation, table, "optimize", faults)
+    asked = read_record(Optimisation, own, "optimize", faults)
     if asked is not None:
-        _try(faults, "optimize.merit", lambda: merits_for(robot, (asked.merit,)))
-        _try(faults, "optimize", lambda: asked.population(len(scatter.names)))
-    ends = [scatter.values(np.full((1, len(scatter.names)), p)) for p in (0.0, 1.0)]
-    for name, low, high in zip(scatter.names, *(end[0] for end in ends), strict=True):
+        with _told(faults, "optimize"):
+            merits_for(robot, (asked.merit,))
+            asked.population(len(scatter.names))
+    ends = [scatter.values(np.full((1, len(scatter.names)), p))[0] for p in (0.0, 1.0)]
+    for name, low, high in zip(scatter.names, *ends, strict=True):
         if not (np.isfinite([low, high]).all() and low < high):
             faults.append(f'optimize.parameters."{name}": has no range; give [low, high]')
     return scatter, asked
@@ -179,13 +180,11 @@ def _optimisation(
 
 def _with_fixed(config: Config, scatter: Scatter) -> tuple[Config, Scatter]:
     """Return a configuration with what is the same in all runs, and what differs."""
-    pairs = list(zip(scatter.names, scatter.distributions, strict=True))
-    fixed = [(name, each.value) for name, each in pairs if isinstance(each, Fixed)]
-    if fixed:
-        names, values = zip(*fixed, strict=True)
-        config = with_values(config, names, np.array(values))
-    left = [(name, each) for name, each in pairs if not isinstance(each, Fixed)]
-    return config, Scatter(tuple(name for name, _ in left), tuple(each for _, each in left))
+    pairs = dict(zip(scatter.names, scatter.distributions, strict=True))
+    fixed = {name: each.value for name, each in pairs.items() if isinstance(each, Fixed)}
+    config = with_values(config, tuple(fixed), np.array([*fixed.values()]))
+    left = tuple(name for name in pairs if name not in fixed)
+    return config, Scatter(left, tuple(pairs[name] for name in left))
 
 
 def _require_fit(robot: Robot, config: Config, scatter: Scatter) -> None:
@@ -201,16 +200,102 @@ def _require_fit(robot: Robot, config: Config, scatter: Scatter) -> None:
     tried.plant.bias(known)
 
 
-def _try(faults: list[str], where: str, make: Callable[[], Made]) -> Made | None:
-    """Return what is made, or None; why it is not is added to the faults.
+# ---- a file to begin with -----------------------------------------------------------------
 
-    Args:
-        faults: All that is wrong so far.
-        where: In the file.
-        make: Makes it.
-    """
-    try:
-        return make()
-    except RpctlError as error:
-        faults.append(f"{where}: {error}")
-        return None
+TEMPLATE = """\
+# A study of {robot}: rpctl study ROBOT THIS_FILE --out DIR
+# Tables of a configuration ([run], [kinematic], [dynamic], [plant], [limits]) hold for all runs.
+
+[study]
+# monte-carlo draws at random (a larger count adds runs), latin-hypercube spreads more evenly, grid
+# takes all combinations; sobol and morris tell what matters: shares of variance, mean effects.
+{study}
+[run]
+reference = "{reference}"
+control_period = 0.002   # s
+plant_step = 0.002       # s
+
+[kinematic]
+law = "unified"
+
+[dynamic]
+law = "integral"
+
+# What differs from run to run: a number, or uniform = [low, high], log-uniform = [low, high],
+# normal = [mean, standard deviation], normal = [mean, standard deviation, low, high],
+# choice = [value, ...].
+[scatter]
+{scatter}
+# A run succeeds if it exceeds none of these; without this table it succeeds if it ends within the
+# tolerance and breaks no limit.
+# [success]
+# rms_base_error = 0.1
+
+# Settings to be found by --optimize, within their ranges, for all the scatter at once.
+[optimize]
+{optimize}
+[optimize.parameters]
+"kinematic.horizon" = [0.2, 1.5]
+"dynamic.gain" = {{ log-uniform = [1.0, 50.0] }}
+
+# Merits of this robot, all smaller if better:
+{merits}#
+# What can be scattered (PATTERN: names of joints or links, as "arm_*"):
+{paths}"""
+SHOWN = StudySettings(duration=5.0, samples=100)
+SEARCHED = Optimisation(statistic="quantile", evaluations=64, runs=16, validation=100)
+EXAMPLES: dict[str, tuple[str, list[float], str]] = {  # of what differs, by path
+    "plant.masses.*": ("uniform", [0.9, 1.1], "times those of the file"),
+    "plant.track": ("uniform", [0.98, 1.02], "likewise"),
+    "plant.joint_friction.WHEEL": ("uniform", [0.0, 0.2], "dry, besides the file's, N m"),
+    "plant.delay": ("uniform", [0.0, 0.01], "from a sample to its efforts, s"),
+    "plant.noise.position": ("fixed", [0.001], "of what is measured, m; in all runs"),
+    "run.initial_error.y": ("normal", [0.0, 0.05], "at the start, m"),
+    "run.initial_error.theta": ("normal", [0.0, 0.1], "rad"),
+}
+
+
+def study_template(robot: Robot) -> str:
+    """Return a study file for a robot, with comments: it works as it is."""
+    moves, config = bool(robot.drive.base_speeds), Config()
+    driven = [wheel.joint for wheel in robot.drive.wheels if wheel.driven]
+    lines = []
+    for path, (kind, numbers, words) in EXAMPLES.items():
+        name = path.replace("WHEEL", driven[0]) if driven else path
+        if (moves or not path.startswith("run.")) and _fits(robot, {name: {kind: numbers}}):
+            lines.append((f'"{name}" = {{ {kind} = {numbers} }}', words))
+    return TEMPLATE.format(
+        robot=robot.name,
+        study=_commented(_said(SHOWN)),
+        reference="eight" if moves else "ee-square",
+        scatter=_commented(lines),
+        optimize=_commented(_said(SEARCHED)),
+        merits="".join(
+            f"#   {name:26}{MERITS[name].unit:9}{MERITS[name].what}\n" for name in merits_for(robot)
+        ),
+        paths="".join(f"#   {path}\n" for path in scattered_paths(config)),
+    )
+
+
+def _fits(robot: Robot, scatter: Table) -> bool:
+    """Return whether a robot has what differs."""
+    faults: list[str] = []
+    with _told(faults, "scatter"):
+        _require_fit(robot, Config(), scatter_of(scatter, Config()))
+    return not faults
+
+
+def _said(record: Any) -> list[tuple[str, str]]:
+    """Return the settings of a record as lines of TOML, with what is said of them."""
+    lines = []
+    for name, each in fields_of(type(record)).items():
+        value, words = getattr(record, name), filter(None, (each.setting.help, each.setting.unit))
+        if value is not None:
+            lines.append((f"{name} = {json.dumps(value)}", ", ".join(words)))
+    return lines
+
+
+def _commented(lines: list[tuple[str, str]]) -> str:
+    """Return lines with comments behind them, one below the other."""
+    width = max(len(line) for line, _ in lines)
+    return "".join(f"{line:{width}}  # {words}".rstrip(" #") + "\n" for line, words in lines)

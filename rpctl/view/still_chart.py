@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,43 +111,14 @@ class Mark:
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
-    """Values over two axes, in the colours of the palette's ramp.
-
-    Attributes:
-        x_edges: Of the columns (n + 1,).
-        y_edges: Of the rows (m + 1,).
-        values: (m, n); NaN where there is none, inf where it is lost.
-        low: The value at the ramp's beginning.
-        high: The value at its end.
-        texts: What a reader who points at a cell is told, row after row.
-        label: Of the values.
-    """
-
-    x_edges: Array
-    y_edges: Array
-    values: Array
-    low: float
-    high: float
-    texts: Sequence[Sequence[str]] = ()
-    label: str = ""
-
-    def share(self, row: int, column: int) -> float:
-        """Return where the value of a cell is on the ramp, 0 to 1."""
-        span = self.high - self.low
-        return float((self.values[row, column] - self.low) / span) if span > 0.0 else 0.0
-
-
-@dataclass(frozen=True, eq=False)
 class StillChart:
-    """Marks, or cells, on common axes.
+    """Marks on common axes.
 
     Attributes:
         title: What it shows.
         x: The horizontal axis.
         y: The vertical one.
         marks: The first is drawn first.
-        cells: A map below the marks.
         summary: What who does not see it is told.
     """
 
@@ -156,7 +126,6 @@ class StillChart:
     x: Axis
     y: Axis
     marks: tuple[Mark, ...] = ()
-    cells: Cells | None = None
     summary: str = ""
 
 

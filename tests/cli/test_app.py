@@ -20,7 +20,6 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.config import Config
 from rpctl.view.film import BROWSER_NAMES
 from rpctl.view.run_folder import RunFolder
-from tests.grids import cells
 from tests.robots import SET_A, platform, write
 
 runner = CliRunner()
@@ -109,36 +108,6 @@ def test_track_draws_the_scene_if_asked(tmp_path: Path) -> None:
     assert (tmp_path / "scene.png").stat().st_size > 10_000
 
 
-def test_a_robots_name_cannot_lead_out_of_the_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    path = write(tmp_path, platform(SET_A).replace('name="platform"', 'name="../../&lt;b>x"'))
-    code, _, _ = run("track", str(path), "--duration", "0.05", "--samples", "0")
-    assert code == 0
-    assert [p.name for p in (tmp_path / "here" / "runs").iterdir()] == ["_..__b_x-eight"]
-
-
-@pytest.mark.slow
-def test_track_tells_what_to_expect(tmp_path: Path) -> None:
-    """Beside the nominal run, of which it says that the model follows itself."""
-    config = tmp_path / "coarse.toml"
-    config.write_text("[run]\nduration = 12.06\ncontrol_period = 0.02\nplant_step = 0.02\n")
-    words = ("track", "paper", "--samples", "0", "--config", str(config))
-    code, out, _ = run(*words, "--out", str(tmp_path / "run"))
-    output = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert (code, output["outcome"], output["nominal"]) == (0, "tracked", True)
-    assert output["perturbed"]["duration"] == pytest.approx(4.02)
-    assert output["perturbed"]["base_path"]["rms"] > 1.5 * output["base_path"]["rms"]
-    text = " ".join(out.split())
-    assert "the model follows itself" in text
-    assert f"expect, {output['perturbed']['sentence']}" in text
-    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    assert f"Expect, {output['perturbed']['sentence']}." in page
-    assert "The model follows itself" in page
-
-
 def test_what_to_expect_is_left_out_where_somebody_chose_a_plant() -> None:
     bias, slow = Plant(tau_bias={"a": 1.0}), Plant(delay=0.01)
     assert ResultOptions().perturbs(Config())
@@ -160,17 +129,6 @@ def test_the_outcome_decides_the_exit_code(
     monkeypatch.setattr(ResultOptions, "write", write)
     words = ("track", "paper", "--duration", "0.02", "--samples", "0", "--out", str(tmp_path))
     assert run_json(*words, code=exit_code)["outcome"] == outcome
-
-
-@pytest.mark.parametrize("dynamic", cells(("bounded", "integral"), slow={"bounded", "integral"}))
-def test_track_tells_which_limit_bound(dynamic: str, tmp_path: Path) -> None:
-    words = ["track", "tiago", "--duration", "0.1", "--initial-error", "1,1,1", "--samples", "0"]
-    words += ["--dynamic", dynamic, "--out", str(tmp_path)]
-    output = run_json(*words)
-    assert output["limits_violated"] == []
-    assert output["limits_bound"][0]["told"] in run(*words)[1]
-    assert "effort limit bound from 0 s" in output["limits_bound"][0]["told"]
-    assert output["limits_bound"][0]["told"] in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -220,23 +178,6 @@ def test_a_reference_that_cannot_be_followed_is_refused_first(tmp_path: Path) ->
     assert (code, out) == (2, "")
     assert "take line, reverse, circle or eight" in " ".join(err.split())
     assert not saved.exists()
-
-
-def test_nothing_is_written_where_the_input_is_wrong(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    code, _, _ = run("track", "paper", "--initial-error", "nan,0,0", "--out", str(out))
-    assert code == 2
-    assert not out.exists()
-
-
-def test_an_unwritable_folder_is_told(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    out = str(tmp_path / "file" / "run")
-    code, _, err = run("track", "paper", "--duration", "0.1", "--samples", "0", "--out", out)
-    assert code == 2
-    assert err.count("\n") == 1
-    assert "file/run" in err
-    assert "Not a directory" in err
 
 
 @pytest.mark.parametrize("command", COMMANDS)

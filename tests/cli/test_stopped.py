@@ -52,25 +52,3 @@ def test_interrupt_leaves_run_and_report(tmp_path: Path) -> None:
     assert run.t[1] == pytest.approx(0.004)
     assert (summary["duration"], summary["log_every"]) == (run.t[-1], 2)
     assert run.notes[-1] in (out / "report.html").read_text()
-
-
-@pytest.mark.slow
-def test_kill_leaves_a_part_that_the_next_run_keeps(tmp_path: Path) -> None:
-    words = ("--no-perturbed", "--out", "out")
-    part = tmp_path / "out" / "run.part"
-    with start(tmp_path, "--duration", "7200", *words) as process:
-        wait_for_part(process, part)
-        with start(tmp_path, "--duration", "1", *words) as second:
-            _, error = second.communicate(timeout=PATIENCE_S)
-        assert second.returncode == 2
-        assert "another simulation is writing there" in error
-        process.kill()
-    assert process.wait() == -signal.SIGKILL
-    run = Run.load(part)
-    assert any("ended early at t = " in note for note in run.notes)
-    with start(tmp_path, "--duration", "1", *words) as process:
-        process.communicate(timeout=PATIENCE_S)
-    assert process.returncode in (0, 1)
-    assert Run.load(tmp_path / "out" / "run.npz").t[-1] == pytest.approx(1.0)
-    assert not part.exists()
-    assert (Run.load(part.with_name("run.part-1")).t == run.t).all()

@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import rpctl
 from rpctl.arrays import Array
 from rpctl.cli.app import app
 from rpctl.cli.options import LoadOptions
 from rpctl.cli.study_summary import show_optimum
-from rpctl.study.study_file import read_study
 from tests.study.fake_rollouts import patch_rollouts
 
 STUDY = """
@@ -119,14 +117,6 @@ def test_a_ctrl_c_tells_how_to_go_on(
     patch_rollouts(monkeypatch, error, "dynamic.gain")
     assert run(*words, "--resume").exit_code == 0
     assert "srcdoc=" in Path(tmp_path, "out", "study.html").read_text()
-
-
-def test_the_template_is_a_study(tmp_path: Path) -> None:
-    shown = run("paper", "--template")
-    assert shown.exit_code == 0
-    path = tmp_path / "t.toml"
-    path.write_text(shown.stdout)
-    assert read_study(path, rpctl.load("paper")).design.count == 100
 
 
 def test_what_is_wrong_is_told_without_a_traceback(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from rpctl.control.bandwidth import (
     gains_of,
     joint_gains,
 )
-from rpctl.control.law_sentences import law_sentences
+from rpctl.control.registry import law_sentences
 from rpctl.reference.named import reference_by_name
 from rpctl.robot.vary import without_losses
 
@@ -82,6 +82,7 @@ def with_effort(robot: Robot, index: int, effort: float) -> Robot:
     return dataclasses.replace(robot, description=description)
 
 
+@pytest.mark.slow
 def test_an_error_of_a_tenth_takes_no_more_than_a_weak_joint_has(tiago: Robot) -> None:
     """What the laws ask of the shoulder at home, 0.1 rad off, is its whole limit; others have more.
 

@@ -1,4 +1,4 @@
-"""The paper's dynamic law: it minimises its cost, and its error decays at 1/h1."""
+"""The paper's dynamic law and its integral action: costs, poles, and that no limit winds it up."""
 
 from __future__ import annotations
 
@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from rpctl import PaperDynamic, ReducedDynamics, Robot
+from rpctl import (
+    BoundedDynamic,
+    IntegralDynamic,
+    PaperDynamic,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    scale_limits,
+    scale_masses,
+)
 from rpctl.arrays import Array
-from rpctl.control.law import Command
+from rpctl.control.law import Command, DynamicLaw, Rest, as_efforts
 from rpctl.robot.vary import without_losses
 from rpctl.simulation.plants.rolling import advance
 
@@ -88,3 +97,98 @@ def test_efforts_for_the_middle_of_a_period_are_exact_to_second_order(
         later = advance(dynamics, q, nu, tau, period, period / 4).nu
         gaps.append(np.abs((later - nu) / period - nu_dot).max())
     assert (3.5 < gaps[0] / gaps[1] < 4.5) if midpoint else (1.8 < gaps[0] / gaps[1] < 2.3)
+
+
+def follow(
+    robot: Robot,
+    law: DynamicLaw,
+    nu_d: Array,
+    bias: Array,
+    seconds: float,
+    period: float = 0.001,
+) -> Array:
+    """Return ν (K, dof) of a robot that follows a constant command from rest."""
+    dynamics, nu = ReducedDynamics(robot), np.zeros(robot.dof)
+    q = robot.configuration_at(np.zeros(3), robot.home)
+    controller = law.start(dynamics, period)
+    log = [nu]
+    for _ in range(round(seconds / period)):
+        tau = as_efforts(controller(dynamics, q, nu, Command(nu_d, np.zeros(robot.dof)))).tau
+        q, nu, *_ = advance(dynamics, q, nu, tau + bias, period, period)
+        log.append(nu)
+    return np.array(log)
+
+
+def test_its_poles_are_those_of_the_design(paper: Robot) -> None:
+    """A constant disturbance a from t = 0 gives ε = a (e^{−kt} − e^{−t/h1}) / (1/h1 − k).
+
+    The joints, which the wheels' bias pushes as well, have poles of their own.
+    """
+    bias = np.array([1.0, 1.0, 0.0, 0.0])
+    law = IntegralDynamic(gain=4.0, joint_gain=7.0, inner=BoundedDynamic(joint_horizon_dyn=0.1))
+    error = follow(paper, law, np.zeros(4), bias, 2.0)
+    dynamics, q = ReducedDynamics(paper), paper.configuration_at(np.zeros(3), paper.home)
+    push = np.linalg.solve(dynamics.inertia(q), dynamics.actuation(q) @ bias)
+    t, k = np.arange(len(error))[:, None] * 0.001, np.array([4.0, 4.0, 7.0, 7.0])
+    fast = 1.0 / np.array([0.15, 0.15, 0.1, 0.1])
+    shape = (np.exp(-k * t) - np.exp(-fast * t)) / (fast - k)
+    np.testing.assert_allclose(error, shape * push, atol=2e-3 * np.abs(push).max())
+    assert np.abs(push[3]) > 0.5 * np.abs(push).max()
+
+
+def test_without_a_disturbance_it_is_the_papers_law(paper: Robot) -> None:
+    nu_d = np.array([0.4, 0.3, 0.2, 0.05])
+    plain = follow(paper, PaperDynamic(), nu_d, np.zeros(4), 1.0)
+    inner = BoundedDynamic(joint_horizon_dyn=0.15)
+    integral = follow(paper, IntegralDynamic(inner=inner), nu_d, np.zeros(4), 1.0)
+    np.testing.assert_allclose(integral, plain, atol=2e-3)
+
+
+@pytest.mark.slow
+def test_efforts_at_their_limits_do_not_wind_it_up(paper: Robot) -> None:
+    """Seconds at the limit leave no trace: the motion is that of the law without integral."""
+    weak, nu_d = scale_limits(paper, effort=0.02), np.array([0.8, 0.0, 0.0, 0.0])
+    plain = follow(weak, BoundedDynamic(), nu_d, np.zeros(4), 4.0, 0.002)
+    integral = follow(weak, IntegralDynamic(), nu_d, np.zeros(4), 4.0, 0.002)
+    assert plain[1000, 0] < 0.75  # 2 s at the limit, still not there
+    assert integral[:, 0].max() < 0.8 * (1.0 + 1e-3)
+    np.testing.assert_allclose(integral, plain, atol=2e-3)
+
+
+@pytest.mark.slow
+def test_a_bias_is_removed_even_from_the_limit_on(paper: Robot) -> None:
+    """A bias that takes a third of what the wheels have is learnt while they saturate."""
+    weak, nu_d = scale_limits(paper, effort=0.02), np.array([0.4, 0.0, 0.0, 0.0])
+    bias = np.array([-0.25, -0.25, 0.0, 0.0])
+    error = follow(weak, IntegralDynamic(), nu_d, bias, 8.0, 0.002)[-1] - nu_d
+    assert np.abs(error[:2]).max() < 1e-4
+    error = follow(weak, BoundedDynamic(), nu_d, bias, 3.0, 0.002)[-1] - nu_d
+    assert abs(error[0]) > 5e-3
+
+
+def test_at_rest_it_knows_what_its_model_does_not(tiago: Robot) -> None:
+    """TIAGo stands still; the model has its arm a third too light. Unless told, it sags first."""
+    light, still = scale_masses(tiago, "arm_*", 0.7), np.zeros(tiago.dof)
+    dynamics, controller_model = ReducedDynamics(tiago), ReducedDynamics(light)
+    start = tiago.configuration_at(np.zeros(3), tiago.home)
+    rest = Rest(start, dynamics.efforts(start, dynamics.bias(start, still)))
+
+    def fastest(known: Rest | None) -> float:
+        law = IntegralDynamic().start(controller_model, 0.002, known)
+        q, nu = start, still
+        rates = []
+        for _ in range(100):
+            tau = law(controller_model, q, nu, Command(still, still)).tau
+            q, nu, *_ = advance(dynamics, q, nu, tau, 0.002, 0.002)
+            rates.append(np.abs(nu).max())
+        return float(max(rates))
+
+    assert fastest(rest) < 1e-9
+    assert fastest(None) > 0.05
+
+
+def test_a_gain_faster_than_the_sampling_is_told(paper: Robot) -> None:
+    with pytest.raises(RpctlError, match=r"gain 200 1/s is too large .* give at most 100"):
+        IntegralDynamic(gain=200.0).start(ReducedDynamics(paper), 0.01)
+    with pytest.raises(RpctlError, match=r"gain 150 1/s is too large .* give at most 100"):
+        IntegralDynamic(joint_gain=150.0).start(ReducedDynamics(paper), 0.01)

@@ -1,7 +1,8 @@
-"""Steered wheels: on the reference they keep to it, off it they lead back, and fast enough."""
+"""Steered wheels: on the reference they keep to it, off it they lead back, within their limits."""
 
 from __future__ import annotations
 
+import math as numbers
 from itertools import cycle, product
 from pathlib import Path
 
@@ -10,9 +11,21 @@ import pinocchio as pin
 import pytest
 
 import rpctl
-from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic, summarize, track
+from rpctl import ReducedDynamics, Robot, RpctlError, UnifiedKinematic, math, summarize, track
 from rpctl.arrays import Array
+from rpctl.control.error import Tracking
 from rpctl.control.law import Command
+from rpctl.control.steering import (
+    ANGLE_MARGIN,
+    BRAKE_TIME,
+    RATE_FRACTION,
+    STEERING_HORIZON_RATIO,
+    Measured,
+    base_command,
+    max_deviation,
+)
+from rpctl.drive.steering import steering_limits, turning_radius
+from rpctl.kernels.sheet import Sheet
 from rpctl.reference.motion import ReferenceState, direction, reference_rates, steering
 from rpctl.reference.named import reference_by_name
 from tests.grids import cells
@@ -140,3 +153,111 @@ def test_steering_stays_inside_its_limits(tmp_path: Path) -> None:
 def test_a_reference_without_a_direction_leaves_the_wheels_ahead() -> None:
     still = ReferenceState(*np.zeros((3, 3)), *np.empty((3, 0)))
     np.testing.assert_array_equal(direction(still), [[1, 0, 0], [0, 0, 0], [0, 0, 0]])
+
+
+H = 0.6  # s, of the law
+RANGE = 'lower="-1.2" upper="1.2"'  # of every limited joint that the vehicles have
+LIMITS = f'{RANGE} effort="40" velocity="6"'
+
+
+def bicycle(folder: Path, lower: float, upper: float, velocity: float = 6.0) -> Robot:
+    """Return a bicycle; its steering axis points down, so that positive steers to the right."""
+    limits = f'lower="{lower}" upper="{upper}" effort="40" velocity="{velocity}"'
+    arm, _, steering = vehicle("bicycle").rpartition(LIMITS)
+    return rpctl.load(write(folder, arm + limits + steering))
+
+
+def asked(robot: Robot, angle: float, rate: float, omega: float) -> Array:
+    """Return δ̇_d and δ̈_d (2,) for a bend that takes far more steering than there is."""
+    sheet = Sheet()
+    twist, direction, none = [0.5, 0.0, omega], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]
+    measured = Measured(none, none, [], [], [math.SX(angle)], [math.SX(rate)])
+    at = Tracking(sheet, direction, none, direction, none, none, none)
+    symbols = math.SX.sym("twist", 3)
+    parts = base_command(sheet, robot, at, math.vertsplit(symbols), measured, H)
+    (value,) = sheet.resolved([math.vertcat(*(part[1] for part in parts))])
+    return np.asarray(math.Function("asked", [symbols], [value])(twist)).ravel()
+
+
+@pytest.mark.parametrize(("omega", "limit"), [(-20.0, 0.7), (20.0, -0.4)])
+def test_it_comes_to_rest_a_margin_before_its_limit(
+    tmp_path: Path, omega: float, limit: float
+) -> None:
+    """(limit − margin − δ)/brake on the way out, and what is beyond comes back as δ always does."""
+    robot = bicycle(tmp_path, -0.4, 0.7)
+    end, side, rate = (
+        limit - numbers.copysign(ANGLE_MARGIN, limit),
+        numbers.copysign(1.0, limit),
+        0.1,
+    )
+    for gap, time in ((0.2, BRAKE_TIME), (0.001, BRAKE_TIME), (-0.01, STEERING_HORIZON_RATIO * H)):
+        got = asked(robot, end - side * gap, side * rate, omega)
+        np.testing.assert_allclose(got, [side * gap / time, -side * rate / time], atol=1e-12)
+
+
+@pytest.mark.parametrize(("omega", "limit"), [(-20.0, 0.7), (20.0, -0.4)])
+def test_it_turns_no_faster_than_a_share_of_its_limit(
+    tmp_path: Path, omega: float, limit: float
+) -> None:
+    robot = bicycle(tmp_path, -0.4, 0.7, velocity=0.5)
+    got = asked(robot, 0.0, 0.1, omega)
+    np.testing.assert_allclose(got, [numbers.copysign(RATE_FRACTION * 0.5, limit), 0.0], atol=1e-12)
+
+
+def test_within_its_limits_it_is_of_first_order(tmp_path: Path) -> None:
+    """Where the twist is the reference's, ahead: δ̇_d = −δ/h_s, δ̈_d = −δ̇/h_s."""
+    robot = bicycle(tmp_path, -0.4, 0.7)
+    got = asked(robot, 0.03, 0.1, 0.0)
+    np.testing.assert_allclose(
+        got, [-0.03 / (STEERING_HORIZON_RATIO * H), -0.1 / (STEERING_HORIZON_RATIO * H)], atol=1e-12
+    )
+
+
+def car(folder: Path, left: str, right: str) -> Robot:
+    """Return a car whose right front wheel follows the left one, with the limits of each."""
+    arm, first, second, rest = vehicle("car-like").split(RANGE)
+    return rpctl.load(write(folder, arm + RANGE + first + left + second + right + rest))
+
+
+@pytest.mark.parametrize(
+    ("own", "followers", "bound"),
+    [((-0.9, 1.0), (-0.3, 0.5), (0, 1)), ((-0.9, 1.0), (-0.5, 0.2), (0, 1)),
+     ((-0.1, 0.2), (-1.0, 1.1), ()), ((-0.1, 1.0), (-0.3, 0.9), (1,))],
+)  # fmt: skip
+def test_a_leader_keeps_its_followers_limits(
+    tmp_path: Path,
+    own: tuple[float, float],
+    followers: tuple[float, float],
+    bound: tuple[int, ...],
+) -> None:
+    """Ackermann: cot δ_R − cot δ_L = w/L. The right axis points down: δ_R is minus its position."""
+    L, w = 0.7, 0.5
+    said = [f'lower="{low}" upper="{high}"' for low, high in (own, followers)]
+    robot = car(tmp_path, *said)
+    limits = steering_limits(robot.drive, robot.description.joint)
+    for side, found in enumerate((limits.lower[0], limits.upper[0])):
+        expected = own[side]
+        if side in bound:
+            right = -followers[1 - side]
+            expected = numbers.atan(1.0 / (1.0 / numbers.tan(right) - w / L))
+        step = abs(own[side]) / 250
+        assert abs(expected) - step - 1e-9 <= abs(found) <= abs(expected) + 1e-9
+        assert found * expected > 0.0
+
+
+def test_the_tightest_bend_is_that_of_the_side_that_steers_less(tmp_path: Path) -> None:
+    """P's radius is L/tan δ of the lesser limit, and half the track more for a wheel beside."""
+    robot = bicycle(tmp_path, -0.4, 0.7)
+    radius = turning_radius(robot.drive, robot.description.joint)
+    assert radius == pytest.approx(0.8 / numbers.tan(0.4))
+    robot = car(tmp_path, 'lower="-0.6" upper="0.9"', 'lower="-1.2" upper="1.2"')
+    expected = 0.7 / numbers.tan(0.6) + 0.25
+    assert turning_radius(robot.drive, robot.description.joint) == pytest.approx(expected)
+
+
+def test_how_far_off_the_reference_wheels_may_point(tmp_path: Path) -> None:
+    """With an axle up to 45°; without one a share of how far P is from the line of the two that
+    lead, 0.3 m here, in lengths of how far the furthest of them is, 0.5 m."""
+    assert max_deviation(bicycle(tmp_path, -0.4, 0.7).drive) == 1.0
+    corners = rpctl.load(write(tmp_path, vehicle("steered")))
+    assert max_deviation(corners.drive) == pytest.approx(0.8 * 0.3 / 0.5)

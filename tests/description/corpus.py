@@ -140,146 +140,206 @@ for label, value, message in (
     ("negative", "-3", 'mass -3 of link "base" is negative'),
 ):
     add_error(f"mass: {label}", message, '<mass value="30"/>', f'<mass value="{value}"/>')
-add_error("commas in a vector", "separate numbers by blanks", '<axis xyz="0 0 1"/>', '<axis xyz="0,0,1"/>')
-add_error("semicolons", "separate numbers by blanks", '<axis xyz="0 0 1"/>', '<axis xyz="0; 0; 1"/>')
-add_error("no value", '<mass> has no attribute "value"', '<mass value="30"/>', "<mass/>")
-add_warning("grams", "is it in grams?", '<mass value="30"/>', '<mass value="30000"/>')
-add_error("angle: degrees sign", "leave out the unit", 'rpy="0 0 0"', 'rpy="0 0 90°"')
-add_warning("angle in degrees", "is it in degrees?", '<origin xyz="0.2 0 0.4"/>', '<origin rpy="0 0 90"/>')
-add_warning("length in mm", "is it in mm?", '<origin xyz="0.2 0 0.4"/>', '<origin xyz="200 0 400"/>')
-add_error("quaternion", "write the turn as rpy", '<origin xyz="0.2 0 0.4"/>', '<origin quat_xyzw="0 0 0 1"/>')
+for error in (
+    ("commas in a vector", "separate numbers by blanks", '<axis xyz="0 0 1"/>', '<axis xyz="0,0,1"/>'),
+    ("semicolons", "separate numbers by blanks", '<axis xyz="0 0 1"/>', '<axis xyz="0; 0; 1"/>'),
+    ("no value", '<mass> has no attribute "value"', '<mass value="30"/>', "<mass/>"),
+    ("angle: degrees sign", "leave out the unit", 'rpy="0 0 0"', 'rpy="0 0 90°"'),
+    ("quaternion", "write the turn as rpy", '<origin xyz="0.2 0 0.4"/>', '<origin quat_xyzw="0 0 0 1"/>'),
+):
+    add_error(*error)
+for warning in (
+    ("grams", "is it in grams?", '<mass value="30"/>', '<mass value="30000"/>'),
+    ("angle in degrees", "is it in degrees?", '<origin xyz="0.2 0 0.4"/>', '<origin rpy="0 0 90"/>'),
+    ("length in mm", "is it in mm?", '<origin xyz="0.2 0 0.4"/>', '<origin xyz="200 0 400"/>'),
+):
+    add_warning(*warning)
 
 # Inertias.
 INERTIA = '<inertia ixx="1.5" ixy="0" ixz="0" iyy="1.6" iyz="0" izz="1.7"/>'
-add_error("no mass", "has no <mass>; add it", '<inertial>\n      <origin xyz="0.1 0 0.2" rpy="0 0 0"/>\n      <mass value="30"/>', "<inertial>")
-add_case("no inertia", "error", "has no <inertia>; add it", BASE.replace(INERTIA, "").replace("<inertial>", f"{MARK}<inertial>", 1))
-add_error("no ixy", '<inertia> has no attribute "ixy"', INERTIA, INERTIA.replace('ixy="0" ', ""))
-add_warning("not positive", "is not positive definite", INERTIA, INERTIA.replace('iyy="1.6"', 'iyy="-1"'))
-add_warning("not definite", "is not positive definite", INERTIA, INERTIA.replace('ixy="0"', 'ixy="1.6"'))
-add_warning("triangle rule", "breaks the triangle rule", INERTIA, INERTIA.replace('izz="1.7"', 'izz="9"'))
-add_warning("kg mm2", "is it in kg·mm² (divide by 1e6)", INERTIA, '<inertia ixx="1.5e6" ixy="0" ixz="0" iyy="1.6e6" iyz="0" izz="1.7e6"/>')
-add_warning("too dense", "is too small for 30 kg", INERTIA, '<inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/>')
-add_case("inertia without mass", "warning", "has an inertia but the mass 0", BASE.replace('<mass value="30"/>', '<mass value="0"/>').replace(INERTIA, MARK + INERTIA))
+for error in (
+    ("no mass", "has no <mass>; add it", '<inertial>\n      <origin xyz="0.1 0 0.2" rpy="0 0 0"/>\n      <mass value="30"/>', "<inertial>"),
+    ("no ixy", '<inertia> has no attribute "ixy"', INERTIA, INERTIA.replace('ixy="0" ', "")),
+):
+    add_error(*error)
+for warning in (
+    ("not positive", "is not positive definite", INERTIA, INERTIA.replace('iyy="1.6"', 'iyy="-1"')),
+    ("not definite", "is not positive definite", INERTIA, INERTIA.replace('ixy="0"', 'ixy="1.6"')),
+    ("triangle rule", "breaks the triangle rule", INERTIA, INERTIA.replace('izz="1.7"', 'izz="9"')),
+    ("kg mm2", "is it in kg·mm² (divide by 1e6)", INERTIA, '<inertia ixx="1.5e6" ixy="0" ixz="0" iyy="1.6e6" iyz="0" izz="1.7e6"/>'),
+    ("too dense", "is too small for 30 kg", INERTIA, '<inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/>'),
+    ("two inertials", "a second <inertial> in <link>", "<visual>", f'{MARK}<inertial><mass value="1"/></inertial><visual>'),
+    ("two masses", "a second <mass> in <inertial>", '<mass value="30"/>', '<mass value="30"/><mass value="40"/>'),
+):
+    add_warning(*warning)
+for case in (
+    ("no inertia", "error", "has no <inertia>; add it", BASE.replace(INERTIA, "").replace("<inertial>", f"{MARK}<inertial>", 1)),
+    ("inertia without mass", "warning", "has an inertia but the mass 0", BASE.replace('<mass value="30"/>', '<mass value="0"/>').replace(INERTIA, MARK + INERTIA)),
+):
+    add_case(*case)
 add_change("point mass", "info", 'link "base" is a point mass', INERTIA, '<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>')
-add_warning("two inertials", "a second <inertial> in <link>", "<visual>", f'{MARK}<inertial><mass value="1"/></inertial><visual>')
-add_warning("two masses", "a second <mass> in <inertial>", '<mass value="30"/>', '<mass value="30"/><mass value="40"/>')
 
 # Names and structure.
-add_error("no link name", "<link> without a name; name it", '<link name="arm">', "<link>")
-add_error("no joint name", "<joint> without a name; name it", '<joint name="slide" ', "<joint ")
-add_error("two links of a name", 'link "base" is already at line 4; rename one', '<link name="arm">', '<link name="base">')
-add_error("two joints of a name", 'joint "shoulder" is already at line 43; rename', '<joint name="slide" ', '<joint name="shoulder" ')
-add_error("reserved name", 'joint "root_joint" has a name that Pinocchio takes', '<joint name="slide" ', '<joint name="root_joint" ')
-add_error("universe", 'joint "universe" has a name that Pinocchio takes', '<joint name="slide" ', '<joint name="universe" ')
-add_error("unknown parent", 'joint "slide" names an unknown link "hand"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>', f'{MARK}<joint name="slide" type="prismatic">\n    <parent link="hand"/>')
-add_error("unknown child", 'joint "slide" names an unknown link "thumb"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', f'{MARK}<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="thumb"/>')
-add_error("no parent", 'joint "slide" has no <parent link="...">', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>', '<joint name="slide" type="prismatic">')
-add_error("empty child", 'joint "slide" has no <child link="...">', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', '<joint name="slide" type="prismatic">\n    <parent link="arm"/><child link=""/>')
-add_error("two parents", 'link "arm" has two parents: joints "shoulder" and "slide"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', '<joint name="slide" type="prismatic">\n    <parent link="base"/>\n    <child link="arm"/>')
-add_error("a link of its own", 'link "arm" is in a cycle', '<joint name="shoulder" type="revolute">\n    <parent link="base"/>', '<joint name="shoulder" type="revolute">\n    <parent link="arm"/>')
-add_error("a cycle of two", 'link "arm" is in a cycle', '<joint name="shoulder" type="revolute">\n    <parent link="base"/>', '<joint name="shoulder" type="revolute">\n    <parent link="blade"/>')
-add_case("two roots", "error", '2 root links ("base", "spare"); join them', BASE.replace("<robot ", f"{MARK}<robot ").replace("</robot>", '<link name="spare"/></robot>'))
-add_case("no root", "error", "the joints form a cycle", f'{MARK}<robot name="r"><link name="a"/><link name="b"/><joint name="p" type="fixed"><parent link="a"/><child link="b"/></joint><joint name="q" type="fixed"><parent link="b"/><child link="a"/></joint></robot>')
-add_case("no links", "error", "the robot has no <link>", f'{MARK}<robot name="r"/>')
-add_case("no name", "warning", "<robot> has no name; it is called", BASE.replace('<robot name="r">', f"{MARK}<robot>"))
-add_warning("misspelt", "did you mean <inertial>?", "<visual>", f"{MARK}<inertal/><visual>")
-add_warning("misspelt limit", "did you mean <limit>?", '<limit lower="-2"', f'{MARK}<limits lower="-2"')
+for error in (
+    ("no link name", "<link> without a name; name it", '<link name="arm">', "<link>"),
+    ("no joint name", "<joint> without a name; name it", '<joint name="slide" ', "<joint "),
+    ("two links of a name", 'link "base" is already at line 4; rename one', '<link name="arm">', '<link name="base">'),
+    ("two joints of a name", 'joint "shoulder" is already at line 43; rename', '<joint name="slide" ', '<joint name="shoulder" '),
+    ("reserved name", 'joint "root_joint" has a name that Pinocchio takes', '<joint name="slide" ', '<joint name="root_joint" '),
+    ("universe", 'joint "universe" has a name that Pinocchio takes', '<joint name="slide" ', '<joint name="universe" '),
+    ("unknown parent", 'joint "slide" names an unknown link "hand"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>', f'{MARK}<joint name="slide" type="prismatic">\n    <parent link="hand"/>'),
+    ("unknown child", 'joint "slide" names an unknown link "thumb"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', f'{MARK}<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="thumb"/>'),
+    ("no parent", 'joint "slide" has no <parent link="...">', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>', '<joint name="slide" type="prismatic">'),
+    ("empty child", 'joint "slide" has no <child link="...">', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', '<joint name="slide" type="prismatic">\n    <parent link="arm"/><child link=""/>'),
+    ("two parents", 'link "arm" has two parents: joints "shoulder" and "slide"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', '<joint name="slide" type="prismatic">\n    <parent link="base"/>\n    <child link="arm"/>'),
+    ("a link of its own", 'link "arm" is in a cycle', '<joint name="shoulder" type="revolute">\n    <parent link="base"/>', '<joint name="shoulder" type="revolute">\n    <parent link="arm"/>'),
+    ("a cycle of two", 'link "arm" is in a cycle', '<joint name="shoulder" type="revolute">\n    <parent link="base"/>', '<joint name="shoulder" type="revolute">\n    <parent link="blade"/>'),
+):
+    add_error(*error)
+for warning in (
+    ("misspelt", "did you mean <inertial>?", "<visual>", f"{MARK}<inertal/><visual>"),
+    ("misspelt limit", "did you mean <limit>?", '<limit lower="-2"', f'{MARK}<limits lower="-2"'),
+):
+    add_warning(*warning)
+for case in (
+    ("two roots", "error", '2 root links ("base", "spare"); join them', BASE.replace("<robot ", f"{MARK}<robot ").replace("</robot>", '<link name="spare"/></robot>')),
+    ("no root", "error", "the joints form a cycle", f'{MARK}<robot name="r"><link name="a"/><link name="b"/><joint name="p" type="fixed"><parent link="a"/><child link="b"/></joint><joint name="q" type="fixed"><parent link="b"/><child link="a"/></joint></robot>'),
+    ("no links", "error", "the robot has no <link>", f'{MARK}<robot name="r"/>'),
+    ("no name", "warning", "<robot> has no name; it is called", BASE.replace('<robot name="r">', f"{MARK}<robot>")),
+):
+    add_case(*case)
 
 # Joints.
-add_error("no type", 'joint "slide" has no type; use one of', 'name="slide" type="prismatic"', f'{MARK}name="slide"')
-add_error("wrong type", 'joint "slide" has type "rotary"; use one of', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="rotary"')
-add_error("capital type", 'has type "Fixed"; use one of', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="Fixed"')
-add_error("floating", 'joint "slide" is floating; rpctl places the base itself', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="floating"')
-add_error("planar", 'joint "slide" is planar', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="planar"')
-add_error("zero axis", 'axis of joint "shoulder" is zero', '<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>')
-add_error("vanishing axis", 'axis of joint "shoulder" is zero', '<axis xyz="0 0 1"/>', '<axis xyz="0 0 1e-200"/>')
-add_error("short axis", "has 2 numbers; give 3", '<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>')
-add_error("axis without xyz", '<axis xyz="', '<axis xyz="0 0 1"/>', '<axis xyz="a b c"/>')
-add_warning("long axis", 'axis of joint "shoulder" has length 2;', '<axis xyz="0 0 1"/>', '<axis xyz="0 0 2"/>')
-add_warning("diagonal axis", "has length 1.41421;", '<axis xyz="0 0 1"/>', '<axis xyz="0 1 1"/>')
+for error in (
+    ("no type", 'joint "slide" has no type; use one of', 'name="slide" type="prismatic"', f'{MARK}name="slide"'),
+    ("wrong type", 'joint "slide" has type "rotary"; use one of', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="rotary"'),
+    ("capital type", 'has type "Fixed"; use one of', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="Fixed"'),
+    ("floating", 'joint "slide" is floating; rpctl places the base itself', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="floating"'),
+    ("planar", 'joint "slide" is planar', 'name="slide" type="prismatic"', f'{MARK}name="slide" type="planar"'),
+    ("zero axis", 'axis of joint "shoulder" is zero', '<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>'),
+    ("vanishing axis", 'axis of joint "shoulder" is zero', '<axis xyz="0 0 1"/>', '<axis xyz="0 0 1e-200"/>'),
+    ("short axis", "has 2 numbers; give 3", '<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>'),
+    ("axis without xyz", '<axis xyz="', '<axis xyz="0 0 1"/>', '<axis xyz="a b c"/>'),
+):
+    add_error(*error)
+for warning in (
+    ("long axis", 'axis of joint "shoulder" has length 2;', '<axis xyz="0 0 1"/>', '<axis xyz="0 0 2"/>'),
+    ("diagonal axis", "has length 1.41421;", '<axis xyz="0 0 1"/>', '<axis xyz="0 1 1"/>'),
+):
+    add_warning(*warning)
 LIMIT = '<limit lower="-2" upper="2" effort="9" velocity="3"/>'
+for error in (
+    ("limits reversed", 'joint "shoulder" has lower 2 > upper -2; swap', LIMIT, '<limit lower="2" upper="-2" effort="9" velocity="3"/>'),
+    ("limit is nan", '<limit lower="nan"> is not finite', LIMIT, '<limit lower="nan" upper="1" effort="9" velocity="3"/>'),
+    ("limit is a word", '<limit upper="pi"> is not a number', LIMIT, '<limit lower="0" upper="pi" effort="9" velocity="3"/>'),
+    ("damping", '<dynamics damping="x"> is not a number', LIMIT, LIMIT + '<dynamics damping="x"/>'),
+):
+    add_error(*error)
+for warning in (
+    ("limits of nothing", 'joint "shoulder" cannot move', LIMIT, '<limit effort="9" velocity="3"/>'),
+    ("limits out of reach", "lower limit -1e+16", LIMIT, '<limit lower="-1e+16" upper="1e+16" effort="9" velocity="3"/>'),
+    ("negative effort", "effort limit -9", LIMIT, '<limit lower="-2" upper="2" effort="-9" velocity="3"/>'),
+    ("negative velocity", "velocity limit -3", LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="-3"/>'),
+    ("zero effort", "effort limit of joint", LIMIT, '<limit lower="-2" upper="2" effort="0" velocity="3"/>'),
+    ("vanishing velocity", "velocity limit of joint \"shoulder\" is 1e-160; it is taken as not given", LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="1e-160"/>'),
+    ("two limits", "a second <limit> in <joint>", LIMIT, LIMIT + "<limit/>"),
+):
+    add_warning(*warning)
 add_case("no limit", "warning", 'joint "shoulder" has no <limit>; it is taken as unlimited', BASE.replace(LIMIT, "").replace('<joint name="shoulder"', f'{MARK}<joint name="shoulder"'))
-add_error("limits reversed", 'joint "shoulder" has lower 2 > upper -2; swap', LIMIT, '<limit lower="2" upper="-2" effort="9" velocity="3"/>')
-add_warning("limits of nothing", 'joint "shoulder" cannot move', LIMIT, '<limit effort="9" velocity="3"/>')
-add_warning("limits out of reach", "lower limit -1e+16", LIMIT, '<limit lower="-1e+16" upper="1e+16" effort="9" velocity="3"/>')
-add_error("limit is nan", '<limit lower="nan"> is not finite', LIMIT, '<limit lower="nan" upper="1" effort="9" velocity="3"/>')
-add_error("limit is a word", '<limit upper="pi"> is not a number', LIMIT, '<limit lower="0" upper="pi" effort="9" velocity="3"/>')
-add_warning("negative effort", "effort limit -9", LIMIT, '<limit lower="-2" upper="2" effort="-9" velocity="3"/>')
-add_warning("negative velocity", "velocity limit -3", LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="-3"/>')
-add_warning("zero effort", "effort limit of joint", LIMIT, '<limit lower="-2" upper="2" effort="0" velocity="3"/>')
-add_warning("vanishing velocity", "velocity limit of joint \"shoulder\" is 1e-160; it is taken as not given", LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="1e-160"/>')
-add_warning("two limits", "a second <limit> in <joint>", LIMIT, LIMIT + "<limit/>")
-add_error("damping", '<dynamics damping="x"> is not a number', LIMIT, LIMIT + '<dynamics damping="x"/>')
 
 # Mimics.
-add_error("mimic: unknown", 'joint "shoulder" mimics an unknown joint "thumb"', LIMIT, LIMIT + '<mimic joint="thumb"/>')
-add_error("mimic: itself", 'joint "shoulder" mimics itself', LIMIT, LIMIT + '<mimic joint="shoulder"/>')
-add_error("mimic: no joint", '<mimic> of joint "shoulder" has no attribute "joint"', LIMIT, LIMIT + "<mimic/>")
-add_error("mimic: no number", '<mimic multiplier="two"> is not a number', LIMIT, LIMIT + '<mimic joint="slide" multiplier="two"/>')
+for error in (
+    ("mimic: unknown", 'joint "shoulder" mimics an unknown joint "thumb"', LIMIT, LIMIT + '<mimic joint="thumb"/>'),
+    ("mimic: itself", 'joint "shoulder" mimics itself', LIMIT, LIMIT + '<mimic joint="shoulder"/>'),
+    ("mimic: no joint", '<mimic> of joint "shoulder" has no attribute "joint"', LIMIT, LIMIT + "<mimic/>"),
+    ("mimic: no number", '<mimic multiplier="two"> is not a number', LIMIT, LIMIT + '<mimic joint="slide" multiplier="two"/>'),
+):
+    add_error(*error)
 add_warning("mimic: multiplier 0", 'joint "shoulder" mimics with multiplier 0', LIMIT, LIMIT + '<mimic joint="slide" multiplier="0"/>')
 GRIP = '<limit lower="0" upper="0.1" effort="5" velocity="1"/>'
-add_case("mimic: circle", "error", "mimics in a circle (shoulder > slide)", BASE.replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}').replace(GRIP, '<mimic joint="shoulder"/>' + GRIP))
-add_case("mimic: chain", "warning", 'joint "slide" mimics "shoulder", itself a mimic; read as one of "left_joint"', BASE.replace(LIMIT, '<mimic joint="left_joint"/>' + LIMIT).replace(GRIP, f'{MARK}<mimic joint="shoulder"/>{GRIP}'))
-add_case("mimic: fixed", "error", 'mimics joint "slide", which is fixed', BASE.replace('"slide" type="prismatic"', '"slide" type="fixed"').replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}'))
+for case in (
+    ("mimic: circle", "error", "mimics in a circle (shoulder > slide)", BASE.replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}').replace(GRIP, '<mimic joint="shoulder"/>' + GRIP)),
+    ("mimic: chain", "warning", 'joint "slide" mimics "shoulder", itself a mimic; read as one of "left_joint"', BASE.replace(LIMIT, '<mimic joint="left_joint"/>' + LIMIT).replace(GRIP, f'{MARK}<mimic joint="shoulder"/>{GRIP}')),
+    ("mimic: fixed", "error", 'mimics joint "slide", which is fixed', BASE.replace('"slide" type="prismatic"', '"slide" type="fixed"').replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}')),
+):
+    add_case(*case)
 
 # Shapes.
 BOX = '<box size="0.5 0.4 0.2"/>'
-add_warning("no shape", "<visual> without a shape", f"<visual>\n      <geometry>{BOX}</geometry>", f"{MARK}<visual>")
-add_warning("two shapes", "a second shape in <geometry>", BOX, BOX + BOX)
-add_warning("strange shape", "<cone> is no URDF shape", BOX, "<cone/>")
-add_warning("negative size", "<box> has a size that is not positive", BOX, '<box size="-0.5 0.4 0.2"/>')
-add_warning("huge size", "<box> is over 100 m large; is it in mm?", BOX, '<box size="500 400 200"/>')
 add_error("size is no number", '<box size="a b c"> is not a number', BOX, '<box size="a b c"/>')
-add_warning("mesh without a name", "<mesh> without a filename", BOX, "<mesh/>")
-add_warning("mesh of scale 0", "<mesh> with a scale of 0", BOX, '<mesh filename="a.stl" scale="0 1 1"/>')
-add_warning("colour of 255", "leaves [0, 1]; divide 0-255 by 255", '<material name="red"><color rgba="1 0 0 1"/>', '<material name="red"><color rgba="255 0 0 1"/>')
-add_warning("colour is no number", '<color rgba="red"> is not a number', '<material name="red"><color rgba="1 0 0 1"/>', '<material name="red"><color rgba="red"/>')
+for warning in (
+    ("no shape", "<visual> without a shape", f"<visual>\n      <geometry>{BOX}</geometry>", f"{MARK}<visual>"),
+    ("two shapes", "a second shape in <geometry>", BOX, BOX + BOX),
+    ("strange shape", "<cone> is no URDF shape", BOX, "<cone/>"),
+    ("negative size", "<box> has a size that is not positive", BOX, '<box size="-0.5 0.4 0.2"/>'),
+    ("huge size", "<box> is over 100 m large; is it in mm?", BOX, '<box size="500 400 200"/>'),
+    ("mesh without a name", "<mesh> without a filename", BOX, "<mesh/>"),
+    ("mesh of scale 0", "<mesh> with a scale of 0", BOX, '<mesh filename="a.stl" scale="0 1 1"/>'),
+    ("colour of 255", "leaves [0, 1]; divide 0-255 by 255", '<material name="red"><color rgba="1 0 0 1"/>', '<material name="red"><color rgba="255 0 0 1"/>'),
+    ("colour is no number", '<color rgba="red"> is not a number', '<material name="red"><color rgba="1 0 0 1"/>', '<material name="red"><color rgba="red"/>'),
+):
+    add_warning(*warning)
 
 # XML.
-add_case("empty", "error", "the file is empty", "")
-add_case("blanks", "error", "the file is empty", " \n\t\n")
-add_case("text", "error", 'not XML: it begins with "wheels: 2"', f"{MARK}wheels: 2")
-add_case("only comments", "error", "truncated before its root element", "<!-- a -->")
-add_case("truncated in a tag", "error", "the file is truncated", without(BASE[BASE.index('link="blade"/>') :]))
-add_case("truncated in a comment", "error", "<!-- is never closed", f"{MARK}<!-- a robot")
-add_case("truncated after a tag", "error", "the file is truncated", BASE[: BASE.index("  <joint name")] + MARK)
-add_case("tag not closed", "error", "not well-formed XML: Opening and ending tag mismatch: link", BASE.replace("  </link>\n", "", 1).replace("</robot>", f"{MARK}</robot>"))
-add_error("attribute twice", "Attribute value redefined", '<mass value="30"/>', '<mass value="30" value="31"/>')
-add_error("no quotes", "not well-formed XML", '<mass value="30"/>', "<mass value=30/>")
-add_error("ampersand", "not well-formed XML", '<mass value="30"/>', '<mass value="30"/> a & b')
-add_error("two documents", "Extra content at the end", "</robot>\n", f"</robot>\n{MARK}<robot/>")
-add_error("control character", "not well-formed XML: PCDATA invalid Char value 1", '<mass value="30"/>', "\x01")
-add_case("deep", "error", "elements are nested over 256 deep", f'{MARK}<robot name="r">' + "<a>" * 300 + "</a>" * 300 + "</robot>")
-add_case("doctype", "error", "a DOCTYPE is not part of URDF; remove it", f"\n{MARK}<!DOCTYPE robot>" + '<robot name="r"/>')
-add_case("entities", "error", "its entities are never read", f"{MARK}<!DOCTYPE r [<!ENTITY a 'b'>]><robot/>")
-add_case("sdf", "error", "this is SDF, not URDF; export", f'<?xml version="1.0"?>\n{MARK}<sdf version="1.6"></sdf>')
-add_case("mjcf", "error", "this is MJCF, not URDF; export", f"{MARK}<mujoco></mujoco>")
-add_case("collada", "error", "this is COLLADA, a mesh, not URDF", f'{MARK}<COLLADA xmlns="u"/>')
-add_case("html", "error", "this is HTML, a page, not URDF; download the raw file", f"\n{MARK}<!DOCTYPE html><html></html>")
-add_case("html without a doctype", "error", "this is HTML", f"{MARK}<html></html>")
-add_case("svg", "error", "this is an SVG picture", f"{MARK}<svg/>")
-add_case("srdf", "error", "this is SRDF", f'{MARK}<robot name="r"><group name="arm"/></robot>')
-add_case("launch", "error", "this is a ROS launch file", f"{MARK}<launch/>")
-add_case("other root", "error", "the root element is <Robot>; a URDF's is <robot>", f"{MARK}<Robot/>")
-add_case("json", "error", "this is JSON, not URDF", MARK + '{"robot": 1}')
-add_case("yaml", "error", "this is YAML", f"{MARK}---\nrobot: 1")
-add_case("stl", "error", "this is an STL mesh", f"{MARK}solid cube")
-add_case("lfs", "error", "this is a Git LFS pointer, not URDF; run `git lfs pull`", f"{MARK}version https://git-lfs.github.com/spec/v1")
-add_case("404", "error", "this is a server's error message", f"{MARK}404: Not Found")
+for error in (
+    ("attribute twice", "Attribute value redefined", '<mass value="30"/>', '<mass value="30" value="31"/>'),
+    ("no quotes", "not well-formed XML", '<mass value="30"/>', "<mass value=30/>"),
+    ("ampersand", "not well-formed XML", '<mass value="30"/>', '<mass value="30"/> a & b'),
+    ("two documents", "Extra content at the end", "</robot>\n", f"</robot>\n{MARK}<robot/>"),
+    ("control character", "not well-formed XML: PCDATA invalid Char value 1", '<mass value="30"/>', "\x01"),
+):
+    add_error(*error)
+for case in (
+    ("empty", "error", "the file is empty", ""),
+    ("blanks", "error", "the file is empty", " \n\t\n"),
+    ("text", "error", 'not XML: it begins with "wheels: 2"', f"{MARK}wheels: 2"),
+    ("only comments", "error", "truncated before its root element", "<!-- a -->"),
+    ("truncated in a tag", "error", "the file is truncated", without(BASE[BASE.index('link="blade"/>') :])),
+    ("truncated in a comment", "error", "<!-- is never closed", f"{MARK}<!-- a robot"),
+    ("truncated after a tag", "error", "the file is truncated", BASE[: BASE.index("  <joint name")] + MARK),
+    ("tag not closed", "error", "not well-formed XML: Opening and ending tag mismatch: link", BASE.replace("  </link>\n", "", 1).replace("</robot>", f"{MARK}</robot>")),
+    ("deep", "error", "elements are nested over 256 deep", f'{MARK}<robot name="r">' + "<a>" * 300 + "</a>" * 300 + "</robot>"),
+    ("doctype", "error", "a DOCTYPE is not part of URDF; remove it", f"\n{MARK}<!DOCTYPE robot>" + '<robot name="r"/>'),
+    ("entities", "error", "its entities are never read", f"{MARK}<!DOCTYPE r [<!ENTITY a 'b'>]><robot/>"),
+    ("sdf", "error", "this is SDF, not URDF; export", f'<?xml version="1.0"?>\n{MARK}<sdf version="1.6"></sdf>'),
+    ("mjcf", "error", "this is MJCF, not URDF; export", f"{MARK}<mujoco></mujoco>"),
+    ("collada", "error", "this is COLLADA, a mesh, not URDF", f'{MARK}<COLLADA xmlns="u"/>'),
+    ("html", "error", "this is HTML, a page, not URDF; download the raw file", f"\n{MARK}<!DOCTYPE html><html></html>"),
+    ("html without a doctype", "error", "this is HTML", f"{MARK}<html></html>"),
+    ("svg", "error", "this is an SVG picture", f"{MARK}<svg/>"),
+    ("srdf", "error", "this is SRDF", f'{MARK}<robot name="r"><group name="arm"/></robot>'),
+    ("launch", "error", "this is a ROS launch file", f"{MARK}<launch/>"),
+    ("other root", "error", "the root element is <Robot>; a URDF's is <robot>", f"{MARK}<Robot/>"),
+    ("json", "error", "this is JSON, not URDF", MARK + '{"robot": 1}'),
+    ("yaml", "error", "this is YAML", f"{MARK}---\nrobot: 1"),
+    ("stl", "error", "this is an STL mesh", f"{MARK}solid cube"),
+    ("lfs", "error", "this is a Git LFS pointer, not URDF; run `git lfs pull`", f"{MARK}version https://git-lfs.github.com/spec/v1"),
+    ("404", "error", "this is a server's error message", f"{MARK}404: Not Found"),
+):
+    add_case(*case)
 for magic, kind in ((b"\x89PNG\r\n\x1a\n\0", "a PNG picture"), (b"PK\x03\x04\0", "a ZIP archive"),
                     (b"\x1f\x8b\x08\0", "a gzip archive"), (b"%PDF-1.4", "a PDF")):
     CASES.append(UrdfCase(kind, "error", f"this is {kind}, not URDF", magic, None))
 CASES.append(UrdfCase("zero bytes", "error", "a zero byte", b"<robot>\n\0\0</robot>", 2))
-add_case("xacro", "error", "xacro is left unexpanded (2 elements, the first is <macro>)", f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>', "utf-16")
-add_case("xacro undeclared", "error", "xacro is left unexpanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>', "utf-16")
+for encoded in (
+    ("xacro", "error", "xacro is left unexpanded (2 elements, the first is <macro>)", f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>', "utf-16"),
+    ("xacro undeclared", "error", "xacro is left unexpanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>', "utf-16"),
+):
+    add_case(*encoded)
 
 # Encodings and namespaces: mended, and said.
-add_case("default namespace", "warning", '<robot> is in the namespace "urn:x"; it is left out', BASE.replace("<robot ", f'{MARK}<robot xmlns="urn:x" '))
-add_case("prefixed urdf", "warning", 'in the namespace "urn:x"', f'{MARK}<u:robot xmlns:u="urn:x" name="r"><u:link name="a"/></u:robot>')
-add_warning("undeclared prefix", 'the prefix "gz" is not declared', "<visual>", f"{MARK}<gz:plugin/><visual>")
-add_warning("undeclared prefix of an attribute", 'the prefix "xsi" is not declared', "<visual>", f'{MARK}<visual xsi:type="a">')
-add_case("latin-1 as utf-8", "warning", "byte 0xE9 is not UTF-8, the file's encoding; it is read as Latin-1", BASE.replace('"red"><', f'"roug{MARK}é"><'), "latin-1")
-add_case("unknown encoding", "warning", 'the declared encoding "klingon" is not the file\'s', MARK + BASE.replace("UTF-8", "klingon"))
-add_case("declared utf-16", "warning", 'the declared encoding "UTF-16" is not the file\'s', MARK + BASE.replace("UTF-8", "UTF-16"))
-add_case("blanks before the declaration", "warning", "blanks before <?xml; remove them", f"\n\n{MARK}{BASE}")
+for warning in (
+    ("undeclared prefix", 'the prefix "gz" is not declared', "<visual>", f"{MARK}<gz:plugin/><visual>"),
+    ("undeclared prefix of an attribute", 'the prefix "xsi" is not declared', "<visual>", f'{MARK}<visual xsi:type="a">'),
+):
+    add_warning(*warning)
+for mended in (
+    ("default namespace", "warning", '<robot> is in the namespace "urn:x"; it is left out', BASE.replace("<robot ", f'{MARK}<robot xmlns="urn:x" ')),
+    ("prefixed urdf", "warning", 'in the namespace "urn:x"', f'{MARK}<u:robot xmlns:u="urn:x" name="r"><u:link name="a"/></u:robot>'),
+    ("latin-1 as utf-8", "warning", "byte 0xE9 is not UTF-8, the file's encoding; it is read as Latin-1", BASE.replace('"red"><', f'"roug{MARK}é"><'), "latin-1"),
+    ("unknown encoding", "warning", 'the declared encoding "klingon" is not the file\'s', MARK + BASE.replace("UTF-8", "klingon")),
+    ("declared utf-16", "warning", 'the declared encoding "UTF-16" is not the file\'s', MARK + BASE.replace("UTF-8", "UTF-16")),
+    ("blanks before the declaration", "warning", "blanks before <?xml; remove them", f"\n\n{MARK}{BASE}"),
+):
+    add_case(*mended)
 CASES.append(UrdfCase("utf-16 cut in a character", "error", "not UTF-16 as its first bytes say", BASE.encode("utf-16")[:-3], None))

@@ -111,7 +111,7 @@ HOSTILE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", every(3, HOSTILE))
+@pytest.mark.parametrize("name", every(4, HOSTILE))
 def test_hostile_files_are_refused_soon(name: str, tmp_path: Path) -> None:
     text, expected = HOSTILE[name]
     path = tmp_path / "hostile.urdf"

@@ -1,14 +1,18 @@
-"""What looks like a wheel and is none of the drive's: an error that names what would settle it."""
+"""What looks like a wheel and is none, and passive joints of wheels, held at rest."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+import rpctl
+from rpctl import ReducedDynamics, Robot
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.urdf.reader import read
 from rpctl.drive.leftovers import lock_option
+from rpctl.errors import Finding
 from tests import urdf
-from tests.drive.drive_cases import Files, body, xml
+from tests.drive.drive_cases import TRANSMISSION, Files, body, xml
 from tests.robots import write
 from tests.vehicles import Parts, rear_axle
 
@@ -146,3 +150,215 @@ def test_one_pattern_names_the_joints_and_no_other(
     for name in sorted(every):
         parts.wheel(name, "base", "0 0 0.1")
     assert lock_option(FrozenTree(read(write(files.folder, xml(parts)))), names) == option
+
+
+SIDES = (("left", 0.3), ("right", -0.3))
+STRUT = urdf.limit(-0.02, 0.02, 100, 1)
+
+
+def infos(robot: Robot) -> list[Finding]:
+    return [f for f in robot.findings if "suspension" in f.message or "rollers" in f.message]
+
+
+def struts(limit: str = STRUT, axis: str = "0 0 1", height: float = 0.1) -> Parts:
+    """Return a base whose two wheels hang on a strut each."""
+    parts = body()
+    for side, y in SIDES:
+        parts.link(f"{side}_arm", 0.5)
+        ends = ("base", f"{side}_arm")
+        parts.joint(f"{side}_spring", "prismatic", ends, f"0 {y} {height}", axis, limit)
+        parts.wheel(f"{side}_roll", f"{side}_arm", "0 0 0")
+    return parts
+
+
+def on_rocker(limit: str, axis: str = "1 0 0", name: str = "wheel", carried: str = "") -> Parts:
+    """Return a base with wheels behind, and two in front on a rocker, as Ridgeback's."""
+    parts = body()
+    rear_axle(parts, x=-0.3)
+    parts.link("rocker", 0.5)
+    ends = ("base", "rocker")
+    parts.xml.append(urdf.joint("front_rocker", "revolute", ends, "0.3 0 0.1", axis, limit))
+    for side, y in SIDES:
+        parts.wheel(f"front_{side}_{name}", "rocker", f"0 {y} 0")
+    if carried:
+        parts.link("mast", 0.5)
+        ends = ("rocker", "mast")
+        parts.xml.append(urdf.joint("mast_joint", "revolute", ends, "0 0 0.5", "0 0 1", carried))
+    return parts
+
+
+def test_struts_are_held_at_rest_and_told(files: Files) -> None:
+    robot = files.load(struts(), strict=True)
+    assert robot.drive.type == "differential"
+    assert robot.quasi_velocities == ("v", "omega")
+    assert dict(robot.locked) == {"left_spring": 0.0, "right_spring": 0.0}
+    left, right = infos(robot)
+    assert (left.severity, left.line) == ("info", 1)
+    assert left.message.startswith('"left_spring" is a passive suspension of left_roll; ')
+    assert "at rest (0 m), --lock left_spring=POSITION" in left.message
+    assert right.message.startswith('"right_spring"')
+
+
+def test_rest_is_the_position_inside_the_limits_that_is_nearest_to_zero(files: Files) -> None:
+    """The wheels' axles are 0.03 m below the joints there, so the ground is, too."""
+    robot = files.load(struts(urdf.limit(-0.06, -0.03, 100, 1), height=0.13))
+    assert set(robot.locked.values()) == {-0.03}
+    assert robot.drive.ground == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("limit", "axis"),
+    [
+        (urdf.limit(-0.3, 0.3, 100, 1), "0 0 1"),  # 0.6 m for wheels of 0.1 m: a lift
+        (STRUT, "1 0 0"),  # a slide along the ground
+    ],
+)
+def test_slides_that_are_no_struts_are_asked_about(files: Files, limit: str, axis: str) -> None:
+    refusal = files.refusal(struts(limit, axis))
+    assert "--lock '*_spring'" in refusal
+    assert files.load(struts(limit, axis), lock=["*_spring"]).drive.type == "differential"
+
+
+def test_a_rocker_across_is_held_and_its_wheels_are_the_drives(files: Files) -> None:
+    """Of four mecanum wheels, two on the rocker: none is left for an arm."""
+    parts = on_rocker(urdf.limit(-0.087, 0.087, 9, 9), name="mecanum")
+    robot = files.load(parts, strict=True)
+    assert (robot.drive.type, len(robot.drive.wheels)) == ("mecanum", 4)
+    assert robot.end_effector is None
+    (told,) = infos(robot)
+    assert told.message.startswith(
+        '"front_rocker" is a passive suspension of front_left_mecanum, front_right_mecanum; '
+    )
+    assert "at rest (0 rad)" in told.message
+    S = ReducedDynamics(robot).basis(robot.configuration())
+    assert np.ptp([abs(S[robot.velocity_index(w.joint), 0]) for w in robot.drive.wheels]) < 1e-12
+
+
+WIDE = urdf.limit(-1.2, 1.2, 40, 6)
+
+
+@pytest.mark.parametrize("axis", ["1 0 0", "0 1 0"])
+@pytest.mark.parametrize("name", ["wheel", "roll"])
+def test_a_rocker_of_wide_travel_is_asked_about(files: Files, axis: str, name: str) -> None:
+    """It may as well be an arm with wheels: nothing says that nobody drives it."""
+    refusal = files.refusal(on_rocker(WIDE, axis, name))
+    assert f'"front_left_{name}", "front_right_{name}" hangs on "front_rocker"' in refusal
+    assert "\n  --lock front_rocker " in refusal
+    assert f"\n  --lock '*_{name}' " in refusal
+    assert f"\n  --free '*_{name}' " in refusal
+    held = files.load(on_rocker(WIDE, axis, name), lock=["front_rocker"])
+    assert len(held.drive.wheels) == 4
+    part = files.load(on_rocker(WIDE, axis, name), lock=[f"front_*_{name}"])
+    assert (part.drive.type, part.joint_names) == ("differential", ("front_rocker",))
+    arm = files.load(on_rocker(WIDE, axis, name), free=[f"front_*_{name}"])
+    assert len(arm.joint_names) == 3
+
+
+MOTORS = "".join(
+    TRANSMISSION.format(name)
+    for name in ("front_left_wheel", "front_right_wheel", "rear_left", "rear_right")
+)
+
+
+@pytest.mark.parametrize(
+    "evidence",
+    [
+        WIDE + '<dynamics damping="50"/>',
+        WIDE + "</joint>" + MOTORS + '<joint name="_">',
+        WIDE + '</joint><gazebo reference="front_rocker"><springStiffness>9</springStiffness>'
+        '</gazebo><joint name="_">',
+    ],
+    ids=["damping", "motors elsewhere", "spring"],
+)
+def test_what_shows_that_a_rocker_is_passive(files: Files, evidence: str) -> None:
+    text = xml(on_rocker(WIDE))
+    held = text.replace(WIDE, evidence).replace('<joint name="_"></joint>', "")
+    assert files.load(held).locked == {"front_rocker": 0.0}
+
+
+def test_rockers_that_mimic_each_other_stand_as_their_mimic_has_it(files: Files) -> None:
+    """The first rests at 0.02 rad, the nearest to 0 in its limits; the other at −0.02 + 0.01."""
+    parts = body()
+    for side, y in SIDES:
+        parts.link(f"{side}_rocker_link", 0.5)
+        tied = '<mimic joint="left_rocker" multiplier="-1" offset="0.01"/>' * (side == "right")
+        limit = urdf.limit(0.02, 0.2, 9, 9) if not tied else urdf.limit(-0.2, 0.2, 9, 9)
+        ends = ("base", f"{side}_rocker_link")
+        joint = urdf.joint(f"{side}_rocker", "revolute", ends, f"0 {y} 0.1", "0 1 0", limit + tied)
+        parts.xml.append(joint)
+        for place, x in (("front", 0.1), ("rear", -0.1)):
+            parts.wheel(f"{place}_{side}", f"{side}_rocker_link", f"{x} 0 0")
+    robot = files.load(parts)
+    assert robot.locked == pytest.approx({"left_rocker": 0.02, "right_rocker": -0.01})
+    assert (robot.drive.type, len(robot.drive.wheels)) == ("skid-steer", 4)
+
+
+def test_a_suspension_that_is_to_move_is_refused(files: Files) -> None:
+    """--free takes a joint out of what is held; the planar model has no place for it then."""
+    refusal = files.refusal(struts(), free=["left_spring"])
+    assert "--lock left_spring" in refusal
+
+
+def test_an_arm_has_no_suspension(files: Files) -> None:
+    assert files.load(struts(), "fixed").locked == {}
+
+
+def with_rollers(angle: float) -> str:
+    """Return four wheels with eight rollers each on them, at an angle (rad) to their axles."""
+    parts = body()
+    for place, x in (("front", 0.25), ("rear", -0.25)):
+        for side, y in SIDES:
+            name = f"{place}_{side}"
+            parts.wheel(name, "base", f"{x} {y} 0.1", r=0.08)
+            rim = f"{name}_link"
+            if place == "rear":  # rollers on a link that is fixed to the wheel's
+                rim = f"{name}_rim"
+                parts.link(rim, 0.1)
+                parts.joint(f"{name}_bolts", "fixed", (f"{name}_link", rim), "0 0 0", "0 0 1")
+            hand = 1.0 if name in ("front_left", "rear_right") else -1.0
+            for k in range(8):
+                turn = 2.0 * np.pi * k / 8
+                out = np.array([-np.sin(turn), 0.0, -np.cos(turn)])
+                around = np.array([np.cos(turn), 0.0, -np.sin(turn)])
+                axis = np.cos(angle) * np.array([0.0, 1.0, 0.0]) - hand * np.sin(angle) * around
+                place_text, axis_text = (" ".join(map(str, v)) for v in (0.085 * out, axis))
+                parts.link(f"{name}_barrel_{k}", 0.05, urdf.shape('sphere radius="0.015"'))
+                ends = (rim, f"{name}_barrel_{k}")
+                parts.joint(f"{name}_spin_{k}", "continuous", ends, place_text, axis_text)
+    return xml(parts)
+
+
+def test_rollers_are_held_and_tell_mecanum_wheels(files: Files) -> None:
+    robot = files.load(with_rollers(np.pi / 4), strict=True)
+    assert robot.drive.type == "mecanum"
+    assert robot.dof == 3
+    assert len(robot.locked) == 32
+    (told,) = infos(robot)
+    assert told.message.startswith("32 rollers of front_left, front_right, rear_left, rear_right")
+    assert "lie askew to its axle" in robot.drive.evidence[0]
+    assert [wheel.radius for wheel in robot.drive.wheels] == pytest.approx([0.1] * 4)
+    assert {wheel.source for wheel in robot.drive.wheels} == {"its rollers"}
+    assert rpctl.verify(robot, samples=1).passed
+    named = files.load(xml(body_of_four("mecanum")))
+    for wheel, other in zip(robot.drive.wheels, named.drive.wheels, strict=True):
+        assert wheel.direction == pytest.approx(other.direction)
+
+
+@pytest.mark.parametrize(("count", "rollers"), [(3, True), (2, False)])
+def test_three_joints_on_a_wheel_are_rollers(files: Files, count: int, rollers: bool) -> None:
+    parts = body()
+    rear_axle(parts)
+    for k in range(count):
+        parts.link(f"part_{k}", 0.05, urdf.shape('sphere radius="0.01"'))
+        ends = ("rear_left_link", f"part_{k}")
+        parts.joint(f"joint_{k}", "continuous", ends, f"{0.09 - 0.05 * k} 0 0", "0 1 0")
+    robot = files.load(parts, free=[] if rollers else ["rear_left"])
+    assert len(robot.locked) == (count if rollers else 0)
+
+
+def body_of_four(name: str) -> Parts:
+    parts = body()
+    for place, x in (("front", 0.25), ("rear", -0.25)):
+        for side, y in SIDES:
+            parts.wheel(f"{place}_{side}_{name}", "base", f"{x} {y} 0.1")
+    return parts

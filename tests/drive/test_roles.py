@@ -1,10 +1,18 @@
-"""Which wheels lead, follow, trail or are left without a drive."""
+"""Which wheels lead, follow, trail or are left without a drive, and what stands on the ground."""
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
+
 import pytest
 
-from tests.drive.drive_cases import TRANSMISSION, Files, axles, body
+import rpctl
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.urdf.reader import read
+from rpctl.drive.wheels import find_candidates
+from tests.drive.drive_cases import TRANSMISSION, Files, axles, body, tricycle, xml
+from tests.robots import write
 from tests.vehicles import Parts, rear_axle, vehicle
 
 
@@ -84,3 +92,131 @@ def test_wheels_on_askew_axles_drive_unless_only_a_pair_does(
     assert slides == ({"side_0", "side_1", "side_2"} if kind == "differential" else set())
     every = {wheel.joint for wheel in drive.wheels}
     assert {wheel.joint for wheel in drive.wheels if wheel.driven} == (set(driven) or every)
+
+
+TILT = 0.3  # rad, about y
+
+
+@pytest.mark.parametrize("tilt", [TILT, -TILT])
+@pytest.mark.parametrize(
+    ("shape", "reach"),
+    [
+        ('<sphere radius="0.07"/>', 0.07),
+        ('<box size="0.2 0.3 0.1"/>', 0.5 * (0.2 * math.sin(TILT) + 0.1 * math.cos(TILT))),
+        ('<cylinder radius="0.05" length="0.4"/>', 0.05 * math.sin(TILT) + 0.2 * math.cos(TILT)),
+        ('<capsule radius="0.05" length="0.4"/>', 0.05 + 0.2 * math.cos(TILT)),
+    ],
+)
+def test_the_lowest_point_of_a_tilted_shape(
+    tmp_path: Path, shape: str, reach: float, tilt: float
+) -> None:
+    """Two of them are drawn; the lower one counts, wherever its link is."""
+    drawn = "".join(
+        f'<collision><origin xyz="0.1 0.2 {z}" rpy="0 {tilt} 0"/><geometry>{shape}</geometry>'
+        "</collision>"
+        for z in (0.9, 0.5)
+    )
+    parts = Parts([])
+    parts.link("base", 1.0)
+    parts.link("part", 1.0, drawn)
+    parts.joint("held", "fixed", ("base", "part"), "0 0 2", "0 0 1")
+    tree = FrozenTree(read(write(tmp_path, xml(parts))))
+    assert tree.lowest("part") == pytest.approx(2.5 - reach)
+    assert tree.lowest("base") == math.inf
+
+
+def slab(parts: Parts, top: float) -> Parts:
+    """Put a robot into a world whose ground is drawn."""
+    shape = f'<collision><origin xyz="0 0 {top - 0.5}"/><geometry><box size="90 90 1"/></geometry>'
+    parts.xml.insert(0, f'<link name="world">{shape}</collision></link>')
+    parts.joint("anchor", "fixed", ("world", "base"), "0 0 0", "0 0 1")
+    return parts
+
+
+def test_the_ground_is_what_the_lowest_wheel_stands_on(files: Files) -> None:
+    """Not what a fan on the roof would."""
+    parts = body()
+    rear_axle(parts)
+    parts.wheel("fan", "base", "0.2 0 1.1")
+    robot = files.load(slab(parts, 0.0))
+    assert robot.drive.type == "differential"
+    assert [wheel.joint for wheel in robot.drive.wheels] == ["rear_left", "rear_right"]
+
+
+@pytest.mark.parametrize(("gap", "stands"), [(0.008, True), (0.012, False)])
+def test_a_wheel_may_end_a_tenth_of_its_radius_above_the_ground(
+    files: Files, gap: float, stands: bool
+) -> None:
+    """The wheels of R = 0.1 m are on the ground; the third may be 10 mm higher, not more."""
+    parts = body()
+    rear_axle(parts)
+    parts.wheel("third", "base", f"0.5 0 {0.1 + gap}")
+    if not stands:
+        assert '"third" ends 12 mm above the ground' in files.refusal(parts)
+    names = [wheel.joint for wheel in files.load(parts, free=["third"]).drive.wheels]
+    assert names == ["rear_left", "rear_right", *["third"] * stands]
+
+
+@pytest.mark.parametrize(("trail", "role"), [(0.004, "steered"), (0.008, "steered"),
+                                             (0.012, "caster"), (-0.012, "caster")])  # fmt: skip
+def test_a_contact_a_tenth_of_the_radius_off_trails(files: Files, trail: float, role: str) -> None:
+    """Wheels of 0.1 m: 10 mm is the limit."""
+    parts = body()
+    rear_axle(parts)
+    parts.swivel("pivot", "0.6 0 0.3", "continuous")
+    parts.wheel("front", "pivot_fork", f"{trail} 0 -0.2")
+    drive = files.load(parts).drive
+    assert drive.type == ("tricycle" if role == "steered" else "differential")
+    assert drive.swivels[0].role == role
+    assert abs(drive.swivels[0].trail) == pytest.approx(abs(trail))
+    assert (drive.swivels[0].trail < 0.0) == (role == "caster")  # a caster's contact is behind
+
+
+@pytest.mark.parametrize(
+    ("shapes", "ball"),
+    [("s", True), ("ss", True), ("sc", False), ("cs", False), ("c", False), ("", False)],
+)
+def test_a_ball_is_drawn_as_nothing_but_spheres(tmp_path: Path, shapes: str, ball: bool) -> None:
+    drawn = {
+        "s": '<collision><geometry><sphere radius="0.1"/></geometry></collision>',
+        "c": '<collision><origin rpy="1.5707963267948966 0 0"/><geometry>'
+        '<cylinder radius="0.1" length="0.04"/></geometry></collision>',
+    }
+    parts = body()
+    parts.link("roll", 1.0, "".join(drawn[shape] for shape in shapes))
+    parts.joint("roll_joint", "continuous", ("base", "roll"), "0 0.3 0.1", "0 1 0")
+    (candidate,) = find_candidates(FrozenTree(read(write(tmp_path, xml(parts)))), {})
+    assert candidate.ball is ball
+
+
+def two_wheels() -> Parts:
+    parts = body()
+    rear_axle(parts)
+    return parts
+
+
+REFUSED: dict[str, list[Parts | str]] = {
+    "differential": [axles(0.3, -0.3), tricycle(), vehicle("omni")],
+    "skid-steer": [two_wheels(), vehicle("omni"), vehicle("steered")],
+    "mecanum": [two_wheels(), axles(0.3, 0.0, -0.3), vehicle("omni"), vehicle("car-like")],
+    "omni": [two_wheels(), vehicle("car-like"), vehicle("steered")],
+    "bicycle": [two_wheels(), vehicle("car-like"), vehicle("steered")],
+    "tricycle": [two_wheels(), vehicle("bicycle"), vehicle("car-like")],
+    "car-like": [two_wheels(), tricycle(), vehicle("bicycle"), vehicle("steered")],
+    "steered": [two_wheels(), tricycle(), vehicle("car-like")],
+    "powered-casters": [two_wheels(), vehicle("casters"), vehicle("steered"), vehicle("twin")],
+}
+
+
+@pytest.mark.parametrize("axis", ["0 0 -1", "0 0 1"])
+def test_a_follower_without_limits_stops_short_of_a_right_angle(tmp_path: Path, axis: str) -> None:
+    """In a right turn the right wheel comes to one at cot δ_L = −w/L; beyond, it heads back."""
+    text = vehicle("car-like").replace('lower="-1.2" upper="1.2"', 'lower="-1.3" upper="1.25"')
+    head, _, tail = text.partition('<joint name="steer_right" type="revolute">')
+    tail = tail.replace("0 0 -1", axis, 1)
+    text = f'{head}<joint name="steer_right" type="continuous">{tail}'
+    robot = rpctl.load(write(tmp_path, text))
+    limits = robot.steering_limits
+    end = -math.atan2(0.7, 0.5)
+    assert end <= limits.lower[0] < end + 1.3 / 250 + 1e-9
+    assert limits.upper[0] == 1.25

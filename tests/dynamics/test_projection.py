@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +13,17 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.dynamics.rolling import constraint, constraint_drift, selection
+from rpctl.dynamics.rolling import (
+    basis,
+    constraint,
+    constraint_drift,
+    contact_point,
+    find_rolling,
+    selection,
+)
 from rpctl.errors import SingularBasisError
 from tests import random_vehicles
-from tests.robots import write
+from tests.robots import SET_A, free_caster, platform, write
 from tests.vehicles import vehicle
 
 KINDS = ["casters", "car-like", "tied", "tricycle", "bicycle", "steered"]
@@ -139,3 +147,127 @@ def test_casters_that_glide(tmp_path: Path, rng: np.random.Generator) -> None:
     rest = np.delete(np.arange(len(lambdas)), held)
     A = gliding.at(q).A[rest]
     np.testing.assert_allclose(lambdas[rest], np.linalg.pinv(A.T) @ force, atol=1e-9)
+
+
+@pytest.fixture
+def caster(tmp_path: Path) -> Robot:
+    """A platform whose third wheel swivels: its two rates follow from v and ω."""
+    return rpctl.load(write(tmp_path, platform(SET_A, extra=free_caster())))
+
+
+def state(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
+    q = robot.random_configuration(rng)
+    return q, rng.normal(size=robot.dof)
+
+
+def test_basis_solves_constraints_and_selection(
+    caster: Robot, robot: Robot, rng: np.random.Generator
+) -> None:
+    for one in (caster, robot):
+        dynamics = ReducedDynamics(one)
+        for _ in range(10):
+            q, _ = state(one, rng)
+            S = dynamics.basis(q)
+            assert np.abs(dynamics.constraint(q) @ S).max() < 1e-13 * np.abs(S).max()
+            np.testing.assert_allclose(
+                selection(one, dynamics.rolling) @ S, np.eye(one.dof), atol=1e-13
+            )
+
+
+def test_a_caster_turns_as_a_textbook_says(caster: Robot) -> None:
+    """A caster with trail c that stands at γ turns at γ̇ = −ω + (v_y cos γ − v_x sin γ)/c."""
+    dynamics, trail = ReducedDynamics(caster), 0.06
+    v, omega = 0.7, -0.4
+    for gamma in (-2.0, 0.3, 1.1):
+        q = caster.configuration(joints={"swivel": gamma})
+        rate = (dynamics.basis(q) @ [v, omega])[caster.velocity_index("swivel")]
+        vx, vy = v - omega * 0.02, omega * 0.5  # of the swivel axis
+        expected = -omega + (-vx * math.sin(gamma) + vy * math.cos(gamma)) / trail
+        assert rate == pytest.approx(expected)
+
+
+def test_a_base_that_is_free_is_refused() -> None:
+    A, W = np.array([[0.0, 1.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
+    with pytest.raises(SingularBasisError, match="determine 2 of 3 velocities"):
+        basis(A, W)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_nearly_parallel_equations_are_refused(sign: float) -> None:
+    """Of condition 4e10, whatever the signs of their entries; a thousandth of it is fine."""
+    A, W = np.array([[1.0, sign]]), np.array([[sign, 1.0 + 1e-10]])
+    with pytest.raises(SingularBasisError, match="determine no one motion"):
+        basis(A, W)
+    S = basis(A, np.array([[sign, 1.0 + 1e-7]]))
+    np.testing.assert_allclose(S, [[-sign * 1e7], [1e7]], rtol=1e-6)
+
+
+def test_rank_is_told_relative_to_the_largest_equation() -> None:
+    """In other units of the constraints, what was determined is so no more."""
+    A, W = np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([[0.0, 1e-4]])
+    np.testing.assert_allclose(basis(A, W), [[0.0], [1e4]])
+    with pytest.raises(SingularBasisError, match="determine 1 of 2 velocities"):
+        basis(1e6 * A, W)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_constraints_that_contradict_are_refused(sign: float) -> None:
+    """One wheel holds the motion that is asked for, and another one the other."""
+    A, W = np.array([[sign, 0.0], [0.0, 1.0]]), np.array([[1.0, 0.0]])
+    with pytest.raises(SingularBasisError, match="rolling constraints contradict each other"):
+        basis(A, W)
+
+
+def contact_velocities(robot: Robot, q: Array, v: Array) -> Array:
+    """Return the velocity (n_wheels, 3) of the wheels' lowest material points, by differences.
+
+    The point of the rim that touches the ground now is followed with its wheel over a short time.
+    """
+    step = 1e-6
+    now, ahead, behind = (robot.model.createData() for _ in range(3))
+    for data, time in ((now, 0.0), (ahead, step), (behind, -step)):
+        pin.forwardKinematics(robot.model, data, pin.integrate(robot.model, q, time * v))
+    velocities = []
+    for wheel in robot.drive.wheels:
+        joint = robot.model.getJointId(wheel.joint)
+        centre = now.oMi[joint].act(wheel.offset * np.array(wheel.axis))
+        rim = now.oMi[joint].actInv(centre - np.array([0.0, 0.0, wheel.radius]))
+        velocities.append((ahead.oMi[joint].act(rim) - behind.oMi[joint].act(rim)) / (2 * step))
+    return np.array(velocities)
+
+
+def test_rows_are_the_contact_points_velocity(robot: Robot, rng: np.random.Generator) -> None:
+    """One row a wheel, along the heading, and one that P does not move sideways."""
+    rolling, step = find_rolling(robot), 1e-6
+    for _ in range(10):
+        q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
+        *along, across = constraint(rolling, q) @ v
+        heading = robot.base_pose(q)[2]
+        forward = np.array([np.cos(heading), np.sin(heading), 0.0])
+        moved = contact_velocities(robot, q, v)
+        np.testing.assert_allclose(along, moved @ forward, atol=1e-8)
+        np.testing.assert_allclose(moved[:, 2], 0.0, atol=1e-8)
+        ahead, behind = (
+            robot.base_pose(pin.integrate(robot.model, q, s * v))[:2] for s in (step, -step)
+        )
+        left = np.array([-forward[1], forward[0]])
+        assert across == pytest.approx((ahead - behind) @ left / (2 * step), abs=1e-7)
+
+
+def test_the_drift_is_the_rows_rate(robot: Robot, rng: np.random.Generator) -> None:
+    rolling, step = find_rolling(robot), 1e-6
+    for _ in range(10):
+        q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
+        ahead, behind = (
+            constraint(rolling, pin.integrate(robot.model, q, s * v)) for s in (step, -step)
+        )
+        rate = (ahead - behind) @ v / (2 * step)
+        assert constraint_drift(rolling, q, v) == pytest.approx(rate, abs=1e-7)
+
+
+def test_wheels_touch_the_ground(robot: Robot, rng: np.random.Generator) -> None:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.random_configuration(rng))
+    left, right = (contact_point(robot, data, w) for w in robot.drive.wheels)
+    np.testing.assert_allclose([left[2], right[2]], robot.drive.ground, atol=1e-9)
+    assert np.linalg.norm(left - right) == pytest.approx(robot.drive.track)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-import signal
 import stat
 import subprocess
 import sys
@@ -67,17 +66,6 @@ def test_a_link_in_a_folder_of_others_is_replaced_on_request(tmp_path: Path) -> 
         write_atomically(link, NEW, follow_links=False)
         assert not link.is_symlink() and link.read_bytes() == NEW
     assert victim.read_bytes() == OLD
-
-
-def test_a_character_device_is_written_through(tmp_path: Path) -> None:
-    device = tmp_path / "null"
-    try:
-        os.mknod(device, stat.S_IFCHR | 0o666, os.makedev(1, 3))
-        write_atomically(device, NEW)
-    except (PermissionError, RpctlError):  # no root, or a file system without devices
-        device = Path("/dev/null")
-        write_atomically(device, NEW)
-    assert stat.S_ISCHR(device.stat().st_mode)
 
 
 def test_a_pipe_is_written_through(tmp_path: Path) -> None:
@@ -180,28 +168,6 @@ def test_content_is_on_the_disk_before_it_has_its_name(
     assert done == ["file", "rename"]
 
 
-WRITE_AND_WAIT = """
-import sys, time
-from rpctl.files.writing import writing
-with writing(sys.argv[1]) as file:
-    file.write(b"half")
-    file.flush()
-    print("ready", flush=True)
-    time.sleep(60)
-"""
-
-
-def test_an_interrupted_writer_leaves_the_older_file_alone(tmp_path: Path) -> None:
-    path = tmp_path / "run.npz"
-    path.write_bytes(OLD)
-    writer = python(WRITE_AND_WAIT, path)
-    assert writer.stdout is not None and writer.stdout.readline() == b"ready\n"
-    writer.send_signal(signal.SIGINT)
-    writer.communicate()
-    assert path.read_bytes() == OLD
-    assert names(tmp_path) == [path.name]
-
-
 def test_what_cannot_be_written_is_told_without_a_trace(tmp_path: Path) -> None:
     missing = tmp_path / "not" / "there" / "yet"
     require_writable(missing, makes_folder=True)
@@ -230,10 +196,10 @@ ELSEWHERE = {
     "files/writing.py": "it is the one writer",
     "simulation/run/part.py": "it sets an older folder aside, under another name",
     "files/worker.py": "it writes to the pipes of a process",
+    "simulation/run/file.py": "adds entries to an archive in the file that the one writer opened",
     "study/runner.py": "a reference that was sent lies in a folder of this process alone",
     "study/journal.py": "adds a line a run to the file that the one writer began",
-    "engines/bullet.py": "PyBullet wants a name: it lies in a folder of this process alone",
-    "engines/drake.py": "Drake wants a name: it lies in a folder of this process alone",
+    "engines/urdf_engine.py": "engines want a name: it lies in a folder of this process alone",
     "engines/mujoco/export.py": "read back before it is put in place, in a folder of its own",
     "view/film.py": "encoders want a name: it lies in a folder of this process alone",
 }

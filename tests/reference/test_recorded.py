@@ -20,6 +20,7 @@ from rpctl.reference.path_reference import TimedPath
 from rpctl.reference.planned.arm import Arm
 from rpctl.reference.recorded.table_file import read_table
 from rpctl.reference.time_law import recorded_time
+from tests.grids import cells
 from tests.reference.differences import check_derivatives
 from tests.robots import SET_A, platform, write
 
@@ -52,7 +53,7 @@ def read_back(robot: Robot, path: str) -> TimedPath:
     return found
 
 
-@pytest.mark.parametrize("heading", [True, False])
+@pytest.mark.parametrize("heading", cells([True, False], [False], [True]))
 def test_a_dense_table_gives_the_reference_back(
     tiago: Robot, tmp_path: Path, heading: bool
 ) -> None:
@@ -157,6 +158,7 @@ def test_only_a_base_that_can_may_slide(tiago: Robot, tmp_path: Path) -> None:
     check_derivatives(slides, np.linspace(0.5, 9.5, 20))
 
 
+@pytest.mark.slow
 def test_an_end_effector_alone_has_a_base_planned(tiago: Robot, tmp_path: Path) -> None:
     reference = reference_by_name(tiago, "eight")
     columns, times = ["t", "ee_x", "ee_y", "ee_z"], np.arange(0.0, END + 1e-9, 0.05)
@@ -173,6 +175,7 @@ def test_an_end_effector_alone_has_a_base_planned(tiago: Robot, tmp_path: Path) 
             assert abs(rate) <= joint.velocity
 
 
+@pytest.mark.slow
 def test_an_orientation_is_met(tmp_path: Path) -> None:
     robot = rpctl.load("panda")
     arm, t = Arm(robot), np.linspace(0.0, 4.0, 81)

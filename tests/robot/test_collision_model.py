@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import coal
 import numpy as np
 import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.arrays import Array
 from rpctl.robot.collision import CollisionModel, collision_model
 from tests import urdf
 from tests.folding import HOME, folding
@@ -19,36 +17,6 @@ from tests.robots import write
 GJK_M = 1e-5  # m: what coal's iterations leave
 HOOK = urdf.limit(-1.0, 1.0, 5, 1)
 LIGHT = urdf.inertial(0.1, (1e-3, 1e-3, 1e-3))
-
-
-def turn(rng: np.random.Generator) -> Array:
-    matrix, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    return np.asarray(matrix * np.sign(np.linalg.det(matrix)))
-
-
-def segments(a: Array, u: Array, b: Array, v: Array) -> float:
-    """Return the distance of two segments, centre and half vector each, by their ends and lines."""
-    found = []
-    for (p, d), (q, e) in (((a, u), (b, v)), ((b, v), (a, u))):
-        for end in (p - d, p + d):
-            s = np.clip((end - q) @ e / (e @ e), -1.0, 1.0)
-            found.append(np.linalg.norm(end - q - s * e))
-    s, r = np.linalg.lstsq(np.column_stack([u, -v]), b - a, rcond=None)[0]
-    if abs(s) <= 1.0 and abs(r) <= 1.0:
-        found.append(np.linalg.norm(a + s * u - b - r * v))
-    return float(min(found))
-
-
-SIZES = {"box": (0.4, 0.3, 0.2), "cylinder": (0.1, 0.5), "capsule": (0.1, 0.5), "sphere": (0.15,)}
-SHAPES = {"box": coal.Box, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-SHAPES |= {"sphere": coal.Sphere}
-
-
-def measured(first: object, second: object, R: Array, p: Array) -> coal.DistanceResult:
-    found = coal.DistanceResult()
-    there = coal.Transform3s(R, p)
-    coal.distance(first, coal.Transform3s(), second, there, coal.DistanceRequest(), found)
-    return found
 
 
 def names(model: CollisionModel) -> set[frozenset[str]]:

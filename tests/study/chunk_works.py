@@ -63,11 +63,6 @@ def divides(chunk: Runs) -> float:
     return 1 / (chunk.first - chunk.first)
 
 
-def unsendable(chunk: Runs) -> object:
-    """Return what no pickle holds."""
-    return lambda: chunk
-
-
 def threads(chunk: Runs) -> tuple[str | None, int]:
     """Return what libraries are told of threads, and the process's id."""
     return os.environ.get("OMP_NUM_THREADS"), os.getpid()
@@ -88,14 +83,3 @@ class Loaded:
     def __call__(self, chunk: Runs) -> tuple[int, int]:
         """Return the process's id and how often it has loaded this."""
         return os.getpid(), type(self).count
-
-
-class Empty(NamedTuple):
-    """A chunk without work."""
-
-    number: int
-
-
-def answer(size: int, chunk: Empty) -> bytes:
-    """Return so many bytes at once."""
-    return chunk.number.to_bytes(8, "big") * (size // 8)

@@ -62,16 +62,10 @@ def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("address", "found"),
-    [(ABSENT_ADDRESS, "no scheduler answers"), ("x://y", "no scheduler")],
-)
-def test_an_address_without_a_scheduler(
-    address: str, found: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_address_without_a_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
-    with pytest.raises(RpctlError, match=found) as error:
-        DaskExecutor(address)
+    with pytest.raises(RpctlError, match="no scheduler answers") as error:
+        DaskExecutor(ABSENT_ADDRESS)
     assert "\n" not in str(error.value)
 
 
@@ -179,18 +173,10 @@ def planted(folder: Path, package: str, version: str) -> Path:
 
 
 @pytest.mark.slow
-def test_versions_are_checked_before_the_first_chunk(dask: DaskProcesses, tmp_path: Path) -> None:
-    dask.start_worker("--no-nanny", "--name", "bad", path=planted(tmp_path, "casadi", "3.5.0"))
-    message = rf"^worker tcp://127.0.0.1:\d+ has casadi 3.5.0, here {installed()['casadi']};"
-    with pytest.raises(RpctlError, match=message):
-        DaskExecutor(dask.address)
-
-
-@pytest.mark.slow
 def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_path: Path) -> None:
     log = tmp_path / "log"
     log.mkdir()
-    chunks, found, bad = chunks_of(80), {}, None
+    chunks, found, bad = chunks_of(40), {}, None
     told: list[str] = []
     good = dask.start_worker()
     with DaskExecutor(dask.address, tell=told.append) as executor:
@@ -205,18 +191,6 @@ def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_p
     assert set(began(log)) == {good.pid}
     assert bad is not None
     assert bad.wait(20.0) == 0
-
-
-@pytest.mark.slow
-def test_a_worker_that_cannot_import_rpctl_is_refused(dask: DaskProcesses, tmp_path: Path) -> None:
-    broken = tmp_path / "broken" / "rpctl"
-    broken.mkdir(parents=True)
-    (broken / "__init__.py").write_text("")
-    dask.start_worker(path=broken.parent)
-    with pytest.raises(
-        RpctlError, match=r"^worker tcp://127.* has rpctl's code .*ModuleNotFoundError"
-    ):
-        DaskExecutor(dask.address)
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ from rpctl.study.compare import (
     proposed,
     verdicts,
 )
-from rpctl.study.executor import Executor, ProcessExecutor
+from rpctl.study.executor import Executor
 from tests.robots import SET_A, platform, write
 
 NOTHING = 1e-3  # m: what is left of the lateral error on a line
@@ -143,21 +143,6 @@ def test_a_timed_law_does_as_the_law_does(paper: Robot) -> None:
     np.testing.assert_array_equal(plain.tau, timed.tau)
     assert len(watch.seconds) == 2 * len(timed.t)
     assert min(watch.seconds) >= 0.0 < sum(watch.seconds)
-
-
-@pytest.mark.slow
-def test_processes_find_what_one_does(paper: Robot) -> None:
-    run = RunSettings(duration=0.05)
-    cells = grid(paper, ["nominal", "delay"], ["spin"], [PAPER, LINEARIZATION], run)
-    output: list[tuple[int, int]] = []
-    runner = CellRunner(References(paper))
-    alone = run_cells(runner, cells, Executor())
-    with ProcessExecutor(2) as two:
-        assert run_cells(runner, cells, two, lambda *done: output.append(done)) == alone
-    assert output == [(k, len(cells)) for k in range(1, len(cells) + 1)]
-    refused = [row for row in alone if row.figures.failure]
-    assert [row.cell.controller for row in refused] == [LINEARIZATION] * 2
-    assert "turns on the spot" in refused[0].figures.sentence
 
 
 def row(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing as mp
 import os
-import pickle
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -113,11 +112,6 @@ def test_an_error_that_nobody_expects_tells_where(two: ProcessExecutor) -> None:
     with pytest.raises(ZeroDivisionError) as error:
         list(two.map_chunks(chunk_works.divides, chunks_of(1)))
     assert "chunk.first - chunk.first" in str(error.value.__cause__)
-
-
-def test_a_result_that_cannot_be_sent_is_an_error(two: ProcessExecutor) -> None:
-    with pytest.raises((AttributeError, pickle.PicklingError), match=r"local|lambda"):
-        list(two.map_chunks(chunk_works.unsendable, chunks_of(1)))
 
 
 def test_who_leaves_the_loop_ends_what_runs(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from rpctl import Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.simulation.config import Config, read_config
 from rpctl.study.distributions import LogUniform, Uniform
-from rpctl.study.optimise import JOURNAL_FILE, minimise, optimise, setting, start_point
+from rpctl.study.optimise import JOURNAL_FILE, optimise, setting, start_point
 from rpctl.study.scatter import Scatter
 from rpctl.study.study import Optimisation, Study
 from rpctl.study.study_file import read_study
@@ -159,21 +159,6 @@ def test_a_search_without_any_end_is_told(
     patch_rollouts(monkeypatch, lambda numbers, gain, delay: np.full(len(gain), np.inf), KNOWN)
     with pytest.raises(RpctlError, match="let any run come to its end"):
         optimise(paper, study_of(paper, tmp_path), tmp_path / "out")
-
-
-def test_the_walk_finds_a_minimum_in_three_dimensions_and_begins_where_it_is_told() -> None:
-    least, seen = np.array([0.2, 0.7, 0.45]), list[Array]()
-
-    def costs(points: Array) -> Array:
-        seen.append(points)
-        return np.asarray(np.square(points - least).sum(axis=1))
-
-    minimise(costs, 3, 20, 40, 0, np.array([0.9, 0.1, 0.9]))
-    assert seen[0][0] == pytest.approx([0.9, 0.1, 0.9])
-    assert {each.shape for each in seen} == {(20, 3)}
-    assert len(seen) == 40
-    best = min((costs(each).min(), each[costs(each).argmin()].tolist()) for each in seen[:40])
-    assert best[1] == pytest.approx(least.tolist(), abs=0.02)
 
 
 def test_the_start_is_what_the_configuration_has() -> None:

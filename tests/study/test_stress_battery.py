@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl.errors import UnknownNameError
 from rpctl.robot.vary import add_losses
 from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.study.cells import CellRunner, References
@@ -24,7 +22,6 @@ from rpctl.study.stress_battery import (
     Battery,
     default_pairs,
     laws_of,
-    stresses_by_name,
 )
 from tests.study.stress_samples import battery
 
@@ -123,12 +120,6 @@ def test_laws_are_the_robot_s_own_first() -> None:
         "PaperKinematic", "PaperDynamic"]  # fmt: skip
 
 
-def test_unknown_stresses_are_refused() -> None:
-    with pytest.raises(UnknownNameError, match="stress 'wind' is not known"):
-        stresses_by_name(["payload", "wind"])
-    assert stresses_by_name(["delay", "payload", "delay"]) == (DELAY, PAYLOAD)
-
-
 def errors_along(found: Battery) -> list[float]:
     """Return the errors of the paper's laws along the only ladder of a battery."""
     runner, (stress,) = CellRunner(References(found.robot)), found.stresses
@@ -147,10 +138,3 @@ def test_errors_grow_along_a_ladder() -> None:
     assert flat < 0.01 * steep[0]
     forces = [math.sin(math.radians(angle)) for angle in levels[1:]]
     np.testing.assert_allclose(np.divide(steep, steep[0]), np.divide(forces, forces[0]), rtol=0.1)
-
-
-@pytest.mark.slow
-def test_errors_grow_on_both_sides_of_a_ladder() -> None:
-    found = errors_along(battery("radius"))
-    assert all(near < 0.9 * far for far, near in pairwise(found[:4]))
-    assert all(near < 0.9 * far for near, far in pairwise(found[3:]))

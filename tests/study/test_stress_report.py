@@ -16,7 +16,6 @@ from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.summary import summarize
 from rpctl.study import cells
 from rpctl.study.cells import CellRunner, References, figures_of, largest_tilt
-from rpctl.study.executor import ProcessExecutor
 from rpctl.study.stress_battery import JOURNAL_FILE, STRESSES, StressCell, run_battery
 from rpctl.study.stress_report import StressReport, report_of
 from tests.study.stress_samples import GOOD, RUN, battery, contents, patch_runs
@@ -154,16 +153,6 @@ def test_a_run_that_cannot_be_made_says_why() -> None:
     assert (ended.outcome, ended.late_base) == ("ended", None)
     assert ended.time < 2.0
     assert "diverged" in ended.sentence
-
-
-@pytest.mark.slow
-def test_processes_find_the_same(tmp_path: Path) -> None:
-    found = battery("payload", "noise", laws=2, quick=True, combinations=2)
-    alone = run_battery(found, tmp_path / "alone")
-    with ProcessExecutor(2) as executor:
-        beside = run_battery(found, tmp_path / "beside", executor)
-    assert beside == alone
-    assert contents(tmp_path / "alone") == contents(tmp_path / "beside")
 
 
 def test_wheels_that_hang_are_told_once_a_ladder() -> None:

@@ -21,8 +21,9 @@ from rpctl.simulation.merits.summary import summarize
 from rpctl.study.design import DESIGNS
 from rpctl.study.executor import Executor, ProcessExecutor
 from rpctl.study.provenance import installed
+from rpctl.study.runner import chunk_size
 from rpctl.study.store import read_runs
-from rpctl.study.study import Study, _chunks, chunk_size, run_study, succeeded
+from rpctl.study.study import Study, run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, read_result
 from tests.grids import cells
@@ -268,24 +269,8 @@ def test_a_library_that_is_missing_is_named(
     assert not (tmp_path / "out" / "runs.parquet").exists()
 
 
-def test_a_threshold_may_be_reached() -> None:
-    merits = {"work": np.array([1.0, 2.0, np.inf]), "lost": np.array([0.0, 0.1, 0.0])}
-    outcomes = ("tracked", "away", "tracked")
-    assert succeeded(merits, outcomes, {}).tolist() == [True, False, True]
-    assert succeeded(merits, outcomes, {"work": 2.0}).tolist() == [True, True, False]
-    assert succeeded(merits, outcomes, {"work": 2.0, "lost": 0.0}).tolist() == [True, False, False]
-
-
 def test_chunks_suit_the_workers() -> None:
     assert chunk_size(10_000, 2) == 256
     assert chunk_size(1000, 2) == 56  # whole numbers of lanes
     assert chunk_size(40, 2) == 2
     assert chunk_size(3, 8) == 1
-
-
-def test_chunks_hold_runs_that_follow_each_other(paper: Robot, tmp_path: Path) -> None:
-    study = study_of(paper, tmp_path, FAKE.replace("DESIGN", "monte-carlo").replace("= 20", "= 3"))
-    missing = np.array([0, 1, 2, 3, 4, 7, 8, 12])
-    found = [each.rows.tolist() for each in _chunks(study, missing, 1)]
-    assert found == [[0, 1, 2], [3, 4], [7, 8], [12]]
-    assert [each.rows.tolist() for each in _chunks(study, missing[:0], 1)] in ([], [[]])

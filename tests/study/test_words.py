@@ -11,7 +11,7 @@ from rpctl.study.optimise import cost_change
 from rpctl.study.scatter import scattered_paths
 from rpctl.study.statistics import share
 from rpctl.study.study import Optimisation
-from rpctl.study.words import PARAMETERS, merit_words, parameter_words, percent, share_span
+from rpctl.study.words import merit_words, parameter_words, percent, share_span
 
 
 def test_no_name_that_is_read_is_an_identifier() -> None:
@@ -20,13 +20,6 @@ def test_no_name_that_is_read_is_an_identifier() -> None:
     paths = [path.replace("PATTERN", "arm") for path in scattered_paths(Config())]
     names += [parameter_words(path).name for path in paths]
     assert not [name for name in names if "_" in name or "plant" in name or not name]
-
-
-def test_what_has_words_can_be_scattered() -> None:
-    known = {path.partition(".PATTERN")[0] for path in scattered_paths(Config())}
-    speeds = {"plant.lag", "plant.lags", "plant.dead_time"}
-    unknown = {path for path in PARAMETERS if not path.startswith(("kinematic.", "dynamic."))}
-    assert unknown - known == speeds
 
 
 @pytest.mark.parametrize(

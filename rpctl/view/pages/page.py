@@ -20,9 +20,8 @@ from rpctl.arrays import Array
 from rpctl.errors import printable
 from rpctl.study.words import number
 from rpctl.view import palette
-from rpctl.view.palette import RAMP, mixed
 from rpctl.view.scene.stand_ins import StandIn, label, note
-from rpctl.view.still_chart import Axis, Cells, Mark, StillChart, fitting
+from rpctl.view.still_chart import Axis, Mark, StillChart, fitting
 
 PAIR = r"\\ud[89ab][0-9a-f]{2}\\ud[c-f][0-9a-f]{2}"  # of surrogates, in JSON
 ESCAPED = re.compile(rf"\\\\|({PAIR}|\\u[0-9a-f]{{4}})")  # a backslash, or a sign beyond ASCII
@@ -225,17 +224,6 @@ class DrawnMark(NamedTuple):
     style: str
 
 
-class DrawnCell(NamedTuple):
-    """A cell of a map as a rectangle of the SVG."""
-
-    x: float
-    y: float
-    width: float
-    height: float
-    fill: str
-    text: str
-
-
 def still_chart(chart: StillChart, small: bool = False) -> Markup:
     """Return a chart as HTML.
 
@@ -250,7 +238,6 @@ def still_chart(chart: StillChart, small: bool = False) -> Markup:
         chart=chart,
         side=SIDE,
         marks=[_drawn(mark, x, y) for mark in chart.marks],
-        cells=_cells(chart.cells, x, y) if chart.cells is not None else [],
         across=[(round(100.0 * float(x.at(value)), 2), number(value)) for value in across],
         up=[(round(100.0 - 100.0 * float(y.at(value)), 2), number(value)) for value in y.ticks()],
     )
@@ -279,25 +266,3 @@ def _drawn(mark: Mark, x: Axis, y: Axis) -> DrawnMark:
 def _line(x: Array, y: Array) -> str:
     """Return a path through points (n,) of the box, from 0 to 1 along each axis, upwards."""
     return "M" + "L".join(f"{SIDE * a:.1f} {SIDE * (1 - b):.1f}" for a, b in zip(x, y, strict=True))
-
-
-def _cells(cells: Cells, x: Axis, y: Axis) -> list[DrawnCell]:
-    left = (SIDE * x.at(cells.x_edges)).tolist()
-    top = (SIDE * (1.0 - y.at(cells.y_edges))).tolist()
-    drawn = []
-    for row, column in np.ndindex(cells.values.shape):
-        if np.isnan(cells.values[row, column]):
-            continue
-        lost = np.isinf(cells.values[row, column])
-        corner = round(left[column], 1), round(top[row + 1], 1)
-        size = round(left[column + 1] - left[column], 1), round(top[row] - top[row + 1], 1)
-        fill = "var(--lost)" if lost else ramp_colour(cells.share(row, column))
-        drawn.append(DrawnCell(*corner, *size, fill, cells.texts[row][column]))
-    return drawn
-
-
-def ramp_colour(share: float) -> str:
-    """Return the colour at a share (0 to 1) of the ramp, between its two neighbours."""
-    at = min(max(share, 0.0), 1.0) * (len(RAMP) - 1)
-    k = min(int(at), len(RAMP) - 2)
-    return mixed(RAMP[k], RAMP[k + 1], at - k)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from markupsafe import Markup
 
 from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
@@ -20,7 +19,6 @@ from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.run.run import Run
 from rpctl.study.merits import MERITS
 from rpctl.study.optimise import optimum_sentence
-from rpctl.study.sensitivity import Sensitivity
 from rpctl.study.statistics import LEVELS, MeritStatistics
 from rpctl.study.study_result import StudyResult, WorstRun, read_result
 from rpctl.study.words import (
@@ -33,23 +31,27 @@ from rpctl.study.words import (
     share_span,
     unit_of,
 )
-from rpctl.view.pages.page import Badge, render_page, still_chart
+from rpctl.view.pages.page import Badge, render_page
 from rpctl.view.pages.report import report_page, report_policy
-from rpctl.view.palette import RAMP
-from rpctl.view.plots.study_runs import study_picture
+from rpctl.view.plots.figures import to_png, to_svg
+from rpctl.view.plots.study_runs import merits_figure, others_figure, study_runs_figure
 from rpctl.view.scene.scene import build_scene
-from rpctl.view.study_figures import (
-    METHODS,
-    ImportanceBars,
-    distribution_chart,
-    envelope_charts,
-    importance_bars,
-    map_chart,
-)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 REPORT_FILE, PICTURE_FILE = "study.html", "study.png"
-STYLES = ("report.css", "still_chart.css", "study.css")
-MOST_BARS = 12  # parameters that are shown of a sensitivity
+STYLES = ("report.css", "study.css")
+DPI = 200
+METHODS = {
+    "sobol": "Share of the variance that a parameter causes, with all that it acts together with "
+    "(total Sobol index), and its 95 % interval.",
+    "morris": "Mean size of the change over a parameter's range (μ* of Morris), and its 95 % "
+    "interval.",
+    "rank-correlation": "Rank correlation of a parameter, or of its distance from its median where "
+    "that is larger, with the merit, and its 95 % interval: 1 if the merit grows wherever it does, "
+    "−1 if it falls.",
+}
 DISTRIBUTIONS = {
     "uniform": "uniform, {0} to {1}",
     "log-uniform": "log-uniform, {0} to {1}",
@@ -73,7 +75,8 @@ def write_study_report(folder: str | Path, robot: Robot | None = None) -> Path:
         RpctlError: The folder holds no study that has come to its end.
     """
     result = read_result(folder)
-    write_atomically(Path(folder) / PICTURE_FILE, study_picture(result), follow_links=False)
+    picture = to_png(study_runs_figure(result), DPI)
+    write_atomically(Path(folder) / PICTURE_FILE, picture, follow_links=False)
     path = Path(folder) / REPORT_FILE
     return write_atomically(path, study_page(result, robot), follow_links=False)
 
@@ -86,6 +89,7 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
         robot: Its robot; None: nothing is animated.
     """
     scene = worst_scene(result.worst, robot) if robot is not None else None
+    main = result.sensitivity_of(result.merit)
     # A frame's scripts need both pages' leave.
     policy: dict[str, Any] = {} if scene is None else {"policy": report_policy()}
     page = render_page(
@@ -100,37 +104,25 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
             Badge(name == "tracked", f"{grouped(count)} {name}")
             for name, count in Counter(result.runs.outcomes).most_common()
         ],
-        envelopes=[_Drawing.of(each) for each in envelope_charts(result)],
-        maps=[_map(result, k) for k in range(len(result.maps))],
-        ramp=", ".join(RAMP),
+        picture=_image(study_runs_figure(result)),
+        method=None if main is None else METHODS[main.method],
+        others=_image(others_figure(result)) if len(result.sensitivities) > 1 else "",
+        distributions=_image(merits_figure(result)),
         worst=_worst(result),
         worst_title=f"Worst runs by {merit_words(result.merit)}",
         scene=scene,
         optimum=_optimum(result),
         levels=["median" if level == 0.5 else f"{100.0 * level:g} %" for level in LEVELS],
         quantiles=[_quantiles(result, each) for each in result.statistics],
-        distributions=_distributions(result),
         scatter=_scatter(result),
         versions=result.details["identity"]["versions"],
-        **_importance(result),
     )
     return page.encode("utf-8", "backslashreplace")
 
 
-@dataclass(frozen=True)
-class _Drawing:
-    """A chart below its title, or the sentence that stands for it."""
-
-    title: str
-    chart: Markup | None = None
-    sentence: str = ""
-
-    @classmethod
-    def of(cls, chart: Any, title: str = "", small: bool = False) -> _Drawing:
-        """Return a chart, or a sentence in its place, as the page shows it."""
-        if isinstance(chart, str):
-            return cls(title, sentence=chart)
-        return cls(title or chart.title, still_chart(chart, small))
+def _image(figure: Figure) -> str:
+    """Return a figure as an address that holds it."""
+    return f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure)).decode()}"
 
 
 def _subtitle(result: StudyResult) -> str:
@@ -162,60 +154,6 @@ def _unit(result: StudyResult, found: MeritStatistics) -> Unit:
     return unit_of(result.units.get(found.name, ""), found.largest)
 
 
-class _BarRow(NamedTuple):
-    """A bar of what matters: places in per cent of the axis."""
-
-    path: str
-    name: str
-    bent: bool
-    left: float
-    width: float
-    whisker: tuple[float, float] | None
-    value: str
-
-
-def _importance(result: StudyResult) -> dict[str, Any]:
-    """Return what matters: to the study's merit in full, to the others folded up."""
-    main = result.sensitivity_of(result.merit)
-    if main is None:
-        return {"importance": [], "others": [], "method": ""}
-    shown = [main, *(each for each in result.sensitivities if each.merit == "failure")]
-    others = [each for each in result.sensitivities if each not in shown]
-
-    def drawn(group: Sequence[Sensitivity]) -> list[tuple[ImportanceBars, list[_BarRow]]]:
-        every = [importance_bars(result, each, MOST_BARS) for each in group]
-        return [(bars, _bar_rows(bars)) for bars in every]
-
-    method = METHODS[main.method]
-    return {"importance": drawn(shown), "others": drawn(others), "method": method}
-
-
-def _bar_rows(shown: ImportanceBars) -> list[_BarRow]:
-    def at(value: float) -> float:
-        return round(100.0 * float(shown.axis.at(value)), 2)
-
-    rows = []
-    for each in shown.bars:
-        left, right = sorted((at(0.0), at(each.value)))
-        whisker = None
-        if np.isfinite([each.low, each.high]).all():
-            whisker = at(each.low), round(at(each.high) - at(each.low), 2)
-        name, value = parameter_words(each.name).name, number(each.value, shown.unit)
-        width = round(right - left, 2)
-        rows.append(_BarRow(each.name, name, shown.bent(each), left, width, whisker, value))
-    return rows
-
-
-def _map(result: StudyResult, k: int) -> dict[str, Any]:
-    found = result.maps[k]
-    chart, unit = map_chart(found, result.units.get(found.merit, ""))
-    known = np.isfinite(found.median)
-    ends = found.median[known].min(initial=np.inf), found.median[known].max(initial=-np.inf)
-    drawn = _Drawing.of(chart if known.any() else "No run has this merit.", _capital(chart.title))
-    lost = bool(np.isinf(found.median).any())
-    return {"drawing": drawn, "ends": [number(float(end), unit) for end in ends], "lost": lost}
-
-
 def _quantiles(result: StudyResult, found: MeritStatistics) -> dict[str, Any]:
     """Return a row of the table of quantiles."""
     unit = _unit(result, found)
@@ -233,14 +171,6 @@ def _quantiles(result: StudyResult, found: MeritStatistics) -> dict[str, Any]:
             grouped(found.missing) if found.missing else "–",
         ],
     }
-
-
-def _distributions(result: StudyResult) -> list[_Drawing]:
-    drawings = []
-    for name, values in result.runs.merits.items():
-        chart = distribution_chart(name, values, result.succeeded, result.units.get(name, ""))
-        drawings.append(_Drawing.of(chart, merit_words(name), small=True))
-    return drawings
 
 
 def _capital(text: str) -> str:

@@ -164,6 +164,17 @@ def to_pdf(figure: Figure, run: str | None = None) -> bytes:
     return buffer.getvalue()
 
 
+@own_settings()
+def to_svg(figure: Figure) -> bytes:
+    """Return a figure as the bytes of an SVG, the same for the same figure."""
+    from matplotlib import rc_context
+
+    buffer = io.BytesIO()
+    with rc_context({"svg.hashsalt": "rpctl"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
 def find_panels(run: Run) -> list[PanelChart]:
     """Return the panels that a run has data for, in the order of ``PANELS``, and their charts."""
     found: list[PanelChart] = []

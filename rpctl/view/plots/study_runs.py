@@ -1,177 +1,246 @@
-"""The picture of a study: the figures of its page, two panels a row, then a row of bars."""
+"""The figures of a study, drawn once: the page shows what the picture shows, and more of it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rpctl.arrays import Array
+from rpctl.study.sensitivity import EITHER_SIDE, Sensitivity, importances
+from rpctl.study.statistics import LEVELS, envelope
 from rpctl.study.study_result import StudyResult
-from rpctl.study.words import grouped, merit_words, number, parameter_words, percent, share_span
-from rpctl.view.labels import fold, literal
-from rpctl.view.palette import LINES, RAMP, light
-from rpctl.view.plots import style
-from rpctl.view.plots.figures import to_png
-from rpctl.view.plots.style import SMALL_PT, TEXT_PT, style_axes
-from rpctl.view.still_chart import Axis, Cells, Mark, StillChart, fitting
-from rpctl.view.study_figures import (
-    ImportanceBars,
-    distribution_chart,
-    envelope_charts,
-    importance_bars,
-    map_chart,
+from rpctl.study.words import (
+    Unit,
+    grouped,
+    merit_words,
+    number,
+    parameter_words,
+    percent,
+    share_span,
+    unit_of,
 )
+from rpctl.view.labels import fold, literal
+from rpctl.view.palette import RAMP, light
+from rpctl.view.plots import style
+from rpctl.view.plots.style import SMALL_PT, TEXT_PT, style_axes
+from rpctl.view.still_chart import Axis, axis_over
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
-WIDTH_IN, PANEL_IN, HEAD_IN, BAR_IN = 7.0, 2.3, 0.4, 0.24  # inches: of the figure, and heights
+WIDTH_IN, PANEL_IN, SMALL_PANEL_IN, HEAD_IN, BAR_IN = (
+    7.0,
+    2.3,
+    1.7,
+    0.4,
+    0.24,
+)  # inches: of the figure, and heights
 TITLE_LETTERS, LABEL_LETTERS, NAME_LETTERS = 86, 36, 44  # in a line
-DPI = 200
 MOST_BARS = 10
+BINS = 32  # of a distribution
+SAME = 1e-3  # of the largest value: a smaller spread is not drawn
 BENT = {False: "of the parameter", True: "of its distance from its median"}  # of a correlation
-PX_PER_PT = 96.0 / 72.0
-TICK_ROOM = 40  # characters of the labels below a panel that fit
-
-
-def study_picture(result: StudyResult) -> bytes:
-    """Return the picture of a study as the bytes of a PNG."""
-    return to_png(study_runs_figure(result), DPI)
+MEASURES = {
+    "sobol": "share of the variance, with interactions (total Sobol index)",
+    "morris": "mean size of the change over the range (μ* of Morris)",
+    "rank-correlation": "rank correlation",
+}
+Draw = Callable[["Axes"], object]
 
 
 @style.own_settings()
 def study_runs_figure(result: StudyResult) -> Figure:
-    """Return the figure; an odd panel is as wide as it is."""
-    from matplotlib.figure import Figure
-
-    panels = _panels(result)
+    """Return errors over time, the merit's distribution, its map, and what matters to it."""
+    series = [name for name in result.runs.series if name != "lateral_error"]
+    panels: list[Draw] = [partial(draw_envelope, result, name) for name in series]
+    panels = panels if len(result.runs.t) > 1 else []
+    panels.append(partial(draw_distribution, result, result.merit))
+    known = any(np.isfinite(each.median).any() for each in result.maps)
+    panels += [partial(draw_map, result)] if known else []
     found = result.sensitivity_of(result.merit)
-    bars = importance_bars(result, found, MOST_BARS) if found is not None else None
+    bars = [] if found is None else [partial(draw_importance, result, found)]
+    shown = 0 if found is None else min(MOST_BARS, len(found.parameters))
     rows = -(-len(panels) // 2)
-    heights = [PANEL_IN * rows, 1.0 + BAR_IN * len(bars.bars) if bars else 0.01]
+    heights = [PANEL_IN * rows, 1.0 + BAR_IN * shown if bars else 0.01]
     success = result.success
     share = f"{percent(success.value)} succeeded (95 % interval {share_span(success)})"
     title = fold(f"{result.robot}: {grouped(len(result.runs))} runs, {share}", TITLE_LETTERS)
-    size = WIDTH_IN, HEAD_IN + 0.14 * title.count("\n") + sum(heights)
-    figure = Figure(size, layout="constrained", facecolor=style.PAPER)
+    figure = _figure(HEAD_IN + 0.14 * title.count("\n") + sum(heights))
     figure.suptitle(literal(title), x=0.015, ha="left", fontsize=TEXT_PT + 1.0, fontweight="bold",
                     color=style.INK)  # fmt: skip
     above, below = figure.subfigures(2, 1, height_ratios=heights)
-    grid = above.add_gridspec(rows, 2)
-    for k, chart in enumerate(panels):
-        row, column = divmod(k, 2)
-        alone = k == len(panels) - 1 and not column
-        _panel(above.add_subplot(grid[row, :] if alone else grid[row, column]), chart)
-    if bars:
-        _importance(below.add_subplot(), bars)
+    _fill(above, panels)
+    _fill(below, bars)
     return figure
 
 
-def _panel(axes: Axes, chart: StillChart) -> None:
-    """Draw a chart with its legend, or with the scale of its colours."""
-    x = replace(chart.x, label=fold(chart.x.label, LABEL_LETTERS))
-    y = replace(chart.y, label=fold(chart.y.label, LABEL_LETTERS))
-    draw_still_chart(axes, replace(chart, x=x, y=y, title=fold(chart.title, LABEL_LETTERS)))
-    if chart.cells is None:
-        axes.legend(fontsize=style.LEGEND_PT, labelcolor=style.INK, frameon=False,
-                    handlelength=1.4, labelspacing=0.3, loc="best")  # fmt: skip
+@style.own_settings()
+def merits_figure(result: StudyResult) -> Figure:
+    """Return the distribution of each merit."""
+    panels = [partial(draw_distribution, result, name) for name in result.runs.merits]
+    figure = _figure(SMALL_PANEL_IN * -(-len(panels) // 3))
+    _fill(figure, panels, 3)
+    return figure
+
+
+@style.own_settings()
+def others_figure(result: StudyResult) -> Figure:
+    """Return how much each parameter matters to each merit, of what matters most to it."""
+    main = result.sensitivity_of(result.merit)
+    names = main.ranking[:MOST_BARS] if main is not None else ()
+    found = {each.merit: importances(each, len(each.parameters)) for each in result.sensitivities}
+    values = np.array(
+        [
+            [{each.name: each.value for each in bars}[name] for name in names]
+            for bars in found.values()
+        ]
+    )
+    shares = values / np.maximum(np.abs(values).max(axis=1, keepdims=True), 1e-300)
+    figure = _figure(1.2 + BAR_IN * len(found))
+    axes = figure.add_subplot()
+    axes.imshow(np.abs(shares), cmap="Blues", vmin=0.0, vmax=1.4, aspect="auto")
+    _style(axes, "What matters to each merit, of its largest", "", "")
+    axes.grid(False)
+    for (row, column), value in np.ndenumerate(values):
+        axes.text(column, row, number(float(value)), fontsize=SMALL_PT, ha="center", va="center")
+    words = [literal(fold(parameter_words(name).name, LABEL_LETTERS // 2)) for name in names]
+    axes.set_xticks(range(len(names)), words, fontsize=SMALL_PT, rotation=30, ha="right")
+    merits = [literal(merit_words(merit)) for merit in found]
+    axes.set_yticks(range(len(merits)), merits, fontsize=SMALL_PT)
+    return figure
+
+
+def _figure(height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure((WIDTH_IN, height), layout="constrained", facecolor=style.PAPER)
+
+
+def _fill(figure: Figure | SubFigure, panels: Sequence[Draw], columns: int = 2) -> None:
+    """Draw panels, some in a row; one that is alone in its row is as wide as the figure."""
+    if not panels:
         return
-    bar = axes.figure.colorbar(axes.collections[0], ax=axes, aspect=16)
+    grid = figure.add_gridspec(-(-len(panels) // columns), columns)
+    for k, draw in enumerate(panels):
+        row, column = divmod(k, columns)
+        alone = k == len(panels) - 1 and not column
+        draw(figure.add_subplot(grid[row, :] if alone else grid[row, column]))
+
+
+def draw_envelope(result: StudyResult, name: str, axes: Axes) -> None:
+    """Draw how an error spreads over time: the median, half of the runs, and nine in ten."""
+    t, words = result.runs.t, name.replace("_", " ")
+    quantiles = envelope(np.asarray(result.runs.series[name], float), LEVELS)
+    unit = unit_of(result.units.get(name, "") or "m", _largest(quantiles))
+    y = axis_over(unit.factor * quantiles)
+    values = np.clip(unit.factor * quantiles, y.low, y.high)
+    axes.fill_between(t, values[0], values[4], color=style.BASE, alpha=0.18, lw=0.0,
+                      label="5 to 95 %")  # fmt: skip
+    axes.fill_between(t, values[1], values[3], color=style.BASE, alpha=0.38, lw=0.0,
+                      label="25 to 75 %")  # fmt: skip
+    axes.plot(t, values[2], color=style.BASE, lw=1.5, label="median")
+    _style(axes, f"{words[:1].upper()}{words[1:]} over time", "time (s)", f"error ({unit.name})")
+    axes.set(xlim=(t[0], t[-1]), yscale=_scale(y), ylim=(y.low, y.high))
+    if y.log:
+        axes.yaxis.set_major_formatter("{x:g}")
+    _legend(axes)
+
+
+def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
+    """Draw how a merit is distributed, runs that failed on top, or say that there is nothing."""
+    values = result.runs.merits[merit]
+    known = np.isfinite(values)
+    unit = unit_of(result.units.get(merit, ""), _largest(values))
+    inside, good = unit.factor * values[known], result.succeeded[known]
+    words = merit_words(merit)
+    title = f"{words[:1].upper()}{words[1:]}"
+    _style(axes, title, f"{words} ({unit.name})".removesuffix(" ()"), "runs")
+    if not len(inside) or np.ptp(inside) <= SAME * np.abs(inside).max():
+        only = number(float(inside[0]), Unit(1.0, unit.name)) if len(inside) else "no value"
+        text = f"{only} in {known.sum()} of {len(known)} runs"
+        axes.text(0.5, 0.5, text, ha="center", fontsize=SMALL_PT, transform=axes.transAxes)
+        axes.set(xticks=[], yticks=[])
+        return
+    x = axis_over(inside, zero=False)
+    edges = x.value(np.linspace(0.0, 1.0, BINS + 1))
+    axes.hist([inside[good], inside[~good]], edges.tolist(), stacked=True,
+              color=[style.BASE, style.TIP], label=["succeeded", "did not"])  # fmt: skip
+    middle = float(np.median(inside))
+    axes.axvline(middle, color=style.INK, **style.LIMIT_STYLE, label="median")
+    axes.set(xscale=_scale(x), xlim=(x.low, x.high))
+    if x.log:
+        axes.xaxis.set_major_formatter("{x:g}")
+    _legend(axes)
+
+
+def draw_map(result: StudyResult, axes: Axes) -> None:
+    """Draw the medians of the merit over the two parameters that matter most to it."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    found = result.maps[0]
+    unit = unit_of(result.units.get(found.merit, ""), _largest(found.median))
+    ramp = LinearSegmentedColormap.from_list("ramp", RAMP).with_extremes(over=light("lost"))
+    values = np.where(found.count > 0, unit.factor * found.median, np.nan)
+    finite = values[np.isfinite(values)]
+    low, high = finite.min(), finite.max()
+    shown = np.where(np.isposinf(values), np.nextafter(high, np.inf), values)
+    cells = axes.pcolormesh(found.x_edges, found.y_edges, shown, cmap=ramp, vmin=low, vmax=high)
+    names = [str(parameter_words(name)) for name in (found.x, found.y)]
+    _style(axes, "Median over what matters most", *names)
+    axes.grid(False)
+    bar = axes.figure.colorbar(cells, ax=axes, aspect=16)
     bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=SMALL_PT, colors=style.INK, length=2.0, pad=2)
-    label = fold(chart.cells.label, LABEL_LETTERS)
-    bar.set_label(literal(label), fontsize=SMALL_PT, color=style.INK)
+    label = f"{merit_words(found.merit)} ({unit.name})".removesuffix(" ()")
+    bar.set_label(literal(fold(label, LABEL_LETTERS)), fontsize=SMALL_PT, color=style.INK)
 
 
-def _panels(result: StudyResult) -> list[StillChart]:
-    """Return the charts that there is something for, under the titles that they have here."""
-    merit, unit = result.merit, result.units.get(result.merit, "")
-    charts = [
-        replace(chart, title=f"{chart.title[:1].upper()}{chart.title[1:]} over time")
-        for chart in envelope_charts(result)
-    ]
-    spread = distribution_chart(merit, result.runs.merits[merit], result.succeeded, unit)
-    if isinstance(spread, StillChart):
-        label = merit_words(merit) + (f" ({spread.x.label})" if spread.x.label else "")
-        title = f"Distribution: {merit_words(merit)}"
-        charts.append(replace(spread, title=title, x=replace(spread.x, label=label)))
-    known = (each for each in result.maps[:1] if np.isfinite(each.median).any())
-    maps = (map_chart(each, unit)[0] for each in known)
-    return charts + [replace(chart, title="Median over what matters most") for chart in maps]
-
-
-def _importance(axes: Axes, shown: ImportanceBars) -> None:
-    """Draw the bars from the top down."""
+def draw_importance(result: StudyResult, found: Sensitivity, axes: Axes) -> None:
+    """Draw what matters to a merit: a bar with its interval a parameter, from the top down."""
     from matplotlib.patches import Patch
 
-    factor, bars = shown.unit.factor, shown.bars
-    values = factor * np.array([each.value for each in bars])
-    ends = factor * np.array([(each.value - each.low, each.high - each.value) for each in bars])
-    whiskers = np.where(np.isfinite(ends), np.maximum(ends, 0.0), 0.0).T
+    bars, unit = importances(found, MOST_BARS), Unit(1.0, "")
+    numbers = np.array([(each.value, each.low, each.high) for each in bars])
+    if found.method == "morris":
+        unit = unit_of(result.units.get(found.merit, ""), _largest(numbers[:, 0]))
+    value, low, high = unit.factor * numbers.T
+    ends = np.nan_to_num([value - low, high - value], posinf=0.0).clip(min=0.0)
+    bent = [each.way == EITHER_SIDE for each in bars]
     colours = {False: style.BASE, True: style.TIP}
-    axes.barh(range(len(bars)), values, xerr=whiskers, height=0.6, ecolor=style.INK,
-              color=[colours[shown.bent(each)] for each in bars], error_kw={"lw": 0.8})  # fmt: skip
-    style_axes(axes, literal(f"What matters: {shown.title}"))
-    axes.set(xlim=(factor * shown.axis.low, factor * shown.axis.high), ylim=(len(bars) - 0.5, -0.5))
+    axes.barh(range(len(bars)), value, xerr=ends, height=0.6, ecolor=style.INK,
+              color=[colours[each] for each in bent], error_kw={"lw": 0.8})  # fmt: skip
+    measure = f"{MEASURES[found.method]} ({unit.name})".removesuffix(" ()")
+    style_axes(axes, literal(f"What matters: {merit_words(found.merit)}"))
+    axes.set_xlabel(f"{measure}; line: its 95 % interval")
     names = [literal(fold(parameter_words(each.name).name, NAME_LETTERS)) for each in bars]
     axes.set_yticks(range(len(bars)), names, fontsize=SMALL_PT)
+    axes.set_ylim(len(bars) - 0.5, -0.5)
     axes.grid(False, axis="y")
     axes.axvline(0.0, color=style.INK, lw=0.6)
-    unit = f" ({shown.unit.name})" if shown.unit.name else ""
-    axes.set_xlabel(f"{shown.measure}{unit}; line: its 95 % interval")
-    if shown.rank:
-        kinds = sorted({shown.bent(each) for each in bars})
-        handles = [Patch(color=colours[kind], label=BENT[kind]) for kind in kinds]
-        axes.legend(handles=handles, loc="best", fontsize=style.LEGEND_PT, frameon=False,
-                    labelcolor=style.INK, handlelength=1.4)  # fmt: skip
+    if found.method == "rank-correlation":
+        axes.set_xlim(-1.0, 1.0)
+        handles = [Patch(color=colours[kind], label=BENT[kind]) for kind in sorted({*bent})]
+        _legend(axes, handles=handles)
 
 
-def draw_still_chart(axes: Axes, chart: StillChart) -> None:
-    """Draw a chart; who wants a legend or a scale of its cells adds it."""
-    if chart.cells is not None:
-        _draw_cells(axes, chart.cells)
-    for mark in chart.marks:
-        _draw_mark(axes, mark, chart.y)
-    style.style_axes(axes, literal(chart.title))
-    axes.set(xscale=_scale_of(chart.x), yscale=_scale_of(chart.y))
-    axes.minorticks_off()
-    across, up = fitting(chart.x.ticks(), TICK_ROOM), chart.y.ticks()
-    axes.set_xticks(across, [number(value) for value in across])
-    axes.set_yticks(up, [number(value) for value in up])
-    axes.set(xlim=(chart.x.low, chart.x.high), ylim=(chart.y.low, chart.y.high))
-    axes.set(xlabel=literal(chart.x.label), ylabel=literal(chart.y.label))
-    if chart.cells is not None:
-        axes.grid(False)
+def _largest(values: Array) -> float:
+    return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
 
 
-def _scale_of(axis: Axis) -> str:
+def _scale(axis: Axis) -> str:
     return "log" if axis.log else "linear"
 
 
-def _draw_mark(axes: Axes, mark: Mark, axis: Axis) -> None:
-    """Draw a mark; what is beyond its axis is drawn at its end."""
-    y = np.clip(mark.y, axis.low, axis.high)
-    line = mark.colour.removeprefix("c")
-    colour = LINES[int(line)][0] if line.isdigit() else light(mark.colour)
-    look: dict[str, Any] = {"color": colour, "alpha": mark.opacity, "label": mark.label or None}
-    if mark.floor is None:
-        dash = style.LIMIT_STYLE["ls"] if mark.dashed else "-"
-        axes.plot(mark.x, y, lw=mark.width / PX_PER_PT, ls=dash, **look)
-        return
-    floor = np.clip(mark.floor, axis.low, axis.high)
-    if mark.steps:
-        axes.stairs(y, mark.x, baseline=floor, lw=0.0, fill=True, **look)
-    else:
-        axes.fill_between(mark.x, floor, y, lw=0.0, **look)
+def _style(axes: Axes, title: str, x: str, y: str) -> None:
+    style_axes(axes, literal(fold(title, LABEL_LETTERS)))
+    axes.set_xlabel(literal(fold(x, LABEL_LETTERS)))
+    axes.set_ylabel(literal(fold(y, LABEL_LETTERS)))
 
 
-def _draw_cells(axes: Axes, cells: Cells) -> None:
-    from matplotlib.colors import LinearSegmentedColormap
-
-    ramp = LinearSegmentedColormap.from_list("ramp", RAMP).with_extremes(over=light("lost"))
-    lost = np.nextafter(cells.high, np.inf)
-    shown = np.ma.masked_invalid(np.where(np.isposinf(cells.values), lost, cells.values))
-    edges = cells.x_edges, cells.y_edges
-    axes.pcolormesh(*edges, shown, cmap=ramp, vmin=cells.low, vmax=cells.high)
+def _legend(axes: Axes, **handles: Any) -> None:
+    axes.legend(fontsize=style.LEGEND_PT, labelcolor=style.INK, frameon=False, handlelength=1.4,
+                labelspacing=0.3, loc="best", **handles)  # fmt: skip

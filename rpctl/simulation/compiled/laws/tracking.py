@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from copy import copy
 from typing import Any, NamedTuple
 
 import casadi
@@ -42,7 +40,9 @@ def settings_of(
     Raises:
         RpctlError: A setting does not fit the robot or the period.
     """
-    found = {**_kinematic(kinematic, known, period), **_dynamic(dynamic, known, period)}
+    horizons = kinematic.joint_horizons(known, period)
+    found = kinematic.numbers() | _each("joint_horizon", known.robot.joint_names, horizons)
+    found |= _dynamic(dynamic, known, period)
     return tuple(found), np.array(list(found.values()))
 
 
@@ -65,38 +65,6 @@ def by_name(s: Mapping[str, Any], kind: str, names: Iterable[str]) -> Any:
         names: Whose, in order.
     """
     return casadi.vertcat(*(s[f"{kind}.{name}"] for name in names), casadi.SX(0, 1))
-
-
-def _kinematic(law: BaseLaw, known: ReducedDynamics, period: float) -> dict[str, float]:
-    found = {name: float(getattr(law, name)) for name in _numbers(law)}
-    if law.leash is not None:
-        found |= {f"leash.{name}": getattr(law.leash, name) for name in _numbers(law.leash)}
-    joints = known.robot.joint_names
-    return found | _each("joint_horizon", joints, law.joint_horizons(known, period))
-
-
-def _numbers(record: Any) -> list[str]:
-    """Return the fields of a law or its leash that hold a number; joints' horizons are apart."""
-    names = (item.name for item in dataclasses.fields(record) if item.name != "joint_horizon")
-    values = {name: getattr(record, name) for name in names}
-    return [
-        name
-        for name, value in values.items()
-        if isinstance(value, int | float) and not isinstance(value, bool)
-    ]
-
-
-def with_settings(law: BaseLaw, s: Settings) -> BaseLaw:
-    """Return a law whose numbers are scalars."""
-    found = copy(law)
-    for name in _numbers(law):
-        object.__setattr__(found, name, s[name])
-    if law.leash is not None:
-        leash = copy(law.leash)
-        for name in _numbers(leash):
-            object.__setattr__(leash, name, s[f"leash.{name}"])
-        object.__setattr__(found, "leash", leash)
-    return found
 
 
 def _dynamic(law: ClosedFormDynamic, known: ReducedDynamics, period: float) -> dict[str, float]:
@@ -187,6 +155,6 @@ def symbolic_command(
     robot, sheet = dynamics.robot, Sheet()
     state, at = reference_symbols(robot, row), measured(dynamics, q, nu)
     horizons = [s[f"joint_horizon.{name}"] for name in robot.joint_names]
-    found = desired(sheet, with_settings(law, s), robot, state, at, horizons)
+    found = desired(sheet, law.with_numbers(s), robot, state, at, horizons)
     parts = [casadi.vertcat(*part, casadi.SX(0, 1)) for part in found[:3]]
     return SymbolicCommand(*sheet.resolved([*parts, found.refused]))
