@@ -63,15 +63,6 @@ def test_every_law_comes_back(tmp_path: Path) -> None:
         assert read_config(path) == config
 
 
-def test_a_part_is_enough(tmp_path: Path) -> None:
-    path = tmp_path / "config.toml"
-    path.write_text('[kinematic]\nlaw = "paper"\nhorizon = 1\n')
-    config = read_config(path)
-    assert config == Config(kinematic=PaperKinematic(horizon=1.0))
-    assert isinstance(config.kinematic, PaperKinematic)
-    assert isinstance(config.kinematic.horizon, float)
-
-
 WRONG = """
 other = 1
 limits = 3
@@ -186,11 +177,6 @@ def test_a_wrong_obstacle_is_told(there: str, told: str, tmp_path: Path) -> None
     assert refusal(tmp_path, text).startswith(f"kinematic.base_obstacles{told}")
 
 
-def test_one_table_is_no_list_of_obstacles(tmp_path: Path) -> None:
-    text = '[kinematic]\nlaw = "horizon"\n[kinematic.base_obstacles]\nshape = "disc"\n'
-    assert "write [[kinematic.base_obstacles]]" in refusal(tmp_path, text)
-
-
 @dataclass(frozen=True)
 class _Nested:
     """Settings as a law of laws may have them."""
@@ -272,18 +258,6 @@ def test_a_saved_configuration_gives_the_same_run(tmp_path: Path) -> None:
     assert first.robot.effort_limits == (5.0, 5.0, 7.0, 120.0)
     assert first.robot.velocity_limits[2:] == (0.5, 0.5)
     assert first.ground.friction == 0.5
-
-
-@pytest.mark.parametrize(
-    ("limit", "told"),
-    [("arn = 1", "joint 'arn' is not known"), ('"arm_*" = -1', "effort limit of arm_* is -1")],
-)
-def test_wrong_limits_exit_2(limit: str, told: str, tmp_path: Path) -> None:
-    path = tmp_path / "config.toml"
-    path.write_text(f"[limits.effort]\n{limit}\n")
-    result = CliRunner().invoke(app, ["track", "paper", "--config", str(path)])
-    assert result.exit_code == 2
-    assert told in result.stderr
 
 
 def test_limits_are_set_by_pattern() -> None:

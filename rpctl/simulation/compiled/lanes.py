@@ -23,7 +23,7 @@ from rpctl.simulation.compiled.laws.tracking import settings_of
 from rpctl.simulation.compiled.loop import CompiledLoop
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods
-from rpctl.simulation.plants.sensors import NoiseStream, Sensors
+from rpctl.simulation.plants.sensors import Sensors, random_stream
 
 CHUNK = 1024  # samples that are computed at a time
 
@@ -185,7 +185,7 @@ class _LaneNoise:
     """The noise of what is measured, lane by lane."""
 
     def __init__(self, inputs: LaneInputs, sensors: Sensors) -> None:
-        self._streams = [NoiseStream(sensors.width, seed) for seed in inputs.seeds]
+        self._streams = [random_stream(seed) for seed in inputs.seeds]
         self._deviations, self._offsets = inputs.deviations, inputs.offsets
         self._drawn = np.empty((0, sensors.width, len(inputs)))
 
@@ -203,7 +203,11 @@ class _LaneNoise:
 
     def _draw(self, count: int) -> Array:
         lanes = zip(self._streams, self._deviations, self._offsets, strict=True)
-        return np.stack([stream.rows(count) * d + offset for stream, d, offset in lanes], axis=2)
+        rows = [
+            stream.standard_normal((count, len(deviations))) * deviations + offsets
+            for stream, deviations, offsets in lanes
+        ]
+        return np.stack(rows, axis=2)
 
 
 def fill(workspace: Mapping[Buffer, Array], values: Mapping[Buffer, Any]) -> None:

@@ -42,11 +42,7 @@ class NeedsPython(Exception):
 
 
 def close_compiled_loop(loop: Loop, recorder: Recorder) -> None:
-    """Close a loop, as :func:`close_loop` does.
-
-    Args:
-        loop: None that ``refusal`` has something against; filled when it ends, early or not.
-        recorder: Gets every sample.
+    """Close a loop as :func:`close_loop` does: none that ``refusal`` has something against.
 
     Raises:
         DiffersError: The loop's numbers are not Python's.
@@ -95,7 +91,6 @@ def _record(
     """Record the samples of a chunk, up to the first that no loop or only Python's goes on from.
 
     Args:
-        compiled: The loop.
         logged: What was logged.
         table: The reference.
         first: Number of the first sample.

@@ -23,7 +23,7 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.plants.sensors import Measurement, sample_times
 from rpctl.simulation.plants.settings import TIME_ROUNDING
-from rpctl.simulation.plants.starting import start_interface
+from rpctl.simulation.plants.starting import rest_at, start_interface
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged
 Shown = ParamSpec("Shown")
@@ -110,11 +110,7 @@ class Watching(Generic[Shown]):
 
 
 def close_loop(loop: Loop, take: Callable[[LoopSample], object]) -> None:
-    """Close a loop in Python.
-
-    Args:
-        loop: What it needs; filled when it ends, early or not.
-        take: Gets every sample.
+    """Close a loop in Python; ``take`` gets every sample.
 
     Raises:
         DivergedError: The motion left the finite numbers.
@@ -132,16 +128,15 @@ def close_loop(loop: Loop, take: Callable[[LoopSample], object]) -> None:
         for k, t in enumerate(times):
             state = require_state(robot, loop.reference(t), t)
             q, nu, work, lost, felt = interface.state
-            e = tracking_error(robot, state, q)
             measured = measure(q, nu, t)
             if arrives[k]:
                 output = computing.step(t, *measured)
-            tau = interface.take(output, computing.late(t))
+            tau, e = interface.take(output, computing.late(t)), tracking_error(robot, state, q)
             loop.wall_time = time.perf_counter() - started_at
+            command, limits = output.command, output.limits
             sample = LoopSample(
-                t, q, e, tau, state, nu, output.command.nu_d, output.speeds, work, lost,
-                output.limits, felt,
-            )  # fmt: skip
+                t, q, e, tau, state, nu, command.nu_d, output.speeds, work, lost, limits, felt
+            )
             take(sample)
             if not np.abs(nu).max() < DIVERGED_SPEED:
                 raise DivergedError(diverged_at(t))
@@ -246,8 +241,7 @@ def rest_at_start(simulated: ReducedDynamics, config: Config, reference: Referen
     robot = simulated.robot
     first = require_state(robot, reference(0.0), 0.0)
     q = start_configuration(robot, first, config.run.initial_error)
-    holding = simulated.efforts(q, simulated.bias(q, np.zeros(robot.dof)))
-    return Rest(q, np.asarray(holding - config.plant.bias(robot)))
+    return rest_at(simulated, config.plant, q)
 
 
 def start_configuration(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 from rpctl.arrays import Array
 from rpctl.control.controller import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
-from rpctl.control.law_sentences import law_sentences
+from rpctl.control.registry import law_sentences
 from rpctl.control.safeguards import require_callable
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -53,7 +53,10 @@ SETTLING_S = 1.0  # s, after the end of one that has it
 
 
 class TrackSettings(TypedDict, total=False):
-    """What keywords of :func:`track` may say: names of :class:`~rpctl.Config` and of its run."""
+    """What keywords of :func:`track` may say: names of :class:`~rpctl.Config` and of its run.
+
+    The last four are those of :class:`SimulateOptions`.
+    """
 
     kinematic: KinematicLaw | KinematicFunction | None
     dynamic: DynamicLaw | DynamicFunction | None
@@ -73,7 +76,13 @@ class TrackSettings(TypedDict, total=False):
     smooth: float | str | None
     retime: bool
     name: str | None
+    certificate: Certificate | None
+    progress: Callable[[int, int], object] | None
     collisions: bool
+    backend: str
+
+
+PASSED_ON = ("certificate", "progress", "collisions", "backend")
 
 
 def track(
@@ -81,58 +90,42 @@ def track(
     reference: str | Reference | None = None,
     config: Config | None = None,
     *,
-    certificate: Certificate | None = None,
-    progress: Callable[[int, int], object] | None = None,
     watch: Callable[[float, Array, ReferenceState], object] | None = None,
-    backend: str = "auto",
     **settings: Unpack[TrackSettings],
 ) -> Run:
-    """Simulate a robot that tracks a reference, from rest.
+    """Simulate a robot that tracks a reference, from rest; return what was logged.
 
     Args:
         robot: The robot.
         reference: A reference, the name of one (``line``, ``reverse``, ``spin``, ``circle``,
             ``eight``, ``waypoints``, ``ee-square``), or a file (CSV, TOML); None: the config's.
         config: Laws, plant and circumstances; None: the robot's default.
-        certificate: A certificate to keep with the run.
-        progress: Called with the samples done and their total. If it or ``watch`` fails, it is not
-            called again, and a note of the run tells it.
         watch: Called with the time (s), q (nq,) and the reference at every sample.
-        backend: ``"compiled"``: the loop as machine code; ``"pinocchio"``: in Python; ``"auto"``:
-            the quicker one. Their numbers agree to rounding.
         **settings: Names of :class:`Config` and of its ``run``, which win over the config:
             ``duration=20``, ``initial_error=(0.1, 0, 0)``, ``kinematic=rpctl.Horizon()``,
             ``plant="slipping"`` (or ``"perturbed"``, ``"contact"``, a :class:`Plant`, a simulator
-            of one's own), ``output="velocity"``; besides, ``name`` is what the log calls the
-            reference, and ``collisions=False`` looks for none.
-
-    Returns:
-        What was logged.
+            of one's own), ``output="velocity"``. Besides, ``name`` is what the log calls the
+            reference, a ``certificate`` is kept, ``progress`` is called with the samples done and
+            their total, and ``collisions=False`` looks for none. A ``backend`` closes the loop:
+            ``"compiled"`` as machine code, ``"pinocchio"`` in Python, ``"auto"`` the quicker one;
+            their numbers agree to rounding.
 
     Raises:
         DivergedError: The motion left the finite numbers.
         RpctlError: A setting is out of range, or the reference does not fit the robot.
     """
-    config = _configured(robot, reference, config, {**settings})
-    run = config.run
-    own = None if isinstance(reference, str) else reference
+    config = configured(robot, reference, config, {**settings})
+    run, own = config.run, None if isinstance(reference, str) else reference
     if own is not None:
         SizingRequest(run.size, run.speed, run.laps).refuse(
             "the reference is a function, with its own pace", *WISHES
         )
-    return simulate(
-        robot,
-        config,
-        own,
-        certificate=certificate,
-        progress=progress,
-        watch=None if watch is None else lambda s: watch(s.t, s.q, s.state),
-        collisions=settings.get("collisions", True),
-        backend=backend,
-    )
+    options: Any = {name: value for name, value in settings.items() if name in PASSED_ON}
+    options["watch"] = None if watch is None else lambda s: watch(s.t, s.q, s.state)
+    return simulate(robot, config, own, **options)
 
 
-def _configured(
+def configured(
     robot: Robot, reference: str | Reference | None, config: Config | None, given: dict[str, Any]
 ) -> Config:
     """Return a configuration with a reference and with settings by their names."""
@@ -192,57 +185,54 @@ def simulate(
     """Simulate a robot as a configuration says, from rest.
 
     Args:
-        robot: The robot, before the configuration's limits.
+        robot: Before the configuration's limits.
         config: Laws, limits, circumstances and plant.
         reference: What the configuration's reference is; None loads it by its name.
         **options: Who looks on, and what is kept with the run.
 
     Raises:
         DivergedError: The motion left the finite numbers.
-        RpctlError: A setting is out of range, the run is beyond the caps of time or of its log,
-            the reference does not fit the robot, or the robot starts inside an obstacle.
+        RpctlError: A setting is out of range, the run beyond the caps of time or of its log, the
+            reference does not fit the robot, or it starts inside an obstacle.
     """
-    robot = config.limits.apply(robot)
-    collisions, part = options.get("collisions", True), options.get("part")
+    robot, ended = config.limits.apply(robot), options.get("ended")
+    collisions = options.get("collisions", True)
     if reference is None:
         reference = config.run.load_reference(robot, collisions)
     around = _surroundings(robot, config, reference) if collisions else None
-    steps = require_affordable(robot, config, reference).periods
-    config = config.with_run(log_every=config.run.log_step(steps))
-    loop = _loop(robot, config, reference, steps, options)
-    derivation = Derivation(loop.dynamics, config)
-    recorder = Recorder(derivation, steps, config.run.log_every or 1, part, loop.known)
-    made = _Made(_header(loop, derivation, options.get("certificate")), loop, recorder, part)
-    if part is not None:
-        part.begin(made.header())
-    bodies = None
+    made = _made(robot, config, reference, options)
+    recorder, bodies = made.recorder, None
     try:
-        run_loop(loop, recorder, options.get("backend", "auto"))
+        run_loop(made.loop, recorder, options.get("backend", "auto"))
         recorder.flush(ends=True)
         if around is not None:
             log = recorder.log()
             bodies = find_collisions(around, log.t, log.q)
     except BaseException as error:
-        if (ended := options.get("ended")) is not None:
-            with suppress(RpctlError):  # what is sound of the last batch is logged
-                recorder.flush(ends=True)
-            if recorder.rows >= MIN_SAMPLES:
-                missed = () if around is None else (NOT_LOOKED_FOR,)
-                ended(made.run(robot, missed, error))
+        with suppress(RpctlError):  # what is sound of the last batch is logged
+            recorder.flush(ends=True)
+        if ended is not None and recorder.rows >= MIN_SAMPLES:
+            missed = () if around is None else (NOT_LOOKED_FOR,)
+            ended(made.run(robot, missed, error))
         raise
     return replace(made.run(robot), collisions=bodies)
 
 
-def _loop(
-    robot: Robot, config: Config, reference: Reference, steps: int, options: SimulateOptions
-) -> Loop:
-    """Return the loop that is to be closed, apart from whom it shows its samples."""
+def _made(robot: Robot, config: Config, reference: Reference, options: SimulateOptions) -> _Made:
+    """Return a run that has not begun."""
+    steps = require_affordable(robot, config, reference).periods
+    config = config.with_run(log_every=config.run.log_step(steps))
     loop = Loop(ReducedDynamics(robot), config, reference, steps)
     if (watch := options.get("watch")) is not None:
         loop.watch = Watching("what watched the simulation", watch)
     if (progress := options.get("progress")) is not None:
         loop.progress = Watching("what showed its progress", progress)
-    return loop
+    derivation, part = Derivation(loop.dynamics, config), options.get("part")
+    recorder = Recorder(derivation, steps, config.run.log_every or 1, part, loop.known)
+    made = _Made(_header(loop, derivation, options.get("certificate")), loop, recorder, part)
+    if part is not None:
+        part.begin(made.header())
+    return made
 
 
 def _header(loop: Loop, derivation: Derivation, certificate: Certificate | None) -> Header:

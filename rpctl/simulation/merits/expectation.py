@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from rpctl.control.velocity_output import VelocityOutput
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
@@ -19,6 +20,7 @@ from rpctl.simulation.merits.outcome import DIVERGING, STUCK, SUCCESSES
 from rpctl.simulation.merits.path_error import PathFigures
 from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.merits.texts import lag, length
+from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.starting import MASS_RATIO, perturbed_plant
 
 LAG_RATIO = 1.25  # of the lag that the controller takes a velocity interface to have
@@ -87,17 +89,13 @@ class Expectation:
 def expect(robot: Robot, config: Config, reference: Reference | None = None) -> Expectation | None:
     """Return what a run would come to with a heavier robot, wheel friction and a delay.
 
-    The run starts on its reference, and is a third as long. It keeps its laws, which compute with
-    the robot as it is given; their limits are those of the configuration.
+    It starts on its reference, is a third as long, and ``diverging`` if an error ended it. None:
+    a third of the run is too short to tell. The laws compute with the robot as it is given.
 
     Args:
         robot: The robot, before the configuration's limits.
         config: Of the nominal run; its plant and initial error do not count.
         reference: What the configuration's reference is; None loads it by its name.
-
-    Returns:
-        What became of it, ``diverging`` if an error ended it; None where a third of the run is too
-        short to tell.
 
     Raises:
         RpctlError: The robot cannot have the configuration's limits or follow its reference.
@@ -109,35 +107,27 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
     steps = whole_periods(min(DURATION_RATIO * nominal, MAX_DURATION_S), period)
     if steps * period < MIN_DURATION_S:
         return None
-    plant, lag_ratio = perturbed_plant(known), None
-    if config.output is not None and (config.output.lag or config.output.lags):
-        lag_ratio = LAG_RATIO
-        lags = {name: LAG_RATIO * lag for name, lag in config.output.lags.items()}
-        plant = replace(plant, lag=LAG_RATIO * config.output.lag, lags=lags)
-    facts = Expectation(
-        MASS_RATIO,
-        plant.joint_friction,
-        delay_periods(plant.delay, period) * period,
-        steps * period,
-        DIVERGING,
-        "",
-        lag_ratio=lag_ratio,
-    )
     brief = replace(
         settings,
         duration=steps * period,
         initial_error=(0.0, 0.0, 0.0),
         log_every=max(1, round(SAMPLE_S / period)),
     )
+    plant, lag_ratio = _later(perturbed_plant(known), config.output)
+    config = replace(config, plant=plant, run=brief)
+    delay = delay_periods(plant.delay, period) * period
+    facts = (MASS_RATIO, plant.joint_friction, delay, steps * period)
     try:
-        run = simulate(known, replace(config, plant=plant, run=brief), reference, collisions=False)
-        summary = summarize(run)
+        found = summarize(simulate(known, config, reference, collisions=False))
     except Exception as error:
-        return replace(facts, outcome_sentence=f"it ended early ({error})")
-    return replace(
-        facts,
-        outcome=summary.outcome,
-        outcome_sentence=summary.outcome_sentence,
-        base_path=summary.base_path,
-        end_effector_path=summary.end_effector_path,
-    )
+        return Expectation(*facts, DIVERGING, f"it ended early ({error})", lag_ratio=lag_ratio)
+    judged = found.outcome, found.outcome_sentence, found.base_path, found.end_effector_path
+    return Expectation(*facts, *judged, lag_ratio)
+
+
+def _later(plant: Plant, output: VelocityOutput | None) -> tuple[Plant, float | None]:
+    """Return a plant that follows speeds later than its controller knows, and the ratio of lags."""
+    if output is None or not (output.lag or output.lags):
+        return plant, None
+    lags = {name: LAG_RATIO * lag for name, lag in output.lags.items()}
+    return replace(plant, lag=LAG_RATIO * output.lag, lags=lags), LAG_RATIO

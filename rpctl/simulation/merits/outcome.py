@@ -20,14 +20,14 @@ The worst of base and end effector counts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.simulation.merits.collision_facts import Collision
+from rpctl.simulation.merits.collision_facts import NO_COLLISIONS, CollisionFacts
 from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, shape_text
 from rpctl.simulation.merits.path_error import PathTrace, trace_path
 from rpctl.simulation.merits.texts import length
@@ -105,7 +105,7 @@ def outcome(
     t: Array,
     points: Mapping[str, TracedPoint],
     obstacles: Iterable[AvoidedObstacle] = (),
-    collisions: Sequence[Collision] = (),
+    bodies: CollisionFacts = NO_COLLISIONS,
 ) -> Outcome:
     """Return the outcome of a motion.
 
@@ -113,16 +113,20 @@ def outcome(
         t: Time (K,), s.
         points: The points of the robot that have a reference.
         obstacles: What they should keep clear of.
-        collisions: What its links ran into, the deepest first.
+        bodies: What its links ran into or are near to in the end.
     """
-    if collisions:
-        more = f"; {len(collisions) - 1} more did" if len(collisions) > 1 else ""
-        return Outcome(COLLIDED, collisions[0].sentence + more)
+    if bodies.collisions:
+        deepest, *others = bodies.collisions
+        more = f"; {len(others)} more did" if others else ""
+        return Outcome(COLLIDED, deepest.sentence + more)
     collision = _collision(t, points, obstacles)
     if collision is not None:
         return collision
     found = [_outcome_of(t, point) for point in points.values()]
-    return max(found, key=lambda each: OUTCOMES.index(each.name))  # the first of the worst
+    worst = max(found, key=lambda each: OUTCOMES.index(each.name))  # the first of them
+    if worst.name == STUCK and bodies.ahead:
+        return Outcome(STUCK, f"{worst.sentence}; {' and '.join(bodies.ahead)}")
+    return worst
 
 
 def _collision(

@@ -18,7 +18,7 @@ from rpctl.simulation.merits.collision_facts import (
 )
 from rpctl.simulation.merits.felt_ground import FeltGround, felt_ground
 from rpctl.simulation.merits.obstacles import BASE, TIP, run_obstacles
-from rpctl.simulation.merits.outcome import STUCK, SUCCESSES, outcome, trace_points
+from rpctl.simulation.merits.outcome import SUCCESSES, outcome, trace_points
 from rpctl.simulation.merits.path_error import PathFigures, path_figures
 from rpctl.simulation.merits.slip_and_tip import GroundFigures, ground
 from rpctl.simulation.plants.plant import Plant
@@ -212,15 +212,11 @@ def summarize(run: Run) -> Summary:
     """Return the figures of merit of a run."""
     log, bodies = run.log, run.collisions or NO_COLLISIONS
     points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
-    name, sentence = outcome(run.t, points, run_obstacles(run), bodies.collisions)
-    if name == STUCK and bodies.ahead:
-        sentence += f"; {' and '.join(bodies.ahead)}"
+    name, sentence = outcome(run.t, points, run_obstacles(run), bodies)
     paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
     base = _error(np.hypot(*log.e[:, :2].T))
     tip = _error(np.linalg.norm(log.ee - log.ee_ref, axis=1)) if TIP in points else (None,) * 3
-    efforts = _efforts(run)
-    limited = [peak for peak in efforts if math.isfinite(peak.limit)]
-    most = max(limited, key=lambda peak: peak.ratio, default=None)
+    efforts, most = _efforts(run)
     return Summary(
         outcome=name,
         outcome_sentence=sentence,
@@ -314,10 +310,13 @@ def _joint_errors(run: Run) -> tuple[JointError, ...]:
     return tuple(JointError(name, unit, *_error(sizes)) for name, unit, sizes in rows)
 
 
-def _efforts(run: Run) -> tuple[EffortPeak, ...]:
-    peaks = np.abs(run.tau).max(axis=0).tolist()
-    rows = zip(run.robot.actuators, peaks, run.robot.effort_limits, strict=True)
-    return tuple(EffortPeak(name, peak, limit, peak / limit) for name, peak, limit in rows)
+def _efforts(run: Run) -> tuple[tuple[EffortPeak, ...], EffortPeak | None]:
+    """Return the peak of each actuator, and that which takes most of its limit, if any has one."""
+    sizes = np.abs(run.tau).max(axis=0).tolist()
+    rows = zip(run.robot.actuators, sizes, run.robot.effort_limits, strict=True)
+    peaks = tuple(EffortPeak(name, size, limit, size / limit) for name, size, limit in rows)
+    limited = [peak for peak in peaks if math.isfinite(peak.limit)]
+    return peaks, max(limited, key=lambda peak: peak.ratio, default=None)
 
 
 def _energy_residual(run: Run) -> float:

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Protocol
 
 import numpy as np
 
@@ -34,6 +33,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import by_pattern
 from rpctl.simulation.plants.plant import Plant
+from rpctl.simulation.plants.protocol import Motion
 
 ROTOR_SHARE = 0.1  # of the inertia that a joint resists with: what a rotor behind its gear has
 PIECES = 4  # of a control period, in each of which efforts are constant: at most so many
@@ -99,18 +99,6 @@ class Backlash:
         return self.transmitted
 
 
-class MovingState(Protocol):
-    """What moves: its state is read again after each piece of an effort."""
-
-    @property
-    def q(self) -> Array:
-        """Configuration (nq,)."""
-
-    @property
-    def nu(self) -> Array:
-        """Quasi-velocities (dof,)."""
-
-
 class Actuators:
     """The actuators of a simulated robot.
 
@@ -144,7 +132,7 @@ class Actuators:
         return self._exerted if self._lag else self._saturated(command)
 
     def true_efforts(
-        self, command: Array, state: MovingState, duration: float
+        self, command: Array, state: Motion, duration: float
     ) -> Iterator[tuple[float, Array]]:
         """Yield how long (s) which efforts (n_act,) act on the joints, one after another.
 

@@ -28,10 +28,10 @@ import scipy  # loads scipy.optimize, which takes long, at its first use
 from rpctl.arrays import Array
 from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.ground_reaction import Contacts, contact_points
+from rpctl.dynamics.pushes import outside_at
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import basis, square_inverse
 from rpctl.dynamics.stance import LOAD_RESOLUTION, MIN_STANCE_WIDTH_M
-from rpctl.errors import UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV
 from rpctl.simulation.plants.settings import Wrench
@@ -265,9 +265,7 @@ class FreeTree:
                 self._dynamics.rolling.drift(u, v)[self._ties]
             )
         force = pin.rnea(self._model, self._data, at.q, v, drift)
-        fx, fy, fz, nx, ny, _ = self._data.f[ROOT_JOINT].vector
-        z = self.robot.drive.ground
-        moments = np.array([fz, z * fx - ny, z * fy + nx]) - pressed
+        moments = self._moments(self._data.f[ROOT_JOINT].vector) - pressed
         return at.reduced(given - force), moments
 
     def pushes(self, q: Array, wrenches: Sequence[Wrench]) -> tuple[Array, Array]:
@@ -276,28 +274,15 @@ class FreeTree:
         Raises:
             UnknownNameError: There is no such link.
         """
-        force, pressed = np.zeros(self.robot.nv), np.zeros(3)
         if not wrenches:
-            return force, pressed
-        pin.forwardKinematics(self._model, self._data, q)
-        root = self._data.oMi[ROOT_JOINT]
-        for wrench in wrenches:
-            if not self._model.existBodyName(wrench.link):
-                raise UnknownNameError("link", wrench.link, self.robot.description.link)
-            frame = self._model.getFrameId(wrench.link, pin.FrameType.BODY)
-            J = pin.computeFrameJacobian(
-                self._model, self._data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-            )
-            push = np.concatenate([wrench.force, wrench.moment])
-            force += J.T.dot(push)
-            place = pin.updateFramePlacement(self._model, self._data, frame)
-            pressed += _moments(
-                root.rotation.T @ push[:3],
-                root.rotation.T
-                @ (push[3:] + np.cross(place.translation - root.translation, push[:3])),
-                self.robot.drive.ground,
-            )
-        return force, pressed
+            return np.zeros(self.robot.nv), np.zeros(3)
+        outside = outside_at(self._dynamics, q, wrenches)
+        return outside.push, self._moments(outside.wrench)
+
+    def _moments(self, wrench: Array) -> Array:
+        """Return the load (N) and its moments (N·m) that a wrench (6,) at the root link has."""
+        (fx, fy, fz, nx, ny, _), z = wrench, self.robot.drive.ground
+        return np.array([fz, z * fx - ny, z * fy + nx])
 
     def _load_rows(self, q: Array) -> Array:
         """Return the map (3, nv) from v̇ to the ground's load and moments at q (nq,).
@@ -310,14 +295,3 @@ class FreeTree:
         fx, fy, fz, nx, ny, _ = momentum
         px, py = x * fz - z * fx - ny, y * fz - z * fy + nx
         return np.array([fz, cos * px + sin * py, cos * py - sin * px])
-
-
-def _moments(force: Array, moment: Array, ground: float) -> Array:
-    """Return the load and its moments (3,) that a wrench through the root link's origin has.
-
-    Args:
-        force: (3,) N, root link's axes.
-        moment: (3,) N·m, likewise.
-        ground: Height of the ground in the root link's frame, m.
-    """
-    return np.array([force[2], ground * force[0] - moment[1], ground * force[1] + moment[0]])

@@ -185,23 +185,6 @@ def random_stream(seed: int, number: int = 0) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=seed, counter=number << 192))
 
 
-class NoiseStream:
-    """The rows of standard normal numbers of one run, in the order of its samples.
-
-    Args:
-        width: Numbers of a row.
-        seed: Of the run's plant.
-    """
-
-    def __init__(self, width: int, seed: int) -> None:
-        self._width = width
-        self._draw = random_stream(seed).standard_normal
-
-    def rows(self, count: int) -> Array:
-        """Return the next rows (count, width)."""
-        return self._draw((count, self._width))
-
-
 class Measurement:
     """Measures the state of a robot, sample after sample.
 
@@ -216,7 +199,7 @@ class Measurement:
         self._sensors = Sensors(robot)
         self._deviations = self._sensors.deviations(plant.noise)
         self._errors = self._sensors.errors(plant.sensor_bias)
-        self._stream = NoiseStream(self._sensors.width, plant.seed)
+        self._stream = random_stream(plant.seed)
         self._rows, self._next = np.empty((0, self._sensors.width)), 0
         self._encoders = Encoders(robot, plant.encoder_bits) if plant.encoder_bits else None
         self._exact = not (self._deviations.any() or self._errors.any())
@@ -234,7 +217,10 @@ class Measurement:
         if self._exact:
             return q, nu
         if self._next == len(self._rows):
-            self._rows = self._stream.rows(BLOCK) * self._deviations + self._errors
+            self._rows = (
+                self._stream.standard_normal((BLOCK, len(self._errors))) * self._deviations
+                + self._errors
+            )
             self._next = 0
         row = self._rows[self._next]
         self._next += 1

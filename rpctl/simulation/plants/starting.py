@@ -72,6 +72,12 @@ def perturbed_plant(robot: Robot) -> Plant:
     return Plant(delay=DELAY_S, joint_friction=friction, masses={"*": MASS_RATIO})
 
 
+def rest_at(simulated: ReducedDynamics, plant: Plant, q: Array) -> Rest:
+    """Return the simulated robot at rest at q (nq,), and the efforts that hold it there."""
+    holding = simulated.efforts(q, simulated.bias(q, np.zeros(simulated.robot.dof)))
+    return Rest(q, np.asarray(holding - plant.bias(simulated.robot)))
+
+
 def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Interface:
     """Return the simulated robot, at rest.
 
@@ -149,8 +155,7 @@ class SteppedPlant:
 
     def __init__(self, robot: Robot, config: Config, q: Array) -> None:
         simulated = config.plant.simulated_dynamics(ReducedDynamics(robot))
-        holding = simulated.efforts(q, simulated.bias(q, np.zeros(robot.dof)))
-        self.rest = Rest(q, np.asarray(holding - config.plant.bias(robot)))
+        self.rest = rest_at(simulated, config.plant, q)
         self._interface = start_interface(simulated, config, self.rest)
         self._measure = Measurement(robot, config.plant)
         self.sample = self._measured(0.0)

@@ -22,8 +22,9 @@ from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.settings import CarriedLoad, Noise, SensorBias, Wrench
 from rpctl.simulation.run.run import Run
+from tests.grids import cells
 
-SAME = 1e-9  # of what is logged, over 10 s; 1e-11 is what is seen
+SAME = 1e-9  # of what is logged, over 4 s; 1e-11 is what is seen
 COLUMNS = ("q", "nu", "tau", "e", "nu_d", "work", "lost")
 START = (0.1, -0.1, 0.1)
 
@@ -72,36 +73,41 @@ def test_a_run_is_the_same_whatever_computes_it(paper: Robot) -> None:
     assert np.abs(bare.log.q - one.log.q).max() > 1e-4
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    ["paper", "tiago", "swerve", "car", "casters", "mecanum", "omni", "arm", "skid_steer",
-     "tricycle", "bicycle", "twin_casters", "caster_drive", "mixed_chain"],
+    cells(
+        ["paper", "tiago", "swerve", "car", "casters", "mecanum", "omni", "arm", "skid_steer",
+         "tricycle", "bicycle", "twin_casters", "caster_drive", "mixed_chain"],
+        slow=["casters", "omni", "tricycle"],
+    ),
 )  # fmt: skip
 def test_runs_of_all_drives_are_the_same(name: str) -> None:
     robot = rpctl.load(name)
     start = START if robot.drive.base_speeds else (0.0, 0.0, 0.0)
-    one, other = both(robot, Config(run=RunSettings("eight", 10.0, start)))
+    one, other = both(robot, Config(run=RunSettings("eight", 4.0, start)))
     require_same(one, other)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["car", "swerve", "tricycle"])
+@pytest.mark.parametrize("name", cells(["car", "swerve", "tricycle"], slow=["swerve"]))
 def test_a_base_far_away_drives_up_in_both(name: str) -> None:
     robot = rpctl.load(name)
-    one, other = both(robot, Config(run=RunSettings("eight", 6.0, (0.8, -0.6, 1.2))))
+    one, other = both(robot, Config(run=RunSettings("eight", 3.0, (0.8, -0.6, 1.2))))
     require_same(one, other, 1e-6)  # steered far off, rounding grows
     assert one.kinematic_report["approaches"] >= 1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "law", [Kanayama(), UnifiedKinematic(leash=None)], ids=["kanayama", "bare"]
+    ("law", "dynamic"),
+    [
+        (Kanayama(), BoundedDynamic()),
+        (UnifiedKinematic(leash=None), BoundedDynamic(midpoint=False)),
+    ],
+    ids=["kanayama", "bare"],
 )
-@pytest.mark.parametrize("dynamic", [BoundedDynamic(), BoundedDynamic(midpoint=False)])
-def test_other_laws(tiago: Robot, law: object, dynamic: BoundedDynamic) -> None:
+def test_other_laws(paper: Robot, law: object, dynamic: BoundedDynamic) -> None:
     config = Config(kinematic=law, dynamic=dynamic, run=RunSettings("circle", 3.0, START))  # type: ignore[arg-type]
-    require_same(*both(tiago, config))
+    require_same(*both(paper, config))
 
 
 def test_what_cannot_be_compiled_is_said_and_done_in_python(paper: Robot) -> None:

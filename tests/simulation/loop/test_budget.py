@@ -16,7 +16,7 @@ from rpctl.simulation.plants.plant import Plant
 SHORT = RunSettings(duration=0.1)
 
 
-@pytest.mark.parametrize("name", ["paper", "tiago", "swerve"])
+@pytest.mark.parametrize("name", ["paper", "swerve"])
 def test_size_of_the_log_is_foreseen(name: str) -> None:
     robot = rpctl.load(name)
     run = simulate(robot, Config(run=SHORT))
@@ -67,13 +67,8 @@ def test_delay_longer_than_the_run_is_refused() -> None:
         simulate(rpctl.load("paper"), Config(run=SHORT, plant=Plant(delay=1e6)))
 
 
-def test_what_a_progress_bar_says_is_short() -> None:
-    budget = find_budget(rpctl.load("tiago"), replace(SHORT, log_every=1), 86_400.0)
-    assert budget.brief == "43,200,000 periods, 62.4 GB"
-
-
 def test_a_long_run_logs_as_many_samples_as_there_is_room_for() -> None:
-    budget = find_budget(rpctl.load("tiago"), SHORT, 3600.0)
+    budget = find_budget(rpctl.load("paper"), SHORT, 3600.0)
     assert budget.rows == 50_001
     assert budget.log_bytes < 100e6
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,13 +126,6 @@ def test_a_measured_time_delays_too(paper: Robot) -> None:
 def test_a_time_that_is_none_is_refused(wrong: float | str) -> None:
     with pytest.raises(RpctlError, match="computing_time is"):
         Plant(computing_time=wrong)
-
-
-@pytest.mark.parametrize("computing_time", ["measured", 0.006])
-def test_a_run_file_keeps_it(paper: Robot, tmp_path: Path, computing_time: float | str) -> None:
-    run = track(paper, PaperKinematic(), Plant(computing_time=computing_time), 0.05)
-    run.save(tmp_path / "run.npz")
-    assert Run.load(tmp_path / "run.npz").config.plant.computing_time == computing_time
 
 
 def test_a_thread_computes_while_the_law_answers(

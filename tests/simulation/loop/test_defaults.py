@@ -5,27 +5,15 @@ from __future__ import annotations
 import pytest
 
 from rpctl import (
-    IntegralDynamic,
     PaperDynamic,
     PaperKinematic,
     Robot,
-    UnifiedKinematic,
     scale_limits,
     summarize,
     track,
 )
-from rpctl.control.controller import default_laws
-from rpctl.simulation.config import Config
 
 FAR = (0.1, 0.3, 0.3)
-
-
-def test_they_are_the_same_everywhere(paper: Robot) -> None:
-    laws = (UnifiedKinematic(), IntegralDynamic())
-    assert default_laws(paper) == laws
-    assert (Config().kinematic, Config().dynamic) == laws
-    config = track(paper, "line", duration=0.01).config
-    assert (config.kinematic, config.dynamic) == laws
 
 
 def test_from_afar_they_keep_the_limits_that_the_papers_dynamic_law_breaks(paper: Robot) -> None:
@@ -48,7 +36,7 @@ def test_from_afar_they_keep_the_limits_that_the_papers_dynamic_law_breaks(paper
     assert {bound.limit for bound in kept.limits_bound} == {"effort"}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_on_tiago_they_keep_every_limit_and_bring_all_joints_home(tiago: Robot) -> None:
     """From (0.1, 0.3, 0.3) on a line; and what `make demo` shows, every joint below 1 mrad."""
     line = summarize(track(tiago, "line", initial_error=FAR))

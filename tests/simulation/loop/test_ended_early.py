@@ -46,13 +46,13 @@ def check_is_beginning(run: Run, whole: Run, count: int) -> None:
         np.testing.assert_allclose(logged, expected, rtol=1e-12, atol=1e-12, err_msg=name)
 
 
-def test_watcher_that_ends_it_leaves_the_samples_so_far(tiago: Robot, tmp_path: Path) -> None:
+def test_watcher_that_ends_it_leaves_the_samples_so_far(paper: Robot, tmp_path: Path) -> None:
     def watch(sample: LoopSample) -> None:
         if sample.t > 0.0129:
             raise KeyboardInterrupt
 
-    whole = simulate(tiago, SETTINGS)
-    run = ended_run(tiago, KeyboardInterrupt, watch=watch)
+    whole = simulate(paper, SETTINGS)
+    run = ended_run(paper, KeyboardInterrupt, watch=watch)
     count = 8  # 0, 2, ..., 14 ms
     check_is_beginning(run, whole, count)
     assert run.config.run.duration == run.t[-1] == pytest.approx(0.014)
@@ -84,18 +84,6 @@ def test_sample_that_is_no_motion_ends_the_run_before_it(
     else:
         check_is_beginning(kept[0], whole, bad)
         assert f"ended at {whole.t[bad - 1]:.4g} of 0.03 s (the motion left" in kept[0].notes[-1]
-
-
-def test_the_end_is_the_last_that_is_noted(paper: Robot) -> None:
-    def watch(sample: LoopSample) -> None:
-        if sample.t > 0.0129:
-            raise KeyboardInterrupt
-
-    config = Config(run=RunSettings("eight", 0.03, log_every=2), plant=rpctl.Plant(delay=0.003))
-    notes = ended_run(paper, KeyboardInterrupt, config, watch).notes
-    assert notes[-1] == "ended at 0.014 of 0.03 s (interrupted); what was simulated is kept"
-    assert "a delay of 0.003 s is no whole number" in notes[0]
-    assert "one sample of 2 is logged" in notes[1]
 
 
 def test_error_of_a_law_is_what_the_note_says(paper: Robot) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rpctl
@@ -29,14 +28,11 @@ from rpctl.control.law import (
     Efforts,
     Rest,
 )
-from rpctl.dynamics.grip import find_ranges
-from rpctl.dynamics.ground_reaction import find_contacts, ground_reactions
 from rpctl.errors import DivergedError
 from rpctl.reference.load import load_reference
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation.loop.track import default_duration
 from tests.grids import cells
-from tests.robots import SET_A, platform, write
 
 OFF = (0.1, -0.1, 0.1)
 COARSE: dict[str, Any] = {
@@ -45,7 +41,7 @@ COARSE: dict[str, Any] = {
 }  # s; where no rounding is looked for
 TURNS = list(product(("paper", "mixed_chain", "tiago_dual"), ("circle", "spin", "eight")))
 QUICK_TURNS = {("paper", "spin")}
-TURNS_IN_CI = {("mixed_chain", "circle"), ("tiago_dual", "eight")}
+TURNS_IN_CI = {("mixed_chain", "circle")}
 PATHS = ("line", "reverse", "spin", "circle", "eight")
 
 
@@ -68,7 +64,7 @@ def test_energy_and_constraints_hold(eight: Run) -> None:
     assert figures.energy_residual < 1e-5
     assert figures.constraint_residual < 1e-12
     ideal = summarize(
-        track(rpctl.load("tiago", losses=False), "eight", duration=1.0, initial_error=OFF)
+        track(rpctl.load("tiago", losses=False), "eight", duration=0.2, initial_error=OFF)
     )
     assert ideal.energy_residual < 1e-8
 
@@ -103,42 +99,6 @@ def test_the_log_is_of_one_motion(eight: Run, tiago: Robot) -> None:
     np.testing.assert_allclose(forward, np.abs(eight.nu[1:-1, 0]), atol=1e-3)
 
 
-def test_the_log_holds_the_ground(eight: Run, tiago: Robot) -> None:
-    dynamics = ReducedDynamics(tiago)
-    contacts = find_contacts(dynamics)
-    assert contacts is not None
-    assert eight.ground.contacts == contacts.names
-    assert eight.ground.axles == ((0, 1),)
-    assert eight.ground.notes == contacts.notes
-    np.testing.assert_array_equal(eight.ground.points, contacts.points)
-    chosen = [0, 1234, len(eight.t) - 1]
-    states = eight.q[chosen], eight.nu[chosen], eight.tau[chosen]
-    ground = ground_reactions(dynamics, contacts, eight.q[chosen], dynamics.reactions(*states))
-    assert ground.tip_margin is not None
-    ranges = find_ranges(contacts, ground)
-    for column, expected in (
-        (eight.log.wheel_force, ground.longitudinal),
-        (eight.log.axle_force, ground.lateral),
-        (eight.log.contact_load, ground.load),
-        (eight.log.zmp, ground.zmp),
-        (eight.log.tip_margin, ground.tip_margin),
-        (eight.log.slip_ratio, ground.slip_ratio.max(axis=1)),
-        (eight.log.load_range, ranges.load),
-        (eight.log.slip_range, ranges.slip),
-    ):
-        assert len(expected) == 3
-        np.testing.assert_allclose(column[chosen], expected, rtol=1e-12, atol=1e-9)
-    # The wheels push what moves the centre of mass, seen from outside: F = m dv/dt, smoothed.
-    data, period = tiago.model.createData(), eight.t[1] - eight.t[0]
-    com = np.array([pin.centerOfMass(tiago.model, data, q)[:2].copy() for q in eight.q[2000:2101]])
-    pull = tiago.mass * (com[100] - 2.0 * com[50] + com[0]) / (50 * period) ** 2
-    heading = eight.log.base[2050, 2]
-    ahead = pull @ [math.cos(heading), math.sin(heading)]
-    left = pull @ [-math.sin(heading), math.cos(heading)]
-    assert eight.log.wheel_force[2050].sum() == pytest.approx(ahead, abs=0.3)
-    assert eight.log.axle_force[2050, 0] == pytest.approx(left, abs=0.3)
-
-
 def test_friction_is_kept_and_scales_the_grip(paper: Robot) -> None:
     low, high = (
         track(paper, "circle", duration=0.5, initial_error=OFF, friction=f) for f in (0.35, 0.7)
@@ -149,15 +109,6 @@ def test_friction_is_kept_and_scales_the_grip(paper: Robot) -> None:
         track(paper, "circle", duration=0.5, friction=0.0)
 
 
-def test_the_reference_robot_rolls_on_its_wheels(eight: Run, tiago: Robot) -> None:
-    wheels = [int(tiago.model.joints[tiago.model.getJointId(n)].idx_q) for n in tiago.actuators[:2]]
-    angles = np.unwrap(
-        np.arctan2(eight.q_ref[:, [i + 1 for i in wheels]], eight.q_ref[:, wheels]), axis=0
-    )
-    travelled = np.cumsum(np.hypot(*np.diff(eight.base_ref[:, :2], axis=0).T))[-1]
-    assert angles[-1].mean() * 0.0985 == pytest.approx(travelled, rel=1e-3)
-
-
 @pytest.mark.parametrize(("name", "reference"), cells(TURNS, QUICK_TURNS, TURNS_IN_CI))
 def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
     run = track(
@@ -165,8 +116,7 @@ def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
         reference,
         duration=12.0,
         initial_error=OFF,
-        control_period=0.005,
-        plant_step=0.005,
+        **COARSE,
     )
     figures = summarize(run)
     assert figures.final_base_error < 0.03 * figures.rms_base_error + 1e-3
@@ -241,33 +191,13 @@ def test_a_duration_that_nobody_asked_for_says_nothing(paper: Robot, tmp_path: P
     assert run.t[-1] == run.config.run.duration
 
 
-def test_from_the_reference_it_stays_on_it(paper: Robot) -> None:
-    figures = summarize(track(paper, "eight", duration=3.0))
-    assert figures.rms_base_error < 2e-4
-
-
 def test_a_fixed_base_moves_its_arm_only() -> None:
     panda = rpctl.load("panda")
-    run = track(panda, "eight", duration=1.0)
+    run = track(panda, "eight", duration=0.2)
     assert not np.abs(run.log.e[:, :3]).any()
     assert (summarize(run).final_end_effector_error or np.inf) < 2e-3
     with pytest.raises(RpctlError, match="fixed base"):
         track(panda, "eight", duration=3.0, initial_error=OFF)
-
-
-def test_a_platform_without_an_arm(tmp_path: Path) -> None:
-    run = track(
-        rpctl.load(write(tmp_path, platform(SET_A))),
-        "circle",
-        duration=8.0,
-        initial_error=OFF,
-        **COARSE,
-    )
-    figures = summarize(run)
-    assert figures.final_base_error < 1e-3
-    assert figures.final_end_effector_error is None
-    assert figures.max_effort_ratio is None
-    assert figures.joint_errors == ()
 
 
 @pytest.mark.slow
@@ -283,8 +213,8 @@ def test_the_feedforward_is_what_makes_it_exact(paper: Robot) -> None:
 
         return efforts
 
-    best = summarize(track(paper, "eight", duration=10.0)).rms_base_error
-    worse = summarize(track(paper, "eight", duration=10.0, dynamic=without())).rms_base_error
+    best = summarize(track(paper, "eight", duration=3.0)).rms_base_error
+    worse = summarize(track(paper, "eight", duration=3.0, dynamic=without())).rms_base_error
     assert worse > 100 * best
 
 
@@ -354,8 +284,3 @@ def test_past_the_sampled_limit_it_diverges(paper: Robot) -> None:
 def test_wrong_settings_are_told(paper: Robot, wrong: dict[str, object], message: str) -> None:
     with pytest.raises(RpctlError, match=message):
         track(paper, **wrong)  # type: ignore[arg-type]
-
-
-def test_a_reference_of_another_robot_is_told(paper: Robot, tiago: Robot) -> None:
-    with pytest.raises(RpctlError, match="the reference has 10 joints, paper has 2"):
-        track(paper, reference_by_name(tiago, "eight"))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 from pathlib import Path
 
@@ -11,9 +9,8 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Plant, ReducedDynamics, Robot, RpctlError, Run, track
+from rpctl import Plant, ReducedDynamics, Robot, Run, track
 from rpctl.control.law import Efforts, Limit
-from rpctl.control.unregistered import Unregistered, from_json, to_json, unregistered
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import vehicle
 
@@ -67,45 +64,6 @@ def test_loads_are_those_of_the_true_acceleration(pushed: Run) -> None:
     expected = (m_c * d * G - heights * forward - spin) / 0.6
     assert pushed.log.contact_load[0, 2] == pytest.approx(expected, rel=1e-4)
     assert pushed.log.contact_load[0].sum() == pytest.approx((m_c + 2 * m_w) * G)
-
-
-def test_the_log_is_read_only(pushed: Run) -> None:
-    arrays = {n: a for n, a in vars(pushed.log).items() if isinstance(a, np.ndarray)}
-    assert len(arrays) > 20
-    assert not any(array.flags.writeable for array in arrays.values())
-
-
-def test_settings_of_a_law_of_ones_own_are_what_json_can_say() -> None:
-    @dataclasses.dataclass
-    class Own:
-        table: object
-        count: object
-        inner: object
-
-    found = unregistered(Own({1: (True, None, "a", 2, np.array([0.5]))}, np.int64(3), describe))
-    table = {"1": (True, None, "a", 2, (0.5,))}
-    assert found == Unregistered(
-        "Own", {"table": table, "count": 3, "inner": Unregistered("describe")}
-    )
-    assert type(found.settings["count"]) is int
-    assert from_json(json.loads(json.dumps(to_json(found)))) == found
-    with pytest.raises(RpctlError, match="only the name of Own is known"):
-        found.start()
-
-
-def describe() -> None:
-    """A function."""
-
-
-def test_a_run_tells_units_and_which_joints_steer(paper: Robot, tmp_path: Path) -> None:
-    run = track(paper, "line", duration=0.01)
-    assert run.robot.joint_names == ("arm_revolute_joint", "arm_prismatic_joint")
-    assert run.robot.units == ("rad", "m")
-    names = []
-    for kind in ("car-like", "casters"):
-        robot = rpctl.load(write(tmp_path, vehicle(kind), f"{kind}.urdf"))
-        names.append(track(robot, "line", duration=0.01).robot.steering_names)
-    assert names == [("steer_left", "steer_right"), ()]
 
 
 def test_limits_are_logged_when_they_bind(paper: Robot) -> None:

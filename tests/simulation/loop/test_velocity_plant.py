@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from rpctl import (
     EndEffector,
@@ -21,10 +20,8 @@ from rpctl import (
     summarize,
     track,
 )
-from rpctl.cli.app import app
-from rpctl.cli.track_options import ConfigOptions
 from rpctl.control.law import KinematicLaw
-from rpctl.simulation.config import Config, read_config
+from rpctl.simulation.config import Config
 from rpctl.simulation.plants.rolling import VelocityPlant
 from tests.grids import cells
 
@@ -122,7 +119,7 @@ LAWS: dict[str, KinematicLaw] = {
 
 @pytest.mark.parametrize(
     "name, dead_time",
-    cells([(law, d) for law in LAWS for d in (0.0, 0.1)], [("unified", 0.1)], [("horizon", 0.1)]),
+    cells([(law, d) for law in LAWS for d in (0.0, 0.1)], [("unified", 0.1)]),
 )
 def test_a_lag_costs_less_than_three_millimetres(
     paper: Robot, tiago: Robot, name: str, dead_time: float
@@ -187,22 +184,3 @@ def test_options_of_the_output() -> None:
     assert velocity.with_output("effort").output is None
     with pytest.raises(RpctlError, match="add --output velocity"):
         Config().with_output(None, lag=0.1)
-
-
-def test_options_of_the_command_line() -> None:
-    options = ConfigOptions(output="velocity", late={"lag": 0.1, "dead_time": 0.02})
-    assert options.read().output == VelocityOutput(0.1, 0.02)
-    with pytest.raises(RpctlError, match="add --output velocity"):
-        ConfigOptions(late={"lag": 0.1}).read()
-
-
-@pytest.mark.slow
-def test_the_report_says_that_speeds_are_sent(tmp_path: Path) -> None:
-    out, saved = str(tmp_path / "run"), tmp_path / "run.toml"
-    said = ["track", "paper", "--duration", "0.05", "--samples", "0", "--output", "velocity"]
-    said += ["--actuator-lag", "0.1", "--out", out, "--save-config", str(saved)]
-    result = CliRunner().invoke(app, said)
-    assert result.exit_code == 0, result.output
-    assert read_config(saved).output == VelocityOutput(0.1)
-    report = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    assert "which the robot follows with a lag of 0.1 s" in report

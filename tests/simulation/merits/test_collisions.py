@@ -183,13 +183,6 @@ def test_an_arm_that_reaches_into_the_ground_collides(robot: Robot, tmp_path: Pa
     assert again["outcome"] == "collided"
 
 
-def test_whoever_does_not_look_finds_nothing(robot: Robot) -> None:
-    goal = goal_of_words(None, ("shoulder=0.6", "elbow=0.9"))
-    run = rpctl.track(robot, goal, duration=0.1, collisions=False)
-    assert run.collisions is None
-    assert rpctl.summarize(run).clearances == ()
-
-
 def test_facts_that_are_none_are_refused(robot: Robot) -> None:
     around, (t, q) = surroundings(robot, OBSTACLES), motion(robot, 1, 20)
     facts = find_collisions(around, t, q)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from typing import Any
 
-import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Plant, ReducedDynamics, Robot, summarize, track
+from rpctl import ReducedDynamics, Robot, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.law import Command
-from rpctl.reference.load import load_reference
-from rpctl.simulation.config import Config, LimitOverrides, RunSettings
+from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.merits.expectation import Expectation, expect
 from rpctl.simulation.merits.path_error import PathFigures
 from rpctl.simulation.plants.starting import perturbed_plant
@@ -76,16 +73,6 @@ def test_it_is_the_run_with_that_plant(paper: Robot, expected: Expectation) -> N
         assert found == pytest.approx(known, rel=1e-9, abs=1e-12)
 
 
-def test_the_limits_of_the_configuration_are_kept(paper: Robot, expected: Expectation) -> None:
-    limits = LimitOverrides(velocity={"wheel_*": 0.5})
-    config = Config(dynamic=rpctl.BoundedDynamic(), run=COARSE, limits=limits)
-    slow = expect(paper, config, load_reference(paper, "eight"))  # which fits wheels without them
-    assert slow is not None
-    assert slow.base_path is not None
-    assert expected.base_path is not None
-    assert slow.base_path.final_lag_distance > expected.base_path.final_lag_distance + 0.05
-
-
 def test_a_third_that_is_too_short_tells_nothing(paper: Robot) -> None:
     assert expect(paper, Config(run=replace(COARSE, duration=11.98))) is None
 
@@ -101,19 +88,6 @@ def test_a_law_that_gives_up_is_told_and_fails_nothing(paper: Robot, error: Exce
     assert found.sentence == (
         "with 10 % more mass, wheel friction and 5 ms delay: diverging, it ended early (not now)"
     )
-
-
-def test_a_motion_that_diverges_is_told(paper: Robot) -> None:
-    """Feedback of the wrong sign, which only an error wakes up."""
-
-    def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
-        push = command.nu_d_dot + 200.0 * (nu - command.nu_d)
-        return np.asarray(dynamics.efforts(q, dynamics.inverse(q, nu, push)))
-
-    found = expect(paper, Config(dynamic=law, run=COARSE))
-    assert found is not None
-    assert found.outcome == "diverging"
-    assert "diverging, it ended early (the motion diverged" in found.sentence
 
 
 def path(rms: float, length: float = 5.0) -> PathFigures:
@@ -137,12 +111,3 @@ def test_the_sentence() -> None:
     )
     coarse = replace(fixed, delay=0.0, base_path=path(0.01, 0.0), end_effector_path=None)
     assert coarse.sentence.startswith("with 10 % more mass: path error 10 mm rms, 0.12 s")
-
-
-def test_it_stays_with_the_run(paper: Robot, expected: Expectation, tmp_path: Any) -> None:
-    run = track(paper, "eight", duration=0.02)
-    assert run.perturbed is None
-    kept = replace(run, perturbed=expected.to_dict())
-    assert rpctl.Run.load(kept.save(tmp_path / "run.npz")).perturbed == expected.to_dict()
-    assert rpctl.Run.load(run.save(tmp_path / "run.npz")).perturbed is None
-    assert Plant().joint_friction == {}

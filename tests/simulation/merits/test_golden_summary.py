@@ -156,15 +156,6 @@ def test_limits_on_the_far_side_of_zero(golden: Run) -> None:
     assert (upper.limit, upper.value, upper.allowed) == ("upper", -3.0, -3.25)
 
 
-def test_both_directions_of_a_symmetric_limit(golden: Run) -> None:
-    for array, column, size, kind in (("tau", 3, 21.0, "effort"), ("rates", 3, 2.1, "velocity")):
-        for sign in (1.0, -1.0):
-            (found,) = violations(changed(golden, array, 5, column, sign * size))
-            assert (found.joint, found.limit) == ("swing_joint", kind)
-            assert found.value == size
-            assert found.first_time == pytest.approx(0.5)
-
-
 def test_where_there_is_no_limit_nothing_is_broken(golden: Run) -> None:
     run = changed(changed(golden, "tau", 0, 1, 1e6), "rates", 0, 1, -1e6)
     assert violations(run) == ()

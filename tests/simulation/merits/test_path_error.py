@@ -61,15 +61,6 @@ def test_a_lag_of_some_samples(samples: int) -> None:
     assert figures.largest_lag_distance == pytest.approx(trace.lag_distance.max())
 
 
-def test_a_robot_ahead_has_a_negative_lag() -> None:
-    s = 0.4 * T
-    ahead = eight(np.minimum(s + 0.1, s[-1]))
-    trace = trace_path(T, ahead, eight(s))
-    assert trace.error.max() < 1e-5
-    np.testing.assert_allclose(trace.lag[:-30], -0.25, atol=1e-4)
-    assert path_figures(trace, planar=True).largest_lag == pytest.approx(0.0, abs=1e-12)
-
-
 def test_the_crossing_of_the_eight_is_no_shortcut() -> None:
     """A robot 0.1 m to the left of one branch is nearer to the other one at the crossing."""
     reference = eight(0.4 * T)
@@ -136,26 +127,6 @@ def test_a_path_in_space() -> None:
     np.testing.assert_allclose(trace.error[30:], 0.2, atol=1e-4)
     np.testing.assert_allclose(trace.lag[30:-30], 0.3, atol=1e-3)
     assert not trace.lateral.any()
-
-
-def test_points_between_the_samples_count() -> None:
-    """A straight side of 2 m with a sample at either end only."""
-    reference = np.array([[0.0, 0.0], [2.0, 0.0]])
-    trace = trace_path(np.array([0.0, 4.0]), np.array([[0.0, 0.3], [0.5, -0.4]]), reference)
-    np.testing.assert_allclose(trace.error, [0.3, 0.4])
-    np.testing.assert_allclose(trace.lateral, [-0.3, 0.4])
-    np.testing.assert_allclose(trace.lag, [0.0, 3.0])
-    np.testing.assert_allclose(trace.lag_distance, [0.0, 1.5])
-    assert trace.length == 2.0
-
-
-def test_a_robot_that_is_behind_and_drives_back_leaves_its_place() -> None:
-    """From 1 m to .6 m, on a side of 2 m whose end the reference has reached."""
-    reference = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.0]])
-    actual = np.array([[0.0, 0.0], [1.0, 0.0], [0.6, 0.0]])
-    trace = trace_path(np.arange(3.0), actual, reference)
-    np.testing.assert_allclose(trace.error, [0.0, 0.0, 0.4])
-    np.testing.assert_allclose(trace.lag_distance, [0.0, 1.0, 1.0])
 
 
 def test_beyond_its_ends_the_path_is_as_far_as_its_end() -> None:

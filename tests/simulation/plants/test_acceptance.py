@@ -37,7 +37,7 @@ def test_without_losses(tiago: Robot) -> None:
 @pytest.mark.parametrize("known", cells([True, False], slow=[False]))
 def test_with_the_losses_of_the_file(tiago: Robot, known: bool) -> None:
     model = None if known else without_losses(tiago)
-    base, tip = settled(tiago, replace(CONTACT, controller_model=model))
+    base, tip = settled(tiago, replace(CONTACT, controller_model=model), 8.0)
     assert base < 5.0
     assert tip < 8.0
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -274,31 +273,8 @@ BANDS = {  # m and rad after 1.5 s, .22 to .35 m from the start
 }
 
 
-ALL = (*BANDS, "skid_steer", "bicycle", "tiago_no_hand", "tiago_dual", "tiago_pro")
-
-
 @pytest.mark.parametrize("name", cells(BANDS, slow=("tiago", "swerve", "mecanum")))
 def test_gentle_motion_of_every_drive_is_the_reduced_models(name: str) -> None:
     distance, turn = gap(without_losses(rpctl.load(name)), CROWNED, 1.5)
     assert distance < BANDS[name][0]
     assert turn < BANDS[name][1]
-
-
-@pytest.mark.parametrize("name", cells(ALL, slow=("tiago", "bicycle")))
-def test_every_robot_stands_still(name: str) -> None:
-    """Its wheels braked and its arm held by the reduced model's efforts, for 2 s."""
-    robot = rpctl.load(name)
-    motion = start(robot, ContactSettings())
-    dynamics = ReducedDynamics(without_losses(robot))
-    assert motion.ground().load.sum() == pytest.approx(G * robot.mass, rel=2e-3)
-    count = len(robot.drive.base_speeds)
-    hold = partial(np.clip, a_min=-robot.effort_limits, a_max=robot.effort_limits)
-    for _ in range(1000):
-        wanted = -20.0 * motion.nu
-        wanted[count:] += 100.0 * (robot.home - robot.joint_positions(motion.q))
-        motion.advance(
-            hold(dynamics.efforts(motion.q, dynamics.inverse(motion.q, motion.nu, wanted))), PERIOD
-        )
-    np.testing.assert_allclose(robot.base_pose(motion.q), [1.0, 2.0, 0.5], atol=2e-3)
-    assert np.abs(robot.joint_positions(motion.q) - robot.home).max(initial=0.0) < 2e-2
-    assert np.abs(motion.nu).max() < 2e-2

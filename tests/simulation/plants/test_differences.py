@@ -110,17 +110,6 @@ def test_what_holds_a_robot_on_a_slope(standing: Robot, heading: float) -> None:
     np.testing.assert_allclose(moments, local, rtol=1e-9, atol=1e-12)
 
 
-def test_a_robot_rolls_down_a_slope(standing: Robot) -> None:
-    """(M_v) v̇ = −m g sin of the slope uphill, with M_v of wheels that turn."""
-    dynamics = ReducedDynamics(Plant(slope=(0.2, 0.0)).simulated_robot(standing))
-    q = standing.configuration()
-    found = dynamics.forward(q, np.zeros(2), np.zeros(2))
-    inertia = MASS + 2.0 * SET_A["I_s"] / SET_A["r"] ** 2
-    assert found[0] == pytest.approx(-MASS * G * math.sin(0.2) / inertia)
-    before, after = (dynamics.energy(standing.configuration(x), np.zeros(2)) for x in (0.0, 2.0))
-    assert after - before == pytest.approx(MASS * G * 2.0 * math.sin(0.2))
-
-
 def test_a_slope_is_one(paper: Robot) -> None:
     for slope in ((2.0, 0.0), (1.2, 1.2), (0.1,), (math.nan, 0.0)):
         with pytest.raises(RpctlError, match="slope"):

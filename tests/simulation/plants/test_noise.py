@@ -10,23 +10,24 @@ import rpctl
 from rpctl import PaperDynamic, Plant, ReducedDynamics, Robot, RpctlError, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.law import Command
-from rpctl.simulation.plants.sensors import BLOCK, Measurement, NoiseStream, Sensors
+from rpctl.simulation.plants.sensors import BLOCK, Measurement, Sensors, random_stream
 from rpctl.simulation.plants.settings import Noise
 
 ALL = Noise(0.01, 0.02, 0.03, 0.04, 0.05, 0.06)
 
 
 def test_a_stream_is_the_same_in_any_blocks() -> None:
-    whole = NoiseStream(5, 7).rows(9)
-    stream = NoiseStream(5, 7)
-    assert np.array_equal(whole, np.vstack([stream.rows(count) for count in (2, 1, 6)]))
-    assert not np.array_equal(whole, NoiseStream(5, 8).rows(9))
+    whole = random_stream(7).standard_normal((9, 5))
+    stream = random_stream(7)
+    parts = [stream.standard_normal((count, 5)) for count in (2, 1, 6)]
+    assert np.array_equal(whole, np.vstack(parts))
+    assert not np.array_equal(whole, random_stream(8).standard_normal((9, 5)))
 
 
 def test_samples_follow_the_stream_across_blocks(paper: Robot) -> None:
     measure, sensors = Measurement(paper, Plant(noise=ALL, seed=3)), Sensors(paper)
     q, nu = paper.state((1.0, 2.0, 0.3), (0.4, 0.5))
-    rows = NoiseStream(sensors.width, 3).rows(BLOCK + 2) * sensors.deviations(ALL)
+    rows = random_stream(3).standard_normal((BLOCK + 2, sensors.width)) * sensors.deviations(ALL)
     for _ in rows:
         found = measure(q, nu, 0.0)
     expected = sensors.measured(q, nu, rows[-1])
@@ -108,7 +109,7 @@ def test_only_the_controller_sees_it(paper: Robot) -> None:
         collisions=False,
     )
     sensors = Sensors(paper)
-    rows = NoiseStream(sensors.width, 4).rows(len(run.t)) * sensors.deviations(noise)
+    rows = random_stream(4).standard_normal((len(run.t), sensors.width)) * sensors.deviations(noise)
     for k, sample in enumerate(seen):
         expected = np.concatenate(sensors.measured(run.q[k], run.nu[k], rows[k]))
         np.testing.assert_array_equal(sample, expected)

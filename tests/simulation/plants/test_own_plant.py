@@ -78,21 +78,6 @@ def test_plants_by_name(paper: Robot) -> None:
     assert plant_by_name("slipping", paper, given) == Plant(delay=0.01, kind="slipping")
 
 
-def test_notes_are_those_of_the_end(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a motion only finds out on its way is told."""
-    late = property(lambda motion: ("it slid",) if motion.nu.any() else ())
-    monkeypatch.setattr(RollingMotion, "notes", late)
-    run = rpctl.track(
-        paper,
-        "circle",
-        duration=0.02,
-        initial_error=(0.1, 0.0, 0.0),
-        collisions=False,
-        backend="pinocchio",
-    )
-    assert "it slid" in run.notes
-
-
 @pytest.mark.parametrize("kind", ["ideal", "slipping"])
 def test_a_plant_stepped_by_hand_is_that_of_track(paper: Robot, kind: str) -> None:
     """The same controller in a loop of ten lines, with noise and a delay of two periods."""

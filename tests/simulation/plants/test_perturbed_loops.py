@@ -6,17 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import rpctl
 from rpctl import Plant, Robot, RpctlError, summarize, track
 from rpctl.arrays import Array
-from rpctl.cli.app import app
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.law import Command
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.vary import set_limits
-from rpctl.simulation.config import Config, RunSettings, read_config, write_config
+from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.plants.sensors import sample_times
 from rpctl.simulation.plants.settings import CarriedLoad, Noise, SensorBias, Wrench
 from tests.robots import SET_A, ball, platform, write
@@ -54,25 +52,6 @@ def test_a_file_says_all_of_it(tmp_path: Path) -> None:
         "plant.wrenches[1]: lacks link",
     ):
         assert part in str(found.value)
-
-
-@pytest.mark.slow
-def test_a_run_is_replayed_from_what_it_saved(paper: Robot, tmp_path: Path) -> None:
-    """Everything is on at once; its file and the configuration that is saved give it again."""
-    config = Config(run=RunSettings("eight", 0.04), plant=ALL)
-    file, again = write_config(config, tmp_path / "run.toml"), tmp_path / "again.toml"
-    words = ["track", "paper", "--config", str(file), "--save-config", str(again), "--samples", "0"]
-    result = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "out")])
-    assert result.exit_code in (0, 1), result.output
-    assert read_config(again) == config
-    one = rpctl.Run.load(tmp_path / "out" / "run.npz")
-    assert one.config.plant == ALL
-    other = track(paper, "eight", duration=0.04, plant=ALL, collisions=False)
-    np.testing.assert_array_equal(one.q, other.q)
-    other.save(tmp_path / "other.npz")
-    np.testing.assert_array_equal(one.tau, rpctl.Run.load(tmp_path / "other.npz").tau)
-    weak = np.abs(one.tau) <= 0.5 * paper.effort_limits
-    assert weak.all()
 
 
 @pytest.mark.thorough
@@ -117,25 +96,6 @@ def test_the_controller_is_told_when_its_samples_were_taken(paper: Robot) -> Non
     assert summarize(run).energy_residual < 1e-6
 
 
-def test_the_controller_sees_what_its_encoders_say(paper: Robot) -> None:
-    seen: list[Array] = []
-
-    def law(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
-        seen.append(np.concatenate([q, nu]))
-        return PaperDynamic()(dynamics, q, nu, command)
-
-    run = track(
-        paper, "circle", duration=0.2, dynamic=law, plant=Plant(encoder_bits=8), collisions=False
-    )
-    found, joint = np.array(seen), paper.joint_names[0]
-    np.testing.assert_array_equal(found[:, :4], run.q[:, :4])
-    steps = [paper.joint_position(row[: paper.nq], joint) * 2**8 / (2.0 * np.pi) for row in found]
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-    quantum = paper.drive.wheels[0].radius * 2.0 * np.pi / 2**8 / 0.002 / 2.0
-    speeds = found[:, paper.nq] / quantum
-    np.testing.assert_allclose(speeds, np.round(speeds), atol=1e-6)
-
-
 def test_odometry_believes_the_radii_that_it_knows(paper: Robot) -> None:
     """Wheels that are larger by a tenth drive faster by a tenth than their encoders say."""
     seen: list[Array] = []
@@ -157,17 +117,6 @@ def test_odometry_believes_the_radii_that_it_knows(paper: Robot) -> None:
     mean = 0.5 * (run.nu[100, 0] + run.nu[101, 0])
     assert mean > 0.05
     assert seen[101][0] == pytest.approx(mean / 1.1, rel=1e-3)
-
-
-@pytest.mark.thorough
-def test_backlash_leaves_no_more_than_the_gap(paper: Robot) -> None:
-    gap = 5e-3
-    plant = Plant(backlash={"arm_*": gap})
-    run = track(paper, "eight", duration=0.4, plant=plant, collisions=False)
-    plain = track(paper, "eight", duration=0.4, collisions=False)
-    apart = np.abs(run.log.joints - plain.log.joints).max()
-    assert 1e-7 < apart < gap
-    assert summarize(run).energy_residual < 1e-6
 
 
 @pytest.mark.parametrize(

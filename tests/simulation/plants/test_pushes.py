@@ -30,23 +30,6 @@ def standing(tmp_path: Path) -> Robot:
     return rpctl.load(write(tmp_path, platform(SET_A, extra=casters)))
 
 
-def test_a_pull_speeds_a_robot_up(standing: Robot) -> None:
-    """M_v v = F t and F s of work, whichever way it heads: only the part along it counts."""
-    robot, heading, force = standing, 0.6, 12.0
-    dynamics = ReducedDynamics(robot)
-    motion = RollingMotion(dynamics, robot.configuration(theta=heading), 0.01)
-    pull = Wrench("base", (force, 0.0, 0.0))
-    step = motion.advance(np.zeros(2), 0.01, (pull,))
-    inertia = dynamics.inertia(motion.q)
-    along, left = force * math.cos(heading), -force * math.sin(heading)
-    np.testing.assert_allclose(motion.nu[0], along / inertia[0, 0] * 0.01, rtol=1e-3)
-    assert step.work == pytest.approx(0.5 * along * along / inertia[0, 0] * 1e-4, rel=1e-3)
-    assert abs(left) > 1.0  # the ground takes that
-    still = RollingMotion(dynamics, robot.configuration(theta=heading), 0.01)
-    still.advance(np.zeros(2), 0.01)
-    assert not still.nu.any()
-
-
 def test_a_pull_against_damping_ends_at_a_steady_speed(standing: Robot) -> None:
     """2 d v/r² = F; then what it does in a second is what damping takes in it."""
     d, force, r = 0.4, 30.0, SET_A["r"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -62,13 +61,6 @@ def test_slopes_are_the_derivatives_and_secants_are_no_less(rng: np.random.Gener
         assert np.linalg.eigvalsh(np.diag(secant) - slope).min() >= -1e-12 * secant.max()
         assert np.linalg.eigvalsh(slope).min() >= -1e-12 * secant.max()
     np.testing.assert_allclose(grip.secant * velocity, grip.force, rtol=1e-12)
-
-
-def test_a_wheel_at_rest_is_as_stiff_as_at_its_creep_speed() -> None:
-    rolling = LAW.rolling_speed(np.array([0.0, 0.03, -0.04]))
-    np.testing.assert_allclose(
-        rolling, np.array([0.01, math.hypot(0.01, 0.03), math.hypot(0.01, 0.04)])
-    )
 
 
 def material_velocity(robot: Robot, q: Array, v: Array, joint: str, contact: Array) -> Array:

@@ -197,17 +197,6 @@ def test_limits_of_a_thinned_log_are_those_that_bind_at_its_samples(robot: Robot
     assert dict(zip(thinned.bound_limits, columns, strict=True)) == expected
 
 
-@FEW
-@pytest.mark.parametrize("size", [1, 5, 100])
-def test_batches_do_not_show(
-    robot: Robot, run: Run, size: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = columns_of(run)
-    monkeypatch.setattr(recorder, "BATCH", size)
-    for name, column in columns_of(simulated(robot)).items():
-        np.testing.assert_allclose(column, whole[name], rtol=1e-12, atol=1e-11, err_msg=name)
-
-
 @pytest.mark.parametrize("every", [0, -1, 1.5, True, "2"])
 def test_log_every_is_a_whole_number(paper: Robot, every: Any) -> None:
     with pytest.raises(RpctlError, match=f"log_every is {every}; give a whole number, 1 or more"):

@@ -138,6 +138,7 @@ def test_what_no_header_brings_back_stands_in_the_file(paper: Robot, tmp_path: P
     np.testing.assert_array_equal(back.log.energy, heavy.log.energy)
 
 
+@pytest.mark.slow
 def test_a_run_takes_little_room(tiago: Robot, tmp_path: Path) -> None:
     """At most 4 MB for 20 s of TIAGo, as 400 bytes a sample and 40 kB of header."""
     run = track(tiago, "eight", duration=1.0, initial_error=(0.1, -0.1, 0.1))

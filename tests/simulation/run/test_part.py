@@ -8,9 +8,6 @@ import json
 import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -30,7 +27,6 @@ from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop import recorder
 from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.loop.track import simulate
-from rpctl.simulation.merits.collision_facts import NOT_LOOKED_FOR
 from rpctl.simulation.run import part as part_module
 from rpctl.simulation.run.log import KEPT
 from rpctl.simulation.run.part import PartWriter, chunk_files
@@ -114,39 +110,6 @@ def test_whenever_it_is_killed_what_was_written_is_a_run(paper: Robot, tmp_path:
         assert run.config.run.duration == run.t[-1] == pytest.approx(end)
     assert rpctl.summarize(run).duration == pytest.approx(end)
     assert len(Run.load(run.save(tmp_path / "run.npz")).t) == written
-
-
-@pytest.mark.slow  # a process that begins anew takes a second
-def test_child_that_is_killed_leaves_a_run(tmp_path: Path) -> None:
-    part = tmp_path / "run.part"
-    code = f"""
-import os, signal, rpctl
-from rpctl.simulation.loop import recorder
-from rpctl.simulation.run import part as part_module
-from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop.track import simulate
-recorder.BATCH, part_module.CHUNK_ROWS = 4, 8
-def watch(sample):
-    if sample.t > 0.0399:
-        os.kill(os.getpid(), signal.SIGKILL)
-with part_module.PartWriter({str(part)!r}) as part:
-    simulate(rpctl.load("paper"), Config(run=RunSettings("eight", 0.06)), part=part, watch=watch)
-"""
-    done = subprocess.run([sys.executable, "-c", code], check=False)
-    assert done.returncode == -signal.SIGKILL
-    run = Run.load(part)
-    assert len(run.t) == 16
-    assert "ended early at t = 0.03 of 0.06 s" in run.notes[-1]
-    assert run.notes[-2] == NOT_LOOKED_FOR
-    with PartWriter(part) as after:  # its lock has ended with it
-        assert "run.part-1 keeps what an earlier simulation left" in after.notes[0]
-    assert len(Run.load(tmp_path / "run.part-1").t) == 16
-
-
-def test_numpy_alone_reads_a_chunk(paper: Robot, tmp_path: Path) -> None:
-    run = spooled(paper, tmp_path / "run.part")
-    with np.load(tmp_path / "run.part" / "000001.npz", allow_pickle=False) as chunk:
-        np.testing.assert_array_equal(chunk["q"], run.q[8:16])
 
 
 def test_slow_laws_are_written_by_time(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,7 @@ from rpctl import (
 )
 from rpctl.arrays import Array
 from rpctl.control.law import Command, KinematicFunction
-from rpctl.control.unregistered import Unregistered
-from rpctl.errors import RunFileError
+from rpctl.control.registry import Unregistered
 from rpctl.files.records import read_record, to_plain
 from rpctl.reference.motion import Reference
 from rpctl.simulation.config import Config, write_config
@@ -46,19 +45,6 @@ def run(paper: Robot) -> Run:
         initial_error=(0.1, 0.0, 0.0),
         certificate=verify(paper, samples=1),
     )
-
-
-def test_limits_that_bound_come_back(paper: Robot, tmp_path: Path) -> None:
-    hard = rpctl.scale_limits(paper, effort=0.1)
-    run = track(
-        hard, "eight", duration=0.1, initial_error=(0.5, 0.3, 0.5), dynamic=rpctl.IntegralDynamic()
-    )
-    back = Run.load(run.save(tmp_path / "run.npz"))
-    assert back.log.bound_limits == run.log.bound_limits
-    assert ("wheel_right_joint", "effort") in back.log.bound_limits
-    assert back.log.active_limits.any()
-    np.testing.assert_array_equal(back.log.active_limits, run.log.active_limits)
-    assert back.config.dynamic == rpctl.IntegralDynamic()
 
 
 @dataclass(frozen=True)
@@ -148,52 +134,6 @@ def test_no_arm_comes_back_too(tmp_path: Path) -> None:
     fixed = Run.load(track(rpctl.load("panda"), "eight", duration=0.1).save(tmp_path / "fixed.npz"))
     assert not (fixed.ground.contacts or fixed.ground.axles or fixed.ground.notes)
     assert fixed.log.zmp.shape == fixed.log.wheel_force.shape == (len(fixed.t), 0)
-
-
-def test_other_files_are_refused(run: Run, tmp_path: Path) -> None:
-    with pytest.raises(RunFileError, match="No such file"):
-        Run.load(tmp_path / "none.npz")
-    text = tmp_path / "text.npz"
-    text.write_text("not a run")
-    with pytest.raises(RunFileError, match="damaged or not a run"):
-        Run.load(text)
-    np.savez(tmp_path / "other.npz", x=np.ones(3))
-    with pytest.raises(RunFileError, match="not a run of rpctl"):
-        Run.load(tmp_path / "other.npz")
-    np.save(tmp_path / "array.npy", np.ones(3))
-    with pytest.raises(RunFileError, match="damaged or not a run"):
-        Run.load(tmp_path / "array.npy")
-    whole = run.save(tmp_path / "run.npz").read_bytes()
-    for size in (10, len(whole) // 2, len(whole) - 10):
-        (tmp_path / "cut.npz").write_bytes(whole[:size])
-        with pytest.raises(RunFileError, match="damaged or not a run"):
-            Run.load(tmp_path / "cut.npz")
-    objects = np.empty(2, dtype=object)
-    np.savez(tmp_path / "pickle.npz", allow_pickle=True, header=objects)
-    with pytest.raises(RunFileError, match='"header": no array of numbers'):
-        Run.load(tmp_path / "pickle.npz")
-
-
-def test_saving_fails_whole(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An older file survives a failed save, and no temporary one stays."""
-    path = tmp_path / "run.npz"
-    path.write_bytes(b"older")
-
-    def full(self: Path, target: Path) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    with pytest.raises(RpctlError, match="No space left on device"):
-        run.save(path)
-    assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
-    assert path.read_bytes() == b"older"
-
-
-def test_locks_and_the_end_effector_come_back(tmp_path: Path) -> None:
-    robot = rpctl.load("tiago", lock={"torso_lift_joint": 0.2}, end_effector="arm_4_link")
-    back = replace(track(robot, "eight", duration=0.05), simulated=None).load_robot()
-    assert dict(back.locked) == dict(robot.locked)
-    assert back.end_effector == "arm_4_link"
 
 
 def test_the_robot_of_a_run_has_its_home_and_its_free_joints(tmp_path: Path) -> None:

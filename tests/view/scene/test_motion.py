@@ -3,7 +3,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from rpctl.view.scene import motion
@@ -50,9 +49,3 @@ def test_wheel_that_spins_is_not_taken_for_one_that_stands() -> None:
     spin = Rotation.from_rotvec(TIMES[:, None] * [0.0, 2.0 * np.pi, 0.0])
     kept = motion.rotation_keyframes(TIMES, spin.as_quat())
     assert 2.0 * np.pi * np.diff(TIMES[kept]).max() < motion.MAX_STEP_RAD
-
-
-@pytest.mark.parametrize("count", [1, 2])
-def test_few_frames_are_all_kept(count: int) -> None:
-    still = np.zeros((count, 3))
-    assert motion.position_keyframes(TIMES[:count], still).tolist() == list(range(count))

@@ -58,20 +58,6 @@ def test_groups_stand_where_pinocchio_places_the_joints(
             assert poses[f"bone-{j}"] == pytest.approx(data.oMi[j].homogeneous, abs=1e-12)
 
 
-def test_what_hangs_on_a_joint_is_below_its_group(paper: Robot) -> None:
-    root = skeleton(paper, "bone", lambda j: [{"name": f"part-{j}", "children": []}])
-
-    def find(node: dict[str, Any], above: str) -> dict[str, str]:
-        found = {node["name"]: above}
-        for child in node["children"]:
-            found |= find(child, node["name"])
-        return found
-
-    above = find(root, "")
-    for j in range(1, paper.model.njoints):
-        assert above[f"part-{j}"] == f"bone-{j}"
-
-
 def test_joints_tell_their_role_and_limits(tmp_path: Path) -> None:
     robot = rpctl.load(write_gripper(tmp_path), free="*")
     entries = {j["name"]: j for j in joints(robot, robot.configuration(joints={"lift_joint": 0.2}))}
