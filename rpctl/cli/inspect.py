@@ -19,7 +19,7 @@ from rpctl.description.xacro.messages import XacroArgument
 from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import Finding
+from rpctl.errors import Finding, listed
 from rpctl.reference.fitting import too_weak
 from rpctl.robot.inspection import facts
 from rpctl.robot.model import Robot
@@ -194,10 +194,8 @@ def _robot_rows(known: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "locked", _name_list(list(known["locked"]))
     if known["mimics"]:
         yield "mimic", escape(", ".join(known["mimics"]))
-    label = "losses"
-    for text in _losses(known["losses"]):
-        yield label, escape(text)
-        label = ""
+    for count, text in enumerate(_losses(known["losses"])):
+        yield "" if count else "losses", escape(text)
 
 
 def _losses(joints: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -214,16 +212,13 @@ def _losses(joints: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         ]
         alike.setdefault(", ".join(words_said), []).append(joint["joint"])
     for said, names in alike.items():
-        shown = ", ".join(names[:MAX_LISTED_NAMES])
-        more = f" and {len(names) - MAX_LISTED_NAMES} more" * (len(names) > MAX_LISTED_NAMES)
-        yield f"{said}: {shown}{more}"
+        yield f"{said}: {listed(names, MAX_LISTED_NAMES)}"
 
 
 def _name_list(names: Sequence[str]) -> str:
     """Return names as markup, at most MAX_LISTED_NAMES of them."""
-    listed = ", ".join(names[:MAX_LISTED_NAMES])
-    more = len(names) - MAX_LISTED_NAMES
-    return escape(listed) + (f" and {more} more (--json lists them)" if more > 0 else "")
+    more = " (--json lists them)" if len(names) > MAX_LISTED_NAMES else ""
+    return escape(listed(names, MAX_LISTED_NAMES) + more)
 
 
 def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:

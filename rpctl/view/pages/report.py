@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.unregistered import name_of
+from rpctl.control.registry import name_of
 from rpctl.errors import RpctlError
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
