@@ -16,8 +16,7 @@ from rpctl.description.urdf.reader import read
 from rpctl.description.xacro.expansion import lines_explained
 from rpctl.drive.controls import read_controls, vendor_findings
 from rpctl.drive.detect import detect
-from rpctl.drive.drive import Drive
-from rpctl.drive.drive_file import DRIVE_TYPES, DriveSpec, read_drive
+from rpctl.drive.drive import DRIVE_TYPES, Drive, DriveSpec, read_drive
 from rpctl.drive.suspensions import hold_passive
 from rpctl.errors import DescriptionError, Finding, UnknownNameError, require_within
 from rpctl.robot.build import build, check, set_armature

@@ -11,7 +11,7 @@ import numpy as np
 
 import rpctl
 from rpctl import Run, summarize
-from rpctl.control.unregistered import Unregistered
+from rpctl.control.registry import Unregistered
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.settings import CarriedLoad, Noise, SensorBias, Wrench

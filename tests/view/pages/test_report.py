@@ -19,7 +19,7 @@ from rpctl import (
     Run,
     UnifiedKinematic,
 )
-from rpctl.control.unregistered import Unregistered
+from rpctl.control.registry import Unregistered
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.plant import Plant
 from rpctl.view.pages.page import embed

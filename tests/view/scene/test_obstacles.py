@@ -9,7 +9,7 @@ import pytest
 
 import rpctl
 from rpctl import Disc, HalfPlane, Robot, Run
-from rpctl.control.unregistered import Unregistered
+from rpctl.control.registry import Unregistered
 from rpctl.simulation.config import Config
 from rpctl.simulation.merits.obstacles import (
     BASE,
