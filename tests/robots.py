@@ -8,7 +8,7 @@ from pathlib import Path
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.urdf.reader import read
 from rpctl.drive.detect import detect
-from rpctl.drive.drive_file import DriveSpec
+from rpctl.drive.drive import DriveSpec
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
 from tests import urdf

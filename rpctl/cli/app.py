@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 import inspect
+import operator
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
 from importlib import import_module
 from typing import Annotated, Any
@@ -205,21 +206,13 @@ def _options(made: Callable[..., Any]) -> tuple[list[inspect.Parameter], Callabl
         name, kind = parameter.name, parameter.annotation
         fields = next((m for m in getattr(kind, "__metadata__", ()) if hasattr(m, "flags")), None)
         if fields is not None:
-            found, makers[name] = fields.parameters(), _given(fields.names)
+            found, makers[name] = fields.parameters(), fields.given
         elif is_dataclass(kind) and isinstance(kind, type):
             found, makers[name] = _options(kind)
         else:
-            found, makers[name] = [parameter], functools.partial(_value, name)
+            found, makers[name] = [parameter], operator.itemgetter(name)
         flat += (each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in found)
     return flat, lambda given: made(**{name: make(given) for name, make in makers.items()})
-
-
-def _value(name: str, given: dict[str, Any]) -> Any:
-    return given[name]
-
-
-def _given(names: Sequence[str]) -> Callable[[dict[str, Any]], dict[str, Any]]:
-    return lambda given: {name: given[name] for name in names if given[name] is not None}
 
 
 def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, read_settings
-from rpctl.cli.streams import print_json
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, read_settings, tell
 from rpctl.cli.terminal import console, escape, format_limit, new_table
 from rpctl.description.urdf.findings import condense
 from rpctl.description.xacro.expansion import list_arguments
@@ -19,7 +19,7 @@ from rpctl.description.xacro.messages import XacroArgument
 from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import Finding
+from rpctl.errors import Finding, listed
 from rpctl.reference.fitting import too_weak
 from rpctl.robot.inspection import facts
 from rpctl.robot.model import Robot
@@ -42,13 +42,11 @@ def inspect_command(
     if list_xacro_args:
         source = find_source(robot)
         settings = source.read_settings(read_settings(options.given))
-        show_arguments(list_arguments(source.path, settings), as_json)
+        declared = list_arguments(source.path, settings)
+        tell(as_json, lambda: list(map(asdict, declared)), partial(show_arguments, declared))
         return
     loaded = _with_weakness(options.load(robot))
-    if as_json:
-        print_json(facts(loaded))
-    else:
-        show_robot(loaded)
+    tell(as_json, partial(facts, loaded), partial(show_robot, loaded))
 
 
 def _with_weakness(robot: Robot) -> Robot:
@@ -59,11 +57,8 @@ def _with_weakness(robot: Robot) -> Robot:
     return replace(robot, findings=(*robot.findings, Finding("warning", None, weak)))
 
 
-def show_arguments(arguments: Sequence[XacroArgument], as_json: bool) -> None:
+def show_arguments(arguments: Sequence[XacroArgument]) -> None:
     """Print arguments of xacro with their defaults, and where they are declared."""
-    if as_json:
-        print_json([asdict(each) for each in arguments])
-        return
     table = new_table("argument", "default", "declared at")
     for each in arguments:
         default = "(none)" if each.default is None else each.default or '""'
@@ -194,10 +189,8 @@ def _robot_rows(known: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "locked", _name_list(list(known["locked"]))
     if known["mimics"]:
         yield "mimic", escape(", ".join(known["mimics"]))
-    label = "losses"
-    for text in _losses(known["losses"]):
-        yield label, escape(text)
-        label = ""
+    for count, text in enumerate(_losses(known["losses"])):
+        yield "" if count else "losses", escape(text)
 
 
 def _losses(joints: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -214,16 +207,13 @@ def _losses(joints: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         ]
         alike.setdefault(", ".join(words_said), []).append(joint["joint"])
     for said, names in alike.items():
-        shown = ", ".join(names[:MAX_LISTED_NAMES])
-        more = f" and {len(names) - MAX_LISTED_NAMES} more" * (len(names) > MAX_LISTED_NAMES)
-        yield f"{said}: {shown}{more}"
+        yield f"{said}: {listed(names, MAX_LISTED_NAMES)}"
 
 
 def _name_list(names: Sequence[str]) -> str:
     """Return names as markup, at most MAX_LISTED_NAMES of them."""
-    listed = ", ".join(names[:MAX_LISTED_NAMES])
-    more = len(names) - MAX_LISTED_NAMES
-    return escape(listed) + (f" and {more} more (--json lists them)" if more > 0 else "")
+    more = " (--json lists them)" if len(names) > MAX_LISTED_NAMES else ""
+    return escape(listed(names, MAX_LISTED_NAMES) + more)
 
 
 def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rpctl.cli.streams import print_json
 from rpctl.errors import RpctlError
-from rpctl.files.records import FieldType, Plain, Range, fields_of, setting_of
+from rpctl.files.records import FieldType, Plain, Range, fields_of
 from rpctl.robot.load_settings import LoadSettings
 
 if TYPE_CHECKING:
@@ -54,7 +55,11 @@ class FieldOptions:
 
     def parameters(self) -> list[inspect.Parameter]:
         """Return the options as parameters of a command, None where they are not given."""
-        return [self._parameter(setting_of(self.kind, name)) for name in self.names]
+        return [self._parameter(fields_of(self.kind)[name]) for name in self.names]
+
+    def given(self, values: Mapping[str, Any]) -> Plain:
+        """Return the values of those that are given, of all options of a command."""
+        return {name: values[name] for name in self.names if values[name] is not None}
 
     def _parameter(self, item: FieldType) -> inspect.Parameter:
         whole = item.type is int and isinstance(item.limit, Range)
@@ -149,43 +154,49 @@ def _arguments(words: Iterable[str]) -> dict[str, str]:
     return values
 
 
-def _positions(items: Iterable[str]) -> dict[str, float]:
-    """Return the positions of ``NAME[=POSITION]`` by name.
+def _numbers(items: Iterable[str], option: str, default: str, form: str) -> dict[str, float]:
+    """Return the numbers of ``NAME[=NUMBER]`` by name.
 
     Raises:
-        RpctlError: A position is no number.
+        RpctlError: One is no number.
     """
-    positions: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for item in items:
-        name, given, position = item.partition("=")
+        name, given, number = item.partition("=")
         try:
-            positions[name] = float(position) if given else 0.0
+            numbers[name] = float(number if given else default)
         except ValueError:
-            raise RpctlError(
-                f"--lock {item}: {position!r} is not a number; write NAME=0.1"
-            ) from None
-    return positions
+            fault = f"{option} {item}: {number!r} is not a number; write {form}"
+            raise RpctlError(fault) from None
+    return numbers
+
+
+def _positions(items: Iterable[str]) -> dict[str, float]:
+    """Return the positions of ``NAME[=POSITION]`` by name."""
+    return _numbers(items, "--lock", "0", "NAME=0.1")
 
 
 def _armature(items: Iterable[str]) -> bool | dict[str, float]:
-    """Return what ``file`` and ``NAME=KG_M2`` say of rotors, as :func:`rpctl.load` takes it.
+    """Return what ``file`` and ``NAME=KG_M2`` say of rotors, as :func:`rpctl.load` takes it."""
+    form = f"NAME=0.01, in kg m2, or {FROM_FILE} for what the file's transmissions say"
+    return _numbers((item for item in items if item != FROM_FILE), "--armature", "", form) or True
 
-    Raises:
-        RpctlError: An inertia is no number.
+
+def tell(
+    as_json: bool, plain: Callable[[], Any], show: Callable[[], Any], passed: bool = True
+) -> None:
+    """Print what was found, and leave with ``CHECK_FAILED`` where it did not pass.
+
+    Args:
+        plain: Returns it as JSON says it.
+        show: Prints it for people.
     """
-    given: dict[str, float] = {}
-    for item in items:
-        name, _, inertia = item.partition("=")
-        if item == FROM_FILE:
-            continue
-        try:
-            given[name] = float(inertia)
-        except ValueError:
-            raise RpctlError(
-                f"--armature {item}: write NAME=0.01, in kg m2, or {FROM_FILE} for what the file's "
-                "transmissions say"
-            ) from None
-    return given or True
+    if as_json:
+        print_json(plain())
+    else:
+        show()
+    if not passed:
+        raise typer.Exit(CHECK_FAILED)
 
 
 def read_triple(text: str) -> tuple[float, float, float]:

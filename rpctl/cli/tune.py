@@ -11,7 +11,7 @@ from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgume
 from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.control.bandwidth import joint_gains
-from rpctl.control.law_sentences import gains_sentence
+from rpctl.control.registry import gains_sentence
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
 from rpctl.simulation.config import RunSettings

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.control.law import Limit
-from rpctl.dynamics.lag import NO_LAG
+from rpctl.dynamics.motion import NO_LAG
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnknownNameError
 

@@ -1,10 +1,15 @@
-"""The laws by their names."""
+"""The laws by their names, those that have none, and what a user is told of those of a run."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
-from typing import TypeVar
+from dataclasses import dataclass, field
+from typing import Any, NoReturn, TypeVar
 
+import numpy as np
+
+from rpctl.control.bandwidth import JointGains, joint_gains
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.end_effector import EndEffector
@@ -15,9 +20,12 @@ from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.obstacles import OBSTACLES, Obstacle
+from rpctl.control.twist_law import BaseLaw
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.errors import UnknownNameError
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.records import CHOICES, Choice
+from rpctl.robot.model import Robot
 
 Made = TypeVar("Made")
 
@@ -64,3 +72,175 @@ def _by_name(kind: str, name: str, laws: Mapping[str, Callable[[], Made]]) -> Ma
     if name not in laws:
         raise UnknownNameError(kind, name, laws)
     return laws[name]()
+
+
+OBSTACLE_NAMES = {kind: name for name, kind in OBSTACLES.items()}
+
+
+@dataclass(frozen=True)
+class Unregistered:
+    """A law or an obstacle that rpctl has no name for; it cannot be started.
+
+    Attributes:
+        name: Name of its class or function.
+        settings: Its settings by name: numbers, texts, tuples, mappings, discs and half-planes;
+            all else, laws as well, is unregistered in turn.
+    """
+
+    name: str
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+    def named_table(self, key: str) -> dict[str, Any]:
+        """Return what a run's file says of it."""
+        return {key: self.name, "settings": to_json(self.settings)}
+
+    def start(self, *_: object) -> NoReturn:
+        """Refuse to start.
+
+        Raises:
+            RpctlError: Always.
+        """
+        raise RpctlError(f"only the name of {self.name} is known; give the law itself")
+
+
+def unregistered(thing: object) -> Unregistered:
+    """Return the name of a law, an obstacle or a function, and its settings if it has fields."""
+    if isinstance(thing, Unregistered):
+        return thing
+    settings = {name: _plain(value) for name, value in settings_of(thing).items()}
+    return Unregistered(name_of(thing), settings)
+
+
+def name_of(thing: object) -> str:
+    """Return the name of a law's or an obstacle's class, or of a function."""
+    if isinstance(thing, Unregistered):
+        return thing.name
+    return str(getattr(thing, "__name__", type(thing).__name__))
+
+
+def settings_of(thing: object) -> Mapping[str, object]:
+    """Return the settings of a law or an obstacle by name; nothing if it has no fields."""
+    if isinstance(thing, Unregistered):
+        return thing.settings
+    if dataclasses.is_dataclass(thing) and not isinstance(thing, type):
+        return {item.name: getattr(thing, item.name) for item in dataclasses.fields(thing)}
+    return {}
+
+
+def to_json(value: object) -> Any:
+    """Return what JSON says of an :class:`Unregistered`, or of one of its settings."""
+    if isinstance(value, Unregistered):
+        return {"law": value.name, "settings": to_json(value.settings)}
+    if type(value) in OBSTACLE_NAMES:
+        return {"shape": OBSTACLE_NAMES[type(value)], **vars(value)}  # type: ignore[index]
+    if isinstance(value, Mapping):
+        return {key: to_json(each) for key, each in value.items()}
+    return [to_json(each) for each in value] if isinstance(value, tuple) else value
+
+
+def from_json(value: Any) -> Any:
+    """Return what :func:`to_json` took apart."""
+    if isinstance(value, list):
+        return tuple(map(from_json, value))
+    if not isinstance(value, Mapping):
+        return value
+    for key in ("shape", "law"):
+        if isinstance(value.get(key), str):
+            rest = {name: each for name, each in value.items() if name != key}
+            return _named_from_json(value[key], from_json(rest.get("settings", rest)))
+    return {key: from_json(each) for key, each in value.items()}
+
+
+def _named_from_json(name: str, settings: Mapping[str, Any]) -> object:
+    """Return an obstacle, or what there is no name for."""
+    try:
+        return OBSTACLES[name](**settings)
+    except (TypeError, KeyError, RpctlError):
+        return Unregistered(name, settings)
+
+
+def _plain(value: object) -> object:
+    """Return a setting as :class:`Unregistered` holds it."""
+    if (
+        value is None
+        or isinstance(value, str | bool | int | float)
+        or type(value) in OBSTACLE_NAMES
+    ):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, tuple | list | np.ndarray):
+        return tuple(map(_plain, value))
+    return value.item() if isinstance(value, np.generic) else unregistered(value)
+
+
+IGNORED = "limits of efforts, rates and positions, and that efforts are held for a period"
+LIMITLESS = "ignores limits of speeds, rates and positions"
+UNLEASHED = "is on no leash (far errors ask for high speeds)"
+LINE = "leaves the lateral error of a straight line as it is"
+
+
+def law_sentences(
+    dynamics: ReducedDynamics, kinematic: object, dynamic: object, period: float
+) -> tuple[str, ...]:
+    """Return sentences on the laws: what those of the paper ignore, how fast the joints are.
+
+    Args:
+        dynamic: The dynamic law; None where speeds are the output.
+        period: Control period, s.
+    """
+    base = kinematic.base if isinstance(kinematic, EndEffector) else kinematic
+    found = []
+    if isinstance(base, PaperKinematic):
+        found.append(_paper_kinematic(base, dynamics.robot))
+    if isinstance(dynamic, PaperDynamic):
+        ignored = IGNORED if not dynamic.midpoint else IGNORED.partition(", and")[0]
+        found.append(f"the paper's dynamic law ignores {ignored}")
+    elif isinstance(dynamic, BoundedDynamic | IntegralDynamic) and dynamics.robot.joints:
+        found.append(_joints_sentence(dynamics, base, dynamic, period))
+    return tuple(found)
+
+
+def _paper_kinematic(law: PaperKinematic, robot: Robot) -> str:
+    """Return what the paper's kinematic law does not do, on this robot."""
+    rest = [UNLEASHED] if law.leash is None and robot.drive.base_speeds else []
+    rest += [LINE] if robot.drive.base_speeds and not robot.drive.omnidirectional else []
+    *first, last = [LIMITLESS, *rest]
+    return f"the paper's kinematic law {', '.join(first)}{' and ' * bool(first)}{last}"
+
+
+def _joints_sentence(
+    dynamics: ReducedDynamics,
+    base: object,
+    dynamic: BoundedDynamic | IntegralDynamic,
+    period: float,
+) -> str:
+    """Return the joints' gains in one sentence: those that are derived, and those that are set."""
+    integral = dynamic if isinstance(dynamic, IntegralDynamic) else None
+    bounded = dynamic if isinstance(dynamic, BoundedDynamic) else dynamic.inner
+    h = base.joint_horizon if isinstance(base, BaseLaw) else None
+    if isinstance(base, PaperKinematic):
+        h = base.joint_horizon or base.horizon
+    h1, k = bounded.joint_horizon_dyn, None if integral is None else integral.joint_gain
+    known = ((f"h {h or 0:.2g} s", h), (f"h1 {h1 or 0:.2g} s", h1), (f"k {k or 0:.2g} 1/s", k))
+    given = ", ".join(text for text, value in known if value is not None)
+    if h1 is not None:
+        return f"joints: {given}, as set"
+    derived = gains_sentence(dynamics.robot.joint_names, joint_gains(dynamics, period))
+    return f"{derived}; but {given}, as set" if given else derived
+
+
+def gains_sentence(names: tuple[str, ...], gains: JointGains) -> str:
+    """Return the joints' gains in one sentence: those that sampling sets, and what efforts slow."""
+    first = int(np.argmax(gains.bandwidth))
+    fastest, h, h1, k = (float(part[first]) for part in gains)
+    slower = [
+        f"{name} {bandwidth:.2g} Hz"
+        for name, bandwidth in zip(names, gains.bandwidth, strict=True)
+        if bandwidth < 0.99 * fastest
+    ]
+    tail = f"; as efforts allow: {', '.join(slower)}" if slower else ""
+    return (
+        f"joints: {fastest:.2g} Hz (h {h:.2g} s, h1 {h1:.2g} s, k {k:.2g} 1/s), as sampling and "
+        f"10 ms in reserve allow{tail}"
+    )

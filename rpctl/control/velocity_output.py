@@ -15,7 +15,7 @@ from rpctl.arrays import Array
 from rpctl.control.joint_limits import Actuation, SpeedLimits, Speeds
 from rpctl.control.law import Command, ReportsNothing, Rest
 from rpctl.control.safeguards import MeasuredSample
-from rpctl.dynamics.lag import follow, joined, travel
+from rpctl.dynamics.motion import follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SMALLEST, SingularBasisError, UnknownNameError
 from rpctl.files.records import POSITIVE, Range, Record, Setting

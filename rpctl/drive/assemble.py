@@ -9,11 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import POWERED_CASTERS, TYPES_WITH_AXLE, Drive, Swivel, Wheel
-from rpctl.drive.drive_file import DriveSpec
+from rpctl.drive.drive import POWERED_CASTERS, TYPES_WITH_AXLE, Drive, DriveSpec, Swivel, Wheel
 from rpctl.drive.evidence import Evidence
-from rpctl.drive.swivels import SHARED_TRAIL_ROUNDING_M, SwivelCandidate
-from rpctl.drive.wheels import WheelCandidate, contact_roller, leftward
+from rpctl.drive.wheels import (
+    SHARED_TRAIL_ROUNDING_M,
+    SwivelCandidate,
+    WheelCandidate,
+    contact_roller,
+    leftward,
+)
 from rpctl.errors import DriveError
 
 ROLLER_ANGLE = 0.25 * math.pi  # rad; of mecanum wheels, unless a drive file gives another

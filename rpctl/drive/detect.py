@@ -9,13 +9,17 @@ from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description
 from rpctl.drive.assemble import assemble
 from rpctl.drive.controls import PLANAR, BaseControl, plugin_controls
-from rpctl.drive.drive import FIXED_BASE, POWERED_CASTERS, Drive
-from rpctl.drive.drive_file import DriveSpec
+from rpctl.drive.drive import FIXED_BASE, POWERED_CASTERS, Drive, DriveSpec
 from rpctl.drive.evidence import Evidence, gather_evidence
 from rpctl.drive.leftovers import explain_leftovers, lock_option
 from rpctl.drive.no_drive import explain_no_drive, misaligned_axes, wheels_on_fixed_joints
-from rpctl.drive.swivels import SwivelCandidate
-from rpctl.drive.wheels import WheelCandidate, find_candidates, has_mecanum_rollers, parallel
+from rpctl.drive.wheels import (
+    SwivelCandidate,
+    WheelCandidate,
+    find_candidates,
+    has_mecanum_rollers,
+    parallel,
+)
 from rpctl.errors import DriveError, UnknownNameError
 
 MAX_RADIUS_RATIO = 1.1  # of the wheels of a skid-steer drive, if nothing tells that it is one

@@ -9,10 +9,17 @@ from dataclasses import dataclass, replace
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.controls import BaseControl
-from rpctl.drive.drive_file import DriveSpec, suggest
+from rpctl.drive.drive import DriveSpec, suggest
 from rpctl.drive.leftovers import Leftover, find_leftovers
-from rpctl.drive.swivels import CASTER_WORDS, SwivelCandidate, find_swivels
-from rpctl.drive.wheels import GROUND_TOLERANCE_M, WheelCandidate, coaxial, ground_tolerance
+from rpctl.drive.wheels import (
+    CASTER_WORDS,
+    GROUND_TOLERANCE_M,
+    SwivelCandidate,
+    WheelCandidate,
+    coaxial,
+    find_swivels,
+    ground_tolerance,
+)
 from rpctl.errors import DriveError, UnknownNameError
 
 BALL_WORDS = ("ball", *CASTER_WORDS)

@@ -10,8 +10,7 @@ from itertools import takewhile
 
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Joint
-from rpctl.drive.swivels import CASTER_WORDS
-from rpctl.drive.wheels import WheelCandidate, moved_below, wheel_like
+from rpctl.drive.wheels import CASTER_WORDS, WheelCandidate, moved_below, wheel_like
 
 MIN_LETTERS = 3  # of a pattern beside its star
 MAX_LISTED = 8  # joints that a message lists

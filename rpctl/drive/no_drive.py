@@ -9,8 +9,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint, Shape
-from rpctl.drive.drive import POWERED_CASTERS
-from rpctl.drive.drive_file import suggest
+from rpctl.drive.drive import POWERED_CASTERS, suggest
 from rpctl.drive.evidence import Evidence
 from rpctl.drive.leftovers import MAX_LISTED, lock_option
 from rpctl.drive.wheel_size import round_parts

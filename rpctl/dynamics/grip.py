@@ -136,15 +136,15 @@ def missing_grip(
         friction: Coefficient between wheels and ground.
         load: The contacts' loads (n,), N, where they are known; else any that balance.
     """
-    weight, count = max(float(moments[0]), TINY), len(forces.least)
+    weight, wheels = max(float(moments[0]), TINY), np.arange(len(forces.least))
     least, free, n = forces.least / weight, forces.free.shape[2], statics.shape[1]
     equal, right = statics, moments / weight
     if load is not None:
         equal, right = np.eye(n), np.maximum(load / weight, 0.0)
     equal = np.hstack([np.zeros((len(equal), free)), equal, np.zeros((len(equal), 1))])
     bounds = [(None, None)] * free + [(0.0, None)] * n + [(None, None)]
-    angles = np.tile(2.0 * math.pi * np.arange(FIRST_TANGENTS) / FIRST_TANGENTS, (count, 1))
-    wheels = np.arange(count)
+    tangents = 2.0 * math.pi * np.arange(FIRST_TANGENTS) / FIRST_TANGENTS
+    angles = np.tile(tangents, (len(wheels), 1))
     for _ in range(CUTS):
         normal = np.stack([np.cos(angles), np.sin(angles)], axis=2)  # (n_wheels, tangents, 2)
         table = np.zeros((*angles.shape, free + n + 1))
@@ -152,12 +152,12 @@ def missing_grip(
         table[wheels, :, free + wheels] = -friction
         table[..., -1] = -1.0
         most, cost = -(normal @ least[..., None]).ravel(), np.eye(free + n + 1)[-1]
-        rows = table.reshape(-1, free + n + 1)
+        rows = table.reshape(len(most), -1)
         found = scipy.optimize.linprog(cost, rows, most, equal, right, bounds)
         if not found.success:
             return math.inf
         push = least + forces.free @ found.x[:free]  # (n_wheels, 2)
-        needed = np.hypot(*push.T) - friction * found.x[free : free + count]
+        needed = np.hypot(*push.T) - friction * found.x[free + wheels]
         if needed.max() <= found.x[-1] + CUT_TOLERANCE:
             break
         angles = np.column_stack([angles, np.arctan2(push[:, 1], push[:, 0])])

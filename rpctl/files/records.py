@@ -15,7 +15,7 @@ from the same fields:
 - ``to_plain(record)`` is the way back, for JSON or TOML, without what is None by default;
 - ``json_schema(kind)`` is what editors complete a file from;
 - ``settings_of(record or kind)`` are all numbers and words in it by dotted name, with their
-  ``Setting`` and range; ``setting_of(kind, name)`` is one of them.
+  ``Setting`` and range; ``fields_of(kind)`` those of one record.
 
 A record that may be None is switched off by ``false`` in a file. What a field of a type in
 ``CHOICES`` may be is named in its table: ``law = "horizon"``. ``IN_PYTHON`` marks a field that no
@@ -187,17 +187,6 @@ def _field(item: dataclasses.Field[Any], hint: Any) -> FieldType:
     if item.default_factory is not dataclasses.MISSING:
         default = item.default_factory()
     return FieldType(item.name, get_args(hint)[0] if said else hint, limit, setting, default)
-
-
-def setting_of(kind: Any, name: str) -> FieldType:
-    """Return the field of a record by its name.
-
-    Raises:
-        UnknownNameError: It has none such.
-    """
-    if name not in fields_of(kind):
-        raise UnknownNameError("setting", name, fields_of(kind))
-    return fields_of(kind)[name]
 
 
 def settings_of(record: Any, above: str = "") -> dict[str, FieldType]:

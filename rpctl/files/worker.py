@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from functools import cached_property, lru_cache
 from pathlib import Path
 from threading import Timer
@@ -110,7 +110,7 @@ def _in_lasting_thread(start: Callable[[], Process]) -> Process:
     return _starter().submit(start).result()
 
 
-class Worker:
+class Worker(AbstractContextManager["Worker"]):
     """A confined process that runs ``main(channel)`` of a module; a context that ends it for sure.
 
     It starts while its owner goes on; whoever asks it first waits.
@@ -213,9 +213,6 @@ class Worker:
         for stream in (self._process.stdin, self._process.stdout, self._errors):
             with suppress(OSError):  # what was not flushed into a pipe that broke
                 stream.close()  # type: ignore[union-attr]
-
-    def __enter__(self) -> Worker:
-        return self
 
     def __exit__(
         self,

@@ -9,7 +9,6 @@ from typing import Annotated
 from rpctl.errors import SMALLEST, DescriptionError, RpctlError, UnknownNameError
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.records import Range, Record, read_toml
-from rpctl.reference.limits import Limits
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import BASE_PATHS, reference_by_name
 from rpctl.reference.path_reference import TimedPath
@@ -18,7 +17,7 @@ from rpctl.reference.planned.waypoints import along_goal, along_waypoints, ee_sq
 from rpctl.reference.pose_goal import is_goal, read_goal, to_goal
 from rpctl.reference.recorded.recording import reference_from_table
 from rpctl.reference.recorded.table_file import read_table, refusal
-from rpctl.reference.sizing import WISHES, SizingRequest, require_smoothing
+from rpctl.reference.sizing import WISHES, Limits, SizingRequest, require_smoothing
 from rpctl.robot.model import Robot
 
 MAX_COORDINATE = 1e4  # m: no waypoint is farther

@@ -24,9 +24,8 @@ from rpctl.reference.fitting import (
     too_weak,
     usage_of,
 )
-from rpctl.reference.limits import comfortable_radius
 from rpctl.reference.path_reference import PathReference, Waves, waves
-from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, robot_length
+from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, comfortable_radius, robot_length
 from rpctl.robot.collision import TOUCH_M, CollisionModel, collision_model
 from rpctl.robot.model import Robot
 from rpctl.robot.pair_motion import approach_rates, joint_motion, joint_travel

@@ -12,7 +12,6 @@ from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.reference.limits import SPEED_RISE_TIME, Limits
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.path_reference import TimedPath, along, constant, still
 from rpctl.reference.paths import (
@@ -28,6 +27,7 @@ from rpctl.reference.paths import (
     vector,
 )
 from rpctl.reference.planned.curve import Waypoint, curve_through
+from rpctl.reference.sizing import SPEED_RISE_TIME, Limits
 from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import AT_REST, Bound, TimeLaw, time_law
 from rpctl.robot.model import Robot

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict
 
 from rpctl.description.records import as_xacro
-from rpctl.drive.drive import Drive
-from rpctl.drive.drive_file import DRIVE_TYPES
+from rpctl.drive.drive import DRIVE_TYPES, Drive
 from rpctl.files.records import Setting
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from rpctl.control.bandwidth import (
     gains_of,
     joint_gains,
 )
-from rpctl.control.law_sentences import law_sentences
+from rpctl.control.registry import law_sentences
 from rpctl.reference.named import reference_by_name
 from rpctl.robot.vary import without_losses
 

@@ -14,9 +14,8 @@ from rpctl import EndEffector, Horizon, PaperKinematic, ReducedDynamics, Robot, 
 from rpctl.arrays import Array
 from rpctl.control.horizon.planner import Planned
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
-from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, kinematic_by_name
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, Unregistered, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
-from rpctl.control.unregistered import Unregistered
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name

@@ -11,7 +11,7 @@ import rpctl
 from rpctl import Limit, ReducedDynamics, Robot, scale_limits, set_limits
 from rpctl.arrays import Array
 from rpctl.control.joint_limits import Actuation, SpeedLimits, Speeds
-from rpctl.dynamics.lag import follow, travel
+from rpctl.dynamics.motion import follow, travel
 from rpctl.errors import UnknownNameError
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import rpctl
-from rpctl.drive.drive_file import WheelSpec, read_drive, suggest
+from rpctl.drive.drive import WheelSpec, read_drive, suggest
 from rpctl.errors import DescriptionError, DriveError, UnknownNameError
 from tests.robots import SET_A, four_wheels, platform, write
 

@@ -389,7 +389,7 @@ def test_a_drive_file_is_checked_with_the_same_care(
 @pytest.mark.parametrize("kind", [*KINDS, "skid-steer", "mecanum"])
 def test_the_start_of_every_type_is_accepted(files: Files, kind: str) -> None:
     """What a refusal offers, its type put right, is the drive that would have been found."""
-    from rpctl.drive.drive_file import suggest
+    from rpctl.drive.drive import suggest
 
     four = kind in ("skid-steer", "mecanum")
     text = xml(axles(0.25, -0.25)) if four else vehicle(kind)

@@ -14,8 +14,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics import motion
-from rpctl.dynamics.lag import SERIES_RATIO, Stretch, follow, joined, travel
-from rpctl.dynamics.motion import rk4_step
+from rpctl.dynamics.motion import SERIES_RATIO, Stretch, follow, joined, rk4_step, travel
 from rpctl.robot.vary import without_losses
 
 TAU = np.array([2.0, 3.0, 1.0, -1.0])

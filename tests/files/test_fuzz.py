@@ -20,7 +20,7 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
-from rpctl.drive.drive_file import read_drive
+from rpctl.drive.drive import read_drive
 from rpctl.errors import DescriptionError, RpctlError
 from rpctl.files import toml
 from rpctl.files.records import to_plain

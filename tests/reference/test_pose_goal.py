@@ -14,7 +14,6 @@ from rpctl.arrays import Array
 from rpctl.cli.track import reference_label
 from rpctl.cli.track_options import ConfigOptions
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.reference.limits import Limits, steerable_radius
 from rpctl.reference.load import load_reference
 from rpctl.reference.pose_goal import (
     PoseGoal,
@@ -24,6 +23,7 @@ from rpctl.reference.pose_goal import (
     seen_from,
     to_goal,
 )
+from rpctl.reference.sizing import Limits, steerable_radius
 
 URDF = Path(__file__).parents[2] / "urdf"
 START = np.array([0.4, -0.7, 2.5])

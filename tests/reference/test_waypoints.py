@@ -11,7 +11,6 @@ import pytest
 import rpctl
 from rpctl import Robot, summarize
 from rpctl.errors import DescriptionError, RpctlError
-from rpctl.reference.limits import Limits, wheel_rates
 from rpctl.reference.load import load_reference
 from rpctl.reference.path_reference import TimedPath, along
 from rpctl.reference.planned.arm import Arm
@@ -19,7 +18,7 @@ from rpctl.reference.planned.curve import Goal, Waypoint, curve_through, polylin
 from rpctl.reference.planned.reach import END_EFFECTOR_TOLERANCE, plan_reach
 from rpctl.reference.planned.reach_problem import DrivingBase
 from rpctl.reference.planned.waypoints import SLALOM, along_goal, along_waypoints
-from rpctl.reference.sizing import robot_length
+from rpctl.reference.sizing import Limits, robot_length, wheel_rates
 from rpctl.reference.splines import basis, basis_at, clamped_knots
 from tests.grids import cells
 

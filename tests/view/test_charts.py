@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpctl import Robot, Run
+from rpctl import Run
 from rpctl.simulation.merits.collision_facts import (
     GROUND,
     SELF,
@@ -21,11 +21,9 @@ from rpctl.view.charts import charts, grip_top
 from rpctl.view.pages.motion_data import (
     MAX_POINTS,
     chart_data,
-    overlay,
 )
 from rpctl.view.pages.report import timeline_mark
 from tests.runs import vary
-from tests.view.samples import short_run
 
 
 def floats(text: str) -> np.ndarray[Any, Any]:
@@ -82,23 +80,6 @@ def stretched(run: Run, count: int) -> Run:
     return vary(run, **{**arrays, "t": t})
 
 
-def test_charts_suit_the_robot(paper_run: Run, ur5_run: Run, cart: Robot) -> None:
-    assert titles(paper_run) == [
-        "Base error",
-        "End-effector error",
-        "Joint errors",
-        "Base speeds",
-        "Joint speeds",
-        "Efforts",
-        "Tip-over margin",
-        "Grip used",
-        "Ground loads",
-    ]
-    assert not {"Base error", "Base speeds", "Ground loads"} & set(titles(ur5_run))
-    without = titles(short_run(cart, 0.2))
-    assert without == ["Base error", "Base speeds", "Efforts without limits, N·m"]
-
-
 def shared(run: Run) -> Run:
     """Return a run whose loads are intervals: twice and half of what they were, grip likewise."""
     loads, slips = (
@@ -107,28 +88,6 @@ def shared(run: Run) -> Run:
     )
     slips = np.column_stack([0.5 * slips, 2.0 * slips])
     return vary(run, load_range=loads, slip_range=slips)
-
-
-def test_what_is_an_interval_has_a_band(paper_run: Run) -> None:
-    run = shared(paper_run)
-    loads, grip = chart(run, "Ground loads"), chart(run, "Grip used")
-    for line, load in zip(loads.lines, run.log.contact_load.T, strict=True):
-        assert line.band is not None
-        np.testing.assert_array_equal(line.band, [0.5 * load, 2.0 * load])
-    (line,) = grip.lines
-    assert line.band is not None
-    np.testing.assert_allclose(line.band, 100.0 * np.outer([0.5, 2.0], run.log.slip_ratio))
-    for each in (loads, grip):
-        assert each.note.endswith("shaded: all splits of the load")
-    for title in ("Ground loads", "Grip used"):
-        assert all(line.band is None for line in chart(paper_run, title).lines)
-        assert "shaded" not in chart(paper_run, title).note
-    data = chart_data([run], ["run"])
-    drawn = next(c for c in data["charts"] if c["title"] == "Ground loads")["variants"][0]["lines"]
-    least, most = (floats(text) for text in drawn[1]["band"])
-    np.testing.assert_allclose(least, 0.5 * run.log.contact_load[:, 1], rtol=1e-6)
-    np.testing.assert_allclose(most, 2.0 * run.log.contact_load[:, 1], rtol=1e-6)
-    assert "band" not in data["charts"][0]["variants"][0]["lines"][0]
 
 
 def test_a_band_without_an_end_leaves_the_axis_to_the_line(paper_run: Run) -> None:
@@ -161,11 +120,3 @@ def test_no_peak_is_lost(paper_run: Run) -> None:
     assert drawn.max() == pytest.approx(55.0)
     assert times[drawn.argmax()] == pytest.approx(run.t[17_777], abs=step)
     assert times[drawn.argmin()] == pytest.approx(run.t[4_321], abs=step)
-
-
-def test_nothing_is_drawn_of_ground_that_was_not_logged(ur5: Robot, ur5_run: Run) -> None:
-    drawn = overlay(ur5, ur5_run, ur5_run.t[:3])
-    assert drawn["stance"] is None
-    assert drawn["effort"]["joints"] == [
-        ur5.model.getJointId(name) for name in ur5_run.robot.actuators
-    ]

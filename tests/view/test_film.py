@@ -117,12 +117,6 @@ def test_missing_browser_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
         browser.require_browser()
 
 
-def test_missing_playwright_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
-    with pytest.raises(rpctl.RpctlError, match=r"rpctl\[film\]"):
-        browser.require_browser()
-
-
 @needs_browser
 @pytest.mark.slow
 def test_ctrl_c_leaves_neither_file_nor_browser(paper: Robot, tmp_path: Path) -> None:

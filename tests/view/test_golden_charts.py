@@ -102,30 +102,6 @@ def test_each_line_is_what_its_label_says(golden: Run) -> None:
     }
 
 
-def test_colours_tell_the_lines_of_a_chart_apart_and_joints_keep_theirs(golden: Run) -> None:
-    charts = charts_of(golden)
-    seen: dict[str, set[int]] = {}
-    for title in CHARTS:
-        drawn = lines(charts[title])
-        assert len({line["colour"] for line in drawn.values()}) == len(drawn)
-        if title not in ("Base error", "End-effector error", "Base speeds", "Ground loads"):
-            for label, line in drawn.items():
-                seen.setdefault(label, set()).add(line["colour"])
-    joints = ("left_wheel", "right_wheel", "steer", "swing", "slide")
-    assert {label: seen[label] for label in joints} == {
-        label: {k} for k, label in enumerate(joints)
-    }
-
-
-def test_an_arm_alone_has_no_errors_of_a_base(golden: Run) -> None:
-    arm = ("swing_joint", "slide_joint")
-    charts = charts_of(
-        vary(golden, quasi_velocities=arm, nu=golden.nu[:, 2:], nu_ref=golden.log.nu_ref[:, 2:])
-    )
-    assert not {"Base error", "Base speeds", "Other speeds"} & set(charts)
-    assert [*lines(charts["Joint speeds"])] == ["swing", "slide"]
-
-
 def test_a_grip_beyond_bounds_is_cut_and_that_is_told(golden: Run) -> None:
     slip = np.array(made.SLIP_RATIOS)
     slip[3] = 3.0
@@ -186,7 +162,3 @@ def test_each_run_of_several_keeps_its_own_lines_and_references(golden: Run) -> 
     distance = charts["Base error"]["variants"][0]
     assert all(line["shown"] for line in distance["lines"])
     assert distance["decades"] == pytest.approx([0.2 * 0.05, 10.0])
-
-
-def test_time_starts_at_zero(golden: Run) -> None:
-    assert charts_of(part(golden, slice(1, 6), 2.0))["x"] == pytest.approx(TIMES[:5], abs=1e-7)

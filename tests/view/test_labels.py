@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from itertools import combinations, product
 from pathlib import Path
@@ -11,20 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rpctl
 from rpctl import Run
 from rpctl.robot.model import Robot
 from rpctl.view.labels import FITTING_LENGTH, ShortNames, fold, shorten
 from rpctl.view.pages.motion_data import chart_data
 from rpctl.view.pages.report import write_report
-from rpctl.view.pages.robot_page import robot_page
 from rpctl.view.plots.figures import tracking_figure
-from rpctl.view.plots.style import legend_columns, text_width
 from tests.grids import every
 from tests.runs import vary
 from tests.view.chromium import CLIPPED, opened
-from tests.view.readers import embedded
-from tests.view.samples import write_gripper
 
 ARM = tuple(
     f"summit_xl_arm_{part}_joint"
@@ -107,31 +101,6 @@ def test_charts_say_once_what_their_names_share(long_run: Run) -> None:
     assert variant["names"] == "summit_xl_of_…"
 
 
-@pytest.mark.parametrize("long", [True, False])
-def test_page_of_a_robot_says_once_what_its_names_share(tmp_path: Path, long: bool) -> None:
-    path = write_gripper(tmp_path)
-    if long:
-        text = path.read_text(encoding="utf-8")
-        path.write_text(re.sub("(left|right)_wheel", r"summit_xl_\1_wheel", text), encoding="utf-8")
-    page = robot_page(rpctl.load(path))
-    data = embedded(page)
-    wheels = [label["text"] for label in data["labels"] if label["node"].startswith("contact-")]
-    frames = {label["text"] for label in data["labels"] if label["layer"] == "frame"}
-    assert frames >= {"lift", "left_finger"}
-    assert {joint["name"] for joint in data["joints"]} >= {"lift_joint"}  # the names stay whole
-    if not long:
-        assert wheels == ["left_wheel_joint", "right_wheel_joint", "P"]
-        assert data["names"]["short"] == {}
-        assert "<small>wheels:" not in page
-        return
-    assert wheels == ["left_wheel", "right_wheel", "P"]
-    assert data["names"]["shared"]["wheel"] == "summit_xl_…_joint"
-    assert data["names"]["short"] == {
-        f"summit_xl_{side}_wheel_joint": f"{side}_wheel" for side in ("left", "right")
-    }
-    assert "<small>wheels: summit_xl_…_joint</small>" in page
-
-
 @pytest.mark.parametrize(("column", "share"), every(4, product((True, False), repeat=2)))
 def test_legends_on_paper_are_whole(long_run: Run, column: bool, share: bool) -> None:
     longest = [f"{letter}_name_that_{60 * 'n'}" for letter in "abcde"]
@@ -156,15 +125,6 @@ def test_legends_on_paper_are_whole(long_run: Run, column: bool, share: bool) ->
     assert not any(one.overlaps(other) for one, other in combinations(outlines, 2))
     title = common.get_title().get_text()
     assert title == ("summit_xl_arm_…_joint" if share else "")
-
-
-def test_legend_has_as_many_columns_as_fit() -> None:
-    assert legend_columns(["x"] * 9, 7.0, 6) == 6
-    assert legend_columns(["x"] * 2, 7.0, 6) == 2
-    assert legend_columns(["m" * 34] * 9, 3.4, 6) == 1
-    wide = text_width("mmmm")
-    assert text_width("mmmm\nm") == pytest.approx(wide)
-    assert text_width("mm") == pytest.approx(0.5 * wide, rel=0.1)
 
 
 @pytest.mark.parametrize(

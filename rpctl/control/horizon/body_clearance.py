@@ -9,7 +9,6 @@ vector n from p₁ to p₂ and the distance d, a row asks
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -34,14 +33,6 @@ TIE_M = 0.003  # m: of two pairs whose distances differ by no more either may ha
 FAR = -1.0  # m: value of a row that asks nothing
 
 
-class _Pair(NamedTuple):
-    """A pair of shapes: its number, and the joints that move the shapes."""
-
-    number: int
-    first: int
-    second: int
-
-
 class BodyClearance(SoftBound):
     """Distances of the links at some stages; slack in m.
 
@@ -63,18 +54,20 @@ class BodyClearance(SoftBound):
         robot = model.robot
         rates = approach_rates(shapes, joint_limits_travel(robot))
         self._rates = np.hstack([rates[:, :1], rates])  # |Δx| + |Δy| is no less than the way
-        joints = [[shapes.shapes[k].joint for k in pair] for pair in shapes.pairs.tolist()]
-        self._pairs = [_Pair(number, *pair) for number, pair in enumerate(joints)]
-        self._group = _groups(shapes, self._pairs)
+        self._joints = np.array([shape.joint for shape in shapes.shapes])[shapes.pairs]  # (n, 2)
+        own = self._joints[:, 1] != WORLD
+        # A group are the pairs of the same two joints, or of one joint and one obstacle.
+        obstacles = np.where(own, -1, shapes.pairs[:, 1])
+        keys = np.column_stack([self._joints, obstacles])
+        self._group = np.unique(keys, axis=0, return_inverse=True)[1].ravel().tolist()
         home = robot.configuration_at(np.zeros(BASE_NV), robot.home)
         self._distances.place(home)
-        known = np.array([self._distances.distance(pair.number) for pair in self._pairs])
-        own = np.array([pair.second != WORLD for pair in self._pairs], dtype=bool)
+        known = np.array([self._distances.distance(pair) for pair in range(len(own))])
         self._margin = np.where(own, np.minimum(margin, HOME_SHARE * known), margin)
         self._range = np.where(self._margin < margin, HOME_RANGE * self._margin, RANGE_M)
         # Of each stage: a stage's posture changes little from one solve to the next.
         self._known = np.tile(known, (len(self.stages), 1))
-        self._where = np.tile(self._state(home), (len(self.stages), len(joints), 1))
+        self._where = np.tile(self._state(home), (len(self.stages), len(own), 1))
 
     def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
         """Return one block, on pose and joints."""
@@ -95,7 +88,7 @@ class BodyClearance(SoftBound):
                 continue
             pin.computeJointJacobians(model.robot.model, self._distances.data, q)
             for row, (pair, nearest) in enumerate(found):
-                value[stage, row] = self._margin[pair.number] - nearest.distance
+                value[stage, row] = self._margin[pair] - nearest.distance
                 jacobian[stage, row] = -self._gradient(pair, nearest, pose)
         return [LinearisedConstraint(value, jacobian)]
 
@@ -104,7 +97,7 @@ class BodyClearance(SoftBound):
         entries = self._model.robot.entries.values()
         return np.array([q[0], q[1], np.arctan2(q[3], q[2]), *(entry.read(q) for entry in entries)])
 
-    def _nearest_pairs(self, stage: int, q: Array) -> list[tuple[_Pair, Nearest]]:
+    def _nearest_pairs(self, stage: int, q: Array) -> list[tuple[int, Nearest]]:
         """Return the pairs that have rows at a stage, in q (nq,), the nearest first."""
         state, known, where = self._state(q), self._known[stage], self._where[stage]
         moved = np.einsum("ij,ij->i", self._rates, np.abs(state - where))
@@ -122,44 +115,24 @@ class BodyClearance(SoftBound):
             left = float(known[number] - self._margin[number])
             if left < min(self._range[number], best[group][0] if group in best else np.inf):
                 best[group] = left, number
-        chosen = [self._pairs[number] for _, number in sorted(best.values())[:ROWS]]
-        return [(pair, self._distances.nearest(pair.number)) for pair in chosen]
+        chosen = [pair for _, pair in sorted(best.values())[:ROWS]]
+        return [(pair, self._distances.nearest(pair)) for pair in chosen]
 
-    def _gradient(self, pair: _Pair, nearest: Nearest, pose: Array) -> Array:
+    def _gradient(self, pair: int, nearest: Nearest, pose: Array) -> Array:
         """Return the derivatives of a pair's distance by pose and joints (columns,)."""
         normal, by_v, by_pose = nearest.normal, np.zeros(self._model.robot.nv), np.zeros(BASE_NV)
         robot, data = self._model.robot.model, self._distances.data
-        for joint, point, sign in (
-            (pair.first, nearest.first, -1.0),
-            (pair.second, nearest.second, 1.0),
-        ):
+        points = (nearest.first, -1.0), (nearest.second, 1.0)
+        for joint, (point, sign) in zip(self._joints[pair].tolist(), points, strict=True):
             if joint == WORLD:
                 continue
             J = pin.getJointJacobian(robot, data, joint, pin.LOCAL_WORLD_ALIGNED)
             arm = point - data.oMi[joint].translation
-            by_v += sign * (normal @ J[:3] + _cross(arm, normal) @ J[3:])
+            by_v += sign * (normal @ J[:3] + pin.skew(arm) @ normal @ J[3:])
             x, y = point[:2] - pose[:2]
             by_pose += sign * np.array([normal[0], normal[1], x * normal[1] - y * normal[0]])
         by_joints = by_v @ self._model.joint_columns
         return np.concatenate([by_pose, by_joints]) if self._model.base else by_joints
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return a × b; NumPy's takes ten times as long."""
-    return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
-
-
-def _groups(shapes: CollisionModel, pairs: Sequence[_Pair]) -> list[int]:
-    """Return for each pair the number of its two joints, or of its joint and obstacle."""
-    numbers: dict[tuple[int, int, int], int] = {}
-    found = []
-    for pair in pairs:
-        obstacle = int(shapes.pairs[pair.number, 1]) if pair.second == WORLD else -1
-        key = (pair.first, pair.second, obstacle)
-        found.append(numbers.setdefault(key, len(numbers)))
-    return found
 
 
 def body_clearance(

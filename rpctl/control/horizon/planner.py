@@ -21,7 +21,7 @@ from rpctl.control.horizon.constraints import (
 )
 from rpctl.control.horizon.cost import Cost, StateDifference, from_another_start
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion, make_model
+from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion
 from rpctl.control.horizon.qp import CondensedQp, CondensedStructure, Linearisation, stage_indices
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.horizon.target import (
@@ -108,7 +108,7 @@ class Planner:
     """Makes the plans of one robot, one after the other."""
 
     def __init__(self, law: PlannerSettings, dynamics: ReducedDynamics) -> None:
-        self._law, self.model = law, make_model(dynamics, law.steps, law.dt)
+        self._law, self.model = law, Model(dynamics, law.steps, law.dt)
         robot, contacts = dynamics.robot, find_contacts(dynamics, law.bounds.friction)
         end_effector_stages = every_nth_stage(law.steps, END_EFFECTOR_STRIDE)
         if law.end_effector_obstacles:  # its next steps, too

@@ -15,7 +15,6 @@ with s² = |a|² − ω²/4; divided by cosh st where s is real.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -23,12 +22,11 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.description.records import Joint
 from rpctl.dynamics.projection import eliminate
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import RANK_MARGIN, find_rolling, selection
 from rpctl.errors import SingularBasisError
-from rpctl.robot.coordinates import JointEntry, write_root
+from rpctl.robot.coordinates import write_root
 from rpctl.robot.model import BASE_NV, Robot
 
 LARGEST_TANH = 1.0 - 1e-9  # of the step's decay: a caster that heads backwards stays determinate
@@ -185,17 +183,18 @@ class Steering:
         return inverse, found[:, count:]
 
 
-@dataclass(frozen=True)
 class Model:
     """Precomputed data of the prediction for one robot.
 
     Its joints are those whose rates are in ν after the base's own speeds: the steered ones, then
     the arm's. All of them are states that integrate their rates.
 
-    Attributes:
+    Args:
         dynamics: The robot's dynamics.
         steps: Number of steps N.
         dt: Length of a step, s.
+
+    Attributes:
         base: Number of quasi-velocities of the base that are no joints' rates; 0 if it is fixed.
         joints: The steered joints, then the arm's.
         steered: Number of steered joints: the base's twist at given ν depends on them.
@@ -206,22 +205,19 @@ class Model:
         casters: The powered casters, whose angles the base's motion fixes.
     """
 
-    dynamics: ReducedDynamics
-    steps: int
-    dt: float
-    base: int
-    joints: tuple[Joint, ...]
-    steered: int
-    steering: Steering | None
-    twist_map: Array
-    joint_columns: Array
-    entries: tuple[JointEntry, ...]
-    casters: Casters
-
-    @property
-    def robot(self) -> Robot:
-        """The robot."""
-        return self.dynamics.robot
+    def __init__(self, dynamics: ReducedDynamics, steps: int, dt: float) -> None:
+        self.dynamics, self.steps, self.dt = dynamics, steps, dt
+        self.robot, steered = dynamics.robot, dynamics.robot.drive.steered
+        joint, self.steered = self.robot.description.joint, len(steered)
+        self.base = len(self.robot.drive.base_speeds) - self.steered
+        self.joints = tuple(joint[swivel.joint] for swivel in steered) + self.robot.joints
+        self.entries = tuple(self.robot.entries[each.name] for each in self.joints)
+        self.steering = Steering(self.robot) if steered else None
+        self.casters = Casters(self.robot)
+        q = self.robot.configuration_at(np.zeros(BASE_NV), self.robot.home)
+        self.twist_map = np.asarray(dynamics.twist(q, np.eye(self.robot.dof)))
+        self.joint_columns = dynamics.basis(q)[:, self.base :].copy()
+        self.joint_columns[:BASE_NV] = 0.0
 
     @property
     def base_columns(self) -> int:
@@ -325,33 +321,6 @@ class Model:
             by_nu[:, :, self.base :] += 0.5 * dt * by_steering
             by_nu_dot[:, :, self.base :] += 0.125 * dt**2 * by_steering
         return PoseJacobian(dt * twist_by_heading, by_nu, by_nu_dot, by_steering)
-
-
-def make_model(dynamics: ReducedDynamics, steps: int, dt: float) -> Model:
-    """Return the model of the prediction for one robot.
-
-    Args:
-        dt: Length of a step, s.
-    """
-    robot, steered = dynamics.robot, dynamics.robot.drive.steered
-    base = len(robot.drive.base_speeds) - len(steered)
-    joints = tuple(robot.description.joint[swivel.joint] for swivel in steered) + robot.joints
-    q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
-    joint_columns = dynamics.basis(q)[:, base:].copy()
-    joint_columns[:BASE_NV] = 0.0
-    return Model(
-        dynamics=dynamics,
-        steps=steps,
-        dt=dt,
-        base=base,
-        joints=joints,
-        steered=len(steered),
-        steering=Steering(robot) if steered else None,
-        twist_map=np.asarray(dynamics.twist(q, np.eye(robot.dof))),
-        joint_columns=joint_columns,
-        entries=tuple(robot.entries[joint.name] for joint in joints),
-        casters=Casters(robot),
-    )
 
 
 def _cos_sin(angle: Array) -> tuple[Array, Array]:

@@ -31,13 +31,14 @@ class ExpansionError(RpctlError):
     """A file of xacro that cannot be expanded."""
 
 
-def refusal(path: Path | str, fault: str, line: int | None = None) -> ExpansionError:
-    """Return the error that says one fault.
+def say(place: Path | str, line: int | None, text: str, severity: str = "error") -> str:
+    """Return a line of a message."""
+    return format_finding(str(place), Finding(severity, line, text))
 
-    Args:
-        fault: What is wrong, and how to mend it.
-    """
-    return ExpansionError(format_finding(str(path), Finding("error", line, fault)))
+
+def refusal(path: Path, fault: str) -> ExpansionError:
+    """Return the error that says what is wrong, and how to mend it."""
+    return ExpansionError(say(path, None, fault))
 
 
 def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
@@ -129,13 +130,15 @@ def _missing_packages(path: Path, answer: Answer, settings: ReadSettings) -> lis
         what, fix = f"{count} packages were", DECLARE.replace("above it", "above them")
     remark = find_packages(path, settings.package_dirs).remark
     fault = f"{what} not found: {names}; {fix}{remark}, {IGNORE}"
-    lines = [format_finding(str(path), Finding("error", None, fault))]
-    for packages, use in ((needed, "needs"), (texts, "names")):
-        for package, places in packages.items():
-            for file, line in places:
-                said = Finding("info", line, f'{use} package "{package}"')
-                lines.append(format_finding(file, said))
-    return lines
+    return [
+        say(path, None, fault),
+        *(
+            say(file, line, f'{use} package "{package}"', "info")
+            for packages, use in ((needed, "needs"), (texts, "names"))
+            for package, places in packages.items()
+            for file, line in places
+        ),
+    ]
 
 
 def _fault(path: Path, answer: Answer) -> list[str]:
@@ -156,9 +159,8 @@ def _fault(path: Path, answer: Answer) -> list[str]:
     within = f' (in macro "{excerpt(macros[-1])}")' if macros else ""
     after = f" (without {', '.join(dict.fromkeys(wants))}, not found)" if wants else ""
     fault = f"xacro: {answer['error']}{within}{after}; {RUN_IT}"
-    place = str(answer.get("file") or path)
-    lines = [format_finding(place, Finding("error", answer.get("line"), fault))]
-    return lines + _choosing(answer)
+    place = answer.get("file") or path
+    return [say(place, answer.get("line"), fault), *_choosing(answer)]
 
 
 def _choosing(answer: Answer) -> list[str]:
@@ -244,17 +246,15 @@ def missing_argument(path: Path, answer: Answer) -> list[str]:
     names = [each.name for each in declared]
     hint = _nearest(name, names) if name not in names else ", for it is declared too late"
     fault = f'xacro: argument "{excerpt(name)}" has no value; add {name}:=VALUE{hint}'
-    place = str(answer.get("file") or path)
-    lines = [format_finding(place, Finding("error", answer["line"], fault))]
-    return lines + listed(declared)
+    return [say(answer.get("file") or path, answer["line"], fault), *listed(declared)]
 
 
 def missing_variable(path: Path, answer: Answer) -> list[str]:
     """Return the message on a variable of the environment that nobody gives."""
     name = excerpt(answer["variable"])
     fault = f'xacro: environment variable "{name}" has no value, for a file sees none of yours'
-    finding = Finding("error", answer.get("line"), f"{fault}; add {ENVIRONMENT}{name}:=VALUE")
-    return [format_finding(str(answer.get("file") or path), finding)]
+    fault += f"; add {ENVIRONMENT}{name}:=VALUE"
+    return [say(answer.get("file") or path, answer.get("line"), fault)]
 
 
 def unused_arguments(path: Path, answer: Answer, settings: ReadSettings) -> list[str]:
@@ -264,35 +264,30 @@ def unused_arguments(path: Path, answer: Answer, settings: ReadSettings) -> list
     variables = [name for name in settings.xacro_args if name.startswith(ENVIRONMENT)]
     strange = [name for name in variables if name.removeprefix(ENVIRONMENT) not in answer["asked"]]
     unknown = [name for name in answer["unused"] if name not in names]
-    lines = [
-        format_finding(
-            str(path),
-            Finding("error", None, f'no file declares the argument "{excerpt(name)}"'
-                    f"{_nearest(name, names) or '; leave it out'}"),
-        )
-        for name in unknown
-    ]  # fmt: skip
-    lines += [] if lines == [] else listed(declared)
+    lines = []
+    for name in unknown:
+        fix = _nearest(name, names) or "; leave it out"
+        lines.append(say(path, None, f'no file declares the argument "{excerpt(name)}"{fix}'))
+    lines += listed(declared) if lines else []
+    asked = [ENVIRONMENT + each for each in answer["asked"]]
     for name in strange:
-        fault = f'no expression asks for "{excerpt(name)}"'
-        fault += (
-            _nearest(name, [ENVIRONMENT + each for each in answer["asked"]]) or "; leave it out"
-        )
-        lines.append(format_finding(str(path), Finding("error", None, fault)))
+        fix = _nearest(name, asked) or "; leave it out"
+        lines.append(say(path, None, f'no expression asks for "{excerpt(name)}"{fix}'))
     return lines
 
 
 def listed(declared: Iterable[XacroArgument]) -> list[str]:
     """Return a line for each argument that is declared."""
     return [
-        format_finding(
-            each.file,
-            Finding("info", each.line, f"declares {each.name}, " + (
-                "without a default" if each.default is None
-                else f'which is "{excerpt(each.default)}" by default')),
-        )
+        say(each.file, each.line, f"declares {each.name}, {_default(each)}", "info")
         for each in declared
-    ]  # fmt: skip
+    ]
+
+
+def _default(argument: XacroArgument) -> str:
+    if argument.default is None:
+        return "without a default"
+    return f'which is "{excerpt(argument.default)}" by default'
 
 
 def _nearest(name: str, names: Iterable[str]) -> str:

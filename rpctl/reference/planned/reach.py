@@ -9,7 +9,6 @@ from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
-from rpctl.reference.limits import Limits
 from rpctl.reference.path_reference import still
 from rpctl.reference.paths import Path
 from rpctl.reference.planned.arm import Arm
@@ -22,6 +21,7 @@ from rpctl.reference.planned.reach_problem import (
     ReachProblem,
     solve,
 )
+from rpctl.reference.sizing import Limits
 from rpctl.reference.splines import DEGREE, clamped_knots, quintic, through
 from rpctl.robot.model import Robot
 

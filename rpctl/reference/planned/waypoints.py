@@ -13,13 +13,19 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.reference import paths
 from rpctl.reference.fitting import assumptions, reason, slow_down, too_weak, usage_of
-from rpctl.reference.limits import Limits, arm_bounds, comfortable_radius
 from rpctl.reference.path_reference import TimedPath, along, constant
 from rpctl.reference.paths import Path
 from rpctl.reference.planned.arm import Arm
 from rpctl.reference.planned.curve import DEFAULT_CORNER, Goal, Waypoint, curve_through, polyline
 from rpctl.reference.planned.reach import plan_reach
-from rpctl.reference.sizing import Sizing, SizingRequest, robot_length
+from rpctl.reference.sizing import (
+    Limits,
+    Sizing,
+    SizingRequest,
+    arm_bounds,
+    comfortable_radius,
+    robot_length,
+)
 from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import time_law
 from rpctl.robot.model import Robot

@@ -15,11 +15,11 @@ from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError
 from rpctl.reference.fitting import MotionSample, dry_friction
-from rpctl.reference.limits import VELOCITY_LIMIT_FRACTION
 from rpctl.reference.motion import configuration_along, reference_rates, steering
 from rpctl.reference.path_reference import TimedPath
 from rpctl.reference.paths import PathTime
 from rpctl.reference.recorded.table_file import Table
+from rpctl.reference.sizing import VELOCITY_LIMIT_FRACTION
 from rpctl.reference.time_law import Bound, time_law
 from rpctl.robot.model import Robot
 

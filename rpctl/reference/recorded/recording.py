@@ -12,7 +12,6 @@ from scipy.ndimage import median_filter
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.limits import Limits, wheel_rates
 from rpctl.reference.path_reference import TimedPath, still
 from rpctl.reference.paths import Path
 from rpctl.reference.planned.curve import Goal
@@ -35,7 +34,7 @@ from rpctl.reference.recorded.table_file import (
     QUATERNION,
     Table,
 )
-from rpctl.reference.sizing import robot_length
+from rpctl.reference.sizing import Limits, robot_length, wheel_rates
 from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import recorded_time
 from rpctl.robot.model import Robot

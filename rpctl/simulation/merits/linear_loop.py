@@ -15,8 +15,8 @@ from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.law import DynamicController, KinematicController, as_efforts
+from rpctl.control.registry import name_of
 from rpctl.control.twist_law import BaseController, BaseLaw
-from rpctl.control.unregistered import name_of
 from rpctl.dynamics.derivatives import linear_model
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError

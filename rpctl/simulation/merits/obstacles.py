@@ -9,7 +9,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.control.unregistered import settings_of
+from rpctl.control.registry import settings_of
 from rpctl.simulation.config import Config
 from rpctl.simulation.run.run import Run
 

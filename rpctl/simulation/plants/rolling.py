@@ -10,8 +10,7 @@ from functools import partial
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.lag import Stretch, follow, travel
-from rpctl.dynamics.motion import Step, step
+from rpctl.dynamics.motion import Step, Stretch, follow, step, travel
 from rpctl.dynamics.pushes import quasi_force
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError

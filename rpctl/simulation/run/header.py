@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
-from rpctl.control.registry import DYNAMIC_CHOICE, KINEMATIC_CHOICE
-from rpctl.control.unregistered import from_json, unregistered
+from rpctl.control.registry import DYNAMIC_CHOICE, KINEMATIC_CHOICE, from_json, unregistered
 from rpctl.errors import RpctlError
 from rpctl.files.records import CHOICES, Choice, choice_to_plain
 from rpctl.reference.sizing import Sizing
@@ -47,7 +46,7 @@ class Header:
         robot: The robot.
         ground: How it stands on the ground.
         config: Reference, laws, sample times and plant, all as they were simulated; a law of
-            somebody's own is :class:`~rpctl.control.unregistered.Unregistered`.
+            somebody's own is :class:`~rpctl.control.registry.Unregistered`.
         bound_limits: Joint and kind of each limit that ever bound the efforts.
         controller_model: Name of the robot that the controller computed with; None: this one.
         kinematic_report: What the kinematic law counted, by name.

@@ -9,8 +9,7 @@ from typing import Any
 
 from rpctl.control.approach import Approach
 from rpctl.control.error import Leash
-from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
-from rpctl.control.unregistered import name_of, settings_of
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, name_of, settings_of
 from rpctl.files.records import IN_PYTHON, FieldType, fields_of
 from rpctl.simulation.merits.obstacles import OBSTACLE_SETTINGS
 from rpctl.simulation.run.run import Run

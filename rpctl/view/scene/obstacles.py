@@ -9,7 +9,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.control.unregistered import name_of
+from rpctl.control.registry import name_of
 from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, law_obstacles, shape_text
 from rpctl.view.palette import number_of
 from rpctl.view.scene import threejs, trails

@@ -17,7 +17,7 @@ from rpctl.control.horizon.body_clearance import (
     BodyClearance,
     body_clearance,
 )
-from rpctl.control.horizon.prediction import Model, PredictedMotion, make_model
+from rpctl.control.horizon.prediction import Model, PredictedMotion
 from rpctl.control.horizon.qp import LinearisedConstraint
 from rpctl.control.horizon.target import Sample, Target
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -46,7 +46,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 
 def rows_of(robot: Robot, margin: float = MARGIN) -> tuple[Model, BodyClearance]:
-    model = make_model(ReducedDynamics(robot), STEPS, 0.1)
+    model = Model(ReducedDynamics(robot), STEPS, 0.1)
     (found,) = body_clearance(model, margin, (PILLAR,), (WALL,))
     assert isinstance(found, BodyClearance)
     return model, found

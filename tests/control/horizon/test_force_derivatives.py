@@ -13,7 +13,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.horizon.forces import ForceModel, Forces
-from rpctl.control.horizon.prediction import make_model
+from rpctl.control.horizon.prediction import Model
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.robot.losses import Losses
 from tests.grids import cells
@@ -54,7 +54,7 @@ def rows(forces: ForceModel, split: Array) -> dict[str, Callable[[Forces], Array
 def test_they_agree(kind: str, lossy: bool, tmp_path: Path, rng: np.random.Generator) -> None:
     robot = made(kind, lossy, tmp_path, rng)
     dynamics, dof = ReducedDynamics(robot), robot.dof
-    model = make_model(dynamics, 4, 0.05)
+    model = Model(dynamics, 4, 0.05)
     forces = ForceModel(model, find_contacts(dynamics), tip_margin=0.02, grip=0.9)
     base = model.base_columns
     for _ in range(3):

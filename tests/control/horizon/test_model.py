@@ -11,7 +11,7 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.horizon.constraints import ForceBounds
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.prediction import Model, make_model
+from rpctl.control.horizon.prediction import Model
 from rpctl.control.horizon.settings import Bounds
 from rpctl.control.horizon.target import EndEffectorKinematics, Sample, Target
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
@@ -31,7 +31,7 @@ def model(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     source = request.param
     if source in SWIVELS:
         source = write(tmp_path_factory.mktemp("vehicles"), vehicle(source))
-    return make_model(ReducedDynamics(rpctl.load(source)), STEPS, DT)
+    return Model(ReducedDynamics(rpctl.load(source)), STEPS, DT)
 
 
 def state(model: Model, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
@@ -48,7 +48,7 @@ def test_it_leads_where_the_motion_leads(model: Model, rng: np.random.Generator)
     pose, joints, nu, nu_dot = state(model, rng)
     gaps = []
     for split in (1, 2):
-        fine = make_model(dynamics, split * STEPS, DT / split)
+        fine = Model(dynamics, split * STEPS, DT / split)
         q, at = model.configuration(joints, pose), nu.copy()
         motion = fine.predict(q, nu, np.repeat(nu_dot, split, axis=0))
         count = 400
@@ -117,7 +117,7 @@ def test_forces_and_their_jacobian(name: str, rng: np.random.Generator) -> None:
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics)
     assert contacts is not None
-    model = make_model(dynamics, STEPS, DT)
+    model = Model(dynamics, STEPS, DT)
     forces = ForceModel(model, contacts, tip_margin=0.02, grip=0.9)
     assert forces.ground is not None
     _, joints, nu, nu_dot = state(model, rng)
@@ -155,7 +155,7 @@ def test_forces_and_their_jacobian(name: str, rng: np.random.Generator) -> None:
 def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> None:
     """Braking lifts TIAGo's rear casters: the grip of before binds on, beside that of now."""
     dynamics = ReducedDynamics(tiago)
-    model, bounds = make_model(dynamics, STEPS, DT), Bounds()
+    model, bounds = Model(dynamics, STEPS, DT), Bounds()
     forces = ForceModel(model, find_contacts(dynamics), bounds.tip_margin, bounds.grip)
     assert forces.ground is not None
     rows, still = ForceBounds(model, bounds, forces), np.zeros((STEPS, tiago.dof))
@@ -182,7 +182,7 @@ def test_rows_of_the_grip_tell_slipping(rng: np.random.Generator) -> None:
     dynamics = ReducedDynamics(robot)
     contacts = find_contacts(dynamics)
     assert contacts is not None
-    model = make_model(dynamics, STEPS, DT)
+    model = Model(dynamics, STEPS, DT)
     forces = ForceModel(model, contacts, tip_margin=0.02, grip=0.9)
     assert forces.ground is not None
     said = set()

@@ -14,7 +14,7 @@ from rpctl import ReducedDynamics, Robot, Run, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.horizon.constraints import WheelSpeeds
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.prediction import Casters, Steering, make_model
+from rpctl.control.horizon.prediction import Casters, Model, Steering
 from rpctl.control.horizon.settings import Bounds
 from rpctl.control.horizon.target import Preview, Sample, Target, TimeScaling, look_ahead
 from rpctl.errors import SingularBasisError
@@ -75,7 +75,7 @@ def test_wheels_that_head_back_are_asked_for_the_angle_nearest(tmp_path: Path, t
     """Half turns on, the target is the reference's motion all the same."""
     robot = load(tmp_path, "twin")
     model, reference = (
-        make_model(ReducedDynamics(robot), 10, 0.1),
+        Model(ReducedDynamics(robot), 10, 0.1),
         reference_by_name(robot, "eight"),
     )
     times = np.asarray(4.0 + 0.1 * np.arange(11), dtype=float)
@@ -173,7 +173,7 @@ def test_wheel_speeds_are_those_of_the_motion(rng: np.random.Generator) -> None:
     """Rates over their limits: ν after each step, casters turned as the constraints do before."""
     robot = rpctl.load("caster_drive")
     dynamics, bounds = ReducedDynamics(robot), Bounds()
-    model = make_model(dynamics, STEPS, DT)
+    model = Model(dynamics, STEPS, DT)
     q, nu = robot.random_configuration(rng), np.array([0.4, 0.1, 0.3, 0.2, 0.1])
     motion = model.predict(q, nu, 0.5 * rng.normal(size=(STEPS, robot.dof)))
     target = Target(motion.pose, motion.joints, motion.nu)

@@ -15,7 +15,7 @@ from rpctl.control.horizon import cost
 from rpctl.control.horizon.settings import Bounds, Weights
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.errors import RpctlError, SolverError
-from rpctl.files.records import Range, setting_of
+from rpctl.files.records import Range, fields_of
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.plants.plant import Plant
@@ -72,7 +72,7 @@ TELLING = [  # a setting of each kind of law, weight, bound, run and plant
 
 def edges(setting: tuple[Any, str]) -> list[float]:
     """Return the least and the most that a setting may be."""
-    limit = setting_of(*setting).limit
+    limit = fields_of(setting[0])[setting[1]].limit
     return [limit.low, limit.high] if isinstance(limit, Range) else []
 
 

@@ -16,7 +16,7 @@ from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.urdf.reader import read
 from rpctl.drive.detect import detect
-from rpctl.drive.drive_file import DriveSpec
+from rpctl.drive.drive import DriveSpec
 from rpctl.dynamics.ground_reaction import contact_points, find_contacts, ground_reaction
 from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics

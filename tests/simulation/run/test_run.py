@@ -26,7 +26,7 @@ from rpctl import (
 )
 from rpctl.arrays import Array
 from rpctl.control.law import Command, KinematicFunction
-from rpctl.control.unregistered import Unregistered
+from rpctl.control.registry import Unregistered
 from rpctl.files.records import read_record, to_plain
 from rpctl.reference.motion import Reference
 from rpctl.simulation.config import Config, write_config

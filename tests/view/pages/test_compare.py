@@ -2,14 +2,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from rpctl import Robot, Run
-from rpctl.view.scene.obstacles import OBSTACLES_PATH
 from rpctl.view.scene.scene import ROBOTS_PATH, Scene, build_scene, compare_scene
-from tests.runs import vary
-from tests.view.samples import DISC, short_run, unpack, with_obstacles
+from tests.view.samples import short_run, unpack
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +46,12 @@ def test_other_runs_are_ghosts_of_the_same_meshes(scenes: list[Scene], merged: S
 
 
 def test_other_robot_brings_its_meshes(
-    paper: Robot, paper_run: Run, scenes: list[Scene], ur5: Robot, ur5_run: Run
+    paper: Robot, paper_run: Run, scenes: list[Scene], cart: Robot, cart_run: Run
 ) -> None:
-    both = command(compare_scene([paper, ur5], [paper_run, ur5_run]), ROBOTS_PATH)["object"]
+    both = command(compare_scene([paper, cart], [paper_run, cart_run]), ROBOTS_PATH)["object"]
     counts = [
         len(command(scene, ROBOTS_PATH)["object"]["geometries"])
-        for scene in (scenes[0], build_scene(ur5, ur5_run))
+        for scene in (scenes[0], build_scene(cart, cart_run))
     ]
     assert len(both["geometries"]) == sum(counts)
 
@@ -67,20 +64,3 @@ def test_all_runs_move_in_one_clip(scenes: list[Scene], merged: Scene) -> None:
     assert tracks["run2-robot-1.position"]["values"] == moved["robot-1.position"]["values"]
     assert "run2-reference-1.position" not in tracks
     assert merged.duration == pytest.approx(3.0)
-
-
-def test_the_same_desired_trail_is_drawn_once(paper: Robot, runs: list[Run], merged: Scene) -> None:
-    def others(scene: Scene) -> set[str]:
-        return {name for name in names(scene, "/rpctl/trails") if "run2" in name}
-
-    assert others(merged) == {"run2-trail-base", "run2-trail-tip"}
-    shifted = vary(runs[1], base_ref=runs[1].base_ref + np.array([0.1, 0.0, 0.0]))
-    apart = others(compare_scene([paper, paper], [runs[0], shifted]))
-    assert apart == {*others(merged), "run2-trail-base-desired"}
-
-
-def test_obstacles_that_runs_share_are_drawn_once(paper: Robot, runs: list[Run]) -> None:
-    shown = [with_obstacles(runs[0], DISC), with_obstacles(runs[1], DISC)]
-    (alone,) = command(build_scene(paper, shown[0]), OBSTACLES_PATH)["object"]["geometries"]
-    (once,) = command(compare_scene([paper, paper], shown), OBSTACLES_PATH)["object"]["geometries"]
-    assert once["data"]["index"] == alone["data"]["index"]

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.check import CONTACT_ORACLE
+from rpctl.equivalence.certificate import CONTACT_ORACLE, Certificate
 from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
 from rpctl.view.pages.certificate import (
     TrialChart,
@@ -145,37 +144,6 @@ def test_charts_hold_both_sides(
     assert shown.y.low <= every.min() < every.max() <= shown.y.high
 
 
-def test_forces_are_shown_where_no_joint_turns(trial: ContactTrial) -> None:
-    sliding = dataclasses.replace(trial, slides=(True, True))
-    assert trial_charts(sliding)[-1].chart.title == "Forces of the joints"
-    without = dataclasses.replace(trial, joints=(), slides=())
-    assert len(trial_charts(without)) == 2
-
-
-def test_the_five_joints_that_vary_most_are_shown(trial: ContactTrial) -> None:
-    sizes = np.array([1.0, 7.0, 3.0, 2.0, 6.0, 5.0, 4.0])
-    busy = {
-        name: dataclasses.replace(getattr(trial, name), efforts=np.outer(T, sizes))
-        for name in ("reduced", "engine")
-    }
-    names = tuple(f"joint_{size:g}" for size in sizes)
-    many = dataclasses.replace(trial, joints=names, slides=(False,) * 7, **busy)
-    shown = [mark.label for mark in chart(many, "Torques of the joints").chart.marks if mark.label]
-    assert shown == ["joint_7", "joint_3", "joint_6", "joint_5", "joint_4"]
-
-
-def test_the_page_tells_the_trial(trial: ContactTrial) -> None:
-    certificate = Certificate("robot", 1, 0, (), contact=trial)
-    page = certificate_page(certificate)
-    assert "within <strong>200 mm</strong>" in page
-    assert "<td>200 mm ≤ 300 mm</td><td>at 1.50 s</td>" in page
-    assert "<td>0 mrad ≤ 1 mrad</td>" in page
-    assert '<span class="badge good">both agree</span>' in page
-    assert "rollers &amp; &lt;such&gt;" in page
-    for foreign in ("<script", "<img", "url(", "http"):
-        assert foreign not in page.replace("http-equiv", "")
-
-
 def test_a_gap_too_wide_is_told(trial: ContactTrial) -> None:
     failed = dataclasses.replace(trial, checks=(row("path", 0.2, 0.1), *trial.checks[1:]))
     certificate = Certificate("robot", 1, 0, (), contact=failed)
@@ -187,10 +155,6 @@ def test_a_gap_too_wide_is_told(trial: ContactTrial) -> None:
     assert first == ' class="failed"'
     assert not any(others)
     assert "not equivalent" in page
-
-
-def test_a_certificate_without_a_trial_has_no_picture() -> None:
-    assert "<svg" not in certificate_page(Certificate("robot", 1, 0, ()))
 
 
 def test_a_path_that_breaks_off_is_drawn_as_far_as_it_goes(trial: ContactTrial) -> None:

@@ -13,7 +13,7 @@ import pytest
 from rpctl import Robot
 from rpctl.reference.pose_goal import PoseGoal, goal_of_words, read_goal
 from rpctl.view.pages.robot_page import robot_page
-from tests.view.chromium import changed, opened, picture
+from tests.view.chromium import opened
 from tests.view.readers import embedded
 
 VIEWER = "rpctl.scene.viewer"
@@ -85,38 +85,6 @@ def test_hand_follows_the_pointer(page: Any, tiago: Robot) -> None:
     page.mouse.up()
     assert abs(page.evaluate(f"{VIEWER}.camera.position.x") - eye) > 0.01
     assert page.evaluate("rpctl.values") == [*values.values()]
-
-
-@pytest.mark.thorough
-def test_goal_is_a_ghost_that_is_dragged(page: Any, tiago: Robot) -> None:
-    assert not page.evaluate("rpctl.scene.node('reference-1').visible")
-    assert not page.locator("#goal").is_visible()
-    page.get_by_role("button", name="Set a goal").click()
-    start, standing = goal(page), page.evaluate("rpctl.values")
-    assert page.evaluate("rpctl.scene.node('reference-1').visible")
-    assert start["pose"][0] > 0.5
-    page.evaluate(f"{VIEWER}.render()")
-    before = picture(page, VIEWER)
-    middle = where(page, 2)  # the ring's
-    end = drag(page, 2, -30.0, 25.0)
-    assert where(page, 2) == pytest.approx(end, abs=TOLERANCE_PX)
-    assert changed(picture(page, VIEWER), before) > 500
-    assert np.hypot(*np.subtract(where(page, 2), middle)) == pytest.approx(np.hypot(30, 25), abs=2)
-    end = drag(page, 1, -40.0, 30.0)
-    tip, middle = where(page, 1), where(page, 2)
-    toward, wanted = np.subtract(tip, middle), np.subtract(end, middle)
-    assert np.cross(toward, wanted) == pytest.approx(0.0, abs=2.0 * np.hypot(*wanted))
-    assert goal(page)["pose"][2] < -0.1
-    drag(page, 0, 10.0, -20.0)
-    there = goal(page)
-    assert there["values"] != start["values"]
-    assert page.evaluate("rpctl.values") == standing  # the robot itself has not moved
-    assert page.evaluate("rpctl.base") == [0.0, 0.0, 0.0]
-    page.get_by_label("heading, °").fill("90")
-    assert goal(page)["pose"][2] == pytest.approx(np.pi / 2)
-    assert goal(page)["pose"][:2] == pytest.approx(there["pose"][:2])
-    page.get_by_role("button", name="Set a goal").click()
-    assert not page.evaluate("rpctl.scene.node('reference-1').visible")
 
 
 def told(page: Any) -> list[str]:

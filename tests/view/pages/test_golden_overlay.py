@@ -63,15 +63,6 @@ def test_stance_is_told_in_the_root_links_frame(tricycle: Robot, golden: Run) ->
     assert blind["stance"]["margin"] == stance["margin"]
 
 
-def test_a_heading_beyond_half_a_turn_goes_on(tricycle: Robot, golden: Run) -> None:
-    """Between two frames the viewer interpolates: a jump by a turn would spin the arrows."""
-    q = np.array(golden.q)
-    q[:, 2], q[:, 3] = np.cos(2.0 * np.arange(COUNT)), np.sin(2.0 * np.arange(COUNT))
-    stance = overlay(tricycle, vary(golden, q=q), TIMES)["stance"]
-    yaw = floats(stance["pose"]).reshape(-1, 3)[:, 2]
-    assert yaw == pytest.approx(2.0 * np.arange(COUNT))
-
-
 def test_forces_are_those_of_their_wheels(golden: Run) -> None:
     """Forward each wheel's own; to the left its share of its axle's, by its load."""
     run = vary(golden, quasi_velocities=("v", "omega", "swing_joint", "slide_joint"))

@@ -8,11 +8,10 @@ from html import unescape
 from typing import Any
 
 import numpy as np
-import pytest
 
 import rpctl
 from rpctl import Run, summarize
-from rpctl.control.unregistered import Unregistered
+from rpctl.control.registry import Unregistered
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.settings import CarriedLoad, Noise, SensorBias, Wrench
@@ -24,7 +23,6 @@ from rpctl.view.pages.panel import (
     headline_rows,
     legend,
     panel,
-    residual,
     subtitle,
 )
 from rpctl.view.pages.settings import setting_texts
@@ -114,13 +112,6 @@ def test_panel_of_a_run(golden: Run) -> None:
     assert "Notes (1)" in page
 
 
-def test_rms_lengths_come_from_paper(golden: Run) -> None:
-    """2.06 m is √(25.5294/6), 314 mm √(0.5916/6): the sums of the squares of six distances."""
-    setting_rows = summarize(golden)
-    assert setting_rows.rms_base_error == pytest.approx((25.5294 / 6) ** 0.5)
-    assert setting_rows.rms_end_effector_error == pytest.approx((0.5916 / 6) ** 0.5)
-
-
 def test_headline_of_a_run(golden: Run) -> None:
     run = beside_its_path(replace(golden, certificate=CERTIFICATE))
     assert dict(headline_rows(run, summarize(run))) == {
@@ -147,15 +138,6 @@ def test_headline_of_a_run(golden: Run) -> None:
     assert subtitle(late) == "reference: eight · 4 quasi-velocities · 5 actuators · 0.5 s"
 
 
-@pytest.mark.parametrize(
-    ("value", "limit", "passed", "text"),
-    [(3e-14, 1e-12, True, "3.0e-14 ≤ 1e-12"), (0.5, 1e-6, False, "5.0e-01 > 1e-06 ✗"),
-     (np.inf, 1e-6, False, "∞ > 1e-06 ✗"), (None, 1e-6, False, "∞ > 1e-06 ✗")],
-)  # fmt: skip
-def test_residuals(value: float | None, limit: float, passed: bool, text: str) -> None:
-    assert residual(passed, value, limit) == text
-
-
 def test_legend_names_what_is_drawn(golden: Run) -> None:
     assert entries(legend(golden)) == [
         ("base", True, "Base"),
@@ -180,19 +162,6 @@ def test_legend_names_what_is_drawn(golden: Run) -> None:
         ("obstacles-base", True, "Base obstacles"),
         ("obstacles-tip", True, "End-effector obstacles"),
     ]
-
-
-@pytest.mark.parametrize(
-    ("limits", "end"),
-    [((9.0,) * 5, "limit"), ((0.0, np.inf, 9.0, 9.0, 9.0), "limit or peak"), ((0.0,) * 5, "peak")],
-)
-def test_scale_of_efforts_is_hidden_until_efforts_are_shown(
-    golden: Run, limits: tuple[float, ...], end: str
-) -> None:
-    page = legend_text(legend(vary(golden, effort_limits=limits)))
-    (scale,) = re.findall(r'<li class="ramp" data-key="effort"(.*?)</li>', page)
-    assert "hidden>" in scale
-    assert re.findall(r"<b>(.*?)</b>", scale) == ["0", "50 %", end]
 
 
 def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:

@@ -5,18 +5,15 @@ import shutil
 import subprocess
 import sys
 from html import unescape
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-import rpctl
 from rpctl import Run
 from rpctl.errors import RunFileError
 from rpctl.view import film as browser
 from rpctl.view.pages import scene_page as notebook
 from tests.runs import vary
-from tests.view.samples import short_run, write_cart
 
 EVIL = '"></iframe><script>alert(1)</script>'
 
@@ -61,15 +58,6 @@ def test_names_from_files_cannot_leave_the_frame(paper_run: Run) -> None:
     assert "<script>" not in html
     assert html.count("<iframe") == html.count("</iframe>") == 1
     assert "alert(1)</script>" not in page_inside(html)
-
-
-def test_a_robot_whose_file_is_gone_is_drawn(tmp_path: Path) -> None:
-    path = write_cart(tmp_path)
-    file = short_run(rpctl.load(path), 0.2).save(tmp_path / "run.npz")
-    path.unlink()
-    html = notebook.show(Run.load(file))
-    assert "cannot be drawn" not in html
-    assert html.count("<iframe") == 1
 
 
 def test_a_run_that_cannot_be_drawn_is_told(

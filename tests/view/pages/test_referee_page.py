@@ -7,7 +7,6 @@ import json
 import re
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,8 @@ from rpctl.engines.comparison import compare
 from rpctl.engines.engine import Switch
 from rpctl.engines.recording import EngineRecording
 from rpctl.engines.referee import Cause, EngineVerdict, Trace
-from rpctl.view.pages.referee import referee_page, write_referee_page
+from rpctl.view.pages.referee import referee_page
 from tests.engines.test_comparison import arc, known, longer
-from tests.view.chromium import opened
 
 pytestmark = pytest.mark.slow
 SWITCH = Switch("wheel", "its wheels <scrub>", 'set <geom friction="MU"/>')
@@ -94,17 +92,3 @@ def test_the_page_tells_causes_and_mends_as_text() -> None:
     assert "Not explained: drives 50 % too short" in text
     assert "it &lt;b&gt;diverges&lt;/b&gt;" in text
     assert text.count(">agrees</span>") == 1 and "disagrees, not traced" in text
-
-
-def test_mended_engines_are_hidden_at_first() -> None:
-    entries = re.findall(r'data-layer="(run-\d)" aria-pressed="(\w+)"', page())
-    shown = [name for name, pressed in entries if pressed == "true"]
-    assert len(entries) == 7 and shown == ["run-1", "run-2", "run-4", "run-5"]
-
-
-def test_a_browser_plays_it(browser: Any, tmp_path: Path) -> None:
-    path = write_referee_page(known()[0], [verdict("Fast", longer(1.3))], tmp_path / "r.html")
-    with opened(browser, path.as_uri()) as view:
-        view.evaluate("window.rpctl.pause(); window.rpctl.seek(2)")
-        place = "window.rpctl.viewer.scene.getObjectByName('run2-robot-1').position.x"
-        assert view.evaluate(place) == pytest.approx(1.3 * arc().pose[-1, 0], abs=1e-3)

@@ -8,7 +8,6 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import rpctl
@@ -20,23 +19,17 @@ from rpctl import (
     Run,
     UnifiedKinematic,
 )
-from rpctl.control.unregistered import Unregistered
+from rpctl.control.registry import Unregistered
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.plants.plant import Plant
 from rpctl.view.pages.page import embed
-from rpctl.view.pages.panel import panel
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.settings import setting_texts
 from tests.runs import vary
-from tests.view.readers import panel_text
 from tests.view.samples import (
     BOX,
-    DISC,
-    WALL,
     mesh_visual,
     short_run,
-    with_obstacles,
     write_cart,
 )
 
@@ -141,19 +134,6 @@ def test_embedded_json_cannot_end_its_script() -> None:
     assert json.loads(text) == {"a": "</script><!--"}
 
 
-def test_report_of_a_real_robot_is_small(tiago: Robot, tiago_run: Run, tmp_path: Path) -> None:
-    size = write_report(tiago_run, tmp_path / "report.html", robot=tiago).stat().st_size
-    assert 1e6 < size < 5e6
-
-
-def test_fixed_base_has_no_base_error(ur5: Robot, ur5_run: Run, tmp_path: Path) -> None:
-    path = write_report(ur5_run, tmp_path / "report.html", robot=ur5)
-    text = path.read_text(encoding="utf-8")
-    assert "End effector, rms" in text
-    assert "Base, rms" not in text
-    assert 'data-layer="base"' not in text
-
-
 def test_comparison_names_its_runs_and_what_differs(
     paper_run: Run, paper: Robot, tmp_path: Path
 ) -> None:
@@ -176,42 +156,6 @@ def test_runs_are_called_by_what_differs(paper: Robot, tmp_path: Path) -> None:
     assert "2 runs: UnifiedKinematic · PaperKinematic" in text
     text = rpctl.write_report(runs, tmp_path / "three.html").read_text(encoding="utf-8")
     assert "1: UnifiedKinematic · 2: PaperKinematic · 3: PaperKinematic" in text
-
-
-def test_report_is_there_whole_or_not_at_all(
-    paper: Robot, paper_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "report.html"
-    path.write_text("before")
-
-    def fail(self: Path, target: Path) -> Path:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(KeyboardInterrupt):
-        write_report(paper_run, path, robot=paper)
-    assert path.read_text() == "before"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_folder_that_is_not_there_is_named(paper: Robot, paper_run: Run, tmp_path: Path) -> None:
-    with pytest.raises(rpctl.RpctlError, match="none"):
-        write_report(paper_run, tmp_path / "none" / "report.html", robot=paper)
-
-
-def test_panel_without_certificate_or_notes(paper_run: Run) -> None:
-    summary = replace(summarize(paper_run), rms_base_error=np.nan)
-    text = panel_text(panel(replace(paper_run, certificate=None), summary, ()))
-    assert "Dynamics" not in text
-    assert "Notes" not in text
-    assert "nan" not in text
-
-
-def test_a_sentence_on_the_joints_stands_below_the_settings(paper_run: Run) -> None:
-    said = replace(paper_run, law_sentences=("joints: 5 Hz <b>",))
-    text = panel_text(panel(said, summarize(said), ()))
-    assert '</dl><p class="quiet">Joints: 5 Hz &lt;b&gt;</p>' in text
-    assert "<dt>Joints</dt>" not in text
 
 
 def test_laws_within_laws_are_named(paper_run: Run) -> None:
@@ -242,12 +186,3 @@ def test_what_is_before_a_law_and_what_the_plant_does_is_told(paper_run: Run) ->
         "Delay, s": "0.004", "Samples dropped, of 1": "0.3", "Computing time, s": "0.006",
     }  # fmt: skip
     assert {label: rows.get(label) for label in told} == told
-
-
-def test_obstacles_are_told_in_words(paper_run: Run) -> None:
-    rows = setting_texts(with_obstacles(paper_run, DISC, WALL))
-    obstacle_text = "disc at (1, 0.5) m, radius 0.25 m; half-plane, free where y ≥ −1 m"
-    assert rows["Base obstacles"] == obstacle_text
-    assert not any("obstacles" in label.lower() for label in rows.keys() - {"Base obstacles"})
-    assert "[]" not in rows.values()
-    assert "" not in rows.values()

@@ -12,7 +12,6 @@ import pytest
 import rpctl
 from rpctl import Robot, Run
 from rpctl.view.pages.report import write_report
-from tests.runs import vary
 from tests.view.chromium import (
     CHROMIUM,
     CLIPPED,
@@ -23,7 +22,6 @@ from tests.view.chromium import (
     picture_at,
     wait,
 )
-from tests.view.samples import DISC, PILLAR, WALL, with_obstacles
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +70,7 @@ def test_robot_is_drawn_and_moves(page: Any, paper_run: Run) -> None:
     assert changed(start, later) > 1000
 
 
+@pytest.mark.slow
 @pytest.mark.quick
 def test_animation_puts_the_robot_where_the_run_says(page: Any, paper_run: Run) -> None:
     for sample in (0, len(paper_run.t) // 2, len(paper_run.t) - 1):
@@ -81,21 +80,6 @@ def test_animation_puts_the_robot_where_the_run_says(page: Any, paper_run: Run) 
             float(paper_run.t[sample]),
         )
         assert position[:2] == pytest.approx(paper_run.q[sample, :2], abs=2e-3)
-
-
-@pytest.mark.slow
-def test_trail_of_the_base_grows(page: Any, paper_run: Run) -> None:
-    def drawn(time: float) -> float:
-        page.evaluate("(time) => rpctl.seek(time)", time)
-        return float(
-            page.evaluate(
-                "rpctl.viewer.scene.getObjectByName('trail-base').geometry.drawRange.count"
-            )
-        )
-
-    end = float(paper_run.t[-1])
-    assert drawn(0.0) == 0
-    assert 0.4 < drawn(0.5 * end) / drawn(end) < 0.6
 
 
 @pytest.mark.slow
@@ -130,36 +114,6 @@ def over(page: Any, title: str, share: float) -> tuple[float, float, float]:
         [title, share],
     )
     return box["x"] + share * box["width"], box["y"] + 0.5 * box["height"], float(time)
-
-
-@pytest.mark.slow
-def test_click_on_a_plot_seeks_the_scene(page: Any, paper_run: Run) -> None:
-    before = picture_at(page, 0.0)
-    x, y, time = over(page, "End-effector error", 0.6)
-    page.mouse.click(x, y)
-    assert page.evaluate("rpctl.time()") == pytest.approx(time, abs=0.02)
-    assert 1.5 < time < 2.1
-    assert changed(before, picture_at(page, page.evaluate("rpctl.time()"))) > 500
-    marks = page.evaluate(
-        "[...document.querySelectorAll('.now')].map((m) => m.getBoundingClientRect().x)"
-    )
-    assert len(marks) > 5
-    assert all(abs(mark - x) < 3.0 for mark in marks)
-
-
-@pytest.mark.slow
-def test_hover_tells_values_in_every_plot(page: Any, paper_run: Run) -> None:
-    lateral = page.locator(".key", has_text="lateral").locator("b")
-    x, y, time = over(page, "Base error", 0.5)
-    page.mouse.move(x, y)
-    sample = int(np.argmin(np.abs(paper_run.t - time)))
-    value_text = lateral.inner_text().replace("−", "-").split()
-    scale = {"m": 1.0, "mm": 1e-3, "µm": 1e-6}[value_text[1]]
-    assert float(value_text[0]) * scale == pytest.approx(paper_run.log.e[sample, 1], rel=0.05)
-    assert page.locator(".chart .at").nth(3).inner_text() == f"at {paper_run.t[sample]:.2f} s"
-    page.mouse.move(5, 5)
-    wait(page, "document.querySelector('.chart .at').textContent === ''")
-    assert float(lateral.inner_text().split()[0].replace("−", "-")) == pytest.approx(200, abs=1)
 
 
 @pytest.mark.slow
@@ -247,46 +201,6 @@ def test_ground_reactions_stand_at_the_contacts(page: Any, paper_run: Run) -> No
     np.testing.assert_array_equal(np.argsort(lengths), order)
 
 
-def test_what_is_an_interval_is_shaded_and_told(
-    browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
-) -> None:
-    """The first half of the grip ends at twice the line, the second nowhere."""
-    slip, loads = paper_run.log.slip_ratio, paper_run.log.contact_load
-    endless = np.where(paper_run.t < 1.5, 2.0 * slip, np.inf)
-    run = vary(
-        paper_run,
-        slip_range=np.column_stack([0.5 * slip, endless]),
-        load_range=np.stack([loads - 20.0, loads + 30.0], axis=2),
-    )
-    value_text = """([title, time]) => { rpctl.pause(); rpctl.seek(time);
-        const chart = rpctl.charts.find((each) => each.title === title);
-        const keys = chart.plot.root.parentElement.parentElement.querySelector('.keys');
-        return [...keys.querySelectorAll('b')].map((each) => each.textContent); }"""
-    shaded = """([time, value]) => {
-        const plot = rpctl.charts.find((each) => each.title === 'Grip used').plot;
-        const [x, y] = [plot.valToPos(time, 'x', true), plot.valToPos(value, 'y', true)];
-        return [...plot.ctx.getImageData(Math.round(x), Math.round(y), 1, 1).data]; }"""
-    path = write_report(run, tmp_path / "report.html", robot=paper)
-    with opened(browser, path.as_uri()) as page:
-        k = int(np.searchsorted(run.t, 1.13))
-        time, late = float(run.t[k]), 2.63
-        (grip,) = page.evaluate(value_text, ["Grip used", time])
-        low, high = (float(text.removesuffix(" %")) for text in grip.split(" – "))
-        assert low == pytest.approx(50.0 * slip[k], rel=0.02)
-        assert high == pytest.approx(200.0 * slip[k], rel=0.02)
-        (grip,) = page.evaluate(value_text, ["Grip used", late])
-        assert grip.startswith("≥ ")
-        shown_loads = page.evaluate(value_text, ["Ground loads", time])
-        for text, load in zip(shown_loads, loads[k], strict=True):
-            low, high = (float(part.removesuffix(" N")) for part in text.split(" – "))
-            assert (low, high) == pytest.approx((load - 20.0, load + 30.0), abs=0.6)
-        above = 100.0 * 2.5 * float(slip[k])  # beyond the band where it ends, within where not
-        assert page.evaluate(shaded, [time, above])[3] == 0
-        within = page.evaluate(shaded, [late, 70.0])
-        assert within[3] > 0
-        assert within[0] > within[2]  # the line's orange, not the grid's grey
-
-
 @pytest.mark.slow
 def test_light_and_dark(browser: Any, report: Path) -> None:
     paper = "getComputedStyle(document.body).backgroundColor"
@@ -306,27 +220,6 @@ def test_light_and_dark(browser: Any, report: Path) -> None:
 
 
 @pytest.mark.slow
-def test_details_are_a_tab_away(page: Any) -> None:
-    page.get_by_role("tab", name="Plots").focus()
-    page.keyboard.press("ArrowRight")
-    assert page.get_by_role("tab", name="Details").get_attribute("aria-selected") == "true"
-    assert page.get_by_text("Base, final lateral").is_visible()
-    assert not page.locator(".chart").first.is_visible()
-    page.keyboard.press("ArrowLeft")
-    assert page.locator(".chart").first.is_visible()
-
-
-@pytest.mark.slow
-def test_controls_have_names(page: Any) -> None:
-    unnamed = page.evaluate(
-        """[...document.querySelectorAll("button, select, input, [role=img]")]
-        .filter((c) => !(c.getAttribute("aria-label") || c.textContent.trim()))
-        .map((c) => c.outerHTML)"""
-    )
-    assert unnamed == []
-
-
-@pytest.mark.slow
 def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
     with opened(browser, comparison.as_uri()) as page:
         show(page, "trails", False)
@@ -343,24 +236,6 @@ def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
         before = page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)")
         choice.select_option(index=1)
         assert page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)") != before
-
-
-def test_obstacles_are_in_the_scene(
-    browser: Any, paper: Robot, paper_run: Run, tmp_path: Path
-) -> None:
-    run = with_obstacles(paper_run, DISC, WALL, tip=(PILLAR,))
-    path = write_report(run, tmp_path / "report.html", robot=paper)
-    material = "rpctl.viewer.scene.getObjectByName('obstacles-{}').material.color.getHexString()"
-    colours = f"[{material.format('base')}, {material.format('tip')}]"
-    with opened(browser, path.as_uri(), color_scheme="light") as page:
-        whole, light = picture_at(page, 1.0), page.evaluate(colours)
-        for name in ("Base obstacles", "End-effector obstacles"):
-            page.locator(".legend").get_by_role("button", name=name).click()
-            less = picture_at(page, 1.0)
-            assert changed(whole, less) > 300
-            whole = less
-        page.get_by_role("button", name="Dark page").click()
-        assert len({*light, *page.evaluate(colours)}) == 4
 
 
 @pytest.mark.slow

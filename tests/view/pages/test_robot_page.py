@@ -78,14 +78,6 @@ def test_all_joints_stand_where_pinocchio_places_them(page: Any, gripper: Robot)
         assert world(page, f"robot-{j}") == pytest.approx(data.oMi[j].homogeneous, abs=1e-6)
 
 
-@pytest.mark.slow
-def test_joint_that_follows_does_and_cannot_be_moved(page: Any, gripper: Robot) -> None:
-    drag(page, "left_finger_joint", 0.8)
-    assert positions(page, gripper)["right_finger_joint"] == pytest.approx(-0.3)
-    assert page.get_by_label("right_finger_joint", exact=True).is_disabled()
-    assert page.get_by_text("= -0.5 × left_finger_joint + 0.1").is_visible()
-
-
 def rolled(robot: Robot, poses: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """Return by how much the wheels turn as the base goes through poses (n, 3), after A v = 0."""
     rolling = find_rolling(robot)
@@ -155,35 +147,6 @@ def test_page_fits_its_window_and_nothing_lies_over_the_robot(
         assert min(scene["width"], scene["height"]) > 250
 
 
-def test_names_are_readable_and_none_lies_over_another(page: Any) -> None:
-    for label in ("Frames", "Masses"):
-        page.get_by_label(label).check()
-    page.evaluate(f"{VIEWER}.render()")
-    tags = [tag for tag in page.locator("#labels span").all() if tag.is_visible()]
-    texts = [tag.inner_text() for tag in tags]
-    assert {"left_wheel_joint", "right_wheel_joint"} <= set(texts)
-    assert any(text.endswith("kg in all") for text in texts)
-    boxes = [tag.bounding_box() for tag in tags]
-    for i, a in enumerate(boxes):
-        for b in boxes[:i]:
-            apart = a["x"] + a["width"] <= b["x"] or b["x"] + b["width"] <= a["x"]
-            assert apart or a["y"] + a["height"] <= b["y"] or b["y"] + b["height"] <= a["y"]
-    page.get_by_label("Names").uncheck()
-    page.evaluate(f"{VIEWER}.render()")
-    assert not any(tag.is_visible() for tag in page.locator("#labels span").all())
-
-
-@pytest.mark.slow
-def test_mass_of_the_whole_robot_is_where_pinocchio_has_it(page: Any, gripper: Robot) -> None:
-    page.get_by_label("Masses").check()
-    drag(page, "lift_joint", 0.5)
-    drag(page, "x", 1.0)
-    q = gripper.configuration(1.0, joints=positions(page, gripper))
-    centre = pin.centerOfMass(gripper.model, gripper.model.createData(), q)
-    assert world(page, "mass-all")[:3, 3] == pytest.approx(centre, abs=1e-6)
-    assert world(page, "mass-foot")[:3, 3] == pytest.approx([*centre[:2], 0.0], abs=1e-6)
-
-
 @pytest.mark.slow
 def test_buttons_and_reload(page: Any, gripper: Robot) -> None:
     home = page.evaluate("rpctl.values")
@@ -201,22 +164,6 @@ def test_buttons_and_reload(page: Any, gripper: Robot) -> None:
     assert page.evaluate("rpctl.values") == pytest.approx(home)
 
 
-def test_locked_joints_are_told_and_a_fixed_base_has_no_sliders(
-    browser: Any, tmp_path: Path
-) -> None:
-    robot = rpctl.load("panda", lock={"panda_joint2": 0.25})
-    with opened(browser, write(robot, tmp_path)) as page:
-        assert page.get_by_text("joint2", exact=True).is_visible()
-        assert "panda_…" in page.locator("#sliders").inner_text()
-        assert "0.250 rad" in page.locator("#sliders").inner_text()
-        assert page.get_by_label("panda_joint2", exact=True).count() == 0
-        assert page.get_by_label("heading", exact=True).count() == 0
-        assert not page.get_by_label("Wheel contacts").is_visible()
-        before = picture(page, VIEWER)
-        drag(page, "panda_joint4", -0.5)
-        assert changed(picture(page, VIEWER), before) > 200
-
-
 @pytest.mark.slow
 def test_names_from_files_cannot_become_markup(browser: Any, tmp_path: Path) -> None:
     path = write_cart(tmp_path, BOX + mesh_visual(f"{EVIL.replace('/', '')}.stl"), name=EVIL)
@@ -225,27 +172,6 @@ def test_names_from_files_cannot_become_markup(browser: Any, tmp_path: Path) -> 
         assert "<img" in page.locator("#sliders").inner_text()
         assert page.locator("img").count() == 0
         assert "onerror" in page.locator("h1").inner_text()
-
-
-def test_mirrored_mesh_looks_as_if_it_were_built_so(browser: Any, tmp_path: Path) -> None:
-    import trimesh
-
-    wedge = trimesh.creation.extrude_triangulation(
-        np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.25]]), np.array([[0, 1, 2]]), 0.3
-    )
-    pictures = []
-    for name, scale in (("mirrored", "1 -1 1"), ("built", "1 1 1")):
-        folder = tmp_path / name
-        folder.mkdir()
-        mesh = wedge.copy()
-        if name == "built":
-            mesh.apply_transform(np.diag([1.0, -1.0, 1.0, 1.0]))
-        mesh.export(folder / "wedge.stl")
-        robot = rpctl.load(write_cart(folder, mesh_visual("wedge.stl", scale)))
-        with opened(browser, write(robot, folder)) as page:
-            drag(page, "heading", 0.7)
-            pictures.append(picture(page, VIEWER))
-    assert changed(*pictures) < 20
 
 
 def test_page_holds_no_path_of_the_machine(tmp_path: Path) -> None:

@@ -11,8 +11,6 @@ from matplotlib.colors import to_hex
 
 import rpctl
 from rpctl import Run
-from rpctl.control.unregistered import Unregistered
-from rpctl.simulation.config import Config
 from rpctl.view.plots import style
 from tests.golden import COUNT
 from tests.runs import vary
@@ -78,24 +76,6 @@ def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
     ]
 
 
-def test_time_of_a_run_may_start_anywhere(golden: Run) -> None:
-    run = straight(golden, 2.0)
-    axes = panel(vary(run, t=run.t + 7.0), "paths")
-    assert "contacts and heading, every 0.25 s" in axes.get_legend_handles_labels()[1]
-    assert len([c for c in curves(axes, style.INK) if len(c) == 2]) == 3
-
-
-def test_robot_that_stays_is_drawn_once(golden: Run) -> None:
-    axes = panel(straight(golden, 0.95), "paths")  # less than 1.2 of its length
-    assert len([c for c in curves(axes, style.INK) if len(c) == 2]) == 1
-    assert "contacts and heading" not in str(axes.get_legend_handles_labels()[1])
-
-
-def test_at_most_ten_poses_of_a_long_way(golden: Run) -> None:
-    axes = panel(straight(golden, 100.0), "paths")
-    assert "contacts and heading, every 0.05 s" in axes.get_legend_handles_labels()[1]
-
-
 def test_contacts_in_a_line_have_no_outline(golden: Run) -> None:
     """What is drawn of the robot is as long as the track, where that is more."""
     run = straight(golden, 2.0)
@@ -137,9 +117,3 @@ def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:
     assert right > 1.25
     assert bottom < -1.0
     assert top > 1.625
-
-
-def test_other_tables_of_a_law_are_no_obstacles(golden: Run) -> None:
-    law = Unregistered("Mine", {"targets": (rpctl.Disc(1.0, 0.0, 0.2),)})
-    named = panel(replace(golden, config=Config(law)), "paths")
-    assert "obstacle of the base" not in named.get_legend_handles_labels()[1]

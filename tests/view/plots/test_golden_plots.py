@@ -45,38 +45,6 @@ def test_panels_and_where_they_stand(golden: Run) -> None:
     assert names == ["paths", "base", "speeds", "efforts", "efforts", "tip-over", "grip"]
 
 
-def test_joints_are_named_wherever_they_are_drawn(golden: Run) -> None:
-    named = {
-        name: len(tracking_figure(golden, panels=[name]).legends)
-        for name in dict.fromkeys(panel.name for panel, _ in find_panels(golden))
-    }
-    assert {name for name, count in named.items() if count} == {"joints", "joint-speeds", "efforts"}
-
-
-def test_errors_are_told_with_their_units(golden: Run) -> None:
-    base = panel(golden, "base")
-    drawn = labelled(base)
-    assert over_time(drawn["longitudinal |x₁|, m"]) == pytest.approx(
-        [3, 0.3, 0.3, 0.05, 0.06, 0.03]
-    )
-    assert over_time(drawn["lateral |x₂|, m"]) == pytest.approx([4, 0.4, 0.4, 0.12, 0.08, 0.04])
-    assert over_time(drawn["heading |x₃|, rad"]) == pytest.approx([0.9, 0.7, 0.5, 0.3, 0.2, 0.1])
-    assert base.get_ylim() == pytest.approx((0.2 * 0.03, 8.0))
-    assert (base.get_xlabel(), base.get_ylabel()) == ("t, s", "m or rad")
-    joints = panel(golden, "joints")
-    swing, slide = curves(joints)
-    assert over_time(swing) == pytest.approx(np.abs(made.SWING_ERRORS))
-    assert over_time(slide) == pytest.approx(np.abs(made.SLIDE_ERRORS))
-    assert joints.get_ylim() == pytest.approx((0.2 * 0.01, 2.0))
-    assert joints.get_ylabel() == "rad or m"
-    tip = panel(golden, "tip")
-    drawn = labelled(tip)
-    assert over_time(drawn["position, mm"]) == pytest.approx([700, 300, 70, 30, 70, 30])
-    assert over_time(drawn["orientation, mrad"]) == pytest.approx([60, 50, 40, 30, 20, 10])
-    assert tip.get_ylim() == pytest.approx((0.2 * 10, 1400))
-    assert tip.get_ylabel() == "mm or mrad"
-
-
 def test_speeds_and_their_references(golden: Run) -> None:
     """Solid what the robot did, dashed what the reference did; neither is what the law asked."""
     axes = panel(golden, "speeds")
@@ -130,28 +98,3 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     assert (turning.get_ylabel(), sliding.get_ylabel()) == ("effort, N·m", "effort, N")
     assert [over_time(c).tolist() for c in curves(turning)] == EFFORTS[:, :4].T.tolist()
     assert [over_time(c).tolist() for c in curves(sliding)] == [EFFORTS[:, 4].tolist()]
-
-
-def test_efforts_beyond_their_limits_stay_in_view(golden: Run) -> None:
-    axes = panel(vary(golden, effort_limits=(20.0, np.inf, 15.0, 2.0, 80.0)), "efforts")
-    assert axes.get_ylim() == pytest.approx((1.12 * -8.0, 1.12 * 4.0))
-
-
-def test_margins_with_their_limits(golden: Run) -> None:
-    tip, grip = panel(golden, "tip-over"), panel(golden, "grip")
-    limit, margin = curves(tip)
-    assert limit[:, 1].tolist() == [0.0, 0.0]
-    assert over_time(margin) == pytest.approx(made.TIP_MARGINS)
-    assert tip.get_ylim() == pytest.approx((-0.08 * 0.3, 1.08 * 0.3))
-    assert tip.get_ylabel() == "zero-moment point to edge, m"
-    limit, ratio = curves(grip)
-    assert limit[:, 1].tolist() == [1.0, 1.0]
-    assert over_time(ratio) == pytest.approx(made.SLIP_RATIOS)
-    assert grip.get_ylim() == pytest.approx((0.0, 1.12))
-    beyond = vary(
-        golden, tip_margin=golden.log.tip_margin - 0.225, slip_ratio=5.0 * golden.log.slip_ratio
-    )
-    assert panel(beyond, "tip-over").get_ylim() == pytest.approx((-0.1 - 0.014, 0.075 + 0.014))
-    assert panel(beyond, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 2.0))
-    far = vary(golden, slip_ratio=50.0 * golden.log.slip_ratio)
-    assert panel(far, "grip").get_ylim() == pytest.approx((0.0, 1.12 * 3.0))

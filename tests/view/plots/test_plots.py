@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 import rpctl
-from rpctl import Robot, Run
+from rpctl import Run
 from rpctl.view.chart import PANELS
 from rpctl.view.plots import style
 from rpctl.view.plots.figures import (
@@ -18,22 +18,17 @@ from rpctl.view.plots.figures import (
     tracking_figure,
     tracking_image,
 )
-from rpctl.view.plots.paths import half_plane
 from tests.grids import cells
 from tests.runs import vary
-from tests.view.samples import short_run, with_obstacles
-
-
-def unlimited(run: Run) -> Run:
-    return vary(run, effort_limits=(np.inf,) * len(run.robot.actuators))
+from tests.view.samples import short_run
 
 
 def titles(run: Run) -> list[str]:
     return [axes.get_title(loc="left").partition(")  ")[2] for axes in tracking_figure(run).axes]
 
 
-def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
-    assert titles(tiago_run) == [
+def test_all_panels_of_a_mobile_manipulator(paper_run: Run) -> None:
+    assert titles(paper_run) == [
         "Paths",
         "Base error",
         "Joint errors",
@@ -46,28 +41,6 @@ def test_all_panels_of_a_mobile_manipulator(tiago_run: Run) -> None:
     ]
 
 
-def test_robot_without_an_arm(cart: Robot) -> None:
-    run = short_run(cart, 0.5)
-    assert run.log.ee.shape[1] == 0
-    assert titles(run) == ["Paths", "Base error", "Base speeds", "Efforts without limits, N·m"]
-
-
-def test_efforts_without_limits_are_grouped_by_unit(paper_run: Run) -> None:
-    assert titles(unlimited(paper_run))[-4:-2] == [
-        "Efforts without limits, N·m",
-        "Efforts without limits, N",
-    ]
-
-
-def test_efforts_partly_limited(paper_run: Run) -> None:
-    run = vary(paper_run, effort_limits=(10.0, np.inf, 5.0, np.inf))
-    assert titles(run)[-5:-2] == [
-        "Efforts, limits dashed",
-        "Efforts without limits, N·m",
-        "Efforts without limits, N",
-    ]
-
-
 def test_broken_limit_stays_within_the_panel(paper_run: Run) -> None:
     peak = np.abs(paper_run.tau).max(axis=0)
     axes = tracking_figure(vary(paper_run, effort_limits=tuple(0.5 * peak))).axes[-3]
@@ -75,11 +48,6 @@ def test_broken_limit_stays_within_the_panel(paper_run: Run) -> None:
     share = paper_run.tau / (0.5 * peak)
     assert low < share.min()
     assert share.max() < high
-
-
-def test_a_grip_beyond_all_bounds_keeps_the_limit_in_sight(paper_run: Run) -> None:
-    axes = tracking_figure(vary(paper_run, slip_ratio=300.0 * paper_run.log.slip_ratio)).axes[-1]
-    assert 1.0 < axes.get_ylim()[1] < 4.0
 
 
 @pytest.mark.parametrize("name", cells(("tiago_dual", "panda"), (), ("panda",)))
@@ -108,9 +76,9 @@ def test_perfect_and_shortest_runs(paper_run: Run) -> None:
 
 
 @pytest.mark.slow
-def test_pdf_is_made_of_lines_and_whole_letters(tiago_run: Run, tmp_path: Path) -> None:
+def test_pdf_is_made_of_lines_and_whole_letters(paper_run: Run, tmp_path: Path) -> None:
     first, again = (
-        save_figure(tiago_run, tmp_path / name, column=True).read_bytes()
+        save_figure(paper_run, tmp_path / name, column=True).read_bytes()
         for name in ("a.pdf", "b.pdf")
     )
     assert first == again
@@ -120,19 +88,19 @@ def test_pdf_is_made_of_lines_and_whole_letters(tiago_run: Run, tmp_path: Path) 
     assert f"/MediaBox [ 0 0 {88 / 25.4 * 72:.3f}".encode()[:22] in first
 
 
-def test_panels_are_chosen_by_name(tiago_run: Run, tmp_path: Path) -> None:
+def test_panels_are_chosen_by_name(paper_run: Run, tmp_path: Path) -> None:
     known = tuple(name for name in PANELS if name != "clearance")  # it comes near to nothing
-    assert tuple(panel.name for panel, _ in find_panels(tiago_run)) == known
-    figure = tracking_figure(tiago_run, panels=["tip", "base"])
+    assert tuple(panel.name for panel, _ in find_panels(paper_run)) == known
+    figure = tracking_figure(paper_run, panels=["tip", "base"])
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "(a)  End-effector error",
         "(b)  Base error",
     ]
     assert not figure.legends
     with pytest.raises(rpctl.RpctlError, match="did you mean paths"):
-        save_figure(tiago_run, tmp_path / "a.pdf", panels=["pths"])
+        save_figure(paper_run, tmp_path / "a.pdf", panels=["pths"])
     with pytest.raises(rpctl.RpctlError, match=r"a\.svg.*\.pdf or \.png"):
-        save_figure(tiago_run, tmp_path / "a.svg")
+        save_figure(paper_run, tmp_path / "a.svg")
 
 
 def test_names_cannot_become_formulas(paper_run: Run) -> None:
@@ -140,30 +108,10 @@ def test_names_cannot_become_formulas(paper_run: Run) -> None:
     assert len(tracking_image(vary(paper_run, actuators=evil))) > 20_000
 
 
-def test_without_loads_there_are_no_margins(paper_run: Run) -> None:
-    nothing = np.empty((len(paper_run.t), 0))
-    run = vary(paper_run, tip_margin=nothing, slip_ratio=nothing, contact_points=())
-    assert titles(run)[-1].startswith("Efforts")
-
-
 def paths(run: Run) -> Any:
     figure = tracking_figure(run, panels=["paths"])
     figure.draw_without_rendering()
     return figure.axes[0]
-
-
-def test_paths_stay_in_view_where_obstacles_are_far_or_none(paper_run: Run) -> None:
-    far = paths(with_obstacles(paper_run, rpctl.Disc(60.0, 0.0, 1.0)))
-    np.testing.assert_array_equal(far.dataLim.get_points(), paths(paper_run).dataLim.get_points())
-    assert "obstacle of the base" not in paths(paper_run).get_legend_handles_labels()[1]
-
-
-@pytest.mark.parametrize("normal", [(0.0, 1.0), (3.0, -4.0), (-1.0, 0.5)])
-def test_half_plane_is_hatched_beyond_its_line(normal: tuple[float, float]) -> None:
-    plane = rpctl.HalfPlane(*normal, 0.7)
-    corners = half_plane(plane, np.array([2.0, -1.0]), 30.0)
-    assert plane.distance(corners) == pytest.approx([0.0, 0.0, -30.0, -30.0])
-    assert np.linalg.norm(corners[0] - corners[1]) == pytest.approx(60.0)
 
 
 def test_figure_of_a_long_run_is_of_some_samples(

@@ -9,22 +9,18 @@ import pytest
 
 import rpctl
 from rpctl import Disc, HalfPlane, Robot, Run
-from rpctl.control.unregistered import Unregistered
+from rpctl.control.registry import Unregistered
 from rpctl.simulation.config import Config
 from rpctl.simulation.merits.obstacles import (
     BASE,
     TIP,
     AvoidedObstacle,
     find_obstacles,
-    run_obstacles,
-    shape_text,
 )
 from rpctl.view.scene.obstacles import (
     OBSTACLES_PATH,
     clip,
     column,
-    near,
-    obstacle_commands,
     obstacle_corners,
     obstacle_texts,
     wall,
@@ -43,31 +39,11 @@ def test_obstacles_are_found_at_any_depth_and_once() -> None:
     assert find_obstacles(Config()) == ()
 
 
-def test_base_reaches_as_far_as_its_contacts(paper_run: Run) -> None:
-    (obstacle,) = run_obstacles(with_obstacles(paper_run, DISC))
-    away = np.array(paper_run.ground.points) - paper_run.robot.drive.point
-    assert obstacle.radius == pytest.approx(np.linalg.norm(away, axis=1).max())
-
-
 def test_shape_of_somebodys_own_is_told_and_not_drawn() -> None:
     own = (Unregistered("Blob", {"mass": 1.0}), Unregistered("Disc", {"wobble": 2.0}))
     law = Unregistered("Mine", {"base_obstacles": own})
     assert find_obstacles(Config(law)) == ()
     assert obstacle_texts(law) == {"Base obstacles": "Blob; Disc"}
-
-
-@pytest.mark.parametrize(
-    ("shape", "text"),
-    [
-        (Disc(1, 0.05, 0.3), "disc at (1, 0.05) m, radius 0.3 m"),
-        (Disc(-0.0, -1.5, 0.3), "disc at (0, −1.5) m, radius 0.3 m"),
-        (HalfPlane(0, 2, -0.95), "half-plane, free where y ≥ −0.95 m"),
-        (HalfPlane(-1, 0, -1.5), "half-plane, free where x ≤ 1.5 m"),
-        (HalfPlane(3, -4, 0.5), "half-plane, free where 0.6 x − 0.8 y ≥ 0.5 m"),
-    ],
-)
-def test_shapes_in_words(shape: Disc | HalfPlane, text: str) -> None:
-    assert shape_text(shape) == text
 
 
 @pytest.mark.parametrize("normal", [(0.0, 1.0), (3.0, -4.0), (-1.0, 0.5)])
@@ -110,24 +86,6 @@ def test_column_stands_on_its_disc() -> None:
     assert area == pytest.approx(np.pi * DISC.radius**2, rel=2e-3)
 
 
-def test_edges_of_the_end_effectors_are_dashed() -> None:
-    (_, (solid, _), _) = column(PILLAR, 1.0, 0.02, dashed=False)
-    (_, (dashed, _), _) = column(PILLAR, 1.0, 0.02, dashed=True)
-
-    def area(mesh: Any) -> float:
-        a, b, c = (mesh[0][mesh[1][:, i]] for i in range(3))
-        return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-
-    assert 0.4 * area(solid) < area(dashed) < 0.8 * area(solid)
-
-
-def test_only_what_is_near_is_framed() -> None:
-    points = np.array([[1.0, 1.0], [5.9, 0.0], [6.1, 0.0], [0.0, -2.6]])
-    shown = near(points, np.zeros(3), np.array([4.0, 0.1, 1.0]) - [0.0, 0.1, 0.0])
-    assert shown.tolist() == [[1.0, 1.0], [5.9, 0.0]]
-    assert near(points, np.zeros(2), np.full(2, 0.6)).tolist() == [[1.0, 1.0]]
-
-
 def test_cameras_frame_discs_but_no_half_plane(paper: Robot, paper_run: Run) -> None:
     plain = build_scene(paper, paper_run)
     disc = Disc(float(plain.hull[:, 0].max()) + 0.5, 0.0, 0.3)
@@ -158,9 +116,3 @@ def test_scene_has_one_mesh_for_each_body(paper: Robot, paper_run: Run) -> None:
     points = numbers(places).reshape(-1, 3)
     assert np.hypot(*(points[:, :2] - (PILLAR.x, PILLAR.y)).T).max() < PILLAR.radius + 0.02
     assert points[:, 2].min() == pytest.approx(paper.drive.ground, abs=0.01)
-
-
-def test_wall_that_the_ground_does_not_reach_is_not_drawn() -> None:
-    far = AvoidedObstacle(BASE, HalfPlane(0.0, 1.0, -90.0), 0.0)
-    lower, upper = -np.ones(3), np.ones(3)
-    assert obstacle_commands([far], lower, upper, 0.0, 1.0) == []

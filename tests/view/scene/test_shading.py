@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 from rpctl.description.meshes.jobs import shade, simplify, weld
-from rpctl.view.scene import trails
 
 
 def test_edges_of_a_box_stay_sharp() -> None:
@@ -37,42 +36,3 @@ def test_small_mesh_is_left_as_it_is() -> None:
 CIRCLE = np.column_stack(
     [np.cos(np.linspace(0, 6, 200)), np.sin(np.linspace(0, 6, 200)), np.full(200, 0.4)]
 )
-
-
-def test_ribbon_is_level_and_as_wide_as_asked() -> None:
-    mesh = trails.ribbon(CIRCLE, 0.1)
-    assert mesh is not None
-    radii = np.linalg.norm(mesh[0][:, :2], axis=1).reshape(-1, 2)
-    assert np.sort(radii, axis=1) == pytest.approx(np.tile([0.95, 1.05], (200, 1)), abs=1e-3)
-    assert mesh[0][:, 2] == pytest.approx(0.4)
-
-
-def test_tube_keeps_its_distance() -> None:
-    mesh = trails.tube(CIRCLE, 0.1)
-    assert mesh is not None
-    gaps = np.linalg.norm(mesh[0].reshape(200, -1, 3) - CIRCLE[:, None], axis=2)
-    assert gaps == pytest.approx(0.05)
-
-
-def test_parts_of_a_trail_are_parts_of_the_way() -> None:
-    mesh = trails.tube(CIRCLE, 0.1)
-    assert mesh is not None
-    per_step = len(mesh[1]) // (len(CIRCLE) - 1)
-    assert mesh[1][: 10 * per_step].max() < 11 * trails.TUBE_SIDES
-
-
-def test_dashes_cover_their_share_of_a_line() -> None:
-    line = np.linspace([0.0, 0.0, 0.0], [10.0, 0.0, 0.0], 7)
-    pieces = trails.dashes(line, 0.05)
-    covered = sum(float(np.linalg.norm(piece[-1] - piece[0])) for piece in pieces)
-    assert covered / 10.0 == pytest.approx(
-        trails.DASH_WIDTHS / (trails.DASH_WIDTHS + trails.GAP_WIDTHS), abs=0.05
-    )
-
-
-@pytest.mark.parametrize("count", [1, 2, 50])
-def test_standing_still_draws_nothing(count: int) -> None:
-    still = np.zeros((count, 3))
-    assert trails.ribbon(still, 0.1) is None
-    assert trails.tube(still, 0.1) is None
-    assert trails.join([trails.ribbon(piece, 0.1) for piece in trails.dashes(still, 0.1)]) is None

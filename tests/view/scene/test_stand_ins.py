@@ -20,10 +20,9 @@ from rpctl.view.pages.scene_page import player
 from rpctl.view.scene import materials
 from rpctl.view.scene.robot_meshes import Bodies, build_bodies
 from rpctl.view.scene.scene import build_scene
-from rpctl.view.scene.stand_ins import StandIn, inertia_box, label, note, robot_size
+from rpctl.view.scene.stand_ins import StandIn, inertia_box, robot_size
 from tests import urdf
 from tests.robots import write
-from tests.view.chromium import changed, opened, picture_at
 from tests.view.readers import drawn_by, embedded
 from tests.view.samples import mesh_visual, numbers, short_run, write_cart
 
@@ -92,38 +91,12 @@ def test_collision_shape_stands_in_where_it_is(tmp_path: Path) -> None:
     assert instead.endswith("in the place of missing meshes: the collision shape of mast")
 
 
-def test_box_of_inertia_stands_in_where_the_collisions_mesh_is_missing_too(tmp_path: Path) -> None:
-    bad = urdf.shape('mesh filename="package://nowhere/a.stl"', "collision")
-    inertia = urdf.inertial(12, (0.0116, 0.0025, 0.0109), xyz="0.05 0 0.1")  # 0.03, 0.1, 0.04 m
-    robot = mast(tmp_path, inertia, GONE, bad)
-    (points,) = hatched(build_bodies(robot))
-    assert edges_of(points) == pytest.approx([0.03, 0.1, 0.04], abs=1e-6)
-    assert 0.5 * (points.min(axis=0) + points.max(axis=0)) == pytest.approx([0.05, 0.0, 0.4])
-    assert build_bodies(robot).stand_ins == (StandIn("mast", "inertia"),)
-
-
-def test_one_good_collision_shape_is_enough(tmp_path: Path) -> None:
-    bad = urdf.shape('mesh filename="gone.stl"', "collision")
-    bodies = build_bodies(mast(tmp_path, HEAVY, GONE, bad + COLLISION))
-    assert len(hatched(bodies)) == 1
-    assert bodies.stand_ins[0].kind == "collision"
-
-
 def test_absurd_inertia_is_scaled_to_the_robot_and_told(tmp_path: Path) -> None:
     robot = mast(tmp_path, urdf.inertial(0.1, (50, 50, 80)), GONE)
     bodies = build_bodies(robot)
     (points,) = hatched(bodies)
     assert edges_of(points).max() == pytest.approx(1.2 * robot_size(robot), rel=1e-5)
     assert "too large for its mass" in bodies.notes[-1]
-
-
-def test_no_inertia_leaves_a_marker_that_is_told(tmp_path: Path) -> None:
-    robot = mast(tmp_path, GONE)
-    bodies = build_bodies(robot)
-    (points,) = hatched(bodies)
-    assert points.mean(axis=0) == pytest.approx([0.0, 0.0, 0.3], abs=1e-6)
-    assert 0.0 < edges_of(points).max() < 0.1 * robot_size(robot)
-    assert "a small marker for mast" in bodies.notes[-1]
 
 
 @pytest.mark.parametrize(
@@ -186,14 +159,6 @@ def test_hatches_are_equally_wide_on_every_scale(tmp_path: Path) -> None:
     }
 
 
-def test_note_names_some_links_and_counts_the_rest() -> None:
-    some = [StandIn(f"link_{k}", "inertia") for k in range(6)]
-    assert note(some).endswith("boxes of the inertias of link_0, link_1, link_2, link_3 and 2 more")
-    assert note(some, most=6).endswith("link_4, link_5")
-    assert label(some) == "Mesh missing: 6 links, hatched"
-    assert note([]) == label([]) == ""
-
-
 @pytest.mark.parametrize("missing", [True, False])
 def test_pages_report_film_and_notebook_tell_of_it(tmp_path: Path, missing: bool) -> None:
     robot = mast(tmp_path, HEAVY, GONE) if missing else rpctl.load(write_cart(tmp_path))
@@ -208,24 +173,3 @@ def test_pages_report_film_and_notebook_tell_of_it(tmp_path: Path, missing: bool
     assert ("textures" in drawn_by(embedded(report)["commands"])["/rpctl/robots"]["object"]) == (
         missing
     )
-
-
-def test_what_stands_in_moves_with_the_robot_and_can_be_hidden(
-    browser: Any, tmp_path: Path
-) -> None:
-    robot = mast(tmp_path, HEAVY, GONE)
-    run = short_run(robot, 2.0)
-    path = write_report(run, tmp_path / "report.html", robot=robot)
-    found = "rpctl.viewer.scene.getObjectByName('robot-1').children.find((n) => n.material.map)"
-    with opened(browser, path.as_uri()) as page:
-        assert page.evaluate(f"{found}.material.map.image.width") == materials.TEXELS
-        places = []
-        for time in (0.0, 2.0):
-            page.evaluate("(time) => { rpctl.pause(); rpctl.seek(time); }", time)
-            page.evaluate("rpctl.viewer.render()")
-            places.append(page.evaluate(f"{found}.matrixWorld.elements.slice(12, 15)"))
-        assert np.hypot(*(np.diff(places, axis=0)[0, [0, 2]])) > 0.2
-        page.evaluate("rpctl.camera('follow')")
-        whole = picture_at(page, 1.0)
-        page.get_by_role("button", name=BADGE).click()
-        assert changed(whole, picture_at(page, 1.0)) > 300

@@ -130,23 +130,6 @@ def test_robot_goes_where_its_page_says_and_says_how_near_it_came(paper: Robot) 
     served(GoServer(lambda: paper), act)
 
 
-@pytest.mark.slow
-def test_goal_that_cannot_be_is_told_on_the_page() -> None:
-    car = rpctl.load("car")
-
-    def act(url: str) -> None:
-        ask(url)
-        joints = dict.fromkeys(car.joint_names, 0.0)
-        aside = {"start": [0, 0, 0], "posture": joints, "goal": [0, 1, 0], "arm": {}}
-        assert post(url, json.dumps({**aside, "kinematic": "unified"}).encode())[0] == 200
-        kinds, end = until_end(url)
-        assert kinds == ["end"]
-        assert end["bad"] is True
-        assert "does not get to (0, 1) m" in end["text"]
-
-    served(GoServer(lambda: car), act)
-
-
 def test_ending_says_how_near_it_came(paper: Robot) -> None:
     """The base ends 30 mm and 40 mrad short of a goal elsewhere: the figures of the sentence."""
     run = rpctl.track(paper, "goal 0,0,0 arm_revolute_joint=0.001", duration=0.01)
