@@ -7,7 +7,7 @@ fixed base moves its arm alone: there the errors are those of the end effector.
 
 import rpctl
 from rpctl.drive.drive import BASE_SPEEDS
-from rpctl.equivalence.check import DIFFERENCE_TOLERANCE
+from rpctl.equivalence.certificate import DIFFERENCE_TOLERANCE
 from rpctl.robot.catalog import ENTRIES
 
 OFF = (0.1, -0.1, 0.1)  # m, m, rad

@@ -122,6 +122,10 @@ class RunFileError(RpctlError):
     """A result file that is damaged, foreign, or of another schema."""
 
 
+class EngineMissing(RpctlError):
+    """A physics engine is not installed; the message has the command that installs it."""
+
+
 class DivergedError(RpctlError):
     """A simulation left the finite numbers."""
 

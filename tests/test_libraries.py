@@ -13,7 +13,7 @@ from rpctl.libraries import lean_library
 
 READ_A_FILE = """
 import io, sys
-from rpctl.equivalence.file_reading import UNUSED, YOURDFPY
+from rpctl.equivalence.file_drive import UNUSED, YOURDFPY
 from rpctl.libraries import lean_library
 yourdfpy = lean_library("yourdfpy", YOURDFPY, UNUSED)
 text = b'<robot name="r"><link name="a"/></robot>'

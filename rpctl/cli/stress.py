@@ -18,9 +18,8 @@ from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgume
 from rpctl.cli.results import writable_folder, write_results
 from rpctl.cli.streams import print_json, say
 from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar
-from rpctl.engines.engine import EngineMissing
-from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.errors import UnknownNameError, require_positive
+from rpctl.equivalence.contact.mujoco_body import mujoco_library
+from rpctl.errors import EngineMissing, UnknownNameError, require_positive
 from rpctl.libraries import library
 from rpctl.reference.sizing import robot_length
 from rpctl.robot.model import Robot

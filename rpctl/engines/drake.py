@@ -14,7 +14,6 @@ from rpctl.arrays import Array
 from rpctl.engines.edited_urdf import SUPPORTS_HOLD, Dialect
 from rpctl.engines.engine import (
     EngineFault,
-    EngineMissing,
     LinkMotion,
     Mended,
     Switch,
@@ -22,6 +21,7 @@ from rpctl.engines.engine import (
 )
 from rpctl.engines.mujoco.bodies import link_fault
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
+from rpctl.errors import EngineMissing
 from rpctl.libraries import library
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot

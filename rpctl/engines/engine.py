@@ -15,7 +15,7 @@ from rpctl.drive.drive import Wheel
 from rpctl.drive.wheels import mostly_left
 from rpctl.equivalence.contact.mujoco_body import planar, tilt
 from rpctl.equivalence.contact.plan import DrivenRobot
-from rpctl.errors import DivergedError, RpctlError, UnknownNameError
+from rpctl.errors import DivergedError, EngineMissing, RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 
 ENGINES = {  # by the name that users give
@@ -66,10 +66,6 @@ class Switch:
         """Refuse a name that is none of them."""
         if self.name not in SWITCHES:
             raise UnknownNameError("switch", self.name, SWITCHES)
-
-
-class EngineMissing(RpctlError):
-    """An engine is not installed; the message has the command that installs it."""
 
 
 class EngineFault(DivergedError):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -125,14 +124,8 @@ class EngineRecording:
     fault: str = ""
 
 
-class _Sample(NamedTuple):
-    """A state at a time (s), means of loads and slip since the last one, and the work so far."""
-
-    t: float
-    state: EngineState
-    load: Array
-    slip: Array
-    work: float
+# A state at a time (s), means of loads and slip since the last one, and the work so far (J).
+_Sample = tuple[float, EngineState, Array, Array, float]
 
 
 def record(
@@ -150,27 +143,27 @@ def record(
     start, fault = run.state(), ""
     samples: list[_Sample] = []
     try:
-        if not settled:
-            for _ in range(round(SETTLING_S / tick)):
-                plan.drive(run, -1, tick)
-            start = run.state()
+        for _ in range(0 if settled else round(SETTLING_S / tick)):
+            plan.drive(run, -1, tick)
+        start = run.state()
         samples.extend(_samples(run, robot, plan, tick))  # those before a fault stay
     except DivergedError as error:
         fault = str(error)
-    samples = samples or [_Sample(0.0, start, 0.0 * start.load, 0.0 * start.slip, 0.0)]
-    states, first = [sample.state for sample in samples], start.planar
+    samples = samples or [(0.0, start, 0.0 * start.load, 0.0 * start.slip, 0.0)]
+    t, states, load, slip, work = zip(*samples, strict=True)
+    first = start.planar
     poses = np.array([_seen_from(first, state.planar) for state in states])
     poses[:, 2] = np.unwrap(poses[:, 2])
     return EngineRecording(
-        t=np.array([sample.t for sample in samples]),
+        t=np.array(t),
         pose=poses,
         root=np.array([_root_seen_from(first, state.pose) for state in states]),
         tilt=np.array([state.tilt for state in states]),
         joints={n: np.array([state.joints[n][0] for state in states]) for n in start.joints},
-        load=_after_first([sample.load for sample in samples]),
-        slip=_after_first([sample.slip for sample in samples]),
+        load=_after_first(load),
+        slip=_after_first(slip),
         energy=np.array([state.energy for state in states]),
-        work=np.array([sample.work for sample in samples]),
+        work=np.array(work),
         crept=float(np.hypot(*first[:2])),
         sunk=float(-robot.drive.ground - start.pose[2]),
         notes=run.notes,
@@ -184,7 +177,7 @@ def _samples(run: EngineRun, robot: Robot, plan: ContactPlan, tick: float) -> It
     loads, slips = [before.load], [before.slip]
     for k in range(len(plan.tau) + 1):
         if k % every == 0:
-            yield _Sample(k * tick, before, np.mean(loads, axis=0), np.mean(slips, axis=0), work)
+            yield k * tick, before, np.mean(loads, axis=0), np.mean(slips, axis=0), work
             loads, slips = [], []
         if k == len(plan.tau):
             return
@@ -196,7 +189,7 @@ def _samples(run: EngineRun, robot: Robot, plan: ContactPlan, tick: float) -> It
         before = after
 
 
-def _after_first(rows: list[Array]) -> Array:
+def _after_first(rows: Sequence[Array]) -> Array:
     """Return means over the time before each sample; the first has none, and gets the second's."""
     return np.array([*rows[1:2], *rows[1:]] if len(rows) > 1 else rows)
 

@@ -22,7 +22,6 @@ from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_sh
 from rpctl.engines.engine import (
     SWITCHES,
     EngineFault,
-    EngineMissing,
     EngineState,
     LinkMotion,
     Mended,
@@ -31,6 +30,7 @@ from rpctl.engines.engine import (
 )
 from rpctl.equivalence.contact.model import support_shapes
 from rpctl.equivalence.contact.mujoco_body import STABLE, one_directional, tie_rod_efforts
+from rpctl.errors import EngineMissing
 from rpctl.robot.model import Robot
 
 NEAR_M = 0.02  # m: how far off the edge of a support's shape its contact may lie

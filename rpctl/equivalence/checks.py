@@ -18,7 +18,7 @@ from rpctl.dynamics.rolling import (
     constraint_drift,
     selection,
 )
-from rpctl.equivalence.check import (
+from rpctl.equivalence.certificate import (
     DIFFERENCE_TOLERANCE,
     EXACT_TOLERANCE,
     Check,

@@ -12,7 +12,7 @@ from rpctl.arrays import Array
 from rpctl.drive.steering import is_regular
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.check import (
+from rpctl.equivalence.certificate import (
     DIFFERENCE_TOLERANCE,
     EPS,
     Check,

@@ -1,10 +1,14 @@
-"""MuJoCo as one more engine: its reading of the URDF, its inertia, bias and Jacobians.
+"""MuJoCo as one more engine: its reading of the URDF, its inertia and its bias.
 
-Neither ``rpctl.dynamics`` nor Pinocchio takes part. The wheels' rolling is imposed on the free
-tree, whose base velocity is in world axes, through MuJoCo's Jacobians J and their rates J̇:
+Neither ``rpctl.dynamics`` nor Pinocchio takes part. The free tree's base velocity is in world axes;
+that the wheels roll is said by the S and Ṡν of the Gibbs-Appell derivation, which come from the
+file, too, and of which the certificate has rows of their own:
 
-    [A; W] v = [0; ν],   [A; W] S = [0; I],   [A; W] Ṡν = −[Ȧ; Ẇ] v,
     M = Sᵀ M_free S,   h = Sᵀ (h_free + M_free Ṡν),   B = Sᵀ × actuators' columns.
+
+MuJoCo reads the numbers of the user's file, as they are written there. What is added: two slides
+and a hinge for the root link, locked joints made fixed, and the principal axes of inertia.
+Contacts and limits are left out; so is friction, which MuJoCo makes a constraint and not a force.
 
 MuJoCo (Todorov, Erez, Tassa, IROS 2012) is optional, and imported when an engine is made.
 """
@@ -12,28 +16,268 @@ MuJoCo (Todorov, Erez, Tassa, IROS 2012) is optional, and imported when an engin
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
-from importlib import import_module, metadata
+from importlib import metadata
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
+from lxml import etree
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Wheel
-from rpctl.equivalence.file_reading import FileReading, read
-from rpctl.equivalence.mujoco_model import EngineRefused, MujocoModel
-from rpctl.equivalence.planar import JointRate, follower_rate
-from rpctl.equivalence.tree import FLOATS, Tree, cross, cross_columns
+from rpctl.description.density import inertial_element
+from rpctl.equivalence.contact.mujoco_body import mujoco_library, quaternion
+from rpctl.equivalence.file_drive import FileReading, read, rotor_inertias
+from rpctl.equivalence.gibbs_appell import GibbsAppell
+from rpctl.equivalence.raw_file import RawFile, document
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
-__all__ = ["EngineRefused", "EngineTerms", "MujocoEngine", "installed"]
+NAME_PREFIX = (
+    "rpctl/"  # before the names of links: MuJoCo gives one named "world" a meaning of its own
+)
+GRAVITY = (0.0, 0.0, -9.81)  # m/s², as Pinocchio's default
+LAMINA_TOLERANCE = (
+    1e-14  # of the largest principal moment: a lamina meets A + B = C to rounding only
+)
+MIN_INERTIA = 1e-15  # kg and kg·m²; MuJoCo wants more (its mjMINVAL) in a body that moves
 
-DOWN = np.array([0.0, 0.0, -1.0])
+
+class EngineRefused(RpctlError):
+    """MuJoCo does not simulate the robot; the links to blame are named."""
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass (kg), centre of mass (3,) and inertia (3, 3) about it, in the axes of some link."""
+
+    mass: float
+    com: Array
+    inertia: Array
+
+    def placed(self, pose: Array) -> Inertial:
+        """Return it as seen from a frame in which its own has ``pose`` (4, 4)."""
+        R, p = pose[:3, :3], pose[:3, 3]
+        return Inertial(self.mass, p + R @ self.com, R @ self.inertia @ R.T)
+
+    def put(self, body: Any) -> None:
+        """Give it to an ``MjsBody``, by principal axes: MuJoCo finds them to 1e-12 kg·m² only."""
+        moments, axes = np.linalg.eigh(self.inertia)
+        axes *= np.sign(np.linalg.det(axes))
+        a, b, c = np.maximum(moments, 0.0)
+        body.mass, body.ipos, body.iquat = self.mass, self.com, quaternion(axes)
+        body.inertia, body.fullinertia = [a, b, min(c, a + b)], np.full(6, np.nan)
+        body.explicitinertial = True
+
+
+def inertia_fault(inertia: Array, tolerance: float = LAMINA_TOLERANCE) -> str:
+    """Return why no body has an inertia (3, 3), which MuJoCo then refuses, or nothing.
+
+    Args:
+        inertia: About the centre of mass, kg·m².
+        tolerance: Of the largest principal moment, to which a lamina meets A + B = C.
+    """
+    a, b, c = np.linalg.eigvalsh(inertia)
+    if a < -tolerance * abs(c):
+        return f"inertia is not positive definite ({moments_text(inertia)})"
+    if c - a - b > tolerance * abs(c):
+        return f"inertia breaks the triangle rule ({moments_text(inertia)})"
+    return ""
+
+
+def moments_text(inertia: Array) -> str:
+    """Return the principal moments of an inertia (3, 3) in words."""
+    a, b, c = np.linalg.eigvalsh(inertia)
+    return f"principal moments {a:.3g}, {b:.3g}, {c:.3g} kg·m²"
+
+
+MASSLESS = Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
+
+
+class MujocoModel:
+    """MuJoCo's ``MjModel`` of a robot.
+
+    Args:
+        reading: Its file; read anew if None.
+        release: Gives the root link its freedom, given the ``MjSpec`` and the link's ``MjsBody``;
+            None for a planar base.
+
+    Attributes:
+        mjm: The ``MjModel``: qpos and qvel of a planar base are x, y, turn of the root link, then
+            the joints.
+        root: Index of the root link's body.
+        joints: Index in qpos and in qvel of every moving joint.
+        refused: Links that MuJoCo refuses, each with the reason.
+        fused: What was done about them: made one body with the links fixed to them.
+
+    Raises:
+        EngineRefused: A moving body is unphysical even as a whole; its links are named.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        reading: FileReading | None = None,
+        release: Callable[[Any, Any], None] | None = None,
+    ) -> None:
+        self._mujoco = mujoco_library()
+        self._robot = robot
+        self._raw = (reading or read(robot)).raw
+        self.refused: tuple[str, ...] = ()
+        self.fused: tuple[str, ...] = ()
+        spec = self._mujoco.MjSpec.from_string(_bare_urdf(robot))
+        self._freeze(spec)
+        for head, poses in _rigid_bodies(self._raw, robot.locked).items():
+            self._give_inertia(spec, head, poses)
+        (release or self._add_planar_base)(spec, spec.body(NAME_PREFIX + self._raw.root))
+        self.mjm = self._compiled(spec)
+        self.root = int(self.mjm.body(NAME_PREFIX + self._raw.root).id)
+        self.joints = {
+            joint.name: int(self.mjm.joint(joint.name).dofadr[0])
+            for joint in self._raw.joints
+            if joint.type != "fixed" and joint.name not in robot.locked
+        }
+        for name, inertia in rotor_inertias(robot, self._raw).items():
+            self.mjm.dof_armature[self.joints[name]] = inertia
+
+    def _add_planar_base(self, spec: Any, root: Any) -> None:
+        """Let the root link slide along x and y and turn about z."""
+        kinds = self._mujoco.mjtJoint
+        root.add_joint(name=f"{NAME_PREFIX}x", type=kinds.mjJNT_SLIDE, axis=[1, 0, 0])
+        root.add_joint(name=f"{NAME_PREFIX}y", type=kinds.mjJNT_SLIDE, axis=[0, 1, 0])
+        root.add_joint(name=f"{NAME_PREFIX}turn", type=kinds.mjJNT_HINGE, axis=[0, 0, 1])
+
+    def _compiled(self, spec: Any) -> Any:
+        """Return the model with inertias as they are given."""
+        compiler = spec.compiler
+        compiler.fusestatic = compiler.balanceinertia = compiler.autolimits = False
+        compiler.boundmass = compiler.boundinertia = 0.0
+        compiler.inertiafromgeom = self._mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        spec.option.gravity = GRAVITY
+        try:
+            return spec.compile()
+        except ValueError as error:
+            reason = " ".join(str(error).replace(NAME_PREFIX, "").split())
+            raise EngineRefused(f"{self._robot.name}: MuJoCo refuses it: {reason}") from None
+
+    def _freeze(self, spec: Any) -> None:
+        """Move the bodies behind locked joints to where these are locked."""
+        for name, position in self._robot.locked.items():
+            joint = self._raw.joint[name]
+            body = spec.body(NAME_PREFIX + joint.child)
+            pose = joint.motion(position)
+            body.pos, body.quat = pose[:3, 3], quaternion(pose)
+
+    def _give_inertia(self, spec: Any, head: str, poses: dict[str, Array]) -> None:
+        """Set the inertias of the links that move as one body with the link ``head``.
+
+        Where MuJoCo would refuse one of them, the whole body's inertia is given to the head.
+        """
+        bodies = {link: self._read(spec.body(NAME_PREFIX + link)) for link in poses}
+        faults = {link: inertia_fault(body.inertia) for link, body in bodies.items()}
+        faults = {link: fault for link, fault in faults.items() if fault}
+        if faults:
+            lines = self._robot.description.link
+            named = tuple(f'link "{k}" (line {lines[k].line}): {why}' for k, why in faults.items())
+            whole = _sum([body.placed(poses[link]) for link, body in bodies.items()])
+            self._require(whole, named, tuple(poses))
+            self.refused += named
+            self.fused += tuple(_fusion_note(link, head) for link in faults)
+            bodies = {link: whole if link == head else MASSLESS for link in poses}
+        for link, body in bodies.items():
+            body.put(spec.body(NAME_PREFIX + link))
+
+    def _require(self, whole: Inertial, named: tuple[str, ...], links: tuple[str, ...]) -> None:
+        """Refuse a moving body that is unphysical as a whole."""
+        fault = inertia_fault(whole.inertia)
+        if not fault and np.linalg.eigvalsh(whole.inertia)[0] < MIN_INERTIA:
+            fault = "a principal moment is 0"
+        if fault:
+            raise EngineRefused(
+                f"{self._robot.name}: MuJoCo refuses {'; '.join(named)}; the body of all links "
+                f"fixed together there ({', '.join(links)}) is no better: {fault}; correct its "
+                "<inertia>"
+            )
+
+    def _read(self, body: Any) -> Inertial:
+        """Return a link's inertia as MuJoCo read it; a link without one weighs nothing."""
+        xx, yy, zz, xy, xz, yz = np.nan_to_num(body.fullinertia)
+        R = np.zeros(9)
+        self._mujoco.mju_quat2Mat(R, body.iquat)
+        axes = R.reshape(3, 3)
+        inertia = axes @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ axes.T
+        return Inertial(float(body.mass), np.nan_to_num(body.ipos), inertia)
+
+
+def _bare_urdf(robot: Robot) -> str:
+    """Return the file's links with their inertias, and its joints; locked joints are fixed.
+
+    An axis that the file leaves out is URDF's, (1, 0, 0): MuJoCo has another. An inertia that it
+    leaves out may be the robot's estimate.
+    """
+    source = document(robot.description.raw)
+    bare = etree.Element("robot", name="robot")
+    estimated = robot.description.estimated_links
+    for link in source.findall("link"):
+        name = link.get("name")
+        copy = etree.SubElement(bare, "link", name=NAME_PREFIX + name)
+        copy.extend(deepcopy(link.findall("inertial")[:1]))
+        if name in estimated:
+            copy.append(inertial_element(robot.description.link[name]))
+    for joint in source.findall("joint"):
+        name = joint.get("name")
+        kind = "fixed" if name in robot.locked else joint.get("type")
+        copy = etree.SubElement(bare, "joint", name=name, type=kind)
+        for end in ("parent", "child"):
+            etree.SubElement(copy, end, link=NAME_PREFIX + joint.find(end).get("link"))
+        dynamics = joint.find("dynamics")
+        if dynamics is not None and robot.loaded_with.losses:
+            damping = str(max(0.0, float(dynamics.get("damping") or 0.0)))
+            etree.SubElement(copy, "dynamics", damping=damping)
+        for tag in ("origin", "axis"):
+            copy.extend(deepcopy(joint.findall(tag)[:1]))
+        if joint.find("axis") is None:
+            etree.SubElement(copy, "axis", xyz="1 0 0")
+    return str(etree.tostring(bare, encoding="unicode"))
+
+
+def _rigid_bodies(raw: RawFile, locked: Mapping[str, float]) -> dict[str, dict[str, Array]]:
+    """Return, by the first link of each moving body, the poses (4, 4) of its links in that one."""
+    bodies = {raw.root: {raw.root: np.eye(4)}}
+    stack = [(raw.root, raw.root)]
+    while stack:
+        link, head = stack.pop()
+        for joint in raw.below[link]:
+            if joint.type != "fixed" and joint.name not in locked:
+                bodies[joint.child] = {joint.child: np.eye(4)}
+                stack.append((joint.child, joint.child))
+            else:
+                pose = joint.motion(locked.get(joint.name, 0.0))
+                bodies[head][joint.child] = bodies[head][link] @ pose
+                stack.append((joint.child, head))
+    return bodies
+
+
+def _sum(bodies: list[Inertial]) -> Inertial:
+    """Return several bodies as one, by the parallel-axis rule."""
+    mass = sum(body.mass for body in bodies)
+    com = sum((body.mass * body.com for body in bodies), np.zeros(3)) / (mass or 1.0)
+    inertia = np.zeros((3, 3))
+    for body in bodies:
+        d = body.com - com
+        inertia += body.inertia + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
+    return Inertial(mass, com, inertia)
+
+
+def _fusion_note(link: str, head: str) -> str:
+    if link == head:
+        return f'link "{link}" is made one body with the links fixed to it'
+    return f'link "{link}" is made one body with "{head}", to which it is fixed'
+
+
 OLDEST_MUJOCO = (3, 14)  # before it MuJoCo turned an inertia read from a URDF to its principal axes
-CONTRADICTION_TOLERANCE = 1e-9  # of the solution: rows that no motion meets; rounding leaves 1e-13
 
 
 @dataclass(frozen=True)
@@ -76,197 +320,39 @@ class MujocoEngine:
     """
 
     def __init__(self, robot: Robot, reading: FileReading | None = None) -> None:
-        self._mujoco: Any = import_module("mujoco")
+        self._mujoco = mujoco_library()
         self._robot = robot
         reading = reading or read(robot)
-        self._drive = reading.drive
         tree = MujocoModel(robot, reading)
         self.refused, self.fused = tree.refused, tree.fused
-        self._model, self._root, self._joints = tree.mjm, tree.root, tree.joints
+        self._model, self._joints = tree.mjm, tree.joints
         self._data = self._mujoco.MjData(self._model)
-        self._tree = Tree(robot, FLOATS, reading)
-        self._rows_of = self._row_numbers()
-        held = 3 if self._drive.type == "fixed" else 0
-        self._constraints = len(self._drive.wheels) + len(set(self._rows_of.values())) + held
-        self._always = self._constant_rows()
+        self._oracle = GibbsAppell(robot, reading=reading)
         self._columns = np.zeros((robot.nv, len(robot.actuators)))
         for column, name in enumerate(robot.actuators):
             self._columns[self._joints[name], column] = 1.0
 
     def reduced(self, q: Array, nu: Array) -> EngineTerms:
-        """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling.
-
-        Raises:
-            RpctlError: The constraints and ν do not determine one motion.
-        """
-        self._move(q, np.zeros(self._robot.nv))
-        rows = self._rows(self._mujoco.mj_jac) + self._always
-        for name, rate in self._follower_rates(q, np.zeros(self._robot.nv)):
-            rows[self._rows_of[name]] -= rate.row
-        wanted = np.zeros((len(rows), len(nu)))
-        wanted[self._constraints :] = np.eye(len(nu))
-        S = _solve(rows, wanted)
-        v = S @ nu
-        self._move(q, v)
-        drift = self._rows(self._mujoco.mj_jacDot) @ v
-        drift += self._turning_drift(v)
-        for name, rate in self._follower_rates(q, v):
-            drift[self._rows_of[name]] -= rate.drift
-        Sdot_nu = _solve(rows, -drift)
-        M = self._inertia()
-        h = S.T @ (self._data.qfrc_bias + M @ Sdot_nu)
-        return EngineTerms(S.T @ M @ S, h, S.T @ self._columns, S.T @ self._data.qfrc_passive)
-
-    def _move(self, q: Array, speed: Array) -> None:
-        """Set MuJoCo's state: q (nq,) as Pinocchio's, the speed (nv,) as MuJoCo's."""
+        """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling."""
+        S, drift = self._rolling(q, nu)
         self._data.qpos[:3] = q[0], q[1], math.atan2(q[3], q[2])
         for name, index in self._joints.items():
             self._data.qpos[index] = self._robot.joint_position(q, name)
-        self._data.qvel[:] = speed
+        self._data.qvel[:] = S @ nu
         self._mujoco.mj_fwdPosition(self._model, self._data)
         self._mujoco.mj_fwdVelocity(self._model, self._data)
-
-    def _inertia(self) -> Array:
-        """Return the free tree's inertia (nv, nv): its product with each unit vector."""
         M = np.zeros((self._robot.nv, self._robot.nv))
         for row, unit in zip(M, np.eye(self._robot.nv), strict=True):
             self._mujoco.mj_mulM(self._model, self._data, row, unit)
-        return M
+        h = S.T @ (self._data.qfrc_bias + M @ drift)
+        return EngineTerms(S.T @ M @ S, h, S.T @ self._columns, S.T @ self._data.qfrc_passive)
 
-    def _rows(self, kind: Any) -> Array:
-        """Return [A; W], or its rate, as far as Jacobians ``kind`` make it; zero elsewhere.
-
-        A wheel's row is the velocity of its contact point, v_c + ω × (−r ẑ), along the direction
-        in which it stands still; one on a swivel, and the swivel's lateral row, are of the place
-        where the swivel's axis meets the ground. With an axle two rows are of P: its velocity to
-        the left, and its forward speed; else one each of the base's velocity along its own axes.
-        """
-        rows = np.zeros((self._constraints + self._robot.dof, self._robot.nv))
-        for at, direction, _, J in self._directed_rows(kind):
-            rows[at] += direction @ J
-        return rows
-
-    def _turning_drift(self, v: Array) -> Array:
-        """Return what the turning of the directions adds to the rate of :meth:`_rows` times v."""
-        drift = np.zeros(self._constraints + self._robot.dof)
-        for at, direction, turn, J in self._directed_rows(self._mujoco.mj_jac):
-            drift[at] += (turn @ v) * cross(-DOWN, direction) @ (J @ v)
-        return drift
-
-    def _directed_rows(self, kind: Any) -> Iterator[tuple[int, Array, Array, Array]]:
-        """Yield a row, its direction (3,), the turning of it (nv,), J or J̇ (3, nv) of its point."""
-        drive, R = self._drive, self._data.xmat[self._root].reshape(3, 3)
-        turn, first = np.eye(self._robot.nv)[2], self._constraints
-        for at, wheel in enumerate(drive.wheels):
-            if wheel.swivel is None:
-                yield at, R @ [*wheel.direction, 0.0], turn, self._contact(kind, wheel)
-        for swivel in drive.swivels:
-            index = self._joints[swivel.joint]
-            swing = turn + swivel.sign * np.eye(self._robot.nv)[index]
-            angle = swivel.heading + swivel.sign * self._data.qpos[index]
-            ahead = R @ [math.cos(angle), math.sin(angle), 0.0]
-            J = self._base(kind, swivel.pivot)
-            for wheel_row in drive.carried(swivel):
-                yield wheel_row, ahead, swing, J
-            if swivel.role != "follower":
-                yield self._rows_of[swivel.joint], cross(-DOWN, ahead), swing, J
-        P = self._base(kind, drive.point)
-        if drive.has_axle:
-            ahead = R @ [math.cos(drive.heading), math.sin(drive.heading), 0.0]
-            yield self._rows_of["P"], cross(-DOWN, ahead), turn, P
-            yield first, ahead, turn, P
-        elif drive.wheels and not drive.steered:
-            yield first, R[:, 0], turn, P
-            yield first + 1, R[:, 1], turn, P
-
-    def _contact(self, kind: Any, wheel: Wheel) -> Array:
-        """Return J or J̇ (3, nv) of the contact point of a wheel that the root link holds."""
-        joint, data = self._model.joint(wheel.joint).id, self._data
-        centre = data.xanchor[joint] + wheel.offset * data.xaxis[joint]
-        linear, angular = self._jacobian(kind, centre, self._model.jnt_bodyid[joint])
-        J = linear + cross_columns(angular, wheel.radius * DOWN)
-        left = self._drive.heading + 0.5 * math.pi
-        grip = (wheel.shift * math.cos(left), wheel.shift * math.sin(left))
-        return J + self._base(kind, grip) - self._base(kind, (0.0, 0.0))
-
-    def _base(self, kind: Any, place: tuple[float, float]) -> Array:
-        """Return J or J̇ (3, nv) of a place of the root link's frame that moves along with it."""
-        R = self._data.xmat[self._root].reshape(3, 3)
-        point = self._data.xpos[self._root] + R @ np.array([*place, 0.0])
-        return self._jacobian(kind, point, self._root)[0]
-
-    def _follower_rates(self, q: Array, v: Array) -> Iterator[tuple[str, JointRate]]:
-        """Yield the swivels that follow others, and their rates as rows of v (nv,)."""
-        drive, identity = self._drive, np.eye(self._robot.nv)
-        rates = {s.joint: JointRate(identity[self._joints[s.joint]], 0.0) for s in drive.swivels}
-        positions = {name: self._robot.joint_position(q, name) for name in rates}
-        for swivel in drive.followers:
-            yield swivel.joint, follower_rate(self._tree, drive, swivel, positions, v, rates)
-
-    def _row_numbers(self) -> dict[str, int]:
-        """Return the rows of A by what they are of: after the wheels, P, swivels and mimics."""
-        drive = self._drive
-        names = ["P"] if drive.has_axle else []
-        names += [s.joint for s in drive.swivels if s.shares is None]
-        names += [f"mimic {joint.name}" for joint in self._robot.mimics]
-        rows = {name: len(drive.wheels) + k for k, name in enumerate(names)}
-        return rows | {s.joint: rows[s.shares] for s in drive.swivels if s.shares is not None}
-
-    def _jacobian(self, kind: Any, point: Array, body: int) -> tuple[Array, Array]:
-        """Return J or J̇ (3, nv), linear and angular, of a point (world) fixed in a body."""
-        linear, angular = np.zeros((2, 3, self._robot.nv))
-        kind(self._model, self._data, linear, angular, point, body)
-        return linear, angular
-
-    def _constant_rows(self) -> Array:
-        """Return the rows of [A; W] that no motion changes: mimics, a held base, turn, joints."""
-        robot, drive, turn = self._robot, self._drive, np.eye(self._robot.nv)[2]
-        rows = np.zeros((self._constraints + robot.dof, robot.nv))
-        speed = self._constraints
-        for swivel in drive.swivels:
-            swing = turn.copy()
-            swing[self._joints[swivel.joint]] = swivel.sign
-            if swivel.role == "follower":
-                rows[self._rows_of[swivel.joint], self._joints[swivel.joint]] = 1.0
-            else:
-                rows[self._rows_of[swivel.joint]] += swivel.trail * swing
-            for at in drive.carried(swivel):
-                wheel = drive.wheels[at]
-                lever = self._tree.wheels[wheel.joint].lever
-                rows[at] -= wheel.lateral * swing
-                rows[at, self._joints[wheel.joint]] = -lever
-                if not drive.has_axle and drive.steered and swivel == drive.steered[0]:
-                    share = lever / len(drive.carried(swivel))
-                    rows[speed, self._joints[wheel.joint]] = share
-        if drive.type == "fixed":
-            rows[:3, :3] = np.eye(3)
-        for joint in robot.mimics:
-            at = self._rows_of[f"mimic {joint.name}"] + 3 * (drive.type == "fixed")
-            rows[at, self._joints[joint.name]] = 1.0
-            leader, factor = self._tree.leader(joint.name)
-            if leader in self._joints:
-                rows[at, self._joints[leader]] -= factor
-        if drive.base_speeds and not drive.steered:
-            rows[self._constraints + len(drive.base_speeds) - 1, 2] = 1.0
-        own = [*(swivel.joint for swivel in drive.steered), *robot.joint_names]
-        for row, name in enumerate(own, start=len(rows) - len(own)):
-            rows[row, self._joints[name]] = 1.0
-        return rows
-
-
-def _solve(rows: Array, wanted: Array) -> Array:
-    """Solve [A; W] X = ``wanted``, which has one solution if the robot has one motion.
-
-    A second pass on what is left brings 1e-13, the singular value decomposition's, to rounding.
-
-    Raises:
-        RpctlError: It has none, or many.
-    """
-    solution, _, rank, _ = np.linalg.lstsq(rows, wanted, rcond=CONTRADICTION_TOLERANCE)
-    solution += np.linalg.lstsq(rows, wanted - rows @ solution, rcond=CONTRADICTION_TOLERANCE)[0]
-    gap = np.abs(rows @ solution - wanted).max()
-    if rank < rows.shape[1] or gap > CONTRADICTION_TOLERANCE * max(
-        1.0, float(np.abs(solution).max())
-    ):
-        raise RpctlError("rolling wheels and quasi-velocities do not determine one motion")
-    return np.asarray(solution)
+    def _rolling(self, q: Array, nu: Array) -> tuple[Array, Array]:
+        """Return S (nv, dof) and Ṡν (nv,) in MuJoCo's coordinates, by the Gibbs-Appell walk."""
+        root, rates = self._oracle.rolling(q, nu)
+        S, drift = np.zeros((self._robot.nv, len(nu))), np.zeros(self._robot.nv)
+        S[:2], S[2] = root.J_v[:2], root.J_w[2]
+        drift[:2], drift[2] = root.a[:2], root.alpha[2]
+        for name, index in self._joints.items():
+            S[index], drift[index] = rates.rows[name], rates.drifts[name]
+        return S, drift

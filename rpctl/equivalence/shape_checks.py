@@ -8,9 +8,8 @@ import numpy as np
 
 from rpctl.drive.drive import Drive
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.check import Check, Skipped, worst
-from rpctl.equivalence.file_drive import quantities
-from rpctl.equivalence.file_reading import FileReading
+from rpctl.equivalence.certificate import Check, Skipped, worst
+from rpctl.equivalence.file_drive import FileReading, quantities
 from rpctl.equivalence.state import State
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.model import BASE_NV

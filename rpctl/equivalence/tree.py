@@ -15,7 +15,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Swivel, Wheel
-from rpctl.equivalence.file_reading import FileReading, read, rotor_inertias
+from rpctl.equivalence.file_drive import FileReading, read, rotor_inertias
 from rpctl.equivalence.raw_file import RawInertial
 from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE
 from rpctl.robot.model import Robot

@@ -11,9 +11,14 @@ import numpy as np
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import RollingConstraints, find_rolling
 from rpctl.equivalence import checks, mujoco_engine
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.check import CONTACT_ORACLE, EXACT_TOLERANCE, Check, Skipped
-from rpctl.equivalence.file_reading import FileReading, read, shared
+from rpctl.equivalence.certificate import (
+    CONTACT_ORACLE,
+    EXACT_TOLERANCE,
+    Certificate,
+    Check,
+    Skipped,
+)
+from rpctl.equivalence.file_drive import FileReading, read, shared
 from rpctl.equivalence.gibbs_appell import (
     BREAKDOWNS,
     STATES_AT_ONCE,

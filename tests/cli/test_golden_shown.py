@@ -17,8 +17,7 @@ import rpctl
 from rpctl import Robot, Run, summarize
 from rpctl.cli import compare, inspect, verify
 from rpctl.cli import summary as shown
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.check import Check
+from rpctl.equivalence.certificate import Certificate, Check
 from rpctl.robot.inspection import facts
 from rpctl.simulation.config import RunSettings
 from rpctl.study.cells import Figures, Row, figures_of

@@ -20,11 +20,11 @@ from rpctl.engines.engine import (
     ALL_MENDED,
     Engine,
     EngineFault,
-    EngineMissing,
     EngineState,
     Mended,
 )
 from rpctl.engines.referee import Referee
+from rpctl.errors import EngineMissing
 from rpctl.robot.losses import TURNING_RATE
 from rpctl.robot.model import Robot
 from tests import urdf

@@ -14,14 +14,13 @@ import rpctl
 from rpctl.arrays import Array
 from rpctl.engines.engine import (
     ALL_MENDED,
-    EngineMissing,
     Mended,
     installed_engines,
 )
-from rpctl.engines.mujoco import library
 from rpctl.engines.mujoco.engine import MujocoRun, MujocoSimulator
 from rpctl.engines.referee import EngineVerdict, Referee, beyond
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.equivalence.contact import mujoco_body
+from rpctl.errors import EngineMissing, RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 from tests.cli.test_app import run
 from tests.grids import cells
@@ -187,7 +186,7 @@ def test_a_missing_engine_is_told_with_the_command(monkeypatch: pytest.MonkeyPat
     def absent(name: str) -> None:
         raise ImportError(name)
 
-    monkeypatch.setattr(library, "import_module", absent)
+    monkeypatch.setattr(mujoco_body, "import_module", absent)
     found, missing = installed_engines(["mujoco"])
     assert not found and "pip install 'rpctl[mujoco]'" in missing[0]
     with pytest.raises(EngineMissing):

@@ -27,7 +27,7 @@ from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.dynamics import rolling
 from rpctl.equivalence import checks, wheel_slip
-from rpctl.equivalence.check import Check
+from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import MujocoEngine
 from rpctl.equivalence.wheel_slip import FileMotion, Slip

@@ -16,7 +16,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.drive.drive import Drive, Swivel, Wheel
-from rpctl.equivalence.check import Check
+from rpctl.equivalence.certificate import Check
 from rpctl.robot.build import build
 
 SAMPLES = 3

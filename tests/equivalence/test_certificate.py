@@ -7,6 +7,7 @@ import pytest
 import rpctl
 from rpctl import Robot, RpctlError, verify
 from rpctl.arrays import Array
+from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.state import draw_state
 from rpctl.robot.catalog import names
@@ -57,8 +58,6 @@ def test_every_comparison_is_there(paper: Robot) -> None:
 def test_an_engine_that_is_not_installed_never_passes(
     paper: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rpctl.equivalence import mujoco_engine
-
     monkeypatch.setattr(mujoco_engine, "installed", lambda: False)
     proof = verify(paper, samples=1)
     (row,) = proof.skipped
@@ -72,8 +71,6 @@ def test_an_engine_that_is_not_installed_never_passes(
 
 
 def test_an_engine_that_refuses_says_why(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rpctl.equivalence import mujoco_engine
-
     def refuse(self: object, *arguments: object) -> None:
         raise mujoco_engine.EngineRefused("link a weighs nothing")
 

@@ -12,7 +12,7 @@ import rpctl
 from rpctl import ReducedDynamics
 from rpctl.arrays import Array
 from rpctl.equivalence import checks
-from rpctl.equivalence.check import DIFFERENCE_TOLERANCE
+from rpctl.equivalence.certificate import DIFFERENCE_TOLERANCE
 from rpctl.equivalence.state import State, find_rounding_scales
 from tests.robots import SET_A, platform, write
 

@@ -20,7 +20,7 @@ from rpctl.drive.drive import Swivel, Wheel
 from rpctl.dynamics import motion
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence import verify as verify_module
-from rpctl.equivalence.check import Skipped
+from rpctl.equivalence.certificate import Skipped
 from rpctl.equivalence.contact import mujoco_body
 from rpctl.equivalence.contact import plan as contact_plan
 from rpctl.equivalence.contact import trial as contact_trial

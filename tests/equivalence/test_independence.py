@@ -13,7 +13,6 @@ from rpctl.equivalence import (
     file_wheels,
     gibbs_appell,
     mujoco_engine,
-    mujoco_model,
     planar,
     raw_file,
     tree,
@@ -40,7 +39,7 @@ STANCE = {  # which parts stand on the ground, by name
 }
 READERS = (raw_file, file_wheels, file_drive, wheel_slip)
 ASKED = {  # rooms that a module may ask for some names alone, those, and attributes that it has not
-    **dict.fromkeys((gibbs_appell, mujoco_engine, mujoco_model), (SIMULATED, set(), MODEL)),
+    **dict.fromkeys((gibbs_appell, mujoco_engine), (SIMULATED, set(), MODEL)),
     **dict.fromkeys((model, mujoco_body), (SIMULATED, STANCE, MODEL)),
     **dict.fromkeys(READERS, (READ, RECORDS, READING | {"tree"})),
     **dict.fromkeys((tree, planar), (("rpctl.description",), set(), READING)),

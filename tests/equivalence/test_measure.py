@@ -8,13 +8,13 @@ import math
 import numpy as np
 import pytest
 
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.check import (
+from rpctl.equivalence.certificate import (
     CONTACT_ORACLE,
     DIFFERENCE_STEP,
     EPS,
     EXACT_TOLERANCE,
     ROUNDINGS,
+    Certificate,
     Check,
     Skipped,
     allowed,

@@ -17,7 +17,7 @@ from rpctl.arrays import Array
 from rpctl.dynamics import motion
 from rpctl.dynamics.projection import Projection
 from rpctl.equivalence import checks
-from rpctl.equivalence.check import Check
+from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.mujoco_engine import installed
 from rpctl.equivalence.shape_checks import SHAPES
 from rpctl.errors import RpctlError

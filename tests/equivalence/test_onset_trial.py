@@ -14,7 +14,7 @@ from rpctl.cli.app import app
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence import verify as verify_module
-from rpctl.equivalence.check import Skipped
+from rpctl.equivalence.certificate import Skipped
 from rpctl.equivalence.onset import prediction
 from rpctl.equivalence.onset import trial as trial_module
 from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, PushedBody, measure

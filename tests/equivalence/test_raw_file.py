@@ -9,7 +9,7 @@ import pytest
 
 import rpctl
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.equivalence.file_reading import read
+from rpctl.equivalence.file_drive import read
 from rpctl.equivalence.raw_file import read_file
 from rpctl.robot.catalog import names
 from tests.description.urdf.test_mended import FINE

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl.equivalence.file_reading import read
+from rpctl.equivalence.file_drive import read
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from tests.robots import write
 from tests.vehicles import vehicle

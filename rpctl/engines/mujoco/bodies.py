@@ -17,10 +17,9 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.records import Joint, Link
-from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
-from rpctl.equivalence.contact.mujoco_body import quaternion
-from rpctl.equivalence.mujoco_model import Inertial, inertia_fault, moments_text
+from rpctl.equivalence.contact.mujoco_body import mujoco_library, quaternion
+from rpctl.equivalence.mujoco_engine import Inertial, inertia_fault, moments_text
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 

@@ -22,9 +22,8 @@ from rpctl.arrays import Array
 from rpctl.drive.steering import MAX_STEERING, follower_positions
 from rpctl.engines.mujoco.bodies import add_bodies, add_motors
 from rpctl.engines.mujoco.ground import GRIP, GROUND, GroundContacts
-from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import BASE, LEAST, ContactSettings, Heights, read_heights
-from rpctl.equivalence.contact.mujoco_body import follower_slopes
+from rpctl.equivalence.contact.mujoco_body import follower_slopes, mujoco_library
 from rpctl.errors import RpctlError, require_positive
 from rpctl.robot.model import Robot
 

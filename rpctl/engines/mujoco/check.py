@@ -15,7 +15,7 @@ from rpctl.engines.mujoco.certificate import MjcfCertificate, find_certificate
 from rpctl.engines.mujoco.equations import Witness, compare_with_witness, take_witness
 from rpctl.engines.mujoco.mjcf_reader import Fields, StrictMjcf, Table, Value, read_mjcf
 from rpctl.engines.mujoco.trial import run_on_ground
-from rpctl.equivalence.check import Check, Skipped
+from rpctl.equivalence.certificate import Check, Skipped
 from rpctl.errors import RpctlError, printable
 from rpctl.robot.inspection import model_digest
 from rpctl.robot.model import Robot

@@ -19,12 +19,11 @@ from rpctl.engines.engine import (
     wheel_slip,
 )
 from rpctl.engines.mujoco.build import build
-from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.switches import mend, mujoco_switches
 from rpctl.engines.mujoco.user_load import PREFIX, compiled, load_as_user
 from rpctl.engines.mujoco.world import MujocoWorld
-from rpctl.equivalence.contact.mujoco_body import MujocoBody, RollingBody, Touching
+from rpctl.equivalence.contact.mujoco_body import MujocoBody, RollingBody, Touching, mujoco_library
 from rpctl.robot.model import Robot
 
 SETTINGS = ContactSettings(wheel_shape="crowned")  # those that ``rpctl export`` writes

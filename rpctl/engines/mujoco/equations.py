@@ -15,8 +15,8 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.equivalence.check import Check, worst
+from rpctl.equivalence.certificate import Check, worst
+from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from rpctl.equivalence.state import draw_state
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root

@@ -23,15 +23,14 @@ from rpctl.engines.mujoco.certificate import MjcfCertificate
 from rpctl.engines.mujoco.check import compare_tables
 from rpctl.engines.mujoco.equations import Witness, compare_with_witness, take_witness
 from rpctl.engines.mujoco.ground import has_rollers
-from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.mjcf_reader import StrictMjcf, parse_mjcf, tabulate
 from rpctl.engines.mujoco.mjcf_writer import Drawn, Part, draw, numbers, to_bytes, write_model
 from rpctl.engines.mujoco.sensors import FREE, HOME, HOW, sensor_parts
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.trial import run_on_ground, settle
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.check import Check, Skipped
+from rpctl.equivalence.certificate import Certificate, Check, Skipped
 from rpctl.equivalence.contact.model import SOLIMP
+from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from rpctl.equivalence.verify import verify
 from rpctl.errors import RpctlError
 from rpctl.files.writing import make_folder, require_writable, write_atomically

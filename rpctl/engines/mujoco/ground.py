@@ -19,11 +19,14 @@ from rpctl.description.records import Shape, rotation
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.stance import find_supports
 from rpctl.engines.mujoco.bodies import body_name, is_physical, place_in_body
-from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.equivalence.contact.model import about, geom_size, support_shapes, tyre
-from rpctl.equivalence.contact.mujoco_body import quaternion, vertical_inverse_masses
-from rpctl.equivalence.mujoco_model import Inertial
+from rpctl.equivalence.contact.mujoco_body import (
+    mujoco_library,
+    quaternion,
+    vertical_inverse_masses,
+)
+from rpctl.equivalence.mujoco_engine import Inertial
 from rpctl.robot.model import Robot
 
 GROUND = "ground"  # name of the ground's geom

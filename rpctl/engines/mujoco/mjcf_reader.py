@@ -20,8 +20,7 @@ import numpy as np
 from lxml import etree
 
 from rpctl.arrays import Array
-from rpctl.engines.mujoco.library import mujoco_library
-from rpctl.equivalence.contact.mujoco_body import muted
+from rpctl.equivalence.contact.mujoco_body import mujoco_library, muted
 from rpctl.errors import DescriptionError, Finding, RpctlError, one_line
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.opening import read_input

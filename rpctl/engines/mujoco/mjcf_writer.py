@@ -24,9 +24,8 @@ from rpctl.description.meshes.paths import MeshError
 from rpctl.description.meshes.reading import Surface, read_shape
 from rpctl.description.records import Shape
 from rpctl.engines.mujoco.bodies import body_name
-from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.equivalence.contact.model import geom_size
-from rpctl.equivalence.contact.mujoco_body import quaternion
+from rpctl.equivalence.contact.mujoco_body import mujoco_library, quaternion
 from rpctl.robot.model import Robot
 
 DIGITS = 17  # of which each double is read again

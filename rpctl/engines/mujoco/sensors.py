@@ -18,8 +18,8 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.rolling import find_rolling, selection
 from rpctl.engines.mujoco.bodies import body_name
-from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.mjcf_writer import Part
+from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import BASE_NV, Robot

@@ -20,7 +20,6 @@ from rpctl.engines.mujoco.bodies import (
     link_fault,
     place_in_body,
 )
-from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.user_load import GROUND, PREFIX, geom_name
 from rpctl.equivalence.contact.model import (
     IMPRATIO,
@@ -31,7 +30,12 @@ from rpctl.equivalence.contact.model import (
     support_shapes,
     tyre,
 )
-from rpctl.equivalence.contact.mujoco_body import Touching, one_directional, quaternion
+from rpctl.equivalence.contact.mujoco_body import (
+    Touching,
+    mujoco_library,
+    one_directional,
+    quaternion,
+)
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 

@@ -18,10 +18,9 @@ from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.mujoco.ground import has_rollers
-from rpctl.engines.mujoco.library import mujoco_library
 from rpctl.engines.mujoco.sensors import HOME
-from rpctl.equivalence.check import Skipped
-from rpctl.equivalence.contact.mujoco_body import MujocoBody, follower_slopes, muted
+from rpctl.equivalence.certificate import Skipped
+from rpctl.equivalence.contact.mujoco_body import MujocoBody, follower_slopes, mujoco_library, muted
 from rpctl.equivalence.contact.plan import (
     TICK_S,
     ContactPlan,

@@ -20,7 +20,7 @@ from rpctl.description.meshes.reading import Hull, convex_hull
 from rpctl.description.records import Joint, Shape
 from rpctl.engines.edited_urdf import urdf_inertial, urdf_numbers, urdf_origin
 from rpctl.engines.engine import EngineFault
-from rpctl.engines.mujoco.library import mujoco_library
+from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from rpctl.robot.model import Robot
 
 PREFIX = "rpctl/"  # before the names of links: MuJoCo has a body called "world"

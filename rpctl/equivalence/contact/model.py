@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -27,8 +26,8 @@ from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.records import Joint, Shape
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.stance import Supports, find_supports
-from rpctl.equivalence.contact.mujoco_body import RollingBody, Touching, quaternion
-from rpctl.equivalence.mujoco_model import NAME_PREFIX, MujocoModel
+from rpctl.equivalence.contact.mujoco_body import RollingBody, Touching, mujoco_library, quaternion
+from rpctl.equivalence.mujoco_engine import NAME_PREFIX, MujocoModel
 from rpctl.robot.model import Robot
 
 MAX_AXIS_SINE = (
@@ -214,7 +213,7 @@ class _Builder:
 
     def __init__(self, robot: Robot, friction: float) -> None:
         self._robot, self._friction = robot, friction
-        self._mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
+        self._mujoco = mujoco_library()
         self.geoms: dict[str, str] = {}
         self.notes: list[str] = []
 

@@ -19,9 +19,11 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Wheel
 from rpctl.drive.steering import follower_positions
+from rpctl.errors import EngineMissing
 from rpctl.robot.coordinates import write_root
 from rpctl.robot.model import BASE_NV, Robot
 
+ABSENT = "MuJoCo is not installed; pip install 'rpctl[mujoco]', with Python 3.11 or later"
 BAD = ("QPOS", "QVEL", "QACC", "CTRL")  # MuJoCo's warnings of what leaves the finite numbers
 DIFFERENCE_STEP = 1e-6  # rad, of a difference quotient
 ROLLER_FRICTION = 1e-5  # along which a roller runs, or a ball slides: the least MuJoCo takes
@@ -30,17 +32,29 @@ STABLE = 0.2  # bandwidth times the step at which a spring that is pulled once a
 UP = np.array([0.0, 0.0, 1.0])
 
 
+def mujoco_library() -> Any:
+    """Return the module ``mujoco``, an extra that is imported where it is needed.
+
+    Raises:
+        EngineMissing: It is not installed.
+    """
+    try:
+        return import_module("mujoco")
+    except ImportError:
+        raise EngineMissing(ABSENT) from None
+
+
 def quaternion(pose: Array) -> Array:
     """Return MuJoCo's quaternion (4,) w, x, y, z of a pose or rotation (4, 4) or (3, 3)."""
     turn = np.zeros(4)
-    import_module("mujoco").mju_mat2Quat(turn, np.ascontiguousarray(pose[:3, :3]).ravel())
+    mujoco_library().mju_mat2Quat(turn, np.ascontiguousarray(pose[:3, :3]).ravel())
     return turn
 
 
 @contextmanager
 def muted() -> Iterator[None]:
     """Let MuJoCo warn nobody, neither on stderr nor in a file; its ``MjData`` counts warnings."""
-    mujoco: Any = import_module("mujoco")
+    mujoco = mujoco_library()
     known = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
     try:
@@ -74,7 +88,7 @@ class MujocoBody:
         contacts: Sequence[str] = (),
         owner: Mapping[str, str] | None = None,
     ) -> None:
-        self.mujoco: Any = import_module("mujoco")  # optional, so not with this module's import
+        self.mujoco = mujoco_library()
         self.robot, self.mjm, self.contacts = robot, model, tuple(contacts)
         self.data: Any = self.mujoco.MjData(model)
         self.root = int(model.body(root).id)
@@ -234,7 +248,7 @@ def vertical_inverse_masses(model: Any, geoms: Collection[int]) -> Array:
         model: The ``MjModel``, in its reference posture.
         geoms: Ids of the geoms that meet the ground.
     """
-    mujoco: Any = import_module("mujoco")
+    mujoco = mujoco_library()
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
     jacobian, moved, found = np.zeros((3, model.nv)), np.zeros((1, model.nv)), []

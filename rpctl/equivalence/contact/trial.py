@@ -17,10 +17,10 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, find_contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.check import CONTACT_ORACLE, Check, Skipped
+from rpctl.equivalence.certificate import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.contact.model import ContactModel
 from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, ReducedRobot, plan_motion
-from rpctl.equivalence.mujoco_model import EngineRefused
+from rpctl.equivalence.mujoco_engine import EngineRefused
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import Robot

@@ -23,7 +23,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.contact.model import MIN_LOAD_N, SOLREF, ContactModel
 from rpctl.equivalence.contact.mujoco_body import UP, vertical_inverse_masses
 from rpctl.equivalence.contact.plan import TICK_S, rest_plan
-from rpctl.equivalence.mujoco_model import NAME_PREFIX
+from rpctl.equivalence.mujoco_engine import NAME_PREFIX
 from rpctl.equivalence.onset.prediction import SLIPS, Instant, Manoeuvre, instant
 from rpctl.robot.model import Robot
 

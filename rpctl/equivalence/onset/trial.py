@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.check import CONTACT_ORACLE, Skipped
+from rpctl.equivalence.certificate import CONTACT_ORACLE, Skipped
 from rpctl.equivalence.contact.trial import tilt_note
-from rpctl.equivalence.mujoco_model import EngineRefused
+from rpctl.equivalence.mujoco_engine import EngineRefused
 from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, PushedBody, measure
 from rpctl.equivalence.onset.prediction import (
     SLIPS,
@@ -162,11 +161,7 @@ HIGH_GRIPS = (
 )  # frictions for tipping: the least at which it does not slip before
 
 
-def onset_trial(
-    robot: Robot,
-    friction: float = FRICTION,
-    progress: Callable[[int], object] | None = None,
-) -> OnsetTrial | Skipped:
+def onset_trial(robot: Robot, friction: float = FRICTION) -> OnsetTrial | Skipped:
     """Predict where a robot slips and tips, and let it do so in MuJoCo.
 
     Each manoeuvre is tried until it slips, at ``friction``, and until it tips, at a higher one.
@@ -175,7 +170,6 @@ def onset_trial(
     Args:
         robot: The robot.
         friction: Coefficient between wheels and ground.
-        progress: Called with the number of manoeuvres done.
 
     Returns:
         The trial, or the row that says why there is none.
@@ -188,28 +182,19 @@ def onset_trial(
     if contacts is None or not contacts.balanced:
         why = contacts.notes[0] if contacts is not None else "it has no contacts"
         return Skipped(TRIAL_NAME, CONTACT_ORACLE, f"not known to stand: {why}")
-    onsets: list[Onset] = []
-    untried: list[NoOnset] = []
     try:
-        for done, found in enumerate(_rows(dynamics, contacts), start=1):
-            if isinstance(found, Onset):
-                onsets.append(found)
-            else:
-                untried.append(found)
-            if progress is not None:
-                progress(done)
+        rows = [
+            _tried(dynamics, contacts, manoeuvre)
+            for ending in (SLIPS, TIPS)
+            for manoeuvre in manoeuvres(dynamics, contacts, RUN_S, ending)
+        ]
     except EngineRefused as refusal:
         return Skipped(TRIAL_NAME, CONTACT_ORACLE, str(refusal))
+    onsets = tuple(row for row in rows if isinstance(row, Onset))
+    untried = tuple(row for row in rows if isinstance(row, NoOnset))
     tilt = max((onset.tilt for onset in onsets), default=0.0)
     notes = tuple(tilt_note(tilt)) if tilt > MAX_TILT else ()
-    return OnsetTrial(tuple(onsets), tuple(untried), contacts.determinate, notes)
-
-
-def _rows(dynamics: ReducedDynamics, contacts: Contacts) -> Iterator[Onset | NoOnset]:
-    """Yield a row a manoeuvre and ending."""
-    for ending in (SLIPS, TIPS):
-        for manoeuvre in manoeuvres(dynamics, contacts, RUN_S, ending):
-            yield _tried(dynamics, contacts, manoeuvre)
+    return OnsetTrial(onsets, untried, contacts.determinate, notes)
 
 
 def _tried(dynamics: ReducedDynamics, contacts: Contacts, manoeuvre: Manoeuvre) -> Onset | NoOnset:

@@ -11,7 +11,7 @@ import pinocchio as pin
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.equivalence.mujoco_model import MujocoModel
+from rpctl.equivalence.mujoco_engine import MujocoModel
 from rpctl.robot import catalog
 from tests.bench.machine_step import step_time
 from tests.bench.rows import Row, Section, cpu_seconds

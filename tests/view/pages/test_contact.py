@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.equivalence.certificate import Certificate
-from rpctl.equivalence.check import CONTACT_ORACLE
+from rpctl.equivalence.certificate import CONTACT_ORACLE, Certificate
 from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
 from rpctl.view.pages.certificate import (
     TrialChart,
