@@ -17,7 +17,7 @@ from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.track import TrackSettings, configured
 from rpctl.simulation.merits.outcome import TRACKED
 from rpctl.study.design import Design
-from rpctl.study.experiment import Experiment, Progress, RunTable
+from rpctl.study.experiment import Experiment, RunTable
 from rpctl.study.runner import Runner
 from rpctl.study.scatter import Scatter, scatter_of, settings_at
 
@@ -145,8 +145,6 @@ class RolloutSettings(TrackSettings, total=False):
     seed: int
     merits: Sequence[str] | None
     samples: int
-    backend: str
-    progress: Progress | None
 
 
 def rollout(
