@@ -10,7 +10,7 @@ import typer
 from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
-from rpctl.control.bandwidth import joint_gains
+from rpctl.control.dynamic import joint_gains
 from rpctl.control.registry import gains_sentence
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
