@@ -15,9 +15,8 @@ from rpctl.errors import RpctlError
 from rpctl.reference.sizing import Sizing
 from rpctl.simulation.merits.collision_facts import clearance_text, collision_texts
 from rpctl.simulation.merits.outcome import LATE, TRACKED
-from rpctl.simulation.merits.path_error import PathFigures
+from rpctl.simulation.merits.path_error import PathFigures, lag
 from rpctl.simulation.merits.summary import EffortPeak, Summary
-from rpctl.simulation.merits.texts import lag
 
 if TYPE_CHECKING:
     from rpctl.reference.recorded.recording import Recording

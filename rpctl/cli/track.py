@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument, default_folder
-from rpctl.cli.streams import print_json
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, default_folder, tell
 from rpctl.cli.summary import show_recording, show_sizing, show_summary
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.track_options import ConfigOptions, ResultOptions
@@ -76,12 +76,8 @@ def track_command(
         output.print(certificate_line(certificate))
     task = _Task(loaded, config, reference, certificate, budget)
     written = _simulate(task, results, folder, output.print)
-    if as_json:
-        print_json(written.to_dict())
-    else:
-        show_summary(written, folder)
-    if not written.summary.succeeded or (certificate is not None and not certificate.passed):
-        raise typer.Exit(CHECK_FAILED)
+    passed = written.summary.succeeded and (certificate is None or certificate.passed)
+    tell(as_json, written.to_dict, partial(show_summary, written, folder), passed)
 
 
 @dataclass(frozen=True)

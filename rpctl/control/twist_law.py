@@ -274,14 +274,26 @@ class BaseController(ReportsNothing):
 
 @lru_cache(maxsize=16)
 def _evaluator(law: BaseLaw, dynamics: ReducedDynamics, horizons: tuple[float, ...]) -> Evaluator:
-    """Return a law on a robot as a function of a reference's row and of what is measured."""
-    robot, sheet = dynamics.robot, Sheet()
-    row = math.SX.sym("row", sum(reference_sizes(robot)))
+    return Evaluator(formula(law, dynamics.robot, horizons))
+
+
+def formula(law: BaseLaw, robot: Robot, horizons: Sequence[Any], **options: object) -> Any:
+    """Return a law on a robot as a function of a reference's row and of what is measured.
+
+    Its outputs are ν_d, ν̇_d and whether the law refuses the reference.
+
+    Args:
+        law: The law.
+        robot: The robot.
+        horizons: Prediction times of the arm's joints (n_joints,), s.
+        options: Of the ``casadi.Function``.
+    """
+    sheet, row = Sheet(), math.SX.sym("row", sum(reference_sizes(robot)))
     column = math.SX.sym("measured", sum(Measured.sizes(robot)))
     state, measured = reference_symbols(robot, row), Measured.of(robot, column)
     _, *found, refused = desired(sheet, law, robot, state, measured, horizons)
     values = [math.vertcat(*part, math.SX(0, 1)) for part in found]
-    return Evaluator(math.Function("law", [row, column], sheet.resolved([*values, refused])))
+    return math.Function("law", [row, column], sheet.resolved([*values, refused]), options)
 
 
 def measure(dynamics: ReducedDynamics, q: Array, nu: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -152,12 +152,18 @@ def _body(source: Source, description: Description, settings: LoadSettings) -> _
     """Return which joints are locked, and which are wheels."""
     drive = source.drive if settings.drive is None else settings.drive
     given = drive if isinstance(drive, Drive) else _specification(drive)
-    tree = FrozenTree(description, _locked(description, source.lock, settings))
-    controls, released = read_controls(description), _released(description, settings.free)
+    moving = [joint.name for joint in description.joints if joint.moving]
+    released = frozenset(
+        name for pattern in settings.free for name in matching(pattern, moving, "joint to free")
+    )
+    tree = FrozenTree(description, _locked(moving, source.lock, released, settings.lock))
+    controls = read_controls(description)
     tree, held = hold_passive(tree, given.type, released)
     grippers = find_grippers(tree)
     tree, frozen = freeze_grippers(tree, grippers, settings.free)
-    findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
+    lines = description.mesh_lines
+    meshes = check_meshes(lines, description.mesh_paths) if lines else []
+    findings = (*description.findings, *meshes, *_massless_movers(tree))
     _refuse_doubts(source.path, findings, settings)
     check(tree)
     if isinstance(given, Drive):
@@ -169,12 +175,6 @@ def _body(source: Source, description: Description, settings: LoadSettings) -> _
     differences = vendor_findings(found, controls)
     _refuse_doubts(source.path, differences, settings)
     return _Body(tree, found, grippers, (*findings, *held, *frozen, *differences))
-
-
-def _released(description: Description, free: Iterable[str]) -> frozenset[str]:
-    """Return the names of the moving joints that patterns of ``free`` match."""
-    moving = [joint.name for joint in description.joints if joint.moving]
-    return frozenset(n for pattern in free for n in moving if fnmatchcase(n, pattern))
 
 
 def _end_effector(body: _Body, given: str | None) -> tuple[str | None, tuple[Finding, ...]]:
@@ -219,17 +219,22 @@ def _refuse_doubts(path: Path, findings: Iterable[Finding], settings: LoadSettin
 
 
 def _locked(
-    description: Description, defaults: Iterable[str], settings: LoadSettings
+    moving: Sequence[str],
+    defaults: Iterable[str],
+    released: Collection[str],
+    given: Mapping[str, float],
 ) -> dict[str, float]:
-    """Return the positions (rad or m) of the joints that the patterns match, by name.
+    """Return the positions (rad or m) of the joints that are locked, by name.
 
-    Patterns of ``free`` take joints out of the defaults, not out of what the user locks.
+    Args:
+        moving: The names of all moving joints.
+        defaults: Patterns of those that the catalogue freezes.
+        released: Names that are taken out of the defaults, not out of what the user locks.
+        given: What the user locks: positions by pattern.
     """
-    moving = [joint.name for joint in description.joints if joint.moving]
-    released = {name for each in settings.free for name in matching(each, moving, "joint to free")}
     frozen = {name for pattern in defaults for name in moving if fnmatchcase(name, pattern)}
-    locked = dict.fromkeys((name for name in moving if name in frozen - released), 0.0)
-    for pattern, position in settings.lock.items():
+    locked = dict.fromkeys((n for n in moving if n in frozen and n not in released), 0.0)
+    for pattern, position in given.items():
         require_within(f"the position of {pattern}", [position], MAX_POSITION)
         names = matching(pattern, moving, "joint to lock")
         locked.update(dict.fromkeys(names, float(position)))

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.control.controller import default_laws
-from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.loop.track import TrackSettings, configured
 from rpctl.simulation.merits.outcome import TRACKED
 from rpctl.study.design import Design
-from rpctl.study.experiment import Experiment, Progress, RunTable
+from rpctl.study.experiment import Experiment, RunTable
 from rpctl.study.runner import Runner
 from rpctl.study.scatter import Scatter, scatter_of, settings_at
+
+if TYPE_CHECKING:
+    from typing import Unpack  # of Python 3.11; never imported when it runs
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,22 +136,24 @@ class Rollouts:
         return self.merits[name]
 
 
+OWN = ("seed", "merits", "samples", "backend", "progress")  # of a rollout, and of no run
+
+
+class RolloutSettings(TrackSettings, total=False):
+    """What keywords of :func:`rollout` may say, besides those of :func:`rpctl.track`."""
+
+    seed: int
+    merits: Sequence[str] | None
+    samples: int
+
+
 def rollout(
     robot: Robot,
     reference: str | Reference = RunSettings.reference,
     scatter: Scatter | Mapping[str, Any] | None = None,
     count: int = 1000,
-    duration: float | None = 10.0,
-    seed: int = 0,
-    *,
-    kinematic: KinematicLaw | None = None,
-    dynamic: DynamicLaw | None = None,
-    control_period: float = RunSettings.control_period,
-    plant_step: float = RunSettings.plant_step,
-    merits: Sequence[str] | None = None,
-    samples: int = 200,
-    backend: str = "auto",
-    progress: Progress | None = None,
+    config: Config | None = None,
+    **settings: Unpack[RolloutSettings],
 ) -> Rollouts:
     """Simulate a robot many times, each time with settings of its own, drawn at random.
 
@@ -161,16 +165,12 @@ def rollout(
         scatter: Distributions by path of the setting, see :mod:`rpctl.study.scatter`:
             ``{"plant.masses.arm_*": Uniform(0.9, 1.1), "run.initial_error.y": Normal(0.0, 0.1)}``.
         count: Number of runs.
-        duration: Of each, s; None: as long as the reference moves.
-        seed: Of all that is random.
-        kinematic: The kinematic law; None takes the default.
-        dynamic: The dynamic law; None takes the default.
-        control_period: s.
-        plant_step: s.
-        merits: Names of the merits that are wanted, see :mod:`rpctl.study.merits`; None: all.
-        samples: How many samples over time are kept of a run, at most.
-        backend: ``"compiled"``, ``"pinocchio"``, or ``"auto"``: the first that can do it.
-        progress: Called with the runs done and their number.
+        config: Laws, plant and circumstances of all runs; None: the robot's default, for 10 s.
+        **settings: As of :func:`rpctl.track`, which win over the config: ``duration=5``; besides,
+            ``seed`` of all that is random, names of the ``merits`` that are wanted, see
+            :mod:`rpctl.study.merits`, ``samples`` over time that are kept of a run at most,
+            ``backend`` (``"compiled"``, ``"pinocchio"``, or ``"auto"``: the first that can do it),
+            and ``progress``, called with the runs done and their number.
 
     Raises:
         UnknownNameError: There is no such setting or merit.
@@ -178,28 +178,21 @@ def rollout(
     """
     if count < 1:
         raise RpctlError(f"count is {count}; give a whole number, 1 or more")
-    usual = default_laws(robot)
-    named = isinstance(reference, str)
-    run = RunSettings(
-        reference=str(reference) if named else type(reference).__name__,
-        duration=duration,
-        control_period=control_period,
-        plant_step=plant_step,
-    )
-    config = Config(kinematic=kinematic or usual[0], dynamic=dynamic or usual[1], run=run)
-    settings = scatter_of(scatter, config)
+    given: dict[str, Any] = {"duration": 10.0, **settings} if config is None else {**settings}
+    own = {name: given.pop(name) for name in OWN if name in given}
+    progress, merits, seed = own.pop("progress", None), own.pop("merits", None), own.get("seed", 0)
+    base = configured(robot, reference, config, given)
+    scattered = scatter_of(scatter, base)
     experiment = Experiment(
-        config,
-        settings.names,
-        seed,
-        None if merits is None else tuple(merits),
-        samples,
-        backend=backend,
+        base,
+        scattered.names,
+        merits=None if merits is None else tuple(merits),
         reference=None if isinstance(reference, str) else reference,
+        **own,
     )
-    values = draw(settings, count, seed)
+    values = draw(scattered, count, seed)
     table = Runner(robot, experiment).rows(values, np.arange(count), progress)
-    return Rollouts(experiment, settings.names, values, table)
+    return Rollouts(experiment, scattered.names, values, table)
 
 
 def draw(scatter: Scatter, count: int, seed: int) -> Array:

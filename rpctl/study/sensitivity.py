@@ -19,8 +19,12 @@ RESAMPLES = 200  # of SALib's bootstrap
 MAP_BINS = 8  # along each parameter of a map
 RANKS = ("rank_correlation", "from_middle")  # measures where the design has none of its own
 MAIN = {"sobol": "total", "morris": "mu_star"}  # of the measures: by which parameters are ranked
+NAMES = {"sobol": ("first", "total"), "morris": ("mu_star", "sigma"), "rank-correlation": RANKS}
+ROUNDING = 1e-14  # of a correlation
 MONOTONIC, EITHER_SIDE = "monotonic", "either side"
 SMALLEST_SPREAD = 1e-12  # of a merit, relative to its size: less is rounding and explains nothing
+
+Measures = dict[str, tuple[Interval, ...]]
 
 
 @dataclass(frozen=True)
@@ -135,64 +139,45 @@ def sensitivity(
         values: The merit of each run (N,); NaN or infinite where it has none.
     """
     known = np.isfinite(values)
-    replaced = int((~known).sum())
-    worst = values[known].max() if known.any() else 0.0
-    finite = np.where(known, values, worst)
-    method, measure = {"sobol": ("sobol", _sobol), "morris": ("morris", _morris)}.get(
-        design.kind, ("rank-correlation", _rank)
-    )
-    spread = np.ptp(finite) > SMALLEST_SPREAD * np.abs(finite).max()
-    # a run without a merit is worse than any that has one, and ranks can say so
-    ranked = np.where(known, values, np.inf) if method == "rank-correlation" else finite
-    spread = spread or (method == "rank-correlation" and 0 < replaced < len(values))
-    measures = measure(design, points, ranked, bool(spread))
-    return Sensitivity(merit, method, tuple(parameters), measures, replaced)
+    finite = np.where(known, values, values[known].max() if known.any() else 0.0)
+    method = design.kind if design.kind in MAIN else "rank-correlation"
+    varies = bool(np.ptp(finite) > SMALLEST_SPREAD * np.abs(finite).max())
+    if method == "rank-correlation":
+        # a run without a merit is worse than any that has one, and ranks can say so
+        varies = varies or 0 < known.sum() < len(values)
+        found = _ranks(points, np.where(known, values, np.inf))
+    elif varies:  # SALib would divide by a variance of zero
+        found = _indices(design, points, finite)
+    if not varies:
+        names = NAMES[method]
+        found = dict.fromkeys(names, (Interval(0.0, 0.0, 0.0),) * points.shape[1])
+    return Sensitivity(merit, method, tuple(parameters), found, int((~known).sum()))
 
 
-Measures = dict[str, tuple[Interval, ...]]
-
-
-def _sobol(design: Design, points: Array, values: Array, spread: bool) -> Measures:
-    if not spread:  # SALib would divide by a variance of zero
-        return _nothing(("first", "total"), points.shape[1])
-    found = extra("SALib.analyze.sobol").analyze(
-        unit_problem(points.shape[1]),
-        values,
-        calc_second_order=False,
-        num_resamples=RESAMPLES,
-        conf_level=CONFIDENCE,
-        seed=design.seed + 1,  # SALib takes 0 for no seed
-    )
-    return {
-        "first": _symmetric(found["S1"], found["S1_conf"]),
-        "total": _symmetric(found["ST"], found["ST_conf"]),
-    }
-
-
-def _morris(design: Design, points: Array, values: Array, spread: bool) -> Measures:
-    if not spread:
-        return _nothing(("mu_star", "sigma"), points.shape[1])
+def _indices(design: Design, points: Array, values: Array) -> Measures:
+    """Return what SALib makes of Sobol's or Morris's design."""
+    analyze = extra(f"SALib.analyze.{design.kind}").analyze
     problem = unit_problem(points.shape[1])
-    problem["groups"] = problem["names"]
-    found = extra("SALib.analyze.morris").analyze(
-        problem,
-        points,
-        values,
-        num_resamples=RESAMPLES,
-        conf_level=CONFIDENCE,
-        num_levels=MORRIS_LEVELS,
-        seed=design.seed + 1,
-    )
-    sigma = np.asarray(found["sigma"], dtype=float)
+    # SALib takes 0 for no seed
+    common = {"num_resamples": RESAMPLES, "conf_level": CONFIDENCE, "seed": design.seed + 1}
+    if design.kind == "sobol":
+        found = analyze(problem, values, calc_second_order=False, **common)
+        reaches = {"first": ("S1", "S1_conf"), "total": ("ST", "ST_conf")}
+    else:
+        problem["groups"] = problem["names"]
+        found = analyze(problem, points, values, num_levels=MORRIS_LEVELS, **common)
+        found["none"] = np.full(points.shape[1], np.nan)
+        reaches = {"mu_star": ("mu_star", "mu_star_conf"), "sigma": ("sigma", "none")}
     return {
-        "mu_star": _symmetric(found["mu_star"], found["mu_star_conf"]),
-        "sigma": _symmetric(sigma, np.full(len(sigma), np.nan)),
+        name: tuple(
+            Interval(float(v), float(v - r), float(v + r))
+            for v, r in zip(found[value], found[reach], strict=True)
+        )
+        for name, (value, reach) in reaches.items()
     }
 
 
-def _rank(_: Design, points: Array, values: Array, spread: bool) -> Measures:
-    if not spread:
-        return _nothing(RANKS, points.shape[1])
+def _ranks(points: Array, values: Array) -> Measures:
     ranks = library("scipy.stats").rankdata(points, axis=0)
     distances = np.abs(ranks - ranks.mean(axis=0))
     return {
@@ -213,18 +198,18 @@ def rank_correlation(x: Array, y: Array, confidence: float = CONFIDENCE) -> Inte
         confidence: Of the interval.
     """
     stats, count = library("scipy.stats"), len(x)
-    ranks = np.array([stats.rankdata(x), stats.rankdata(y)])
-    ranks -= ranks.mean(axis=1, keepdims=True)
-    size = math.sqrt(float(ranks[0] @ ranks[0]) * float(ranks[1] @ ranks[1]))
-    if size == 0.0:
+    ranks = stats.rankdata([x, y], axis=1)
+    if not np.ptp(ranks, axis=1).all():
         return Interval(0.0, -1.0, 1.0)
-    rho = min(max(float(ranks[0] @ ranks[1]) / size, -1.0), 1.0)
-    if count <= 3 or abs(rho) == 1.0:
-        return Interval(rho, -1.0 if count <= 3 else rho, 1.0 if count <= 3 else rho)
+    rho = float(np.clip(np.corrcoef(ranks)[0, 1], -1.0, 1.0))
+    if count <= 3:
+        return Interval(rho, -1.0, 1.0)
+    if 1.0 - abs(rho) < ROUNDING:
+        rho = math.copysign(1.0, rho)
+        return Interval(rho, rho, rho)
     error = math.sqrt((1.0 + 0.5 * rho**2) / (count - 3))
-    reach = float(stats.norm.ppf(0.5 + 0.5 * confidence)) * error
-    center = math.atanh(rho)
-    return Interval(rho, math.tanh(center - reach), math.tanh(center + reach))
+    low, high = stats.norm.interval(confidence, math.atanh(rho), error)
+    return Interval(rho, math.tanh(low), math.tanh(high))
 
 
 def parameter_map(
@@ -241,19 +226,13 @@ def parameter_map(
         bins: The most along each parameter.
     """
     edges = [_edges(each, bins) for each in (x, y)]
-    at = [
-        np.clip(np.searchsorted(edge, each, side="right") - 1, 0, len(edge) - 2)
-        for edge, each in zip(edges, (x, y), strict=True)
-    ]
-    shape = len(edges[1]) - 1, len(edges[0]) - 1
-    cell = at[1] * shape[1] + at[0]
     ranked = np.where(np.isfinite(values), values, np.inf)
-    median = np.full(shape[0] * shape[1], np.nan)
-    for each in np.unique(cell):
-        inside = np.sort(ranked[cell == each])
-        median[each] = inside[(len(inside) - 1) // 2]  # a value of a run: no mean with infinity
-    count = np.bincount(cell, minlength=median.size).reshape(shape)
-    return ParameterMap(merit, *names, edges[0], edges[1], median.reshape(shape), count)
+    found = library("scipy.stats").binned_statistic_2d(
+        x, y, ranked, lambda inside: np.sort(inside)[(len(inside) - 1) // 2], edges
+    )
+    median = found.statistic.T  # a value of a run: no mean with infinity
+    count = np.histogram2d(x, y, edges)[0].T.astype(np.intp)
+    return ParameterMap(merit, *names, edges[0], edges[1], median, count)
 
 
 def _edges(values: Array, bins: int) -> Array:
@@ -265,13 +244,3 @@ def _edges(values: Array, bins: int) -> Array:
         last = distinct[-1] + (distinct[-1] - middles[-1] if len(middles) else 0.5)
         return np.array([first, *middles, last])
     return np.unique(np.quantile(values, np.linspace(0.0, 1.0, bins + 1)))
-
-
-def _symmetric(values: Array, reach: Array) -> tuple[Interval, ...]:
-    pairs = zip(np.asarray(values).tolist(), np.asarray(reach).tolist(), strict=True)
-    return tuple(Interval(v, v - r, v + r) for v, r in pairs)
-
-
-def _nothing(names: Sequence[str], parameters: int) -> Measures:
-    """Return measures of a merit that is the same in all runs: nothing matters to it."""
-    return {name: (Interval(0.0, 0.0, 0.0),) * parameters for name in names}

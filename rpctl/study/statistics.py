@@ -85,10 +85,8 @@ def mean(values: Array, confidence: float = CONFIDENCE) -> Interval:
         confidence: Of the interval.
     """
     count = len(values)
-    if not count:
-        return Interval(math.nan, -math.inf, math.inf)
-    center = float(np.mean(values))
-    if count == 1:
+    center = float(np.mean(values)) if count else math.nan
+    if count < 2:
         return Interval(center, -math.inf, math.inf)
     error = float(np.std(values, ddof=1)) / math.sqrt(count)
     reach = error * float(library("scipy.stats").t.ppf(0.5 + 0.5 * confidence, count - 1))
@@ -135,10 +133,8 @@ def share(hits: int, count: int, confidence: float = CONFIDENCE) -> Interval:
     """
     if not count:
         return Interval(math.nan, 0.0, 1.0)
-    beta, tail = library("scipy.stats").beta, 0.5 * (1.0 - confidence)
-    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
-    high = float(beta.isf(tail, hits + 1, count - hits)) if hits < count else 1.0
-    return Interval(hits / count, low, high)
+    found = library("scipy.stats").binomtest(hits, count).proportion_ci(confidence, "exact")
+    return Interval(hits / count, float(found.low), float(found.high))
 
 
 def worst_rows(values: Array, count: int) -> NDArray[np.intp]:

@@ -35,9 +35,7 @@ MARKED_SUFFIXES = (".json", ".png", ".pdf", ".gif", ".mp4", ".html")  # of files
 MAX_LOOKED_AT = 200  # files of a folder whose marks are read
 MAX_REPORT_MB = 6.0  # of a report, unless the user says otherwise
 BYTES_PER_MB = 1_000_000  # of a megabyte
-SHRINK_RATIO = (
-    0.7  # of a robot's triangles from one attempt at a report within its size to the next
-)
+SHRINK_RATIO = 0.5  # of a robot's triangles, from one attempt at a smaller report to the next
 MIN_TRIANGLES = 1000  # of a whole robot: fewer make no smaller report
 
 Say = Callable[[str], object]

@@ -114,7 +114,7 @@ def track(
         DivergedError: The motion left the finite numbers.
         RpctlError: A setting is out of range, or the reference does not fit the robot.
     """
-    config = _configured(robot, reference, config, {**settings})
+    config = configured(robot, reference, config, {**settings})
     run, own = config.run, None if isinstance(reference, str) else reference
     if own is not None:
         SizingRequest(run.size, run.speed, run.laps).refuse(
@@ -125,7 +125,7 @@ def track(
     return simulate(robot, config, own, **options)
 
 
-def _configured(
+def configured(
     robot: Robot, reference: str | Reference | None, config: Config | None, given: dict[str, Any]
 ) -> Config:
     """Return a configuration with a reference and with settings by their names."""

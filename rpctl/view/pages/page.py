@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any, NamedTuple
+from typing import Any
 
 import jinja2
 import numpy as np
@@ -51,13 +51,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Curve:
-    """A small curve over its foot, as an SVG's polyline and path."""
+    """A small curve over its foot: its points, 0 to 1 along each axis, upwards."""
 
     label: str
-    points: str
-    foot: str
-    width: int
-    height: int
+    points: Sequence[tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -217,13 +214,6 @@ def policy(*scripts: str, served: bool = False) -> Markup:
     return Markup("; ".join(rules))  # our own
 
 
-class DrawnMark(NamedTuple):
-    """A mark as a path of the SVG and its style."""
-
-    path: str
-    style: str
-
-
 def still_chart(chart: StillChart, small: bool = False) -> Markup:
     """Return a chart as HTML.
 
@@ -243,24 +233,25 @@ def still_chart(chart: StillChart, small: bool = False) -> Markup:
     )
 
 
-def _drawn(mark: Mark, x: Axis, y: Axis) -> DrawnMark:
+def _drawn(mark: Mark, x: Axis, y: Axis) -> dict[str, str]:
+    """Return a mark as a path of the SVG, and its style."""
     across, up = x.at(mark.x), y.at(mark.y)
     if mark.floor is None:
         known = ~np.isnan(mark.y)
         style = f"stroke:var(--{mark.colour});stroke-width:{mark.width:g};opacity:{mark.opacity:g}"
         style += ";stroke-dasharray:4 3" if mark.dashed else ""
-        return DrawnMark(_line(across[known], up[known]), style)
+        return {"path": _line(across[known], up[known]), "style": style}
     style = f"fill:var(--{mark.colour});opacity:{mark.opacity:g}"
     down = y.at(mark.floor)
     if not mark.steps:
         outline = np.append(across, across[::-1]), np.append(up, down[::-1])
-        return DrawnMark(_line(*outline) + "Z", style)
+        return {"path": _line(*outline) + "Z", "style": style}
     boxes = [
         _line(np.array([a, a, b, b]), np.array([bottom, top, top, bottom])) + "Z"
         for a, b, bottom, top in zip(across[:-1], across[1:], down, up, strict=True)
         if top > bottom
     ]
-    return DrawnMark("".join(boxes), style)
+    return {"path": "".join(boxes), "style": style}
 
 
 def _line(x: Array, y: Array) -> str:

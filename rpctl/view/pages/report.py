@@ -47,7 +47,6 @@ STYLES = ("uplot/uPlot.min.css", "report.css", "charts.css")
 SCRIPTS = ("limit_lines.js", "charts.js", "forces.js", "camera.js", "scene.js", "page.js")
 THUMB_PX = 16  # width of the slider's thumb, whose middle stands at the time
 TITLE = "Linear loop"
-WIDTH, HEIGHT, EDGE = 240, 48, 4  # of the drawing, pixels
 NO_SWING = 0.99  # damping of poles that are equal but for rounding
 LOW_DAMPING = 0.4  # below it a loop overshoots by a quarter and swings on
 HOW = (
@@ -352,9 +351,6 @@ def _curve(t: Array, decay: Array) -> Curve | None:
     if len(t) < 2:
         return None
     top = max(float(decay.max()), STILL)
-    x = EDGE + (WIDTH - 2 * EDGE) * (t - t[0]) / (t[-1] - t[0])
-    y = HEIGHT - EDGE - (HEIGHT - 2 * EDGE) * np.clip(decay, 0.0, None) / top
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+    across, up = (t - t[0]) / (t[-1] - t[0]), np.clip(decay, 0.0, None) / top
     label = f"Slowest decay rate from {t[0]:.3g} to {t[-1]:.3g} s, at most {top:.3g} 1/s"
-    foot = f"M{EDGE} {HEIGHT - EDGE}H{WIDTH - EDGE}"
-    return Curve(label, points, foot, WIDTH, HEIGHT)
+    return Curve(label, list(zip(across.tolist(), up.tolist(), strict=True)))

@@ -113,8 +113,8 @@ def _interval(run: Run, size: float) -> float:
     if count < 1.0:
         return 0.0
     least = duration / count
-    power = 10.0 ** np.floor(np.log10(least))
-    return float(next(power * step for step in ROUND_STEPS if power * step >= 0.999 * least))
+    steps = 10.0 ** np.floor(np.log10(least)) * np.array(ROUND_STEPS)
+    return float(steps[steps >= 0.999 * least][0])
 
 
 def draw_obstacles(axes: Axes, run: Run) -> None:

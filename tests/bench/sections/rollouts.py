@@ -67,7 +67,7 @@ def _ours(count: int) -> float:
             "eight",
             SCATTER,
             number,
-            SECONDS,
+            duration=SECONDS,
             control_period=PERIOD,
             plant_step=PERIOD,
             backend="compiled",

@@ -26,7 +26,7 @@ def placed(robot: Robot, q: Array) -> dict[str, Array]:
     }
 
 
-@pytest.fixture(params=["paper", "tiago", "mecanum", "skid_steer"])
+@pytest.fixture(params=["paper", "mecanum", pytest.param("tiago", marks=pytest.mark.slow)])
 def wheeled(request: pytest.FixtureRequest) -> Robot:
     return rpctl.load(request.param)
 

@@ -13,17 +13,13 @@ from scipy.spatial.transform import Rotation, Slerp
 import rpctl
 from rpctl import Robot, Run
 from rpctl.arrays import Array
-from rpctl.view.scene import motion
 from rpctl.view.scene import scene as scenes
 from rpctl.view.scene.robot_meshes import build_bodies
 from rpctl.view.scene.scene import Scene, build_scene
 from rpctl.view.scene.stage import lights_command
 from tests.view.samples import mesh_visual, numbers, short_run, unpack, write_cart
 
-FRAME = (
-    motion.POSITION_TOLERANCE_M + motion.ROTATION_TOLERANCE_RAD
-)  # m and entries of a pose: what thinning may cost
-COMMANDS = ["delete"] * 3 + ["set_property"] + ["set_object"] * 4 + ["set_animation"]
+FRAME = 1e-5  # m and entries of a pose: single precision
 
 
 def placed(scene: Scene, prefix: str, frame: int) -> dict[str, np.ndarray[Any, Any]]:

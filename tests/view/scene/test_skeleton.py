@@ -43,7 +43,7 @@ def walk(
     return poses
 
 
-@pytest.mark.parametrize("name", ["paper", "mixed_chain", "tiago", "mecanum", "panda"])
+@pytest.mark.parametrize("name", ["paper", "mixed_chain", "mecanum"])
 def test_groups_stand_where_pinocchio_places_the_joints(
     name: str, rng: np.random.Generator
 ) -> None:
