@@ -161,7 +161,9 @@ def _body(source: Source, description: Description, settings: LoadSettings) -> _
     tree, held = hold_passive(tree, given.type, released)
     grippers = find_grippers(tree)
     tree, frozen = freeze_grippers(tree, grippers, settings.free)
-    findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
+    lines = description.mesh_lines
+    meshes = check_meshes(lines, description.mesh_paths) if lines else []
+    findings = (*description.findings, *meshes, *_massless_movers(tree))
     _refuse_doubts(source.path, findings, settings)
     check(tree)
     if isinstance(given, Drive):
