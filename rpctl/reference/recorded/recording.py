@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.path_reference import TimedPath, still
-from rpctl.reference.paths import Path
+from rpctl.reference.paths import Curves, Path
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach import plan_reach
 from rpctl.reference.recorded.base import fit_base, spline_path, travel_direction
@@ -35,7 +35,6 @@ from rpctl.reference.recorded.table_file import (
     Table,
 )
 from rpctl.reference.sizing import Limits, robot_length, wheel_rates
-from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import recorded_time
 from rpctl.robot.model import Robot
 
