@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
-from rpctl.cli.streams import print_json
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, tell
 from rpctl.cli.terminal import console, escape
 from rpctl.cli.verify import print_rows
 from rpctl.engines.mujoco.check import MjcfCheck
@@ -71,12 +71,7 @@ def export_command(
     loaded = options.load(robot)
     path = settings.out if settings.out is not None else Path(f"{file_name(loaded.name)}.xml")
     found = export_mjcf(loaded, path, settings.friction, settings.wheel_width, settings.meshes)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        show_export(found)
-    if not found.written:
-        raise typer.Exit(CHECK_FAILED)
+    tell(as_json, found.to_dict, partial(show_export, found), found.written)
 
 
 def file_name(robot: str) -> str:
@@ -123,12 +118,7 @@ def check_command(
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
     given = None if robot is None else options.load(robot)
     found = check_mjcf(file, given, options.package_dirs)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        show_check(found)
-    if not found.passed:
-        raise typer.Exit(CHECK_FAILED)
+    tell(as_json, found.to_dict, partial(show_check, found), found.passed)
 
 
 def show_check(found: MjcfCheck) -> None:

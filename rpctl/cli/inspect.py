@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, read_settings
-from rpctl.cli.streams import print_json
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, read_settings, tell
 from rpctl.cli.terminal import console, escape, format_limit, new_table
 from rpctl.description.urdf.findings import condense
 from rpctl.description.xacro.expansion import list_arguments
@@ -42,13 +42,11 @@ def inspect_command(
     if list_xacro_args:
         source = find_source(robot)
         settings = source.read_settings(read_settings(options.given))
-        show_arguments(list_arguments(source.path, settings), as_json)
+        declared = list_arguments(source.path, settings)
+        tell(as_json, lambda: list(map(asdict, declared)), partial(show_arguments, declared))
         return
     loaded = _with_weakness(options.load(robot))
-    if as_json:
-        print_json(facts(loaded))
-    else:
-        show_robot(loaded)
+    tell(as_json, partial(facts, loaded), partial(show_robot, loaded))
 
 
 def _with_weakness(robot: Robot) -> Robot:
@@ -59,11 +57,8 @@ def _with_weakness(robot: Robot) -> Robot:
     return replace(robot, findings=(*robot.findings, Finding("warning", None, weak)))
 
 
-def show_arguments(arguments: Sequence[XacroArgument], as_json: bool) -> None:
+def show_arguments(arguments: Sequence[XacroArgument]) -> None:
     """Print arguments of xacro with their defaults, and where they are declared."""
-    if as_json:
-        print_json([asdict(each) for each in arguments])
-        return
     table = new_table("argument", "default", "declared at")
     for each in arguments:
         default = "(none)" if each.default is None else each.default or '""'

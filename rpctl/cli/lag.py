@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rpctl.cli.options import JsonOption
-from rpctl.cli.streams import print_json
+from rpctl.cli.options import JsonOption, tell
 from rpctl.cli.terminal import console, escape, new_table
-from rpctl.study.lag import MAX_DEAD_TIME, lag_from
+from rpctl.study.lag import MAX_DEAD_TIME, ActuatorLag, lag_from
 
 
 def lag_command(
@@ -28,9 +28,11 @@ def lag_command(
 ) -> None:
     """Identify lag and dead time of a robot that takes speeds, from a step in a log."""
     found = lag_from(log, max_dead_time)
-    if as_json:
-        print_json(found.to_dict())
-        return
+    tell(as_json, found.to_dict, partial(show_lag, found))
+
+
+def show_lag(found: ActuatorLag) -> None:
+    """Print what was identified of each speed, and of all together."""
     out, table = console(), new_table("speed", ">lag", ">dead time", ">left over")
     for each in found.channels:
         table.add_row(

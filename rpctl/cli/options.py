@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rpctl.cli.streams import print_json
 from rpctl.errors import RpctlError
 from rpctl.files.records import FieldType, Plain, Range, fields_of
 from rpctl.robot.load_settings import LoadSettings
@@ -179,6 +180,23 @@ def _armature(items: Iterable[str]) -> bool | dict[str, float]:
     """Return what ``file`` and ``NAME=KG_M2`` say of rotors, as :func:`rpctl.load` takes it."""
     form = f"NAME=0.01, in kg m2, or {FROM_FILE} for what the file's transmissions say"
     return _numbers((item for item in items if item != FROM_FILE), "--armature", "", form) or True
+
+
+def tell(
+    as_json: bool, plain: Callable[[], Any], show: Callable[[], Any], passed: bool = True
+) -> None:
+    """Print what was found, and leave with ``CHECK_FAILED`` where it did not pass.
+
+    Args:
+        plain: Returns it as JSON says it.
+        show: Prints it for people.
+    """
+    if as_json:
+        print_json(plain())
+    else:
+        show()
+    if not passed:
+        raise typer.Exit(CHECK_FAILED)
 
 
 def read_triple(text: str) -> tuple[float, float, float]:

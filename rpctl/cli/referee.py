@@ -6,14 +6,15 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from rpctl.cli.league import play_league
-from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, split_names
-from rpctl.cli.streams import print_json, say
+from rpctl.cli.league import League, play_league
+from rpctl.cli.options import JsonOption, LoadOptions, split_names, tell
+from rpctl.cli.streams import say
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.engines.comparison import EngineGap
@@ -74,20 +75,15 @@ def referee_command(
         say(f"left out: {sentence}", err=True)
     if not found:
         raise RpctlError("no engine is installed to compare with; pip install 'rpctl[mujoco]'")
-    motion, whole = (settings.friction, settings.duration), True
-    judged: dict[str, tuple[EngineVerdict, ...]] = {}
-    refused: dict[str, RpctlError] = {}
+    motion = settings.friction, settings.duration
     if len(names) == 1:
-        judged[names[0]] = _judge(names[0], options, found, motion, settings.html)
+        verdicts = _judge(names[0], options, found, motion, settings.html)
+        league = League({names[0]: verdicts}, {}, whole=True)
     else:
         league = play_league(names, found, options, motion, settings.workers, as_json=as_json)
-        judged, refused, whole = league.judged, league.refused, league.whole
-    if as_json:
-        print_json(_to_dict(judged, refused, missing))
-    else:
-        _show(judged, refused)
-    if not whole or not all(verdict.traced for verdicts in judged.values() for verdict in verdicts):
-        raise typer.Exit(CHECK_FAILED)
+    traced = all(verdict.traced for verdicts in league.judged.values() for verdict in verdicts)
+    plain = partial(_to_dict, league, missing)
+    tell(as_json, plain, partial(_show, league), passed=league.whole and traced)
 
 
 def _robots(given: list[str], catalogue: bool) -> list[str]:
@@ -122,8 +118,9 @@ def _judge(
     return verdicts
 
 
-def _show(judged: dict[str, tuple[EngineVerdict, ...]], refused: dict[str, RpctlError]) -> None:
+def _show(league: League) -> None:
     """Print a row for each robot and engine; of one robot the referee's lines and notes, too."""
+    judged, refused = league.judged, league.refused
     out, several = console(), len(judged) + len(refused) > 1
     robot = ("robot",) if several else ()
     table = new_table(
@@ -170,14 +167,10 @@ def _size(gap: EngineGap) -> str:
     return f"{size:.0f} {unit}" if abs(size) >= 100.0 else f"{size:.2g} {unit}"
 
 
-def _to_dict(
-    judged: dict[str, tuple[EngineVerdict, ...]],
-    refused: dict[str, RpctlError],
-    missing: Sequence[str],
-) -> dict[str, Any]:
+def _to_dict(league: League, missing: Sequence[str]) -> dict[str, Any]:
     """Return all that was found as plain values for JSON."""
     return {
-        "robots": {name: [one.to_dict() for one in found] for name, found in judged.items()},
-        "refused": {name: str(error) for name, error in refused.items()},
+        "robots": {name: [one.to_dict() for one in found] for name, found in league.judged.items()},
+        "refused": {name: str(error) for name, error in league.refused.items()},
         "missing": list(missing),
     }

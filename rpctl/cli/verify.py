@@ -6,14 +6,14 @@ import math
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
-from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
-from rpctl.cli.streams import print_json
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, tell
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.equivalence.certificate import CONTACT_ORACLE, Certificate, Check, Skipped
 from rpctl.equivalence.contact.trial import ContactTrial, Gap
@@ -71,12 +71,8 @@ def verify_command(
         from rpctl.view.pages.certificate import write_certificate
 
         write_certificate(certificate, settings.html)
-    if as_json:
-        print_json(certificate.to_dict())
-    else:
-        show_certificate(certificate)
-    if not certificate.passed:
-        raise typer.Exit(CHECK_FAILED)
+    show = partial(show_certificate, certificate)
+    tell(as_json, certificate.to_dict, show, certificate.passed)
 
 
 def certify(robot: Robot, settings: VerifyOptions, strict: bool = False) -> Certificate:
@@ -103,24 +99,8 @@ def certify(robot: Robot, settings: VerifyOptions, strict: bool = False) -> Cert
 
 def show_certificate(certificate: Certificate) -> None:
     """Print every check of a certificate."""
-    table = new_table("", "check", "against", ">worst", ">limit", "where")
-    for check in certificate.checks:
-        where = f"{check.entry} at sample {check.sample}" if check.residual > 0 else ""
-        table.add_row(
-            MARKS[check.passed],
-            check.name,
-            check.against,
-            f"{check.residual:.1e}",
-            f"{check.limit:.0e}",
-            escape(where),
-        )
-    for check in certificate.declared:
-        table.add_row("[yellow]![/]", check.name, check.against, f"{check.residual:.1e}", "-",
-                      escape(check.entry))  # fmt: skip
-    for skipped in certificate.skipped:
-        table.add_row("[dim]-[/]", skipped.name, skipped.against, "-", "-", escape(skipped.note))
     out = console()
-    out.print(table)
+    out.print(_rows(certificate.checks, certificate.skipped, certificate.declared, sampled=True))
     if certificate.contact is not None:
         out.print(_trial_table(certificate.contact))
     if certificate.onset is not None:
@@ -177,26 +157,40 @@ def _trial_line(trial: ContactTrial) -> str:
 
 
 def print_rows(checks: Iterable[Check], skipped: Iterable[Skipped], notes: Iterable[str]) -> None:
-    """Print comparisons, those that were not made, and notes.
+    """Print comparisons, those that were not made, and notes."""
+    out = console()
+    out.print(_rows(checks, skipped))
+    for note in notes:
+        out.print(f"[dim]note[/] {escape(note)}")
+
+
+def _rows(
+    checks: Iterable[Check],
+    skipped: Iterable[Skipped],
+    declared: Iterable[Check] = (),
+    sampled: bool = False,
+) -> Table:
+    """Return a row for each comparison.
 
     Args:
         checks: What was compared.
         skipped: What could not be.
-        notes: What else there is to say.
+        declared: What is the user's word, and differs.
+        sampled: Whether to tell the sample of the worst.
     """
     table = new_table("", "check", "against", ">worst", ">limit", "where")
     for check in checks:
         worst, limit = f"{check.residual:.1e}", f"{check.limit:.0e}"
         if isinstance(check, Gap):
             worst, limit = check.format_value(check.gap), check.format_value(check.band)
-        where = check.entry if check.residual > 0.0 else ""
+        where = check.entry + f" at sample {check.sample}" * sampled if check.residual > 0.0 else ""
         table.add_row(MARKS[check.passed], check.name, check.against, worst, limit, escape(where))
+    for check in declared:
+        cells = (check.name, check.against, f"{check.residual:.1e}", "-", escape(check.entry))
+        table.add_row("[yellow]![/]", *cells)
     for each in skipped:
         table.add_row("[dim]-[/]", each.name, each.against, "-", "-", escape(each.note))
-    out = console()
-    out.print(table)
-    for note in notes:
-        out.print(f"[dim]note[/] {escape(note)}")
+    return table
 
 
 def print_onsets(trial: OnsetTrial) -> None:

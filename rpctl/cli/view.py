@@ -10,8 +10,8 @@ from typing import Annotated
 
 import typer
 
-from rpctl.cli.options import JsonOption, LoadOptions, split_names
-from rpctl.cli.streams import print_json, say
+from rpctl.cli.options import JsonOption, LoadOptions, split_names, tell
+from rpctl.cli.streams import say
 from rpctl.cli.terminal import progress_bar
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.opening import is_folder
@@ -196,10 +196,7 @@ def plot_command(
         path.unlink()  # the folder may be another's, and the link lead to any file
     require_writable(path)
     save_figure(load_run(run, _note), path, panels=split_names(panels), column=column)
-    if as_json:
-        print_json({"figure": str(path)})
-    else:
-        say(f"wrote {path}")
+    tell(as_json, lambda: {"figure": str(path)}, lambda: say(f"wrote {path}"))
 
 
 def _read_size(text: str | None) -> tuple[int, int] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -42,44 +42,34 @@ def load(
     """Load a robot.
 
     Args:
-        source: A URDF path, a .xacro that becomes one (its expressions are run; what
-            confines them: :func:`rpctl.description.xacro.expansion.expand`), or a name (``rpctl
-            robots``): of the catalogue, or of robot_descriptions (``"fetch_description"``) if
-            that package is installed and its cache filled.
-        drive: The drive, its type (``"differential"``, ``"car-like"``, ...; see ``Drive``), or a
-            drive file (TOML); None finds it.
-        lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
-            position}`` (rad or m). They add to those that the catalogue freezes.
-        density: kg/m³ from which the shapes of links without <inertial> estimate their inertias;
-            None leaves these links massless, or refuses them where a joint moves nothing else.
-        end_effector: Link to track; None takes the end of the longest chain of moving joints,
-            before its gripper.
-        strict: Whether warnings are errors, and so are assumptions about the drive.
-        package_dirs: Packages, or folders that hold packages, where ``package://`` and
-            ``$(find ...)`` look first, at any depth (``~/ws/src``); the workspace around the file,
-            ROS_PACKAGE_PATH and AMENT_PREFIX_PATH come after them.
-        xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, by name; ``"env:NAME"``
-            is a variable for its ``$(env NAME)``, which sees none of the environment's.
-        ignore_missing_packages: Whether what a .xacro includes from packages that are not found
-            is left out.
-        home: The posture of the arm that references start from: ``{joint: position}`` (rad or m),
-            or words: ``"NAME=POSITION"``, a state of an SRDF (``"robot.srdf:home"``), ``"auto"``
-            for a posture to work from, ``"zero"``. Joints left out are at 0, or the nearest
-            position well inside their limits; where the arm is near a singular posture there, it
-            takes one to work from.
-        free: Name patterns of joints that are frozen by default and that are to move: those of
-            grippers and of passive suspensions, and those that the catalogue freezes; and joints
-            that look like wheels and are an arm's.
-        losses: Whether the damping and friction of ``<dynamics>`` are part of the model; False is
-            the ideal robot of [MS21].
-        armature: Whether the rotors that the file's transmissions tell of turn with their joints
-            (I n² on the diagonal of M), or ``{pattern: I n²}`` (kg·m², or kg where the joint
-            slides) for the others.
+        source: A URDF, a .xacro (its expressions are run, confined), or a name of the catalogue or
+            of robot_descriptions (``rpctl robots``).
+        drive: The drive, its type (``"differential"``, ...; see ``Drive``), or a drive file (TOML);
+            None finds it.
+        **settings: What follows, by name.
+        lock: Joints to freeze besides the catalogue's: name patterns (``"hand_*"``), at position 0,
+            or ``{pattern: position}``, rad or m.
+        density: kg/m³ from which the shapes of links without <inertial> estimate their inertias.
+        end_effector: Link to track; None takes the end of the longest chain of moving joints.
+        strict: Whether warnings, and what is assumed of the drive, are errors.
+        package_dirs: Packages, or folders that hold packages at any depth, where ``package://`` and
+            ``$(find ...)`` look first; then the workspace around the file and ROS's search paths.
+        xacro_args: Values of the arguments of a .xacro, by name; ``"env:NAME"`` is a variable for
+            its ``$(env NAME)``, which sees none of the environment's.
+        ignore_missing_packages: Whether includes from packages that are not found are left out.
+        home: Where the arm starts: ``{joint: position}`` (rad or m), or words: ``"NAME=POSITION"``,
+            a state of an SRDF (``"robot.srdf:home"``), ``"auto"`` for a posture to work from,
+            ``"zero"``. Joints left out are at 0 or well inside their limits, wherever the arm can
+            work from there.
+        free: Name patterns of joints that are to move though they are frozen by default: those of
+            grippers, suspensions and the catalogue; and of wheels that are an arm's joints.
+        losses: Whether damping and friction of the file count; False is the ideal robot of [MS21].
+        armature: Whether the rotors of the file's transmissions count (I n² on M's diagonal), or
+            ``{pattern: I n²}`` (kg·m², or kg where the joint slides) for the others.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
-        ExpansionError: A .xacro cannot be expanded.
-        DriveError: No drive was found, or more than one.
+        ExpansionError, DriveError: A .xacro cannot be expanded; no drive was found, or several.
         UnknownNameError: A name is not known; the nearest are suggested.
     """
     return load_robot(source, LoadSettings.of(drive, **settings))
@@ -152,12 +142,18 @@ def _body(source: Source, description: Description, settings: LoadSettings) -> _
     """Return which joints are locked, and which are wheels."""
     drive = source.drive if settings.drive is None else settings.drive
     given = drive if isinstance(drive, Drive) else _specification(drive)
-    tree = FrozenTree(description, _locked(description, source.lock, settings))
-    controls, released = read_controls(description), _released(description, settings.free)
+    moving = [joint.name for joint in description.joints if joint.moving]
+    released = frozenset(
+        name for pattern in settings.free for name in matching(pattern, moving, "joint to free")
+    )
+    tree = FrozenTree(description, _locked(moving, source.lock, released, settings.lock))
+    controls = read_controls(description)
     tree, held = hold_passive(tree, given.type, released)
     grippers = find_grippers(tree)
     tree, frozen = freeze_grippers(tree, grippers, settings.free)
-    findings = (*description.findings, *check_meshes(description), *_massless_movers(tree))
+    lines = description.mesh_lines
+    meshes = check_meshes(lines, description.mesh_paths) if lines else []
+    findings = (*description.findings, *meshes, *_massless_movers(tree))
     _refuse_doubts(source.path, findings, settings)
     check(tree)
     if isinstance(given, Drive):
@@ -169,12 +165,6 @@ def _body(source: Source, description: Description, settings: LoadSettings) -> _
     differences = vendor_findings(found, controls)
     _refuse_doubts(source.path, differences, settings)
     return _Body(tree, found, grippers, (*findings, *held, *frozen, *differences))
-
-
-def _released(description: Description, free: Iterable[str]) -> frozenset[str]:
-    """Return the names of the moving joints that patterns of ``free`` match."""
-    moving = [joint.name for joint in description.joints if joint.moving]
-    return frozenset(n for pattern in free for n in moving if fnmatchcase(n, pattern))
 
 
 def _end_effector(body: _Body, given: str | None) -> tuple[str | None, tuple[Finding, ...]]:
@@ -219,17 +209,22 @@ def _refuse_doubts(path: Path, findings: Iterable[Finding], settings: LoadSettin
 
 
 def _locked(
-    description: Description, defaults: Iterable[str], settings: LoadSettings
+    moving: Sequence[str],
+    defaults: Iterable[str],
+    released: Collection[str],
+    given: Mapping[str, float],
 ) -> dict[str, float]:
-    """Return the positions (rad or m) of the joints that the patterns match, by name.
+    """Return the positions (rad or m) of the joints that are locked, by name.
 
-    Patterns of ``free`` take joints out of the defaults, not out of what the user locks.
+    Args:
+        moving: The names of all moving joints.
+        defaults: Patterns of those that the catalogue freezes.
+        released: Names that are taken out of the defaults, not out of what the user locks.
+        given: What the user locks: positions by pattern.
     """
-    moving = [joint.name for joint in description.joints if joint.moving]
-    released = {name for each in settings.free for name in matching(each, moving, "joint to free")}
     frozen = {name for pattern in defaults for name in moving if fnmatchcase(name, pattern)}
-    locked = dict.fromkeys((name for name in moving if name in frozen - released), 0.0)
-    for pattern, position in settings.lock.items():
+    locked = dict.fromkeys((n for n in moving if n in frozen and n not in released), 0.0)
+    for pattern, position in given.items():
         require_within(f"the position of {pattern}", [position], MAX_POSITION)
         names = matching(pattern, moving, "joint to lock")
         locked.update(dict.fromkeys(names, float(position)))

@@ -64,13 +64,17 @@ def set_limits(
     """
     if not effort and not velocity:
         return robot
-    given: dict[str, dict[str, Any]] = {name: {} for name in robot.moving_joint_names}
-    for kind, limits in (("effort", effort or {}), ("velocity", velocity or {})):
-        for pattern, limit in limits.items():
+    for kind, limits in (("effort", effort), ("velocity", velocity)):
+        for pattern, limit in (limits or {}).items():
             require_positive(f"the {kind} limit of {pattern}", limit)
-        for name, limit in by_pattern(limits, robot.moving_joint_names, "joint").items():
-            given[name][kind] = limit
-    return _with_joints(robot, lambda joint: replace(joint, **given.get(joint.name, {})))
+    names = robot.moving_joint_names
+    efforts, rates = (by_pattern(limits or {}, names, "joint") for limits in (effort, velocity))
+
+    def limited(joint: Joint) -> Joint:
+        own = efforts.get(joint.name, joint.effort), rates.get(joint.name, joint.velocity)
+        return replace(joint, effort=own[0], velocity=own[1])
+
+    return _with_joints(robot, limited)
 
 
 def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:

@@ -14,7 +14,7 @@ from rpctl.errors import RpctlError
 from rpctl.files.records import to_plain
 from rpctl.simulation.config import write_config
 from rpctl.simulation.merits.outcome import LATE, SUCCESSES
-from rpctl.simulation.merits.texts import length
+from rpctl.simulation.merits.path_error import length
 from rpctl.study.cells import REFUSED, Figures, References, csv_text
 from rpctl.study.compare import LawPair
 from rpctl.study.stress_battery import LOCALISATION, RADIUS, Battery, Stress, StressCell

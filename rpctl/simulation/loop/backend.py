@@ -107,25 +107,21 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
     from rpctl.simulation.compiled.laws.supported import unsupported
 
     plant = config.plant
-    if watched:
-        return "every sample is watched when it is computed"
-    if config.output is not None:
-        return "the robot takes speeds"
-    if plant.own is not None:
-        return "a simulator of the user's moves the robot"
-    if plant.kind != "rolling":
-        return f"the plant is {plant.kind}"
-    if plant.computing_time:
-        return "computing takes simulated time"
-    if reason := plant_refusal(plant):
-        return reason
-    if plant.lag is not None or plant.lags or plant.dead_time is not None:
-        return "the plant has a lag or a dead time"
-    if robot.dof > MOST_DOF:
-        return (
-            f"it has {robot.dof} quasi-velocities, and beyond {MOST_DOF} a loop takes long to build"
-        )
-    return unsupported(config.kinematic, config.dynamic, robot)
+    reasons = {
+        "every sample is watched when it is computed": watched,
+        "the robot takes speeds": config.output is not None,
+        "a simulator of the user's moves the robot": plant.own is not None,
+        f"the plant is {plant.kind}": plant.kind != "rolling",
+        "computing takes simulated time": bool(plant.computing_time),
+        plant_refusal(plant) or "": plant_refusal(plant) is not None,
+        "the plant has a lag or a dead time": bool(plant.lags)
+        or (plant.lag, plant.dead_time) != (None, None),
+        f"it has {robot.dof} quasi-velocities, and beyond {MOST_DOF} a loop takes long to build": (
+            robot.dof > MOST_DOF
+        ),
+    }
+    known = next((reason for reason, holds in reasons.items() if holds), None)
+    return known or unsupported(config.kinematic, config.dynamic, robot)
 
 
 def plant_refusal(plant: Plant, scattered: Iterable[str] = ()) -> str | None:

@@ -110,11 +110,7 @@ class Watching(Generic[Shown]):
 
 
 def close_loop(loop: Loop, take: Callable[[LoopSample], object]) -> None:
-    """Close a loop in Python; ``take`` gets every sample.
-
-    Raises:
-        DivergedError: The motion left the finite numbers.
-    """
+    """Close a loop in Python; ``take`` gets every sample."""
     config, robot, steps = loop.config, loop.dynamics.robot, loop.steps
     plant, period = config.plant, config.run.control_period
     simulated = plant.simulated_dynamics(loop.dynamics)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rpctl.errors import RpctlError
-from rpctl.simulation.merits.texts import length
+from rpctl.simulation.merits.path_error import length
 
 NEAR_M = 0.1  # m: what a robot that stands is nearer to than this may be what it stands before
 TOLD_COLLISIONS = 5  # in sentences; more are counted

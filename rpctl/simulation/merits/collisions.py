@@ -28,7 +28,7 @@ from rpctl.simulation.merits.collision_facts import (
     LinkClearance,
 )
 from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, shape_text
-from rpctl.simulation.merits.texts import length
+from rpctl.simulation.merits.path_error import length
 
 RESOLUTION_M = 1e-3  # m: how far a pair may move on before it is looked at again, at least
 BUDGET = 100_000  # distances after which the resolution doubles: a third of a second

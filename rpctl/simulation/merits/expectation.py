@@ -17,9 +17,8 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods, whole_periods
 from rpctl.simulation.loop.track import default_duration, simulate
 from rpctl.simulation.merits.outcome import DIVERGING, STUCK, SUCCESSES
-from rpctl.simulation.merits.path_error import PathFigures
+from rpctl.simulation.merits.path_error import PathFigures, lag, length
 from rpctl.simulation.merits.summary import summarize
-from rpctl.simulation.merits.texts import lag, length
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.starting import MASS_RATIO, perturbed_plant
 

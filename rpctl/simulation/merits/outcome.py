@@ -29,8 +29,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.simulation.merits.collision_facts import NO_COLLISIONS, CollisionFacts
 from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, shape_text
-from rpctl.simulation.merits.path_error import PathTrace, trace_path
-from rpctl.simulation.merits.texts import length
+from rpctl.simulation.merits.path_error import PathTrace, length, trace_path
 
 TRACKED, LATE, STUCK, DIVERGING, COLLIDED = "tracked", "late", "stuck", "diverging", "collided"
 OUTCOMES = (TRACKED, LATE, STUCK, DIVERGING, COLLIDED)  # from good to bad

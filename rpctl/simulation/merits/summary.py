@@ -16,11 +16,10 @@ from rpctl.simulation.merits.collision_facts import (
     Collision,
     LinkClearance,
 )
-from rpctl.simulation.merits.felt_ground import FeltGround, felt_ground
+from rpctl.simulation.merits.ground import FeltGround, GroundFigures, felt_ground, ground
 from rpctl.simulation.merits.obstacles import BASE, TIP, run_obstacles
 from rpctl.simulation.merits.outcome import SUCCESSES, outcome, trace_points
 from rpctl.simulation.merits.path_error import PathFigures, path_figures
-from rpctl.simulation.merits.slip_and_tip import GroundFigures, ground
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.run.run import Run
 
@@ -214,23 +213,17 @@ def summarize(run: Run) -> Summary:
     points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
     name, sentence = outcome(run.t, points, run_obstacles(run), bodies)
     paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
-    base = _error(np.hypot(*log.e[:, :2].T))
-    tip = _error(np.linalg.norm(log.ee - log.ee_ref, axis=1)) if TIP in points else (None,) * 3
+    errors = _errors("base", np.hypot(*log.e[:, :2].T))
+    away = np.linalg.norm(log.ee - log.ee_ref, axis=1) if TIP in points else None
     efforts, most = _efforts(run)
     return Summary(
         outcome=name,
         outcome_sentence=sentence,
         nominal=run.controller_model is None and replace(run.config.plant, seed=0) == Plant(),
         duration=float(run.t[-1]),
-        rms_base_error=base[0],
-        final_base_error=base[1],
-        settled_base_error=base[2],
         final_lateral_error=float(abs(log.e[-1, 1])),
         base_path=paths[BASE],
         joint_errors=_joint_errors(run),
-        rms_end_effector_error=tip[0],
-        final_end_effector_error=tip[1],
-        settled_end_effector_error=tip[2],
         end_effector_path=paths.get(TIP),
         efforts=efforts,
         max_effort_ratio=None if most is None else most.ratio,
@@ -252,6 +245,8 @@ def summarize(run: Run) -> Summary:
         collisions=bodies.collisions,
         collision_notes=bodies.remarks,
         felt_ground=felt_ground(run),
+        **errors,
+        **_errors("end_effector", away),
     )
 
 
@@ -303,6 +298,13 @@ def _error(sizes: Array) -> tuple[float, float, float]:
     """Return the root mean square of an error's sizes (K,), the last, and the settled one."""
     rms = float(np.sqrt(np.mean(np.square(sizes))))
     return rms, float(sizes[-1]), float(sizes[len(sizes) // 2 :].max())
+
+
+def _errors(of: str, sizes: Array | None) -> dict[str, Any]:
+    """Return what a summary says of an error's sizes (K,); None: there is no such error."""
+    figures = (None,) * 3 if sizes is None else _error(sizes)
+    names = [f"{when}_{of}_error" for when in ("rms", "final", "settled")]
+    return dict(zip(names, figures, strict=True))
 
 
 def _joint_errors(run: Run) -> tuple[JointError, ...]:

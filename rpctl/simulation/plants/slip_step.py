@@ -150,14 +150,8 @@ class SlipStepper:
         last = self._solve(at3, y0, own, y + dt * (a2 + brake), given, wrenches)
         v3 = at3.velocity(last.y)
         impulse = dt * ((1.0 - GAMMA) * middle.force + GAMMA * last.force)
-        after = SlipState(
-            at=at3,
-            y=last.y,
-            acceleration=(last.y - y) / dt,
-            load=last.loads.load,
-            tips=last.loads.tips,
-            held=middle.held or last.held,
-        )
+        loads, held = last.loads, middle.held or last.held
+        after = SlipState(at3, last.y, (last.y - y) / dt, loads.load, loads.tips, held)
         work = given.dot(v1 + v3)
         if wrenches:
             (before, _), (then, _) = (self.tree.pushes(each, wrenches) for each in (at.q, end))

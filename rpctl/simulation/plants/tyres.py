@@ -69,32 +69,45 @@ def contact_velocities(robot: Robot, rolling: RollingConstraints) -> ContactVelo
     rows = list(rolling.along)
     constant[0] = whole.constant[rows]
     harmonics[:, :, 0] = whole.harmonics[:, rows].reshape(2, count, n, robot.nv)
-    order = {swivel.joint: k for k, swivel in enumerate(robot.drive.swivels)}
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, pin.neutral(robot.model))
     for i, wheel in enumerate(wheels):
         spin = robot.velocity_index(wheel.joint)
         constant[2, i, spin] = constant[0, i, spin]
         constant[0, i, 2] += _unshifted(robot, wheel)
-        if _grips_one_way(robot, wheel):
-            continue
-        if wheel.swivel is None:
-            x, y, _ = contact_point(robot, data, wheel)
-            angle = math.atan2(wheel.direction[1], wheel.direction[0])
-            constant[1, i, :BASE_NV] = lateral_row((x, y), angle)
-            continue
-        k = order[wheel.swivel]
-        swivel = robot.drive.swivels[k]
-        harmonics[0, k, 1, i, :BASE_NV] = lateral_row(swivel.pivot, 0.0)
-        harmonics[1, k, 1, i, :BASE_NV] = lateral_row(swivel.pivot, 0.5 * math.pi)
-        constant[1, i, 2] += swivel.trail
-        constant[1, i, robot.velocity_index(swivel.joint)] += swivel.trail * swivel.sign
+        if not _grips_one_way(robot, wheel):
+            place = contact_point(robot, data, wheel)
+            _fill_across(robot, wheel, place, constant[1, i], harmonics[:, :, 1, i])
     matrix = replace(
         whole,
         constant=constant.reshape(3 * n, robot.nv),
         harmonics=harmonics.reshape(2 * count, 3 * n, robot.nv),
     )
     return ContactVelocities(matrix, _grip_angles(robot))
+
+
+def _fill_across(
+    robot: Robot, wheel: Wheel, place: Array, constant: Array, harmonics: Array
+) -> None:
+    """Fill the row (nv,) and its harmonics (2, n, nv) of a wheel's slip to its left.
+
+    Args:
+        robot: The robot.
+        wheel: The wheel.
+        place: Its contact point (3,) at neutral joints, m.
+        constant: Zeros.
+        harmonics: Zeros, by swivel.
+    """
+    if wheel.swivel is None:
+        angle = math.atan2(wheel.direction[1], wheel.direction[0])
+        constant[:BASE_NV] = lateral_row((place[0], place[1]), angle)
+        return
+    k = [swivel.joint for swivel in robot.drive.swivels].index(wheel.swivel)
+    swivel = robot.drive.swivels[k]
+    harmonics[0, k, :BASE_NV] = lateral_row(swivel.pivot, 0.0)
+    harmonics[1, k, :BASE_NV] = lateral_row(swivel.pivot, 0.5 * math.pi)
+    constant[2] += swivel.trail
+    constant[robot.velocity_index(swivel.joint)] += swivel.trail * swivel.sign
 
 
 def _unshifted(robot: Robot, wheel: Wheel) -> float:

@@ -180,8 +180,8 @@ class GroundFacts:
 
 def robot_facts(robot: Robot) -> RobotFacts:
     """Return what a run keeps of its robot."""
-    described = robot.description.joint
-    steered, others = steered_joints(robot), other_joints(robot)
+    described, steered, others = robot.description.joint, steered_joints(robot), other_joints(robot)
+    swivels, rest = [described[name] for name in steered], [described[name] for name in others]
     reading = robot.description.read_with
     return RobotFacts(
         name=robot.name,
@@ -195,9 +195,7 @@ def robot_facts(robot: Robot) -> RobotFacts:
         ignore_missing_packages=reading.ignore_missing_packages,
         home=dict(zip(robot.joint_names, robot.home.tolist(), strict=True)),
         free=robot.loaded_with.free,
-        payloads=tuple(
-            (load.link, load.mass, load.com, load.inertia) for load in robot.loaded_with.payloads
-        ),
+        payloads=robot.loaded_with.payloads,
         losses=robot.loaded_with.losses,
         armature=robot.loaded_with.rotors,
         quasi_velocities=robot.quasi_velocities,
@@ -209,12 +207,9 @@ def robot_facts(robot: Robot) -> RobotFacts:
         lower_limits=tuple(joint.lower for joint in robot.joints),
         upper_limits=tuple(joint.upper for joint in robot.joints),
         steering_names=steered,
-        steering_limits=tuple((described[name].lower, described[name].upper) for name in steered),
+        steering_limits=tuple((joint.lower, joint.upper) for joint in swivels),
         other_names=others,
-        other_limits=tuple(
-            (described[name].lower, described[name].upper, described[name].velocity)
-            for name in others
-        ),
+        other_limits=tuple((joint.lower, joint.upper, joint.velocity) for joint in rest),
         end_effector=robot.end_effector,
         urdf=robot.description.urdf.decode("utf-8", "surrogateescape"),
         file_sha256=robot.description.file_sha256 or robot.description.sha256,

@@ -26,13 +26,7 @@ def columns(log: Log, robot: RobotFacts, ground: GroundFacts) -> dict[str, Array
     ``joint_`` where that name is taken, as "x" is, or would begin a formula); both again with
     ``_ref``. Then, by prefix, ``e_`` tracking errors, ``nu_``, ``nu_d_``, ``nu_cmd_``, ``nu_ref_``
     quasi-velocities, ``tau_`` efforts, ``rate_`` rates of the actuators' joints, ``ee_`` the end
-    effector, ``load_`` vertical forces of
-    the ground, and single figures by their name in the log.
-
-    Args:
-        log: The samples.
-        robot: Names of what they are of.
-        ground: Names of the contacts.
+    effector, ``load_`` vertical forces of the ground, and single figures by their name in the log.
     """
     joints = robot.joint_names
     groups: list[tuple[str, Iterable[str], Array, str]] = [

@@ -9,8 +9,8 @@ from typing import Any, TypeGuard
 from rpctl.simulation.merits.collision_facts import clearance_text, collision_texts
 from rpctl.simulation.merits.obstacles import run_obstacles
 from rpctl.simulation.merits.outcome import SUCCESSES
+from rpctl.simulation.merits.path_error import lag, length
 from rpctl.simulation.merits.summary import Summary, Violation
-from rpctl.simulation.merits.texts import lag, length
 from rpctl.simulation.run.run import Run
 from rpctl.view.charts import has_base
 from rpctl.view.pages.page import Badge, Cell, LegendEntry, Section, Table

@@ -9,7 +9,7 @@ import pytest
 
 from rpctl import Robot, Run, summarize, track
 from rpctl.files.writing import to_json
-from rpctl.simulation.merits.slip_and_tip import LoadRange
+from rpctl.simulation.merits.ground import LoadRange
 from rpctl.simulation.merits.summary import Summary, violations
 from tests.runs import vary
 

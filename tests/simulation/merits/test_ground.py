@@ -11,7 +11,7 @@ import pytest
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
-from rpctl.simulation.merits.felt_ground import felt_ground
+from rpctl.simulation.merits.ground import felt_ground
 from rpctl.simulation.run.run import Run
 from rpctl.view.scene.motion import joint_poses
 from tests.golden import COUNT, golden_run, load_tricycle
