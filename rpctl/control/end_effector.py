@@ -341,8 +341,8 @@ class EndEffector(Record):
         Raises:
             RpctlError: The robot has no arm.
         """
-        frame = end_effector_frame(dynamics.robot)
-        return EndEffectorLaw(self, as_law(self.base).start(dynamics, period, rest), frame)
+        base = as_law(self.base).start(dynamics, period, rest)
+        return EndEffectorLaw(self, base, dynamics.robot)
 
 
 class EndEffectorLaw:
@@ -352,8 +352,9 @@ class EndEffectorLaw:
         frame: Pinocchio's index of the end effector.
     """
 
-    def __init__(self, law: EndEffector, base: KinematicController, frame: int) -> None:
-        self._law, self._base, self._frame = law, base, frame
+    def __init__(self, law: EndEffector, base: KinematicController, robot: Robot) -> None:
+        self._law, self._base, self._frame = law, base, end_effector_frame(robot)
+        self._fastest = np.array([joint.velocity for joint in robot.joints])  # rad/s or m/s
         self._preparing = base if isinstance(base, Preparing) else None
 
     def __call__(
@@ -363,7 +364,7 @@ class EndEffectorLaw:
         robot = dynamics.robot
         first = robot.dof - len(robot.joints)
         base = self._base(dynamics, reference, t, q, nu)
-        S, full = dynamics.basis(q), np.minimum(_velocity_limits(robot), MAX_FULL_SPEED)
+        S, full = dynamics.basis(q), np.minimum(self._fastest, MAX_FULL_SPEED)
         G, y = self._task(dynamics, reference(t), q, nu, base)
         G = WithRate(*(part @ (S[:, first:] * full) for part in G))
         z = nearest(
@@ -422,7 +423,7 @@ class EndEffectorLaw:
             rates: Rates of the arm's joints (n_joints,).
             full: Full speeds of the joints (n_joints,).
         """
-        fastest, positions = SPEED_FRACTION * _velocity_limits(robot), robot.joint_positions(q)
+        fastest, positions = SPEED_FRACTION * self._fastest, robot.joint_positions(q)
         bounds = []
         for limits in zip(*((joint.lower, joint.upper) for joint in robot.joints), strict=True):
             room = (np.array(limits) - positions) / self._law.horizon
@@ -430,8 +431,3 @@ class EndEffectorLaw:
             rate = np.where(value == room, -rates / self._law.horizon, 0.0)
             bounds.append(WithRate(value / full, rate / full))
         return Box(*bounds)
-
-
-def _velocity_limits(robot: Robot) -> Array:
-    """Return the velocity limits of the arm's joints (n_joints,), rad/s or m/s."""
-    return np.array([joint.velocity for joint in robot.joints])

@@ -264,10 +264,15 @@ class Description:
         """Return what another process needs: lxml's tree cannot be sent, and is read again."""
         return {name: value for name, value in vars(self).items() if name != "_document"}
 
-    @property
-    def has_meshes(self) -> bool:
-        """Whether any shape is a file."""
-        return any(s.mesh for link in self.links for s in (*link.visuals, *link.collisions))
+    @cached_property
+    def mesh_lines(self) -> dict[str, int]:
+        """The first line of each mesh that the URDF names, by its name there."""
+        lines: dict[str, int] = {}
+        for link in self.links:
+            for shape in (*link.visuals, *link.collisions):
+                if shape.mesh is not None:
+                    lines.setdefault(shape.mesh, shape.line)
+        return lines
 
     @property
     def estimated_links(self) -> tuple[str, ...]:

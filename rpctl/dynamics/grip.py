@@ -130,7 +130,6 @@ def missing_grip(
     infinite where no loads that only push balance the robot.
 
     Args:
-        forces: Horizontal ones of the wheels.
         statics: Map (3, n) from loads to their sum and first moments.
         moments: Sum and first moments (3,) of the ground's vertical force; N, N·m.
         friction: Coefficient between wheels and ground.

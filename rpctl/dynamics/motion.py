@@ -116,45 +116,36 @@ def imex_step(
 ) -> Step:
     """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ, implicit in the losses.
 
-    The additive Runge-Kutta method ARS(2,2,2) of [ARS97]: of order 2, explicit in all but ℓ, for
-    which it is L-stable, so a joint that friction holds stands still (but for its creep) whatever
-    the step; what it stops within a step may swing back in it, by an eighth of what it could take.
-    What does not change, as a speed at which ℓ balances the rest, it keeps exactly.
-
-    Work and loss are impulses times the mean of the speeds before and after: where M and S are
-    constant, the energy's balance closes to rounding.
+    ARS(2,2,2) of [ARS97]: of order 2, explicit in all but ℓ, for which it is L-stable: a joint
+    that friction holds stands still (but for its creep); what it stops within a step may swing back
+    by an eighth of what it could take. Work and loss are impulses times the mean of the speeds
+    before and after: where M and S are constant, the energy's balance closes to rounding.
     """
     model, losses, own = dynamics.robot.model, dynamics.robot.losses, GAMMA * dt
     if losses is None:
         raise RpctlError(f"{dynamics.robot.name} loses nothing")
     start = dynamics.at(q)
+    pushed = outside or (lambda q: np.zeros(len(nu)))
     M, push = dynamics.lossless(q, nu, tau)
-    given = 0.0 if outside is None else outside(q)
+    given = pushed(q)
     a1, v1 = solve_positive(M, push + given), start.S @ nu
     slide = own * v1
     place = pin.integrate(model, q, slide)
     S = dynamics.basis(place)
     middle = braked(losses, dynamics.inertia(place), S, nu + own * a1, own, nu)
     M, push = dynamics.lossless(place, middle, tau)
-    if outside is not None:
-        push = push + outside(place)
     v2 = S @ middle
     brake = losses.force(v2)
-    a2 = solve_positive(M, (1.0 - DELTA) * push + (1.0 - GAMMA) * (S.T @ brake))
+    push = (1.0 - DELTA) * (push + pushed(place)) + (1.0 - GAMMA) * (S.T @ brake)
+    a2 = solve_positive(M, push)
     end = pin.integrate(model, q, dt * (DELTA * v1 + (1.0 - DELTA) * dexpinv(slide, v2)))
     at = dynamics.at(end)
     after = braked(losses, dynamics.inertia(end), at.S, nu + dt * (DELTA * a1 + a2), own, middle)
     v3 = at.S @ after
     impulse = dt * ((1.0 - GAMMA) * brake + GAMMA * losses.force(v3))
-    work = float(tau @ (start.B.T @ nu + at.B.T @ after))
-    if outside is not None:
-        work += float(given @ nu + outside(end) @ after)
-    return Step(
-        q=np.asarray(end),
-        nu=after,
-        work=0.5 * dt * work,
-        lost=-0.5 * float(impulse @ (v1 + v3)),
-    )
+    work = tau @ (start.B.T @ nu + at.B.T @ after) + given @ nu + pushed(end) @ after
+    lost = -0.5 * float(impulse @ (v1 + v3))
+    return Step(np.asarray(end), after, 0.5 * dt * float(work), lost)
 
 
 def dexpinv(slide: Array, v: Array) -> Array:

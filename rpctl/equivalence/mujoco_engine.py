@@ -309,7 +309,7 @@ class MujocoEngine:
     """The equations of one robot by MuJoCo.
 
     Args:
-        reading: Its file; read anew if None.
+        oracle: Says how its wheels roll; made anew, of its file, if None.
 
     Attributes:
         refused: Links that MuJoCo refuses, each with the reason.
@@ -319,18 +319,13 @@ class MujocoEngine:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
     """
 
-    def __init__(self, robot: Robot, reading: FileReading | None = None) -> None:
-        self._mujoco = mujoco_library()
-        self._robot = robot
-        reading = reading or read(robot)
-        tree = MujocoModel(robot, reading)
+    def __init__(self, robot: Robot, oracle: GibbsAppell | None = None) -> None:
+        self._mujoco, self._robot = mujoco_library(), robot
+        self._oracle = oracle or GibbsAppell(robot)
+        tree = MujocoModel(robot, self._oracle.tree.reading)
         self.refused, self.fused = tree.refused, tree.fused
         self._model, self._joints = tree.mjm, tree.joints
         self._data = self._mujoco.MjData(self._model)
-        self._oracle = GibbsAppell(robot, reading=reading)
-        self._columns = np.zeros((robot.nv, len(robot.actuators)))
-        for column, name in enumerate(robot.actuators):
-            self._columns[self._joints[name], column] = 1.0
 
     def reduced(self, q: Array, nu: Array) -> EngineTerms:
         """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling."""
@@ -345,7 +340,8 @@ class MujocoEngine:
         for row, unit in zip(M, np.eye(self._robot.nv), strict=True):
             self._mujoco.mj_mulM(self._model, self._data, row, unit)
         h = S.T @ (self._data.qfrc_bias + M @ drift)
-        return EngineTerms(S.T @ M @ S, h, S.T @ self._columns, S.T @ self._data.qfrc_passive)
+        B = S[[self._joints[name] for name in self._robot.actuators]].T
+        return EngineTerms(S.T @ M @ S, h, B, S.T @ self._data.qfrc_passive)
 
     def _rolling(self, q: Array, nu: Array) -> tuple[Array, Array]:
         """Return S (nv, dof) and Ṡν (nv,) in MuJoCo's coordinates, by the Gibbs-Appell walk."""

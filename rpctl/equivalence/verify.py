@@ -18,7 +18,7 @@ from rpctl.equivalence.certificate import (
     Check,
     Skipped,
 )
-from rpctl.equivalence.file_drive import FileReading, read, shared
+from rpctl.equivalence.file_drive import read, shared
 from rpctl.equivalence.gibbs_appell import (
     BREAKDOWNS,
     STATES_AT_ONCE,
@@ -84,9 +84,8 @@ def verify(
     """
     _require_samples(samples)
     reading, dynamics = read(robot), ReducedDynamics(robot)
-    mujoco, absent = _engine(robot, reading, engines)
-    geometry = Geometry(dynamics, reading)
-    oracle = GibbsAppell(robot, reading=reading)
+    geometry, oracle = Geometry(dynamics, reading), GibbsAppell(robot, reading=reading)
+    mujoco, absent = _engine(robot, oracle, engines)
     derivations = _Derivations(dynamics, find_rolling(robot), oracle, geometry, mujoco)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
     declared = tuple(check for check in rows if check.name == DECLARED)
@@ -201,7 +200,7 @@ def _broken_down(group: str, error: Exception) -> Check:
 
 
 def _engine(
-    robot: Robot, reading: FileReading, engines: Sequence[str]
+    robot: Robot, oracle: GibbsAppell, engines: Sequence[str]
 ) -> tuple[mujoco_engine.MujocoEngine | None, tuple[Skipped, ...]]:
     """Return MuJoCo's view of the robot, or the row that says why there is none."""
     for name in engines:
@@ -212,7 +211,7 @@ def _engine(
     note = ABSENT
     if mujoco_engine.installed():
         try:
-            return mujoco_engine.MujocoEngine(robot, reading), ()
+            return mujoco_engine.MujocoEngine(robot, oracle), ()
         except mujoco_engine.EngineRefused as refusal:
             note = f"refused: {refusal}"
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)

@@ -10,7 +10,14 @@ from typing import Any
 
 from rpctl.errors import RpctlError
 from rpctl.kernels.lanes import Lanes, Value
-from rpctl.kernels.operations import TURNS, LaneOperations
+from rpctl.kernels.operations import (
+    BINARY,
+    COMPARISONS,
+    CONDITIONS,
+    TURNS,
+    UNARY,
+    LaneOperations,
+)
 from rpctl.kernels.program import Buffer, Call, Program
 
 ALIGNMENT = 64  # bytes; of the workspace and of each buffer in it
@@ -247,6 +254,22 @@ def read_function(function: Any) -> StraightLine:
         tuple(x.numel() for x in outputs),
         tuple(_instructions(function)),
     )
+
+
+def missing_operation(function: Any) -> str | None:
+    """Return an operation of a function without machine code; None if all have one."""
+    used = {x.op for x in read_function(function).instructions}
+    missing = used - {
+        *UNARY,
+        *BINARY,
+        *COMPARISONS,
+        *TURNS,
+        *CONDITIONS,
+        "INPUT",
+        "OUTPUT",
+        "CONST",
+    }
+    return min(missing, default=None)
 
 
 def _instructions(function: Any) -> Iterator[Instruction]:

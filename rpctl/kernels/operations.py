@@ -13,6 +13,7 @@ from rpctl.errors import RpctlError
 from rpctl.kernels.elementary import arcsine, arctangent_2, hyperbolic_tangent, sine_cosine
 from rpctl.kernels.lanes import Lanes, Value
 
+CONDITIONS = ("AND", "OR", "NOT", "IF_ELSE_ZERO")
 TURNS = ("SIN", "COS")  # of one angle, by name, made together
 
 

@@ -70,23 +70,15 @@ def load_reference(
 ) -> Reference:
     """Return a reference by its name, or from a file in CSV or TOML.
 
-    Size and speed of a named one follow from the robot's size and limits; its ``sizing`` says
-    what they are, and why.
+    Its ``sizing`` says how large and fast a named one is, its ``recording`` what became of a CSV.
 
     Args:
         robot: The robot.
-        source: ``line``, ``reverse``, ``spin``, ``circle``, ``eight``, ``waypoints``,
-            ``ee-square``, or a file: ``.csv`` or ``.toml``.
-        smooth: Of a CSV: the root mean square, in m, by which the reference may miss its rows, to
-            be smooth; ``auto`` takes their noise. None passes every row.
-        retime: Whether to slow a CSV down where it asks more than the robot's limits; it keeps its
-            path. Its ``recording`` says what was changed, and what it asks beyond the limits.
-        collisions: Whether the arm of a named one swings less where links would come too near to
-            each other or to the ground.
-        **sizes: Of a named one, instead. ``size``, m: radius of the circle, half the length of the
-            eight and of the waypoints, half the side of the square, length of the line.
-            ``speed``: the largest along the path, m/s; of a spin the turning rate, rad/s.
-            ``laps``: how many times circle, eight and spin are gone through, once if not given.
+        source: As of ``--reference``: a name, or a file: ``.csv`` or ``.toml``.
+        smooth: Of a CSV: by how much it may miss its rows, m rms; ``auto``: by their noise.
+        retime: Whether to slow a CSV down where it asks more than the robot's limits.
+        collisions: Whether the arm of a named one keeps its links clear.
+        **sizes: Of a named one: ``size`` (m), ``speed`` (m/s, of a spin rad/s), ``laps``.
 
     Raises:
         UnknownNameError: There is no such reference, and the name is no file's.
@@ -94,33 +86,36 @@ def load_reference(
     """
     wish, suffix = SizingRequest(**sizes), Path(source).suffix.lower()
     require_smoothing(smooth)
-    if suffix != ".csv":
-        _refuse_of_others(source, smooth, retime)
+    if suffix in (".csv", ".toml"):
+        wish.refuse(f"{source} has its own sizes and speeds; change them there", *WISHES)
+        return _from_file(robot, source, smooth, retime)
+    _refuse_for_table(source, smooth, retime)
     if is_goal(source):
         wish.refuse("a goal says where to go; leave them out", *WISHES)
         return to_goal(robot, read_goal(source))
-    if suffix in (".csv", ".toml"):
-        wish.refuse(f"{source} has its own sizes and speeds; change them there", *WISHES)
-        return _from_file(robot, source, suffix, smooth, retime)
     if source in PLANNED_REFERENCES:
         return PLANNED_REFERENCES[source](robot, wish)
     if source not in BASE_PATHS:
-        raise UnknownNameError(
-            "reference",
-            source,
-            (*BASE_PATHS, *PLANNED_REFERENCES, "goal X,Y,THETA", "FILE.csv", "FILE.toml"),
-        )
+        known = *BASE_PATHS, *PLANNED_REFERENCES, "goal X,Y,THETA", "FILE.csv", "FILE.toml"
+        raise UnknownNameError("reference", source, known)
     return reference_by_name(robot, source, wish, collisions)
 
 
-def _from_file(
-    robot: Robot, source: str, suffix: str, smooth: float | str | None, retime: bool
-) -> TimedPath:
+def _refuse_for_table(source: str, smooth: float | str | None, retime: bool) -> None:
+    """Refuse to smooth or to retime what is no table."""
+    if smooth is not None:
+        raise RpctlError(f"smooth = {smooth}: {source} has no rows with noise; leave it out")
+    if retime:
+        raise RpctlError(f"retime: {source} has no times of its own to change; leave it out")
+
+
+def _from_file(robot: Robot, source: str, smooth: float | str | None, retime: bool) -> TimedPath:
     """Return the reference of a file; an error names the file."""
     try:
-        if suffix == ".csv":
+        if source.lower().endswith(".csv"):
             table = read_table(source, robot.joint_names)
             return reference_from_table(robot, table, Limits(), smooth, retime)
+        _refuse_for_table(source, smooth, retime)
         asked = read_toml(source, PathFile, "a path file")
         if asked.waypoints:
             waypoints = [Waypoint(*row) for row in asked.waypoints]
@@ -130,15 +125,3 @@ def _from_file(
         raise
     except RpctlError as error:
         raise refusal(source, [(None, str(error))]) from None
-
-
-def _refuse_of_others(source: str, smooth: float | str | None, retime: bool) -> None:
-    """Refuse to smooth or to retime what is no table.
-
-    Raises:
-        RpctlError: It is asked for.
-    """
-    if smooth is not None:
-        raise RpctlError(f"smooth = {smooth}: {source} has no rows with noise; leave it out")
-    if retime:
-        raise RpctlError(f"retime: {source} has no times of its own to change; leave it out")

@@ -51,7 +51,7 @@ def export_mjcf(
     if settings is None:
         shape = "crowned" if wheel_width is None else "cylinder"
         settings = ContactSettings(wheel_shape=shape, wheel_width=wheel_width)
-    return write_mjcf(robot, path, friction, settings, meshes, to_plain(robot_facts(robot)))
+    return write_mjcf(robot, Path(path), friction, settings, meshes, to_plain(robot_facts(robot)))
 
 
 def check_mjcf(

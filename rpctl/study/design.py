@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +32,9 @@ def extra(module: str) -> Any:
         raise RpctlError(f"this study needs {package}; {INSTALL}") from None
 
 
+DESIGNS = ("monte-carlo", "grid", "latin-hypercube", "sobol", "morris")
+
+
 @dataclass(frozen=True)
 class Design:
     """A set of points of the unit cube, one a run: quantiles of the scattered parameters.
@@ -51,10 +53,10 @@ class Design:
         """Refuse what is no design."""
         if self.kind not in DESIGNS:
             raise UnknownNameError("design", self.kind, DESIGNS)
-        if self.count < 1:
-            raise RpctlError(f"count is {self.count}; give a whole number, 1 or more")
-        if self.seed < 0:
-            raise RpctlError(f"seed is {self.seed}; give a whole number, 0 or more")
+        for name, least in (("count", 1), ("seed", 0)):
+            if getattr(self, name) < least:
+                value = getattr(self, name)
+                raise RpctlError(f"{name} is {value}; give a whole number, {least} or more")
 
     def size(self, parameters: int) -> int:
         """Return how many runs there are with so many parameters, without drawing them.
@@ -64,104 +66,51 @@ class Design:
         """
         if not parameters and self.kind != "monte-carlo":
             raise RpctlError(f"a {self.kind} design has no parameter; write some under [scatter]")
+        step = {"sobol": parameters + 2, "morris": parameters + 1}.get(self.kind, 1)
+        least = {"grid": FEWEST**parameters}.get(self.kind, FEWEST * step if step > 1 else 1)
+        if self.count < least:
+            raise RpctlError(
+                f"count is {self.count}; a {self.kind} design of {parameters} parameters needs "
+                f"{least} runs at least"
+            )
         if self.kind == "grid":
-            return _levels(self, parameters) ** parameters
-        if self.kind == "sobol":
-            return _base_points(self, parameters) * (parameters + 2)
-        if self.kind == "morris":
-            return _trajectories(self, parameters) * (parameters + 1)
-        return self.count
+            return max(k**parameters for k in range(self.count + 1) if k**parameters <= self.count)
+        blocks = self.count // step
+        if self.kind == "sobol":  # its points are balanced in powers of two
+            blocks = 1 << (blocks.bit_length() - 1)
+        return blocks * step
 
     def points(self, parameters: int) -> Array:
         """Return the points (size, parameters), each entry in [0, 1].
 
-        Row i of ``monte-carlo`` depends on the seed and on i only: a larger count adds rows.
+        Row i of ``monte-carlo`` depends on the seed and on i only: a larger count adds rows. Of a
+        grid the last parameter runs fastest; Saltelli's rows for Sobol's indices are, of each base
+        point, A, A with one entry of B for each parameter, and B.
 
         Raises:
             RpctlError: ``count`` is too small for the design, or SALib is not installed.
         """
-        self.size(parameters)
-        return DESIGNS[self.kind](self, parameters)
-
-
-def _monte_carlo(design: Design, parameters: int) -> Array:
-    stream = np.random.SeedSequence(design.seed, spawn_key=STREAM)
-    return np.random.Generator(np.random.PCG64(stream)).random((design.count, parameters))
-
-
-def _grid(design: Design, parameters: int) -> Array:
-    """Return all corners and what lies evenly between them; the last parameter runs fastest."""
-    axis = np.linspace(0.0, 1.0, _levels(design, parameters))
-    mesh = np.meshgrid(*[axis] * parameters, indexing="ij")
-    return np.stack([each.ravel() for each in mesh], axis=1)
-
-
-def _latin_hypercube(design: Design, parameters: int) -> Array:
-    qmc = library("scipy.stats").qmc
-    generator = np.random.default_rng(design.seed)
-    return np.asarray(qmc.LatinHypercube(parameters, rng=generator).random(design.count))
-
-
-def _sobol(design: Design, parameters: int) -> Array:
-    """Return Saltelli's rows: of each base point A, A with one entry of B for each, and B."""
-    sample = extra("SALib.sample.sobol").sample
-    base = _base_points(design, parameters)
-    return np.asarray(
-        sample(unit_problem(parameters), base, calc_second_order=False, seed=design.seed)
-    )
-
-
-def _morris(design: Design, parameters: int) -> Array:
-    sample = extra("SALib.sample.morris").sample
-    trajectories = _trajectories(design, parameters)
-    problem = unit_problem(parameters)
-    return np.asarray(sample(problem, trajectories, MORRIS_LEVELS, seed=design.seed + 1))
+        size = self.size(parameters)
+        if self.kind == "monte-carlo":
+            stream = np.random.SeedSequence(self.seed, spawn_key=STREAM)
+            generator = np.random.Generator(np.random.PCG64(stream))
+            return generator.random((size, parameters))
+        if self.kind == "grid":
+            axis = np.linspace(0.0, 1.0, round(size ** (1.0 / parameters)))
+            mesh = np.meshgrid(*[axis] * parameters, indexing="ij")
+            return np.stack([each.ravel() for each in mesh], axis=1)
+        if self.kind == "latin-hypercube":
+            hypercube = library("scipy.stats").qmc.LatinHypercube
+            return np.asarray(hypercube(parameters, rng=self.seed).random(size))
+        problem, sample = unit_problem(parameters), extra(f"SALib.sample.{self.kind}").sample
+        if self.kind == "sobol":
+            base = size // (parameters + 2)
+            return np.asarray(sample(problem, base, calc_second_order=False, seed=self.seed))
+        trajectories = size // (parameters + 1)
+        return np.asarray(sample(problem, trajectories, MORRIS_LEVELS, seed=self.seed + 1))
 
 
 def unit_problem(parameters: int) -> dict[str, object]:
     """Return SALib's description of the unit cube."""
     names = [f"x{j}" for j in range(parameters)]
     return {"num_vars": parameters, "names": names, "bounds": [[0.0, 1.0]] * parameters}
-
-
-def _levels(design: Design, parameters: int) -> int:
-    """Return the largest number of levels whose grid has at most ``count`` points."""
-    levels = 1
-    while (levels + 1) ** parameters <= design.count:
-        levels += 1
-    return _enough(levels, FEWEST**parameters, design, parameters)
-
-
-def _base_points(design: Design, parameters: int) -> int:
-    """Return the largest power of two that fits: Sobol's points are balanced in such numbers."""
-    fitting = design.count // (parameters + 2)
-    power = 1 << (fitting.bit_length() - 1) if fitting else 0
-    return _enough(power, FEWEST * (parameters + 2), design, parameters)
-
-
-def _trajectories(design: Design, parameters: int) -> int:
-    fitting = design.count // (parameters + 1)
-    return _enough(fitting, FEWEST * (parameters + 1), design, parameters)
-
-
-def _enough(found: int, needed: int, design: Design, parameters: int) -> int:
-    """Return a number of levels, points or trajectories, if there are two at least.
-
-    Raises:
-        RpctlError: ``count`` is too small.
-    """
-    if found < FEWEST:
-        raise RpctlError(
-            f"count is {design.count}; a {design.kind} design of {parameters} parameters needs "
-            f"{needed} runs at least"
-        )
-    return found
-
-
-DESIGNS: dict[str, Callable[[Design, int], Array]] = {
-    "monte-carlo": _monte_carlo,
-    "grid": _grid,
-    "latin-hypercube": _latin_hypercube,
-    "sobol": _sobol,
-    "morris": _morris,
-}

@@ -76,7 +76,7 @@ def test_ctrl_c_at_any_moment(words: list[str], times: int, tmp_path: Path) -> N
     """Twice in a row as well: what the first left to be written is written."""
     drawn = random.Random(" ".join(words) + str(times))
     came = 0
-    for _ in range(10):
+    for _ in range(3):
         moment = drawn.uniform(0.0, 0.3 if words == ["--help"] else SPAN)  # it is soon done
         process = start(words, tmp_path)
         for wait in (moment, drawn.uniform(0.0, 0.1))[:times]:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from rpctl.arrays import Array
 from rpctl.cli.app import app
 from rpctl.cli.options import LoadOptions
-from rpctl.cli.study_summary import show_optimum
+from rpctl.cli.study import show_optimum
 from tests.study.fake_rollouts import patch_rollouts
 
 STUDY = """

@@ -181,12 +181,6 @@ def test_budgets_stop_what_the_joint_count_lets_through(
         derive(rpctl.load("paper"))
 
 
-@pytest.mark.thorough
-def test_a_locked_chain_fits(rng: np.random.Generator) -> None:
-    robot = rpctl.load("mixed_chain", lock={"shoulder_joint": 0.2, "elbow_joint": 0.1, "wrist_joint": 0})  # fmt: skip  # noqa: E501
-    check_numbers(robot, closed_form(robot), rng)
-
-
 def test_text(paper: Robot) -> None:
     text = derive(paper)
     assert text.startswith("paper: M nu_dot + h = B tau\n")

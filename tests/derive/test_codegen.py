@@ -103,12 +103,6 @@ def test_python(name: str, rng: np.random.Generator) -> None:
     check(robot, *executed(robot), rng)
 
 
-def test_locked_joints_are_folded_where_they_are_locked(rng: np.random.Generator) -> None:
-    robot = rpctl.load("mixed_chain", lock={"lift_joint": 0.1, "elbow_joint": 0.4})
-    assert program(robot).positions == ("shoulder_joint", "telescope_joint", "wrist_joint")
-    check(robot, *executed(robot), rng)
-
-
 @pytest.mark.parametrize("seed", cells(range(8), {0}, {1, 2}))
 def test_random_robots(seed: int, tmp_path: Path, rng: np.random.Generator) -> None:
     """Any drive and tree, mimics with factors and offsets among them."""
@@ -127,13 +121,6 @@ def test_wheels_that_swivel_have_no_closed_form_to_read(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, vehicle("bicycle")))
     with pytest.raises(RpctlError, match="take the code: --format python or c"):
         derive(robot)
-
-
-def test_the_platform_needs_no_positions(tmp_path: Path, rng: np.random.Generator) -> None:
-    robot = rpctl.load(write(tmp_path, platform(SET_A)))
-    assert program(robot).positions == ()
-    check(robot, *compiled(robot, tmp_path), rng)
-    check(robot, *executed(robot), rng)
 
 
 def test_round_wheels_are_left_out_and_code_stands_alone(paper: Robot) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import ctypes
 import json
 import math
@@ -33,7 +32,6 @@ from rpctl import (
 from rpctl.arrays import Array
 from rpctl.cli.app import app
 from rpctl.control.error import Leash
-from rpctl.control.law import Command
 from rpctl.derive.codegen import c_law, identifier, python_law
 from rpctl.derive.law_program import LawProgram, law_program, law_sheet
 from rpctl.derive.write import derive_law
@@ -262,33 +260,6 @@ def test_formulas_to_read_are_the_law(paper: Robot, rng: np.random.Generator) ->
 
 
 @pytest.mark.parametrize(
-    ("name", "law"),
-    cells([("paper", "unified"), ("bicycle", "leashed")], (), {("paper", "unified")}),
-)
-def test_a_loop_driven_by_the_compiled_law_is_that_of_track(
-    name: str, law: str, tmp_path: Path
-) -> None:
-    robot, dynamic = made(name, tmp_path), PaperDynamic()
-    program = law_program(law_sheet(robot, LAWS[law], dynamic, PERIOD))
-    evaluate, tau = compiled(program, tmp_path), np.zeros(0)
-
-    def kinematic(_: Any, reference: Any, t: float, q: Array, nu: Array) -> Command:
-        nonlocal tau
-        tau, nu_d, nu_d_dot = evaluate(q, nu, reference(t))
-        return Command(nu_d, nu_d_dot)
-
-    start: dict[str, Any] = {"initial_error": (0.1, 0.2, 0.3), "control_period": PERIOD}
-    ours = rpctl.track(
-        robot, "eight", duration=3.0, kinematic=kinematic, dynamic=lambda *_: tau, **start
-    )
-    theirs = rpctl.track(
-        robot, "eight", duration=3.0, kinematic=LAWS[law], dynamic=dynamic, **start
-    )
-    np.testing.assert_allclose(ours.q, theirs.q, atol=1e-9)
-    np.testing.assert_allclose(ours.tau, theirs.tau, atol=1e-7)
-
-
-@pytest.mark.parametrize(
     ("settings", "words"),
     [
         ({"kinematic": "horizon"}, "Horizon solves a quadratic program at each sample; take --law"),
@@ -313,14 +284,6 @@ def test_what_cannot_be_written_is_refused_by_name(
 def test_unknown_names_are_listed(paper: Robot, settings: dict[str, Any]) -> None:
     with pytest.raises(UnknownNameError):
         derive_law(paper, **settings)
-
-
-def test_python_and_c_stand_alone(paper: Robot) -> None:
-    program = law_program(law_sheet(paper, UnifiedKinematic(), PaperDynamic()))
-    assert re.findall(r"#include.*", c_law(program)) == ["#include <math.h>"]
-    tree = ast.parse(python_law(program))
-    found = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
-    assert [getattr(node, "module", None) for node in found] == ["math"]
 
 
 def test_the_command_writes_and_tells_the_cost(tmp_path: Path) -> None:

@@ -10,15 +10,12 @@ import pytest
 import sympy as sp
 
 import rpctl
-from rpctl import PaperDynamic, ReducedDynamics, Robot
+from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.derive.closed_form import closed_form
 from rpctl.derive.codegen import c_source, python_source
-from rpctl.derive.law_program import law_program, law_sheet
 from rpctl.derive.program import program
 from rpctl.derive.write import derive
-from tests.derive.test_law import LAWS, executed, samples
-from tests.derive.test_law import check as check_law
 from tests.dynamics.test_losses import lossy
 from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle
@@ -65,9 +62,3 @@ def test_code_has_them(tmp_path: Path, rng: np.random.Generator) -> None:
         np.testing.assert_allclose(losses(read, nu), dynamics.losses(q, nu), rtol=1e-11)
         truth: Array = dynamics.forward(q, nu, tau)
         np.testing.assert_allclose(forward(read, nu, tau), truth, atol=1e-11 * np.abs(truth).max())
-
-
-def test_a_written_law_compensates_them(cart: Robot, rng: np.random.Generator) -> None:
-    law, dynamic = LAWS["unified"], PaperDynamic(0.12)
-    found = samples(cart, law, dynamic, rng, 10)
-    check_law(executed(law_program(law_sheet(cart, law, dynamic))), found)

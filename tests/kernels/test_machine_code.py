@@ -123,19 +123,6 @@ def test_many_blocks_are_one_function(monkeypatch: pytest.MonkeyPatch) -> None:
         assert one.tobytes() == other.tobytes()
 
 
-def test_a_sine_and_cosine_of_one_angle_are_made_together() -> None:
-    x, two = Buffer("x", 1), Buffer("two", 2)
-    angle = casadi.SX.sym("x")
-    many = casadi.SX(angle)
-    for _ in range(2 * functions.BLOCK_LINES):
-        many = many * angle
-    turned = casadi.vertcat(casadi.sin(angle), many + casadi.cos(angle))
-    call = Call(casadi.Function("turned", [angle], [turned]), (x,), (two,))
-    text = module_text(Program((call,)), 2)
-    assert text.count("\nblock_") >= 2
-    assert text.count(" = fcmp ole ") == 1  # of the largest angle
-
-
 def test_a_flag_leaves_the_loop_and_the_step_is_not_counted() -> None:
     x, flag = Buffer("x", 2), Buffer("flag", 1)
     body = (Call(COUNT, (x,), (x,)), Repeat(2, (Call(BELOW, (x,), (flag,)), Leave(flag))))

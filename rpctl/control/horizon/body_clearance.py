@@ -16,7 +16,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.control.horizon.constraints import SoftBound, every_nth_stage
 from rpctl.control.horizon.prediction import Model
-from rpctl.control.horizon.qp import LinearisedConstraint, RowBlock, StageIndices
+from rpctl.control.horizon.qp import LinearisedConstraint, RowBlock, StageValues
 from rpctl.control.horizon.target import Sample
 from rpctl.control.obstacles import Disc, HalfPlane, Obstacle, links_among
 from rpctl.robot.collision import WORLD, CollisionModel, Nearest
@@ -69,7 +69,7 @@ class BodyClearance(SoftBound):
         self._known = np.tile(known, (len(self.stages), 1))
         self._where = np.tile(self._state(home), (len(self.stages), len(own), 1))
 
-    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
         """Return one block, on pose and joints."""
         unknowns = np.hstack([indices.pose[self.stages], indices.joints[self.stages]])
         return [RowBlock(unknowns, ROWS)]

@@ -13,7 +13,6 @@ from rpctl.control.horizon.prediction import Model
 from rpctl.control.horizon.qp import (
     LinearisedConstraint,
     RowBlock,
-    StageIndices,
     StageValues,
 )
 from rpctl.control.horizon.settings import Bounds, is_turning
@@ -76,7 +75,7 @@ class HardBounds:
 class SoftBound(Protocol):
     """Soft constraints of one kind."""
 
-    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
         """Return the structure of the rows, in the order of :meth:`linearise`."""
 
     def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
@@ -105,7 +104,7 @@ class WheelSpeeds:
         B = self._model.dynamics.actuation(q)
         return B.T[self._limited] / self._limits[:, None]
 
-    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
         """Return one block, on ν after each step."""
         if not len(self._limited):
             return []
@@ -150,7 +149,7 @@ class ForceBounds:
         self._load_splits: deque[Array] = deque(maxlen=KEPT_LOAD_SPLITS)
         self._ground_stages = every_nth_stage(model.steps, GROUND_STRIDE)
 
-    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
         """Return the blocks of the efforts, of the ground at once, and of the ground later."""
         efforts = RowBlock(indices.nu_dot[:1], 2 * len(self._limited))
         if self._ground is None:
@@ -195,7 +194,7 @@ class BaseClearance:
     def __init__(self, obstacles: tuple[Obstacle, ...], radius: float) -> None:
         self._obstacles, self._radius = obstacles, radius
 
-    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
         """Return one block, on the position of P."""
         return [RowBlock(indices.pose[:, :2], len(self._obstacles))]
 
@@ -219,7 +218,7 @@ class ArmClearance:
     def __init__(self, obstacles: tuple[Obstacle, ...], radius: float, stages: list[int]) -> None:
         self._obstacles, self._radius, self._stages = obstacles, radius, stages
 
-    def row_blocks(self, indices: StageIndices) -> list[RowBlock]:
+    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
         """Return one block, on pose and joints."""
         unknowns = np.hstack([indices.pose[self._stages], indices.joints[self._stages]])
         return [RowBlock(unknowns, len(self._obstacles))]

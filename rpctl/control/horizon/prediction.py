@@ -278,7 +278,8 @@ class Model:
         poses = np.empty((self.steps + 1, BASE_NV))
         poses[0] = pose
         poses[1:, 2] = pose[2] + dt * np.cumsum(twist[:, 2])
-        cos, sin = _cos_sin(poses[:-1, 2] + 0.5 * dt * twist[:, 2])
+        middle = poses[:-1, 2] + 0.5 * dt * twist[:, 2]
+        cos, sin = np.cos(middle), np.sin(middle)
         poses[1:, 0] = pose[0] + dt * np.cumsum(cos * twist[:, 0] - sin * twist[:, 1])
         poses[1:, 1] = pose[1] + dt * np.cumsum(sin * twist[:, 0] + cos * twist[:, 1])
         casters = self.casters.follow(self.casters.read(q), twist, dt)
@@ -302,7 +303,8 @@ class Model:
     def jacobian(self, motion: PredictedMotion) -> PoseJacobian:
         """Return the derivatives of the poses by the state and acceleration before each."""
         dt, n = self.dt, self.steps
-        cos, sin = _cos_sin(motion.pose[:-1, 2] + 0.5 * dt * motion.twist[:, 2])
+        middle = motion.pose[:-1, 2] + 0.5 * dt * motion.twist[:, 2]
+        cos, sin = np.cos(middle), np.sin(middle)
         rotation = np.zeros((n, 3, 3))
         rotation[:, 0, 0], rotation[:, 0, 1] = cos, -sin
         rotation[:, 1, 0], rotation[:, 1, 1] = sin, cos
@@ -321,7 +323,3 @@ class Model:
             by_nu[:, :, self.base :] += 0.5 * dt * by_steering
             by_nu_dot[:, :, self.base :] += 0.125 * dt**2 * by_steering
         return PoseJacobian(dt * twist_by_heading, by_nu, by_nu_dot, by_steering)
-
-
-def _cos_sin(angle: Array) -> tuple[Array, Array]:
-    return np.cos(angle), np.sin(angle)

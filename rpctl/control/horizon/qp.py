@@ -7,7 +7,7 @@ of pose, joints and ν at step k + 1; the slacks of the soft constraints come la
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import daqp
 import numpy as np
@@ -36,22 +36,13 @@ class LinearisedConstraint(NamedTuple):
     jacobian: Array  # (K, rows, columns)
 
 
-class StageIndices(NamedTuple):
-    """Index in x of each stage's unknowns."""
-
-    nu_dot: Indices  # (N, dof)
-    pose: Indices  # (N, 3), or (N, 0) for a fixed base
-    joints: Indices  # (N, n_joints)
-    nu: Indices  # (N, dof)
-
-
 class StageValues(NamedTuple):
-    """One value for each unknown, in the order of :class:`StageIndices`."""
+    """One number, or the index in x, of each unknown of the N stages."""
 
-    nu_dot: Array
-    pose: Array
-    joints: Array
-    nu: Array
+    nu_dot: Any  # (N, dof)
+    pose: Any  # (N, 3), or (N, 0) for a fixed base
+    joints: Any  # (N, n_joints)
+    nu: Any  # (N, dof)
 
 
 class LeastSquares(NamedTuple):
@@ -81,12 +72,12 @@ class Linearisation(NamedTuple):
     upper: StageValues
 
 
-def stage_indices(model: Model) -> StageIndices:
+def stage_indices(model: Model) -> StageValues:
     """Return the index in x of each stage's unknowns."""
     dof, joints = model.robot.dof, len(model.joints)
     sizes = [dof, BASE_NV if model.base else 0, joints, dof]
     every = np.arange(model.steps * sum(sizes)).reshape(model.steps, -1)
-    return StageIndices(*np.split(every, np.cumsum(sizes)[:-1], axis=1))
+    return StageValues(*np.split(every, np.cumsum(sizes)[:-1], axis=1))
 
 
 class CondensedStructure:

@@ -5,14 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rpctl.description.packages import DECLARE, find_packages, forget, inside
 from rpctl.description.urdf.findings import excerpt
 from rpctl.errors import Finding, RpctlError
-
-if TYPE_CHECKING:
-    from rpctl.description.records import Description
 
 EXTENSIONS = (".stl", ".dae", ".obj", ".ply", ".glb")
 PACKAGE, FILE = "package://", "file://"
@@ -110,20 +106,15 @@ class MeshPaths:
         return [(f"{folder}/{rest}", folder) for folder in folders]
 
 
-def check_meshes(description: Description) -> list[Finding]:
+def check_meshes(first: Mapping[str, int], paths: MeshPaths) -> list[Finding]:
     """Return a warning for each mesh that is missing or refused.
 
     Meshes do not change a robot's dynamics, so none of these is an error. Several meshes with one
     fault share one warning at the first one's line, and so do all packages that are not there.
+
+    Args:
+        first: The first line of each mesh, by its name in the URDF.
     """
-    first: dict[str, int] = {}
-    for link in description.links:
-        for shape in (*link.visuals, *link.collisions):
-            if shape.mesh is not None:
-                first.setdefault(shape.mesh, shape.line)
-    if not first:
-        return []
-    paths = description.mesh_paths
     faults: dict[str, list[str]] = {}
     missing: dict[str, MissingPackageError] = {}
     for mesh in first:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.arrays import Array
-from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.certificate import MjcfCertificate
@@ -161,30 +160,16 @@ class MjcfExport:
 
 def write_mjcf(
     robot: Robot,
-    path: str | Path,
-    friction: float = FRICTION,
-    settings: ContactSettings | None = None,
-    meshes: bool = True,
-    facts: Mapping[str, Any] | None = None,
+    path: Path,
+    friction: float,
+    settings: ContactSettings,
+    meshes: bool,
+    facts: Mapping[str, Any],
 ) -> MjcfExport:
     """Write a robot as MJCF, if the file, read back by MuJoCo, is the robot and rolls as it does.
 
-    Args:
-        robot: The robot.
-        path: The file; its meshes go into a folder beside it.
-        friction: Coefficient between wheels and ground.
-        settings: How it meets the ground; None: crowned wheels, which roll without scrubbing.
-        meshes: Whether meshes are drawn, too.
-        facts: How to load the robot again, as plain values; they are kept in the file.
-
-    Returns:
-        What was compared; ``written`` is False where a row failed, and then no file was touched.
-
-    Raises:
-        RpctlError: MuJoCo cannot do the robot, or the file cannot be written.
+    ``facts`` say how to load the robot again; see :func:`rpctl.simulation.mjcf_file.export_mjcf`.
     """
-    path = Path(path)
-    settings = settings or ContactSettings(wheel_shape="crowned")
     require_writable(path)
     verified = verify(robot, VERIFIED_SAMPLES)
     drawn = draw(robot, meshes)
@@ -198,7 +183,7 @@ def write_mjcf(
     trial = run_on_ground(rolling, _compiled(bare, drawn, path), root)
     compared = compare_with_witness(file.model, witness)
     checks = (_verified_row(verified), *_read_back(built, file), *compared, *trial.checks)
-    given = {"settings": {"friction": friction, **asdict(settings)}, "facts": dict(facts or {})}
+    given = {"settings": {"friction": friction, **asdict(settings)}, "facts": dict(facts)}
     certificate = _certificate(robot, file, witness, checks, verified, given)
     sections["custom"] = certificate.parts(HOW)
     written = all(check.passed for check in checks)

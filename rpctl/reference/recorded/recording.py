@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.path_reference import TimedPath, still
-from rpctl.reference.paths import Path
+from rpctl.reference.paths import Curves, Path
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach import plan_reach
 from rpctl.reference.recorded.base import fit_base, spline_path, travel_direction
@@ -35,7 +35,6 @@ from rpctl.reference.recorded.table_file import (
     Table,
 )
 from rpctl.reference.sizing import Limits, robot_length, wheel_rates
-from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import recorded_time
 from rpctl.robot.model import Robot
 
@@ -146,19 +145,17 @@ class Jump:
 
 def find_jumps(robot: Robot, table: Table) -> list[Jump]:
     """Return the jumps of a table, the largest first."""
-    return sorted(_jumps(robot, table), key=lambda jump: jump.speed / max(jump.pace, 1e-9))[::-1]
-
-
-def _jumps(robot: Robot, table: Table) -> Iterator[Jump]:
+    found = []
     for motion in motions(robot, table):
         pace = median_filter(motion.speeds, min(ABOUT, len(motion.speeds)), mode="nearest")
         least = np.maximum(min(motion.limit, FREE_SPEED), JUMP_RATIO * pace)
         for step in np.flatnonzero(motion.speeds > least).tolist():
             speed, about = float(motion.speeds[step]), float(pace[step])
             row = step + 1
-            yield Jump(
-                motion.label, table.lines[row], float(table.t[row]), speed, about, motion.unit
+            found.append(
+                Jump(motion.label, table.lines[row], float(table.t[row]), speed, about, motion.unit)
             )
+    return sorted(found, key=lambda jump: jump.speed / max(jump.pace, 1e-9), reverse=True)
 
 
 MOST_TOLD = 3  # demands, and jumps, that are told in full
@@ -314,14 +311,11 @@ def _goal(rows: RowFit) -> tuple[Goal, FittedSpline]:
     turn = None
     if QUATERNION[0] in table.columns:
         turns = table.stack(QUATERNION)
-        turns *= np.cumprod(np.where(_same_hemisphere(turns), 1.0, -1.0))[:, None]
+        # q and −q turn alike: each has its predecessor's sign.
+        along = np.einsum("ki,ki->k", turns[1:], turns[:-1])
+        turns[1:] *= np.cumprod(np.where(along >= 0.0, 1.0, -1.0))[:, None]
         turn = rows.fit_inside(", ".join(QUATERNION), turns, "", 2.0 * METRES_PER_RADIAN)
     return Goal(found.spline, turn, 0.0, float(table.t[-1]), True), found
-
-
-def _same_hemisphere(turns: Array) -> Array:
-    """Return whether each quaternion (K, 4) has its predecessor's sign: q and −q turn alike."""
-    return np.concatenate([[True], np.einsum("ki,ki->k", turns[1:], turns[:-1]) >= 0.0])
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from rpctl.arrays import Array
+from rpctl.reference.paths import through
 from rpctl.reference.recorded.smoothing import REST_RATE, Smoothed, smooth
 from rpctl.reference.recorded.table_file import Table
-from rpctl.reference.splines import through
 
 METRES_PER_RADIAN = 0.3  # m/rad: weight of turning relative to travelling
 UNITS = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (1.0, "")}  # what figures are told in

@@ -22,6 +22,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.law import Rest, as_efforts, as_law
+from rpctl.control.twist_law import BaseLaw, formula
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError
@@ -161,9 +162,19 @@ def loop_key(
     parts = (
         (_sources(), casadi.CasadiMeta.version(), compiler_version(), this_processor()),
         [robot_identity(robot) for robot in robots],
-        (varied, _structure(laws), shape, lanes),
+        (varied, _structure(laws), _own_formula(laws[0], robots[0]), shape, lanes),
     )
     return hashlib.sha256(repr(parts).encode()).digest()
+
+
+def _own_formula(law: BaseLaw, robot: Robot) -> str:
+    """Return what a law of a user's own says, whose source is none of rpctl's."""
+    if type(law).__module__.startswith("rpctl."):
+        return ""
+    symbols = {name: casadi.SX.sym(name) for name in law.numbers()}
+    horizons = casadi.vertsplit(casadi.SX.sym("horizons", len(robot.joints)))
+    found = formula(law.with_numbers(symbols), robot, horizons, allow_free=True)
+    return str(found.serialize())
 
 
 def _structure(setting: Any) -> object:

@@ -274,7 +274,7 @@ def _robot_notes(robot: Robot | RpctlError) -> tuple[str, ...]:
     if names := robot.description.estimated_links:
         density = f"{robot.loaded_with.density:g} kg/m³"
         notes.append(f"mass and inertia of {', '.join(names)} are estimates at {density}")
-    if not has_surroundings(robot) and robot.description.has_meshes:
+    if not has_surroundings(robot) and robot.description.mesh_lines:
         notes.append(
             f"{robot.description.path.name}, the robot's file, is not there as it was: meshes "
             "beside it are not drawn; declare their folder with --package-dir"

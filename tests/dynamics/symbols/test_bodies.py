@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import rpctl
 from rpctl import Robot
-from rpctl.arrays import Array
 from rpctl.dynamics.symbols.bodies import (
-    along_z,
     euler_angles,
     moving_bodies,
     pose_of,
@@ -22,7 +20,6 @@ from rpctl.dynamics.symbols.bodies import (
 from rpctl.kernels.scalars import exact
 from rpctl.robot.coordinates import ROOT_JOINT
 from tests import random_vehicles
-from tests.random_robots import random_robot
 from tests.robots import write
 
 ROUNDING = 1e-15
@@ -42,14 +39,6 @@ def test_angles_of_axes_that_are_nearly_parallel(
         np.testing.assert_allclose(rotation(*map(exact, angles)), R, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3), np.array([0.6, 0.0, -0.8])])
-def test_along_z(axis: Array) -> None:
-    R = along_z(axis)
-    np.testing.assert_allclose(R[:, 2], axis, rtol=0, atol=ROUNDING)
-    np.testing.assert_allclose(R.T @ R, np.eye(3), rtol=0, atol=ROUNDING)
-    assert np.linalg.det(R) == pytest.approx(1.0)
-
-
 def placed(robot: Robot) -> None:
     """Compare each body's pose at position 0 with Pinocchio's, and its axis."""
     bodies, data = moving_bodies(robot), robot.model.createData()
@@ -66,16 +55,6 @@ def placed(robot: Robot) -> None:
             axis = subspace[:3] if body.slides else subspace[3:]
             np.testing.assert_allclose(body.frame[:3, 2], axis, rtol=0, atol=ROUNDING)
             assert body.index == robot.velocity_index(body.joint)
-
-
-@pytest.mark.parametrize("name", ["mixed_chain", "casters"])
-def test_poses(name: str) -> None:
-    placed(rpctl.load(name))
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_poses_of_random_robots(seed: int, tmp_path: Path) -> None:
-    placed(rpctl.load(write(tmp_path, random_robot(np.random.default_rng(seed)))))
 
 
 def test_axes_that_are_nearly_parallel_send_no_origin_far_away(tmp_path: Path) -> None:

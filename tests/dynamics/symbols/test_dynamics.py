@@ -60,11 +60,6 @@ def test_random_robots(tmp_path_factory: pytest.TempPathFactory, built: WheeledR
     check(SymbolicDynamics(rpctl.load(write(folder, built.text))))
 
 
-def test_locked_joints_are_held_where_they_are_locked() -> None:
-    robot = rpctl.load("mixed_chain", lock={"lift_joint": 0.1, "elbow_joint": 0.4})
-    check(SymbolicDynamics(robot), samples=1)
-
-
 @pytest.mark.parametrize("name", ["bicycle", "car"])
 def test_the_margin_vanishes_at_singular_steering(name: str) -> None:
     """Where the steered wheel's axle passes through P, the speed of P says nothing of the bend."""
@@ -121,21 +116,6 @@ def test_round_wheels_turn_without_being_asked_for_their_angle() -> None:
     names = {name for name, entry in robot.entries.items() if asked[entry.index]}
     assert names == {*robot.joint_names, *(swivel.joint for swivel in robot.drive.swivels)}
     assert not any(asked[:4])  # nor for where the robot stands
-
-
-def test_placements_of_all_links(rng: np.random.Generator) -> None:
-    """Those of wheels, too, though the dynamics ask for no angle of theirs."""
-    robot = rpctl.load("casters")
-    q, dynamics = casadi.SX.sym("q", robot.nq), SymbolicDynamics(robot)
-    links = [link.name for link in robot.description.links]
-    outputs = [part for link in links for part in dynamics.placement(q, link)]
-    posture, data = robot.random_configuration(rng), robot.model.createData()
-    found = casadi.Function("placements", [q], outputs)(posture)
-    pin.framesForwardKinematics(robot.model, data, posture)
-    for link, axes, origin in zip(links, found[::2], found[1::2], strict=True):
-        truth = data.oMf[robot.model.getFrameId(link, pin.FrameType.BODY)]
-        np.testing.assert_allclose(axes.full(), truth.rotation, atol=ROUNDING)
-        np.testing.assert_allclose(origin.full().ravel(), truth.translation, atol=10 * ROUNDING)
 
 
 def test_a_link_that_is_not_there(paper: Robot) -> None:

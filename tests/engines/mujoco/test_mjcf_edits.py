@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -19,7 +16,8 @@ from rpctl.engines.mujoco.check import check_file, compare_tables, read_certifie
 from rpctl.engines.mujoco.mjcf_reader import Table, parse_mjcf
 from rpctl.engines.mujoco.trial import run_on_ground
 from rpctl.simulation.mjcf_file import check_mjcf
-from tests.engines.mujoco.exports import export_quickly
+from tests.cli.test_app import run
+from tests.engines.mujoco.exports import export_quickly, quickly
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -303,24 +301,17 @@ def test_a_certificate_that_was_edited_is_refused(exported: Path) -> None:
         find_certificate(file.texts, exported)
 
 
-@pytest.mark.slow
-def test_the_commands_say_it_with_their_exit_codes(exported: Path, tmp_path: Path) -> None:
-    def rpctl_says(*words: str) -> tuple[int, str]:
-        done = subprocess.run(
-            [sys.executable, "-m", "rpctl", *words],
-            capture_output=True, text=True, timeout=120, env={**os.environ, "COLUMNS": "200"},
-        )  # fmt: skip
-        return done.returncode, done.stdout + done.stderr
-
+def test_the_commands_say_it_with_their_exit_codes(tmp_path: Path) -> None:
     out = tmp_path / "car.xml"
-    code, said = rpctl_says("export", "car", "--format", "mjcf", "--out", str(out))
-    assert code == 0 and "wrote" in said and out.exists()
-    assert rpctl_says("check", str(out))[0] == 0
-    out.write_bytes(edited(out, put(f"{WHEEL}/inertial", "mass", "30")))
-    code, said = rpctl_says("check", str(out))
+    with quickly():
+        code, said, _ = run("export", "car", "--format", "mjcf", "--out", str(out))
+        assert code == 0 and "wrote" in said and out.exists()
+        assert run("check", str(out))[0] == 0
+        out.write_bytes(edited(out, put(f"{WHEEL}/inertial", "mass", "30")))
+        code, said, _ = run("check", str(out))
     assert code == 1 and 'body "wheel_rear_left_link": mass' in said and "void" in said
-    code, said = rpctl_says("export", "car", "--format", "sdf")
-    assert code == 2 and "mjcf" in said and "Traceback" not in said
-    code, said = rpctl_says("export", "arm")
+    code, _, said = run("export", "car", "--format", "sdf")
+    assert code == 2 and "mjcf" in said
+    code, _, said = run("export", "arm")
     assert code == 2 and "has no wheels" in said
-    assert rpctl_says("check", str(Path(__file__)))[0] == 2
+    assert run("check", str(Path(__file__)))[0] == 2

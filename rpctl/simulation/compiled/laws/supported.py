@@ -12,8 +12,9 @@ from rpctl.control.bounded import BoundedDynamic, BoundedLaw
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.error import Leash
 from rpctl.control.integral import IntegralDynamic
-from rpctl.control.twist_law import BaseLaw
+from rpctl.control.twist_law import BaseLaw, formula
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.kernels.functions import missing_operation
 from rpctl.kernels.program import Buffer, Call, Place, Statement, Until, When, statement
 from rpctl.kernels.scalars import Layout, any_nonzero
 from rpctl.robot.model import Robot
@@ -256,6 +257,8 @@ def unsupported(kinematic: Any, dynamic: Any, robot: Robot) -> str | None:
     """
     if not isinstance(kinematic, BaseLaw) or type(kinematic).start is not BaseLaw.start:
         return f"the kinematic law {_name(kinematic)} is not one that is compiled"
+    if (missing := _missing(kinematic, robot)) is not None:
+        return f"the kinematic law {_name(kinematic)} has the operation {missing}"
     if type(kinematic.leash) not in (type(None), Leash):
         return f"the leash {_name(kinematic.leash)} is not one that is compiled"
     if type(kinematic.approach) not in (type(None), Approach):
@@ -265,6 +268,13 @@ def unsupported(kinematic: Any, dynamic: Any, robot: Robot) -> str | None:
     if type(dynamic) not in DYNAMIC:
         return f"the dynamic law {_name(dynamic)} is not one that is compiled"
     return None
+
+
+def _missing(law: BaseLaw, robot: Robot) -> str | None:
+    """Return what of a user's own law has no machine code."""
+    if type(law).__module__.startswith("rpctl."):
+        return None
+    return missing_operation(formula(law, robot, [1.0] * len(robot.joints)))
 
 
 def _name(law: Any) -> str:

@@ -17,19 +17,45 @@ from rpctl import (
     PaperDynamic,
     ReducedDynamics,
     Robot,
+    Tracking,
     UnifiedKinematic,
+    math,
 )
 from rpctl.control.approach import Approach
 from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import FunctionLaw
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
+from rpctl.control.twist_law import BaseLaw
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Call, Program
+from rpctl.simulation.compiled.build import _own_formula
 from rpctl.simulation.compiled.laws.fragment import LawFragment
 from rpctl.simulation.compiled.laws.supported import law_fragment, unsupported
 from rpctl.simulation.compiled.laws.tracking import settings_of
 from tests.simulation.compiled.laws.law_cases import PERIOD
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnLaw(BaseLaw):
+    """A law of a user's own that goes straight."""
+
+    horizon: float = 0.5
+    sharp: bool = False
+
+    def unicycle(self, at: Tracking) -> tuple[Any, Any]:
+        """Return the reference's speed, slower with the distance; no turn."""
+        slower = math.exp(-at.e[0]) if self.sharp else self.horizon * at.e[0]
+        return at.twist[0] - slower, at.twist[2]
+
+
+def test_a_law_of_ones_own_is_compiled_if_its_operations_are(paper: Robot) -> None:
+    assert unsupported(OwnLaw(), PaperDynamic(), paper) is None
+    why = unsupported(OwnLaw(sharp=True), PaperDynamic(), paper)
+    assert why == "the kinematic law OwnLaw has the operation EXP"
+    assert _own_formula(OwnLaw(), paper) == _own_formula(OwnLaw(0.7), paper)
+    assert _own_formula(OwnLaw(), paper) != _own_formula(OwnLaw(sharp=True), paper)
+    assert not _own_formula(UnifiedKinematic(), paper)
 
 
 class OwnLeash(Leash):
