@@ -61,8 +61,8 @@ class ReferenceTable:
         return self.robot.end_effector_poses(q)[:, :3, 3].copy()
 
     @property
-    def state(self) -> ReferenceState:
-        """All of it as one state, whose arrays have a row a time."""
+    def state(self) -> Any:
+        """All of it as one ``ReferenceState``, whose arrays have a row a time."""
         return ReferenceState(*(getattr(self, name) for name in ReferenceState._fields))
 
     def states(self) -> Iterator[ReferenceState]:
