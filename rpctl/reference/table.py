@@ -67,8 +67,9 @@ class ReferenceTable:
 
     def states(self) -> Iterator[ReferenceState]:
         """Yield the state at each time."""
-        for *rest, direction in zip(*self.state, strict=True):
-            yield ReferenceState(*rest, None if np.isnan(direction[0, 0]) else direction)
+        for row in map(ReferenceState, *self.state):
+            known = row.direction is not None and not np.isnan(row.direction[0, 0])
+            yield row if known else row._replace(direction=None)
 
     def at(self, chosen: slice) -> ReferenceTable:
         """Return it at some of its times."""
