@@ -20,12 +20,12 @@ from rpctl.arrays import Array
 from rpctl.dynamics.stance import find_supports
 from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_shapes
 from rpctl.engines.engine import (
-    SWITCHES,
     EngineFault,
     EngineState,
     LinkMotion,
     Mended,
     Switch,
+    in_order,
     wheel_slip,
 )
 from rpctl.equivalence.contact.model import support_shapes
@@ -241,9 +241,7 @@ class UrdfEngine(ABC):
             "collisions": other_shapes(robot),
         }
         common = [Switch(n, *words) for n, words in self.said.items() if matters.get(n, True)]
-        switches = [*common, *self.own_switches(robot)]
-        names = [*SWITCHES]
-        return tuple(sorted(switches, key=lambda switch: names.index(switch.name)))
+        return in_order([*common, *self.own_switches(robot)])
 
     def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> UrdfRun:
         """Return the robot at rest at q (nq,), its wheels at the height of the ground.
