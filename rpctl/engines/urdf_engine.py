@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -203,7 +203,7 @@ class UrdfEngine(ABC):
         module: What is imported of it, when it starts.
         distribution: The name of its package.
         extra: What installs it.
-        run: Its robots.
+        run: The class of its runs, made of a robot, q, what is mended, and the friction.
         said: What it does by default and what mends it, by switch: those of any robot, and those of
             wheels, supports and other shapes where they matter.
 
@@ -216,7 +216,7 @@ class UrdfEngine(ABC):
     module: ClassVar[str]
     distribution: ClassVar[str]
     extra: ClassVar[str]
-    run: ClassVar[Callable[[Robot, Array, Mended, float], UrdfRun]]
+    run: ClassVar[Any]
     said: ClassVar[Mapping[str, tuple[str, str]]]
 
     def __post_init__(self) -> None:
@@ -261,7 +261,8 @@ class UrdfEngine(ABC):
             sliding = f"wheel that slides sideways, as {held[0].joint} does"
             what = "rollers" if robot.drive.type in ("mecanum", "omni") else sliding
             raise EngineFault(f"{robot.name} is not compared in {self.name}: it has no {what}")
-        return type(self).run(robot, q, mended, friction)
+        run: UrdfRun = self.run(robot, q, mended, friction)
+        return run
 
 
 def follower_inertia(robot: Robot, q: Array) -> dict[str, float]:

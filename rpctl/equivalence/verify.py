@@ -227,7 +227,7 @@ def _with_trials(robot: Robot, certificate: Certificate, trials: Collection[str]
     from rpctl.equivalence.contact import trial as contact_trial
     from rpctl.equivalence.onset import trial as onset_trial
 
-    known = {
+    known: dict[str, tuple[str, Callable[[Robot], Any]]] = {
         "contact": (contact_trial.CHECK_NAME, contact_trial.contact_trial),
         "onset": (onset_trial.TRIAL_NAME, onset_trial.onset_trial),
     }

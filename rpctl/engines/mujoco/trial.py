@@ -214,7 +214,7 @@ def _stand(body: _TrialBody, rest: ContactPlan, duration: float) -> None:
 
 def _standing_rows(first: Array, last: Array) -> list[Gap]:
     """Return the rows of a robot that is left alone for a second: it neither moves nor leans."""
-    moved = np.linalg.norm((last - first)[[0, 1, 3]]).reshape(1, 1)
+    moved = np.array([[np.linalg.norm((last - first)[[0, 1, 3]])]])
     turn = math.remainder(last[2] - first[2], 2.0 * math.pi)
     turned = np.array([[max(abs(turn), abs(last[4] - first[4]))]])
     return [
