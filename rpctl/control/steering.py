@@ -133,8 +133,8 @@ def base_command(
     wanted = steered_angles(sheet, drive, _of_root(sheet, robot, "m", towards), "d")
     along = steered_angles(sheet, drive, _of_root(sheet, robot, "r", at.direction), "f")
     commands = [
-        _joint_command(sheet, robot, k, measured, angle, sheet.rate(sheet.rate(own)), time)
-        for k, (angle, own) in enumerate(zip(wanted, along, strict=True))
+        _joint_command(sheet, robot, k, measured, angles, time)
+        for k, angles in enumerate(zip(wanted, along, strict=True))
     ]
     rates, changes = (list(part) for part in zip(*commands, strict=True))
     speed, change = twist[0], sheet.rate(twist[0])
@@ -184,7 +184,7 @@ def _rolling(
 
 
 def _joint_command(
-    sheet: Sheet, robot: Robot, k: int, measured: Measured, angle: Any, feed: Any, time: Any
+    sheet: Sheet, robot: Robot, k: int, measured: Measured, angles: tuple[Any, Any], time: Any
 ) -> tuple[Any, Any]:
     """Write the commanded rate and acceleration of a steered joint, within its limits.
 
@@ -193,14 +193,14 @@ def _joint_command(
         robot: The robot.
         k: Which of the steered joints.
         measured: The robot's state.
-        angle: Where the joint shall be, rad.
-        feed: Its acceleration on the reference, rad/s².
+        angles: Where the joint shall be, and where it is on the reference, rad.
         time: Prediction time, s.
     """
     limits, name = robot.steering_limits, f"s{k + 1}"
     lower, upper = float(limits.lower[k]) + ANGLE_MARGIN, float(limits.upper[k]) - ANGLE_MARGIN
     fastest = RATE_FRACTION * float(limits.fastest[k])
     actual, rate = measured.steered[k], measured.steering_rates[k]
+    angle, feed = angles[0], sheet.rate(sheet.rate(angles[1]))
     # A wheel may as well roll backwards: δ* counts modulo π.
     turns = rounded((actual - angle) / numbers.pi)
     wanted = sheet.named(f"{name}_any", angle + numbers.pi * turns)

@@ -15,8 +15,9 @@ import numpy as np
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach
-from rpctl.control.bandwidth import USUAL_PERIOD, joint_gains
+from rpctl.control.dynamic import USUAL_PERIOD, joint_gains
 from rpctl.control.error import (
+    BASE_ERRORS,
     Leash,
     Tracking,
     base_error,
@@ -187,11 +188,7 @@ def desired(
         for symbol, rate in zip(symbols, rates, strict=True):
             sheet.moves(symbol, rate)
     error = _base_errors(sheet, robot, state, measured)
-    joints = joint_errors(robot, state.joints, measured.joints)
-    names = range(len(error) + 1, len(error) + len(joints) + 1)
-    joints = [sheet.symbol(f"x{i}", each) for i, each in zip(names, joints, strict=True)]
-    for each, *pair in zip(joints, state.joint_rates, measured.joint_rates, strict=True):
-        sheet.moves(each, pair[0] - pair[1])
+    joints = _joint_errors(sheet, robot, state, measured)
     nu_d, nu_d_dot, refused = list[Any](), list[Any](), math.SX(0)
     if drive.base_speeds:
         direction = reference_direction(sheet, state)
@@ -205,7 +202,8 @@ def desired(
             speed, turn = law.unicycle(at)
             twist = [speed, math.SX(0), turn]
         nu_d, nu_d_dot = base_command(sheet, robot, at, twist, measured, law.horizon)
-    for i, each, rate, h in zip(names, joints, state.joint_rates, horizons, strict=True):
+    arm = zip(joints, state.joint_rates, horizons, strict=True)
+    for i, (each, rate, h) in enumerate(arm, start=BASE_ERRORS + 1):
         nu_d.append(sheet.named(f"u{i}", rate + each / h))
         nu_d_dot.append(sheet.rate(nu_d[-1]))
     return Desired([*error, *joints], nu_d, nu_d_dot, refused)
@@ -228,6 +226,20 @@ def _base_errors(
     for each, rate in zip(error, rates, strict=True):
         sheet.moves(each, sheet.named(f"{each.name()}_dot", rate))
     return error
+
+
+def _joint_errors(
+    sheet: Sheet, robot: Robot, state: ReferenceState, measured: Measured
+) -> list[Any]:
+    """Write the errors of the arm's joints, and how they change."""
+    values = joint_errors(robot, state.joints, measured.joints)
+    found = []
+    for i, (value, *rates) in enumerate(
+        zip(values, state.joint_rates, measured.joint_rates, strict=True), start=BASE_ERRORS + 1
+    ):
+        found.append(sheet.symbol(f"x{i}", value))
+        sheet.moves(found[-1], rates[0] - rates[1])
+    return found
 
 
 def reference_sizes(robot: Robot) -> list[int]:

@@ -12,7 +12,7 @@ import sympy as sp
 
 from rpctl.derive.closed_form import ClosedForm
 from rpctl.derive.equations import rational
-from rpctl.derive.law_program import Given, LawSetting, LawSheet
+from rpctl.derive.law_program import LawSetting, LawSheet
 from rpctl.derive.short_form import readable
 from rpctl.derive.steps import Steps
 from rpctl.errors import printable
@@ -224,16 +224,9 @@ def law_text(law: LawSheet, form: ClosedForm | None) -> str:
         form: The robot's equations in closed form, or None if they are too long to read.
     """
     lines = [f"{printable(law.robot.name)}: from the measured state to actuator efforts", ""]
-    settings = [
-        (f"{s.symbol} = {s.value:g} {s.unit}", s.of) for s in law.settings if _is_read(law, s)
-    ]
+    settings = [(f"{s.symbol} = {s.value:g} {s.unit}", s.of) for s in _settings(law)]
     lines += ["settings", *columns(settings), ""]
-    inputs = [
-        (str(g.symbol), f"{printable(g.of)} {_bracketed(g.unit)}".strip())
-        for g in law.inputs
-        if _is_read(law, g)
-    ]
-    inputs += [(name, ROLLING) for name in sorted(law.rolling & law.read)]
+    inputs = [(name, printable(words)) for name, words in _inputs(law)]
     lines += ["inputs: pose of the root link, positions and rates, the reference (_r)"]
     lines += [*columns(inputs), "", "in this order"]
     lines += [f"  {name} = {plain(expression(value))}" for name, (_, value) in law.shown.items()]
@@ -255,15 +248,9 @@ def law_latex(law: LawSheet, form: ClosedForm | None) -> str:
     names = {sp.Symbol(name, real=True): symbol_latex(name) for name in law.read}
     rows = [
         f"${symbol_latex(str(s.symbol))}$ & {s.value:g} {escaped(s.unit)}, {escaped(s.of)}"
-        for s in law.settings
-        if _is_read(law, s)
+        for s in _settings(law)
     ]
-    rows += [
-        f"${symbol_latex(str(g.symbol))}$ & {escaped(f'{g.of} {_bracketed(g.unit)}')}"
-        for g in law.inputs
-        if _is_read(law, g)
-    ]
-    rows += [f"${symbol_latex(name)}$ & {escaped(ROLLING)}" for name in law.rolling & law.read]
+    rows += [f"${symbol_latex(name)}$ & {escaped(words)}" for name, words in _inputs(law)]
     legend = "\\begin{tabular}{lp{13cm}}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n"
     body = [f"\\section*{{{escaped(law.robot.name)}: the law}}", legend]
     shown = [(symbol_latex(name), expression(value)) for name, (_, value) in law.shown.items()]
@@ -351,8 +338,16 @@ def _word(word: str) -> str:
     return f"\\{word}" if word in GREEK else f"\\mathrm{{{word}}}"
 
 
-def _is_read(law: LawSheet, each: LawSetting | Given) -> bool:
-    return each.symbol.name() in law.read
+def _settings(law: LawSheet) -> list[LawSetting]:
+    """Return the settings that a law reads."""
+    return [each for each in law.settings if each.symbol.name() in law.read]
+
+
+def _inputs(law: LawSheet) -> list[tuple[str, str]]:
+    """Return the names of the inputs that a law reads, and what they are."""
+    given = [each for each in law.inputs if each.symbol.name() in law.read]
+    found = [(str(each.symbol), f"{each.of} {_bracketed(each.unit)}".strip()) for each in given]
+    return found + [(name, ROLLING) for name in sorted(law.rolling & law.read)]
 
 
 def _bracketed(unit: str) -> str:
