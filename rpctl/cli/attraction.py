@@ -11,9 +11,8 @@ from typing import Annotated
 
 import typer
 
-from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, split_names
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, split_names, tell
 from rpctl.cli.results import run_shown, writable_folder, write_results
-from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
 from rpctl.errors import RpctlError, require_positive
@@ -57,6 +56,23 @@ class AttractionOptions:
         typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-attraction if not given."),
     ] = None
 
+    def cells(self) -> list[Start]:
+        """Return the starts of each law on each reference.
+
+        Raises:
+            UnknownNameError: There is no such law.
+        """
+        laws, references = split_names(self.kinematic), split_names(self.reference)
+        for law in laws:
+            kinematic_by_name(law)
+        if self.dynamic is not None:
+            dynamic_by_name(self.dynamic)
+        run, errors = replace(RUN, duration=self.duration), start_errors(self.starts)
+        return [
+            Start(law, self.dynamic, replace(run, reference=name, initial_error=error))
+            for law, name, error in product(laws, references, errors)
+        ]
+
 
 def attraction_command(
     *,
@@ -72,28 +88,18 @@ def attraction_command(
     run that tracks.
     """
     require_positive("--duration", settings.duration)
-    laws, references = split_names(settings.kinematic), split_names(settings.reference)
-    for law in laws:
-        kinematic_by_name(law)
-    if settings.dynamic is not None:
-        dynamic_by_name(settings.dynamic)
+    cells = settings.cells()
     loaded = options.load(robot)
     if not loaded.drive.base_speeds:
         raise RpctlError(f"{loaded.name} has a fixed base: it starts where it is")
     folder = writable_folder(settings.out, loaded.name, "attraction", FILES)
-    run = replace(RUN, duration=settings.duration)
-    errors = start_errors(settings.starts)
-    cells = [
-        Start(law, settings.dynamic, replace(run, reference=name, initial_error=error))
-        for law, name, error in product(laws, references, errors)
-    ]
     rows = run_shown("attraction", CellRunner(References(loaded)), cells, settings.jobs)
     summary = {
         "robot": loaded.name,
         "drive": str(loaded.drive.type),
         "dynamic": settings.dynamic,
         "duration": settings.duration,
-        "control_period": run.control_period,
+        "control_period": RUN.control_period,
         "reach": REACH_M,
         "fractions": [{**each._asdict(), "undecided": each.undecided} for each in fractions(rows)],
         "starts": [row_dict(row) for row in rows],
@@ -102,10 +108,7 @@ def attraction_command(
 
     figure = attraction_figure(rows, f"{loaded.name}: region of attraction")
     write_results(folder, FILES, summary, figure)
-    if as_json:
-        print_json(summary)
-    else:
-        _show(rows, folder)
+    tell(as_json, lambda: summary, lambda: _show(rows, folder))
 
 
 def _show(rows: Sequence[Row[Start]], folder: Path) -> None:

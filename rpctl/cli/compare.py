@@ -20,9 +20,9 @@ from rpctl.cli.options import (
     RobotArgument,
     read_triple,
     split_names,
+    tell,
 )
 from rpctl.cli.results import run_shown, writable_folder, write_results
-from rpctl.cli.streams import print_json
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.control.registry import DYNAMIC_LAWS
 from rpctl.errors import UnknownNameError
@@ -171,10 +171,7 @@ def compare_command(
 
     figure = study_figure(rows, loaded.name, ours)
     write_results(folder, FILES, summary, figure, csv_text(dicts, [*dicts[0]]))
-    if as_json:
-        print_json(summary)
-    else:
-        show_comparison(rows, ours, folder)
+    tell(as_json, lambda: summary, lambda: show_comparison(rows, ours, folder))
 
 
 def show_comparison(rows: Sequence[CompareRow], ours: LawPair, folder: Path) -> None:

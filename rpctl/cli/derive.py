@@ -10,7 +10,7 @@ import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.streams import print_document, print_json, say
-from rpctl.control.bandwidth import USUAL_PERIOD
+from rpctl.control.dynamic import USUAL_PERIOD
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, write_atomically
 
@@ -61,10 +61,7 @@ def derive_command(
     as_json: JsonOption = False,
 ) -> None:
     """Write the reduced equations, or a law, in closed form: to read, to publish, or as code."""
-    from rpctl.derive.write import (
-        derive,
-        derive_law,  # SymPy is an extra, and takes long to import
-    )
+    from rpctl.derive.write import derive, derive_law  # SymPy takes long to import
 
     if settings.out is not None:
         require_writable(settings.out)

@@ -55,11 +55,9 @@ def play_league(
 
     Args:
         robots: As the user names them.
-        engines: The engines.
         options: How robots are loaded.
         motion: Coefficient of the ground, and how long the robots drive, s.
-        workers: How many matches run at a time.
-        as_json: Whether lines go to stderr, for stdout is JSON.
+        as_json: Whether lines go to stderr.
     """
     matches = [LeagueMatch(robot, engine) for robot in robots for engine in engines]
     found: dict[LeagueMatch, EngineVerdict] = {}

@@ -14,9 +14,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument, split_names
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, split_names, tell
 from rpctl.cli.results import writable_folder, write_results
-from rpctl.cli.streams import print_json, say
+from rpctl.cli.streams import say
 from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar
 from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from rpctl.errors import EngineMissing, UnknownNameError, require_positive
@@ -221,12 +221,9 @@ def stress_command(
     picture = library(PICTURE).stress_figure(report)  # imports Matplotlib
     write_results(folder, FILES, report.to_dict(), picture, report_csv(report))
     worst = write_worst(report, folder)
-    if as_json:
-        print_json(report.to_dict())
-    else:
-        show_stress(report, worst, join(["rpctl", "track", *words]))
-    if report.nominal_failure is not None:
-        raise typer.Exit(CHECK_FAILED)
+    command = join(["rpctl", "track", *words])
+    held = report.nominal_failure is None
+    tell(as_json, report.to_dict, lambda: show_stress(report, worst, command), held)
 
 
 def _again(

@@ -134,11 +134,9 @@ def study_command(
     again = join(["rpctl", "study", *words, str(file), "--out", str(folder), "--resume"])
     again += " --optimize" * settings.optimize
     require_writable(folder / SUMMARY_FILE, makes_folder=True)
+    run = _optimise if settings.optimize else _run
     with settings.executor() as executor, kept_told(folder, again):
-        if settings.optimize:
-            _optimise(loaded, study, folder, settings, executor, as_json)
-        else:
-            _run(loaded, study, folder, settings, executor, as_json)
+        run(loaded, study, folder, settings, executor, as_json)
 
 
 def _run(
@@ -262,12 +260,7 @@ def _show_worst(out: Console, result: StudyResult) -> None:
 
 
 def show_optimum(found: Mapping[str, Any], command: str) -> None:
-    """Print what a search found.
-
-    Args:
-        found: What ``optimum.json`` holds.
-        command: What tracks the robot.
-    """
+    """Print what a search found, as ``optimum.json`` holds it, and how to track with it."""
     out = console()
     table = new_table("setting", ">in the file", ">found", ">range", "unit")
     for name, each in found["settings"].items():

@@ -7,13 +7,13 @@ from typing import Annotated, Any
 
 import typer
 
-from rpctl.cli.options import CHECK_FAILED, JsonOption, LoadOptions, RobotArgument
-from rpctl.cli.streams import print_json
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, tell
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
-from rpctl.control.bandwidth import joint_gains
+from rpctl.control.dynamic import joint_gains
 from rpctl.control.registry import gains_sentence
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
+from rpctl.robot.model import Robot
 from rpctl.simulation.config import RunSettings
 from rpctl.study.cells import CellRunner, References, run_cells
 from rpctl.study.executor import Executor
@@ -45,15 +45,11 @@ def tune_command(
     with progress_bar("tune") as advance:
         rows = run_cells(CellRunner(References(loaded)), cells, Executor(), advance)
     results = [row_dict(loaded, row) for row in rows]
-    if as_json:
-        given = {"reference": reference, "duration": duration}
-        print_json({"robot": loaded.name, **given, "bandwidths": results})
-    else:
-        gains = joint_gains(ReducedDynamics(loaded))
-        console().print(escape(gains_sentence(loaded.joint_names, gains)))
-        _show(results)
-    if not any(result["succeeded"] for result in results):
-        raise typer.Exit(CHECK_FAILED)
+    told = {
+        "robot": loaded.name, "reference": reference, "duration": duration, "bandwidths": results,
+    }  # fmt: skip
+    tracks = any(result["succeeded"] for result in results)
+    tell(as_json, lambda: told, lambda: _show(loaded, results), tracks)
 
 
 def _read(text: str) -> tuple[float, ...]:
@@ -64,7 +60,9 @@ def _read(text: str) -> tuple[float, ...]:
         raise RpctlError(f"--bandwidth {text}: give numbers in Hz, as 3,6,12") from None
 
 
-def _show(results: Sequence[Mapping[str, Any]]) -> None:
+def _show(robot: Robot, results: Sequence[Mapping[str, Any]]) -> None:
+    gains = joint_gains(ReducedDynamics(robot))
+    console().print(escape(gains_sentence(robot.joint_names, gains)))
     table = new_table(
         "bandwidth", ">h", ">h1", ">k", ">least stiffness", ">stands lateness of",
         ">peak effort", ">joint error", "outcome",

@@ -11,8 +11,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from rpctl.arrays import Array
-from rpctl.control.bandwidth import joint_gains
-from rpctl.control.dynamic import by_velocity, midpoint
+from rpctl.control.dynamic import by_velocity, joint_gains, midpoint
 from rpctl.control.joint_limits import JointBounds, JointLimits
 from rpctl.control.law import Command, Efforts, Limit, ReportsNothing, Rest
 from rpctl.dynamics.reduced import ReducedDynamics

@@ -8,9 +8,8 @@ from typing import Annotated
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.bandwidth import joint_gains
 from rpctl.control.bounded import BoundedDynamic, BoundedLaw
-from rpctl.control.dynamic import by_velocity, midpoint
+from rpctl.control.dynamic import by_velocity, joint_gains, midpoint
 from rpctl.control.law import Command, Efforts, ReportsNothing, Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError

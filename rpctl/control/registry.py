@@ -9,9 +9,8 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
-from rpctl.control.bandwidth import JointGains, joint_gains
 from rpctl.control.bounded import BoundedDynamic
-from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.dynamic import JointGains, PaperDynamic, joint_gains
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.feedback_linearization import FeedbackLinearization
 from rpctl.control.horizon.law import Horizon

@@ -15,7 +15,7 @@ import numpy as np
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach
-from rpctl.control.bandwidth import USUAL_PERIOD, joint_gains
+from rpctl.control.dynamic import USUAL_PERIOD, joint_gains
 from rpctl.control.error import (
     BASE_ERRORS,
     Leash,

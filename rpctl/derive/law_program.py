@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import casadi
 
-from rpctl.control.bandwidth import USUAL_PERIOD
-from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.dynamic import USUAL_PERIOD, PaperDynamic
 from rpctl.control.error import Leash
 from rpctl.control.steering import Measured, Rolling
 from rpctl.control.twist_law import BaseLaw, desired, reference_symbols

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rpctl.control.bandwidth import USUAL_PERIOD
-from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.dynamic import USUAL_PERIOD, PaperDynamic
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.derive.closed_form import ClosedForm, closed_form

@@ -14,6 +14,7 @@ from rpctl.description.records import Joint
 from rpctl.reference import paths
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.paths import (
+    Curves,
     Numbers,
     Path,
     PathTime,
@@ -22,7 +23,6 @@ from rpctl.reference.paths import (
     stack_rows,
 )
 from rpctl.reference.sizing import Sizing
-from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import TimeLaw
 from rpctl.robot.model import Robot
 

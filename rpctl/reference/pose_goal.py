@@ -15,6 +15,7 @@ from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.path_reference import TimedPath, along, constant, still
 from rpctl.reference.paths import (
+    Curves,
     Numbers,
     Path,
     PathPoint,
@@ -28,7 +29,6 @@ from rpctl.reference.paths import (
 )
 from rpctl.reference.planned.curve import Waypoint, curve_through
 from rpctl.reference.sizing import SPEED_RISE_TIME, Limits
-from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import AT_REST, Bound, TimeLaw, time_law
 from rpctl.robot.model import Robot
 

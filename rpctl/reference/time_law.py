@@ -14,8 +14,7 @@ from scipy.sparse import coo_array
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.reference.paths import Numbers, PathTime
-from rpctl.reference.splines import DEGREE, quintic, uniform_knots
+from rpctl.reference.paths import DEGREE, Numbers, PathTime, quintic, uniform_knots
 
 KNOT_SPACING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
 SAMPLES_PER_KNOT = 4  # points a knot interval where the limits are checked again

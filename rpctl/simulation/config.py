@@ -12,8 +12,8 @@ from typing import Annotated, Any
 
 import tomli_w
 
-from rpctl.control.bandwidth import at_bandwidth
 from rpctl.control.controller import default_laws
+from rpctl.control.dynamic import at_bandwidth
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.registry import (
     DYNAMIC_CHOICE,

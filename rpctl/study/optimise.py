@@ -69,21 +69,7 @@ def optimise(
     search = _Search(robot, study, out, executor or Executor(), progress)
     merits_for(robot, (search.asked.merit, *study.success))
     search.begin(resume)
-    dimension, seed = len(study.ranges.names), study.settings.seed
-    library("scipy.optimize").differential_evolution(
-        lambda x: search.costs(np.ascontiguousarray(x.T)),
-        [(0.0, 1.0)] * dimension,
-        init=library("scipy.stats")
-        .qmc.LatinHypercube(dimension, rng=seed)
-        .random(search.population),
-        x0=start_point(study.experiment.config, study.ranges),
-        maxiter=search.generations - 1,
-        tol=0.0,
-        polish=False,
-        updating="deferred",
-        vectorized=True,
-        rng=np.random.default_rng(seed),
-    )
+    search.walk()
     if not np.isfinite(search.lowest):
         raise RpctlError(
             f"no settings within the ranges let any run come to its end; see [scatter] and "
@@ -161,6 +147,23 @@ class _Search:
         ranges, ends = self.study.ranges, np.array([0.0, 1.0])
         found = [distribution.quantile(ends).tolist() for distribution in ranges.distributions]
         return dict(zip(ranges.names, found, strict=True))
+
+    def walk(self) -> None:
+        """Walk with differential evolution through the unit cube; all follows from the seed."""
+        study, dimension = self.study, len(self.study.ranges.names)
+        spread = library("scipy.stats").qmc.LatinHypercube(dimension, rng=study.settings.seed)
+        library("scipy.optimize").differential_evolution(
+            lambda x: self.costs(np.ascontiguousarray(x.T)),
+            [(0.0, 1.0)] * dimension,
+            init=spread.random(self.population),
+            x0=start_point(study.experiment.config, study.ranges),
+            maxiter=self.generations - 1,
+            tol=0.0,
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+            rng=np.random.default_rng(study.settings.seed),
+        )
 
     def costs(self, points: Array) -> Array:
         """Return the costs (P,) of a generation of points (P, n); keep them."""

@@ -167,10 +167,8 @@ def rollout(
         count: Number of runs.
         config: Laws, plant and circumstances of all runs; None: the robot's default, for 10 s.
         **settings: As of :func:`rpctl.track`, which win over the config: ``duration=5``; besides,
-            ``seed`` of all that is random, names of the ``merits`` that are wanted, see
-            :mod:`rpctl.study.merits`, ``samples`` over time that are kept of a run at most,
-            ``backend`` (``"compiled"``, ``"pinocchio"``, or ``"auto"``: the first that can do it),
-            and ``progress``, called with the runs done and their number.
+            ``seed`` of all that is random, names of the ``merits`` that are wanted, and most
+            ``samples`` over time that are kept of a run.
 
     Raises:
         UnknownNameError: There is no such setting or merit.
@@ -183,13 +181,9 @@ def rollout(
     progress, merits, seed = own.pop("progress", None), own.pop("merits", None), own.get("seed", 0)
     base = configured(robot, reference, config, given)
     scattered = scatter_of(scatter, base)
-    experiment = Experiment(
-        base,
-        scattered.names,
-        merits=None if merits is None else tuple(merits),
-        reference=None if isinstance(reference, str) else reference,
-        **own,
-    )
+    own["merits"] = None if merits is None else tuple(merits)
+    own["reference"] = None if isinstance(reference, str) else reference
+    experiment = Experiment(base, scattered.names, **own)
     values = draw(scattered, count, seed)
     table = Runner(robot, experiment).rows(values, np.arange(count), progress)
     return Rollouts(experiment, scattered.names, values, table)

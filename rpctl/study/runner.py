@@ -114,7 +114,6 @@ class Runner:
         Args:
             values: Settings of each run (K, n), in the order of ``experiment.names``.
             indices: Numbers of the runs (K,), from which their random numbers follow.
-            progress: Called with the runs done and their number.
 
         Raises:
             RpctlError: The experiment fits no run: its reference or a merit is not the robot's.

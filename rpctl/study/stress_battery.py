@@ -346,14 +346,8 @@ def run_battery(
     """Run a battery, and keep each run on disk as it ends; return the figures by cells' keys.
 
     They depend neither on the executor, nor on what ended it before. A battery with more laws,
-    plants, stresses or combinations may go on with the runs of a smaller one.
-
-    Args:
-        battery: The battery.
-        out: The folder of its runs.
-        executor: What runs the cells; None: this process.
-        progress: Called with the runs done and their number.
-        resume: Whether to go on with what the folder holds.
+    plants, stresses or combinations may go on with the runs of a smaller one, which the folder
+    ``out`` holds. ``progress`` is called with the runs done and their number.
 
     Raises:
         RpctlError: The folder holds something else.

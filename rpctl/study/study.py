@@ -180,15 +180,8 @@ def run_study(
     """Run a study, and write its runs to ``runs.parquet``, which is returned.
 
     Its rows do not depend on the executor, nor on chunks and their order. What ends it early leaves
-    the chunks that are done; to resume goes on with them.
-
-    Args:
-        robot: The robot, as it was loaded.
-        study: The study.
-        out: The folder to write to.
-        executor: What runs the chunks; None: this process.
-        progress: Called with the runs done and their number.
-        resume: Whether to go on with what the folder holds.
+    the chunks that are done in the folder ``out``; to resume goes on with them. ``progress`` is
+    called with the runs done and their number.
 
     Raises:
         RpctlError: The study does not fit the robot, or the folder holds something else.

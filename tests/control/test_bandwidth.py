@@ -19,7 +19,7 @@ from rpctl import (
     Robot,
     UnifiedKinematic,
 )
-from rpctl.control.bandwidth import (
+from rpctl.control.dynamic import (
     LINEAR_ERROR,
     at_bandwidth,
     gains_of,

@@ -240,7 +240,7 @@ def test_wrong_input_exits_2(words: tuple[str, ...], output: str, tmp_path: Path
 def test_no_process_is_left(ending: signal.Signals, tmp_path: Path) -> None:
     """A Ctrl-C reaches all processes, and exits 130; a kill reaches the first one only."""
     out = tmp_path / "out"
-    words = ["-m", "rpctl", "compare", "paper", "--duration", "60", "--jobs", "2"]
+    words = ["-m", "rpctl", "compare", "paper", "--duration", "15", "--jobs", "2"]
     process = subprocess.Popen(
         [sys.executable, *words, "--references", "line", "--out", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from rpctl.study import cells
 from rpctl.study.cells import CellRunner, References, figures_of, largest_tilt
 from rpctl.study.stress_battery import JOURNAL_FILE, STRESSES, StressCell, run_battery
 from rpctl.study.stress_report import StressReport, report_of
-from tests.study.stress_samples import GOOD, RUN, battery, contents, patch_runs
+from tests.study.stress_samples import GOOD, battery, contents, patch_runs
 
 TOLERANCE = 0.01
 
@@ -205,13 +204,3 @@ def test_what_a_plant_shows_is_not_predicted(monkeypatch: pytest.MonkeyPatch) ->
     assert figures.late_base == pytest.approx(np.sqrt(np.mean(late**2)), rel=1e-12)
     away = np.linalg.norm(run.log.ee - run.log.ee_ref, axis=1)[half:]
     assert figures.late_end_effector == pytest.approx(np.sqrt(np.mean(away**2)), rel=1e-12)
-
-
-@pytest.mark.slow
-def test_what_has_run_here_can_still_be_sent() -> None:
-    """Small work stays in this process until processes pay: the robot is in use by then."""
-    found = battery("payload", laws=1, quick=True, run=replace(RUN, duration=0.1))
-    runner, cell = CellRunner(References(found.robot)), found.cells[1]
-    first = runner(cell)
-    found.robot.description.document()
-    assert pickle.loads(pickle.dumps(runner))(cell) == first

@@ -19,7 +19,7 @@ from rpctl.simulation.config import read_config
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.summary import summarize
 from rpctl.study.design import DESIGNS
-from rpctl.study.executor import Executor, ProcessExecutor
+from rpctl.study.executor import Executor
 from rpctl.study.provenance import installed
 from rpctl.study.runner import chunk_size
 from rpctl.study.store import read_runs
@@ -114,15 +114,6 @@ def replayed(robot: Robot, result: StudyResult) -> None:
         assert found.max_effort_ratio == pytest.approx(ratio, rel=1e-9)
         assert each.value == merit[each.run]
         assert each.command == f"rpctl track paper --config {each.config} --out {each.config[:-5]}"
-
-
-@pytest.mark.slow
-def test_rows_do_not_depend_on_processes(paper: Robot, tmp_path: Path) -> None:
-    study = study_of(paper, tmp_path, SHORT.replace("count = 5", "count = 9"))
-    alone = run_study(paper, study, tmp_path / "1").read_bytes()
-    with ProcessExecutor(2) as executor:
-        together = run_study(paper, study, tmp_path / "2", executor).read_bytes()
-    assert alone == together
 
 
 @pytest.mark.usefixtures("fake")

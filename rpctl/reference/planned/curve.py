@@ -17,9 +17,18 @@ from scipy.spatial.transform import Rotation
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
-from rpctl.reference.paths import Numbers, Path, PathPoint, entries, planar
+from rpctl.reference.paths import (
+    Numbers,
+    Path,
+    PathPoint,
+    basis_at,
+    clamped_knots,
+    entries,
+    planar,
+    quintic,
+    uniform_knots,
+)
 from rpctl.reference.planned.arm import pose_error
-from rpctl.reference.splines import basis_at, clamped_knots, quintic, uniform_knots
 
 SPANS_PER_LEG = 4  # of the spline between two waypoints
 SAMPLES_PER_LEG = 24  # points between two waypoints where bending is measured

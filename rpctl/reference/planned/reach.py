@@ -10,7 +10,7 @@ from scipy.interpolate import BSpline
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.path_reference import still
-from rpctl.reference.paths import Path
+from rpctl.reference.paths import DEGREE, Path, clamped_knots, quintic, through
 from rpctl.reference.planned.arm import Arm
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach_problem import (
@@ -22,7 +22,6 @@ from rpctl.reference.planned.reach_problem import (
     solve,
 )
 from rpctl.reference.sizing import Limits
-from rpctl.reference.splines import DEGREE, clamped_knots, quintic, through
 from rpctl.robot.model import Robot
 
 LARGE_MISS = 0.03  # m; an error message names the first miss as large as this, if there is one

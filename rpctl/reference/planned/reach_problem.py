@@ -12,11 +12,10 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
 
 from rpctl.arrays import Array
-from rpctl.reference.paths import Numbers, Path, PathPoint, stack_rows, vector
+from rpctl.reference.paths import Numbers, Path, PathPoint, basis, quintic, stack_rows, vector
 from rpctl.reference.planned.arm import Arm, error_rows
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.sizing import VELOCITY_LIMIT_FRACTION, Limits, wheel_rates
-from rpctl.reference.splines import basis, quintic
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact up to degree 11
 POINTS_PER_KNOT = 3  # points a knot at which the end effector is compared with its path

@@ -14,7 +14,7 @@ from rpctl.errors import RpctlError
 from rpctl.reference import paths
 from rpctl.reference.fitting import assumptions, reason, slow_down, too_weak, usage_of
 from rpctl.reference.path_reference import TimedPath, along, constant
-from rpctl.reference.paths import Path
+from rpctl.reference.paths import Curves, Path
 from rpctl.reference.planned.arm import Arm
 from rpctl.reference.planned.curve import DEFAULT_CORNER, Goal, Waypoint, curve_through, polyline
 from rpctl.reference.planned.reach import plan_reach
@@ -26,7 +26,6 @@ from rpctl.reference.sizing import (
     comfortable_radius,
     robot_length,
 )
-from rpctl.reference.splines import Curves
 from rpctl.reference.time_law import time_law
 from rpctl.robot.model import Robot
 

@@ -23,14 +23,17 @@ from scipy.sparse.linalg import splu
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import (
+    Curves,
     Numbers,
     Path,
     PathPoint,
+    basis_at,
     entries,
     factors,
     functions,
     matrix,
     stack_rows,
+    through,
     vector,
 )
 from rpctl.reference.recorded.row_fit import (
@@ -48,7 +51,6 @@ from rpctl.reference.recorded.smoothing import (
     on_knots,
 )
 from rpctl.reference.recorded.table_file import BASE_COLUMNS, HEADING
-from rpctl.reference.splines import Curves, basis_at, through
 from rpctl.robot.model import Robot
 
 SLIDING_WEIGHT = 1e6  # of the sideways speed, relative to that of the low pass: it is a constraint

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.path_reference import TimedPath, still
-from rpctl.reference.paths import Path
+from rpctl.reference.paths import Curves, Path
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach import plan_reach
 from rpctl.reference.recorded.base import fit_base, spline_path, travel_direction
@@ -34,8 +34,7 @@ from rpctl.reference.recorded.table_file import (
     QUATERNION,
     Table,
 )
-from rpctl.reference.sizing import Limits, robot_length, wheel_rates
-from rpctl.reference.splines import Curves
+from rpctl.reference.sizing import Limits, Told, robot_length, wheel_rates
 from rpctl.reference.time_law import recorded_time
 from rpctl.robot.model import Robot
 
@@ -112,7 +111,7 @@ def base_limits(robot: Robot) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Jump:
+class Jump(Told):
     """A step of a table that is faster than its robot, and far faster than the steps about it.
 
     Attributes:
@@ -138,10 +137,6 @@ class Jump:
             f"line {self.line}: {self.columns} at {self.speed:.3g} {self.unit} from the row "
             f"before, {self.pace:.2g} {self.unit} about it; mend the row or leave it out"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON says it."""
-        return {**asdict(self), "sentence": self.sentence}
 
 
 def find_jumps(robot: Robot, table: Table) -> list[Jump]:

@@ -20,7 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.sparse import csr_array, diags_array
 
 from rpctl.arrays import Array
-from rpctl.reference.splines import DEGREE, basis_at, clamped_knots, quintic
+from rpctl.reference.paths import DEGREE, basis_at, clamped_knots, quintic
 
 MIN_KNOT_SPACING = 0.04  # s: such a spline follows what a robot can, up to some hertz
 LEAST_GAP = 0.25  # of the rows' mean spacing: knots nearer than this make a bad system
