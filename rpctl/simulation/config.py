@@ -48,7 +48,7 @@ from rpctl.robot.vary import set_limits
 from rpctl.simulation.loop.periods import CONTROL_PERIOD
 from rpctl.simulation.plants.plant import Plant
 
-MAX_LOGGED = 50_000  # samples: 100 s at 2 ms
+MAX_LOGGED = 25_000  # samples: 50 s at 2 ms; an hour of TIAGo then takes under 400 MB of memory
 MAX_LOG_EVERY = 2**63 - 1  # a file's largest whole number
 HEADER = (
     "# A run of rpctl: rpctl track ROBOT --config FILE. What is left out keeps its default.\n\n"
@@ -170,7 +170,7 @@ class RunSettings(Record):
         Setting(
             "",
             "",
-            "Log one sample of N, and the last; if not given, all of up to 50 000 or as many.",
+            "Log one sample of N, and the last; if not given, all of up to 25 000 or as many.",
             "N",
         ),
     ] = None

@@ -164,6 +164,7 @@ def test_short_runs_and_those_of_pinocchio_compile_nothing(
         simulate(paper, config, collisions=False, backend="compiled")
 
 
+@pytest.mark.slow
 def test_a_loop_that_differs_is_refused(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(build, "EQUAL", -1.0)
     robot = replace(paper)  # not one whose loop is known already

@@ -16,6 +16,7 @@ from rpctl import (
 FAR = (0.1, 0.3, 0.3)
 
 
+@pytest.mark.slow
 def test_from_afar_they_keep_the_limits_that_the_papers_dynamic_law_breaks(paper: Robot) -> None:
     weak = scale_limits(paper, effort=0.15)
     broken = summarize(

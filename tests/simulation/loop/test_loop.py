@@ -40,8 +40,7 @@ COARSE: dict[str, Any] = {
     "plant_step": 0.01,
 }  # s; where no rounding is looked for
 TURNS = list(product(("paper", "mixed_chain", "tiago_dual"), ("circle", "spin", "eight")))
-QUICK_TURNS = {("paper", "spin")}
-TURNS_IN_CI = {("mixed_chain", "circle")}
+TURNS_IN_CI = {("paper", "spin"), ("mixed_chain", "circle")}
 PATHS = ("line", "reverse", "spin", "circle", "eight")
 
 
@@ -58,6 +57,7 @@ def test_tiago_ends_within_a_millimetre(eight: Run) -> None:
     assert not figures.limits_violated
 
 
+@pytest.mark.slow
 def test_energy_and_constraints_hold(eight: Run) -> None:
     """A step with losses is of second order, one without is of fourth."""
     figures = summarize(eight)
@@ -109,7 +109,7 @@ def test_friction_is_kept_and_scales_the_grip(paper: Robot) -> None:
         track(paper, "circle", duration=0.5, friction=0.0)
 
 
-@pytest.mark.parametrize(("name", "reference"), cells(TURNS, QUICK_TURNS, TURNS_IN_CI))
+@pytest.mark.parametrize(("name", "reference"), cells(TURNS, slow=TURNS_IN_CI))
 def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
     run = track(
         rpctl.load(name),
@@ -137,7 +137,7 @@ def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, referenc
     assert figures.final_lateral_error == pytest.approx(0.2, abs=1e-3)
 
 
-@pytest.mark.parametrize("reference", cells(PATHS, {"line"}, {"eight", "spin"}))
+@pytest.mark.parametrize("reference", cells(PATHS, slow={"line", "spin"}))
 def test_the_default_law_beats_the_papers_on_every_reference(paper: Robot, reference: str) -> None:
     """A smaller error from the same start, the lateral one of a line gone, no limit broken."""
     ours, theirs = (
@@ -191,6 +191,7 @@ def test_a_duration_that_nobody_asked_for_says_nothing(paper: Robot, tmp_path: P
     assert run.t[-1] == run.config.run.duration
 
 
+@pytest.mark.slow
 def test_a_fixed_base_moves_its_arm_only() -> None:
     panda = rpctl.load("panda")
     run = track(panda, "eight", duration=0.2)

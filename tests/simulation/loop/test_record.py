@@ -81,6 +81,7 @@ def test_limits_are_logged_when_they_bind(paper: Robot) -> None:
     np.testing.assert_array_equal(run.log.active_limits, [[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
+@pytest.mark.slow
 def test_casters_of_the_reference_trail_it(tmp_path: Path) -> None:
     """In a steady bend c ω = n·V: a trail c swings by what its pivot moves across its heading."""
     robot = rpctl.load(write(tmp_path, vehicle("casters")))
@@ -95,6 +96,7 @@ def test_casters_of_the_reference_trail_it(tmp_path: Path) -> None:
         assert abs(phi) > 0.05
 
 
+@pytest.mark.slow
 def test_steering_starts_on_its_reference(tmp_path: Path) -> None:
     """tan δ = L/(R − w/2) of the left wheel on a circle to the left, from the first sample on."""
     robot = rpctl.load(write(tmp_path, vehicle("car-like")))

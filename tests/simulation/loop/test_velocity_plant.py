@@ -119,7 +119,7 @@ LAWS: dict[str, KinematicLaw] = {
 
 @pytest.mark.parametrize(
     "name, dead_time",
-    cells([(law, d) for law in LAWS for d in (0.0, 0.1)], [("unified", 0.1)]),
+    cells([(law, d) for law in LAWS for d in (0.0, 0.1)], slow=[("unified", 0.1)]),
 )
 def test_a_lag_costs_less_than_three_millimetres(
     paper: Robot, tiago: Robot, name: str, dead_time: float
