@@ -82,8 +82,6 @@ def write_film(
     if form is None:
         raise RpctlError(f"{path}: films are .mp4 or .gif; give a name that ends so")
     size, rate = _checked(size or form.size), rate or form.rate
-    if form.encode is gif and (CENTISECONDS % rate or rate > MAX_GIF_RATE_HZ):
-        raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
     require_writable(path)
     count = _picture_count(run, path, rate)
     with _camera(run, size, robot) as photograph:
@@ -139,6 +137,8 @@ def write_still(
 
 
 def _picture_count(run: Run, path: Path, rate: int) -> int:
+    if path.suffix.lower() == ".gif" and (CENTISECONDS % rate or rate > MAX_GIF_RATE_HZ):
+        raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
     count = int(np.floor((run.t[-1] - run.t[0]) * rate + FRAME_TOLERANCE)) + 1
     if count > cap("MAX_PICTURES"):
         fault = f"{path}: a film of {count:,} pictures, over {cap('MAX_PICTURES'):,}"
@@ -211,9 +211,9 @@ def mp4(take: TakePicture, count: int, rate: int, remark: str) -> bytes:
 
 
 def gif(take: TakePicture, count: int, rate: int, remark: str) -> bytes:
-    """Return pictures as a GIF that repeats for ever, all in one palette, so nothing flickers.
+    """Return pictures as a GIF that repeats for ever, as :func:`mp4` does.
 
-    Args: As of :func:`mp4`; the palette's pictures are taken twice.
+    All are in one palette, so nothing flickers; those that give it are taken twice.
     """
     from PIL import Image
 
