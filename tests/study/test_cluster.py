@@ -183,7 +183,10 @@ def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_p
         work = partial(chunk_works.draw_and_log, log, 0.1)
         for chunk, result in executor.map_chunks(work, chunks):
             found[chunk] = result
-            bad = bad or dask.start_worker(path=planted(tmp_path, "numpy", "1.0"))
+            if bad is None:
+                bad = dask.start_worker(path=planted(tmp_path, "numpy", "1.0"))
+                while executor.workers < 2:  # it takes long to start on a busy machine
+                    time.sleep(0.05)
     assert_same(found, chunks)
     (text,) = told
     assert f"has numpy 1.0, here {np.__version__}; install the same" in text
