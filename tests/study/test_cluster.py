@@ -97,17 +97,16 @@ def test_one_worker_is_killed_and_one_joins_late(dask: DaskProcesses, tmp_path: 
     with DaskExecutor(dask.address) as executor:
         while executor.workers < 2:
             time.sleep(0.05)
-        work = partial(chunk_works.draw_and_log, log, 0.1)
+        work = partial(chunk_works.draw_and_log, log, 0.3)
         for chunk, result in executor.map_chunks(work, iter(chunks)):
             assert chunk not in found
             found[chunk] = result
             if len(found) == 10:
-                time.sleep(0.05)  # it has begun another chunk
+                third = dask.start_worker()
+                while executor.workers < 3:  # it takes long to start on a busy machine
+                    time.sleep(0.05)
                 first.kill()
                 first.wait()
-                third = dask.start_worker()
-                while executor.workers < 2:  # it takes long to start on a busy machine
-                    time.sleep(0.05)
     assert_same(found, chunks)
     assert third is not None
     counts = began(log)
@@ -180,7 +179,7 @@ def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_p
     told: list[str] = []
     good = dask.start_worker()
     with DaskExecutor(dask.address, tell=told.append) as executor:
-        work = partial(chunk_works.draw_and_log, log, 0.1)
+        work = partial(chunk_works.draw_and_log, log, 0.3)
         for chunk, result in executor.map_chunks(work, chunks):
             found[chunk] = result
             if bad is None:
