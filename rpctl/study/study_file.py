@@ -287,7 +287,8 @@ def _fits(robot: Robot, scatter: Table) -> bool:
 
 def _said(record: StudySettings | Optimisation) -> list[tuple[str, str]]:
     """Return the settings of a record as lines of TOML, with what is said of them."""
-    lines, kind = list[tuple[str, str]](), type(record)
+    lines: list[tuple[str, str]] = []
+    kind: Any = type(record)
     for name, each in fields_of(kind).items():
         value, words = getattr(record, name), filter(None, (each.setting.help, each.setting.unit))
         if value is not None:
