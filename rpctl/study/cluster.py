@@ -94,6 +94,9 @@ class DoneChunk(NamedTuple):
     result: Any
 
 
+Answer = RefusedWorker | FailedChunk | DoneChunk
+
+
 class DaskExecutor(Executor):
     """Runs chunks on the workers of a Dask scheduler, which may come and go.
 
@@ -133,13 +136,11 @@ class DaskExecutor(Executor):
         data, given_out = pickle.dumps(work), dict[Any, Chunk]()
         queue, lost = distributed.as_completed(loop=self._client.loop), list[Chunk]()
 
-        def give_out() -> None:
-            """Give each worker a chunk; with more, those that wait beside it die with it."""
+        def give_out() -> None:  # one a worker: what waits beside a chunk would die with it
             while left and len(given_out) < self.workers:
-                chunk = left.popleft()
-                packed = pickle.dumps(chunk)
+                packed = pickle.dumps(left[0])
                 future = self._client.submit(run_asked, packed, installed(), data, pure=False)
-                given_out[future] = chunk
+                given_out[future] = left.popleft()
                 queue.add(future)
 
         try:
@@ -176,9 +177,7 @@ class DaskExecutor(Executor):
             self._tell(f"{_worker_fault(*worker)}; it was sent away")
 
 
-def run_asked(
-    chunk: bytes, asked: Mapping[str, str], work: bytes
-) -> RefusedWorker | FailedChunk | DoneChunk:
+def run_asked(chunk: bytes, asked: Mapping[str, str], work: bytes) -> Answer:
     """Return what work makes of a chunk on a worker, or a record of why there is nothing.
 
     Nothing is unpickled unless all versions are the same.
