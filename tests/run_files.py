@@ -195,9 +195,10 @@ def _other(array: Any, chance: random.Random) -> Any:
         return np.concatenate([array, array], axis=-1)
     other = array.copy()
     if other.size:
-        other.flat[chance.randrange(other.size)] = chance.choice(
-            (np.nan, np.inf, 1e30, -1e30, 0.5, 1e300)
-        )
+        with np.errstate(over="ignore"):  # 1e300 in single precision
+            other.flat[chance.randrange(other.size)] = chance.choice(
+                (np.nan, np.inf, 1e30, -1e30, 0.5, 1e300)
+            )
     return other
 
 

@@ -61,10 +61,7 @@ def derive_command(
     as_json: JsonOption = False,
 ) -> None:
     """Write the reduced equations, or a law, in closed form: to read, to publish, or as code."""
-    from rpctl.derive.write import (
-        derive,
-        derive_law,  # SymPy is an extra, and takes long to import
-    )
+    from rpctl.derive.write import derive, derive_law  # SymPy takes long to import
 
     if settings.out is not None:
         require_writable(settings.out)

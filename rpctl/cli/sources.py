@@ -11,6 +11,7 @@ from rpctl.cli.streams import print_document, print_json, say
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.description.xacro.expansion import expand
 from rpctl.errors import format_finding
+from rpctl.files.opening import read_source
 from rpctl.robot.catalog import ENTRIES, Entry
 from rpctl.robot.sources import PACKAGE, PublicRobot, cache_folder, find_source, list_robots
 
@@ -25,6 +26,7 @@ def expand_command(
 ) -> None:
     """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
     found = find_source(robot)
+    read_source(found.path)  # or say why it cannot be
     expansion = expand(found.path, found.read_settings(read_settings(options)))
     for finding in expansion.findings:
         say(format_finding(str(found.path), finding), err=True)

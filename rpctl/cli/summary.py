@@ -11,8 +11,12 @@ from rich.console import Console
 from rich.table import Table
 
 from rpctl.cli.terminal import console, escape, format_limit, new_table
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
+from rpctl.reference.fitting import too_weak
+from rpctl.reference.motion import Reference
 from rpctl.reference.sizing import Sizing
+from rpctl.robot.model import Robot
 from rpctl.simulation.merits.collision_facts import clearance_text, collision_texts
 from rpctl.simulation.merits.outcome import LATE, TRACKED
 from rpctl.simulation.merits.path_error import PathFigures, lag
@@ -23,35 +27,34 @@ if TYPE_CHECKING:
     from rpctl.view.run_folder import RunFolder
 
 
-def show_sizing(out: Console, sizing: Sizing | None) -> None:
-    """Print how large and fast a named reference is, why, and what was assumed."""
-    if sizing is None:
-        return
-    out.print(escape(sizing.sentence))
-    if sizing.assumed:
-        out.print(f"[yellow]assumed[/] {escape(sizing.assumed)}")
+def show_reference(out: Console, robot: Robot, reference: Reference, strict: bool) -> None:
+    """Print where a reference comes from, what was assumed, and what it asks too much.
 
-
-def show_recording(out: Console, recording: Recording | None, strict: bool) -> None:
-    """Print what became of a table's rows, and what they ask beyond the robot's limits.
+    That is how large and fast a named one is, what became of the rows of a table, and which
+    actuator cannot hold the robot.
 
     Args:
-        out: Where to print.
-        recording: The table's; None of another reference.
-        strict: Whether to refuse what asks too much.
+        strict: Whether to refuse a table that asks too much.
 
     Raises:
         RpctlError: It asks too much, and that is to be refused.
     """
-    if recording is None:
-        return
-    for change in recording.changes:
-        out.print(escape(change))
-    warnings = recording.warnings
-    if strict and warnings:
-        raise RpctlError("the reference asks too much: " + "; ".join(warnings))
-    for warning in warnings:
-        out.print(f"[bold red]beyond limits[/] {escape(warning)}")
+    sizing: Sizing | None = getattr(reference, "sizing", None)
+    recording: Recording | None = getattr(reference, "recording", None)
+    if sizing is not None:
+        out.print(escape(sizing.sentence))
+        if sizing.assumed:
+            out.print(f"[yellow]assumed[/] {escape(sizing.assumed)}")
+    if recording is not None:
+        for change in recording.changes:
+            out.print(escape(change))
+        if strict and recording.warnings:
+            raise RpctlError("the reference asks too much: " + "; ".join(recording.warnings))
+        for warning in recording.warnings:
+            out.print(f"[bold red]beyond limits[/] {escape(warning)}")
+    weak = too_weak(ReducedDynamics(robot), reference)
+    if weak and sizing is None:  # a sizing says it itself
+        out.print(f"[yellow]note[/] {escape(weak)}")
 
 
 def show_summary(written: RunFolder, folder: Path) -> None:

@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, default_folder, tell
-from rpctl.cli.summary import show_recording, show_sizing, show_summary
+from rpctl.cli.summary import show_reference, show_summary
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.track_options import ConfigOptions, ResultOptions
 from rpctl.cli.verify import VerifyOptions, certificate_line, certify
-from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Certificate
-from rpctl.reference.fitting import too_weak
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, is_goal
 from rpctl.robot.model import Robot
@@ -63,16 +61,11 @@ def track_command(
     output.print(
         f"[bold]{escape(loaded.name)}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
-    show_sizing(output, getattr(reference, "sizing", None))
-    show_recording(output, getattr(reference, "recording", None), options.strict)
-    weak = too_weak(ReducedDynamics(loaded), reference)
-    if weak and getattr(reference, "sizing", None) is None:  # a sizing says it itself
-        output.print(f"[yellow]note[/] {escape(weak)}")
+    show_reference(output, loaded, reference, options.strict)
     budget = require_affordable(loaded, config, reference)
     certificate = None
     if samples:
         certificate = certify(loaded, VerifyOptions(samples, engines="none"), options.strict)
-    if certificate is not None:
         output.print(certificate_line(certificate))
     task = _Task(loaded, config, reference, certificate, budget)
     written = _simulate(task, results, folder, output.print)

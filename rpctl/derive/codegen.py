@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from functools import cache
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -27,7 +26,7 @@ def c_source(robot: Robot) -> str:
     B (dof, n_act) of M ν̇ + h = B τ, and ``NAME_forward(q, nu, tau, nu_dot)``. Where joints have
     losses, ``NAME_losses(q, nu, l)`` fills ℓ (dof,), and ``forward`` has it on the right.
     """
-    return _rendered("model.c.jinja", _model(robot, C))
+    return rendered("model.c.jinja", _model(robot, C))
 
 
 def python_source(robot: Robot) -> str:
@@ -37,7 +36,7 @@ def python_source(robot: Robot) -> str:
     M ν̇ + h = B τ as lists, and ``NAME_forward(q, nu, tau)``. Where joints have losses,
     ``NAME_losses(q, nu)`` returns ℓ (dof,), and ``forward`` has it on the right.
     """
-    return _rendered("model.py.jinja", _model(robot, PYTHON))
+    return rendered("model.py.jinja", _model(robot, PYTHON))
 
 
 def c_law(program: LawProgram, single: bool = False) -> str:
@@ -50,7 +49,7 @@ def c_law(program: LawProgram, single: bool = False) -> str:
         program: The law.
         single: Whether its numbers are ``float`` rather than ``double``.
     """
-    return _rendered("law.c.jinja", _law(program, C_FLOAT if single else C))
+    return rendered("law.c.jinja", _law(program, C_FLOAT if single else C))
 
 
 def python_law(program: LawProgram) -> str:
@@ -59,22 +58,20 @@ def python_law(program: LawProgram) -> str:
     It has ``NAME_law(pose, q, nu, r)``, which returns τ (n_act,), ν_d (dof,) and ν̇_d (dof,) as
     lists; ``r`` has the attributes of ``rpctl.ReferenceState``.
     """
-    text = _rendered("law.py.jinja", _law(program, PYTHON))
+    text = rendered("law.py.jinja", _law(program, PYTHON))
     return text.replace("r->direction", "direction").replace("r->", "r.")
 
 
-def _rendered(name: str, context: dict[str, Any]) -> str:
-    return _environment().get_template(name).render(context)
-
-
-@cache
-def _environment() -> jinja2.Environment:
+def rendered(name: str, context: dict[str, Any], **filters: Callable[..., Any]) -> str:
+    """Return a template of this room with values, and filters of the caller's, put in."""
     folder = files("rpctl.derive") / "templates"
-    return jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(lambda name: folder.joinpath(name).read_text("utf-8")),
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
     )
+    environment.filters.update(filters)
+    return environment.get_template(name).render(context)
 
 
 def _model(robot: Robot, language: Language) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import casadi
 import sympy as sp
 
 from rpctl.derive.closed_form import ClosedForm
+from rpctl.derive.codegen import rendered
 from rpctl.derive.equations import rational
 from rpctl.derive.law_program import LawSetting, LawSheet
 from rpctl.derive.short_form import readable
@@ -20,27 +21,19 @@ from rpctl.errors import printable
 
 def to_text(form: ClosedForm) -> str:
     """Return a closed form as plain text; expressions are valid SymPy and Python."""
-    rates = ", ".join(map(str, form.rates))
-    lost = " + l" if any(form.losses) else ""
-    lines = [f"{printable(form.robot)}: M nu_dot + h = B tau{lost}", ""]
-    lines += [f"nu  = ({rates})", f"tau = ({', '.join(map(printable, form.actuators))})"]
-    rows = [(str(symbol), what) for symbol, what in legend(form)]
-    lines += ["", *columns(rows)]
-    numbers = [(f"{p.symbol} = {p.value:g} {p.unit}", printable(p.of)) for p in form.parameters]
-    lines += ["", *columns(numbers)] if numbers else []
-    named = [f"  {symbol} = {plain(value)}" for symbol, value in form.definitions]
-    lines += ["", *named] if named else []
-    lines += ["", *(f"  {' = '.join(left)} = {plain(value)}" for left, value in inertia(form))]
-    lines += ["", *(f"  h{i + 1} = {plain(value)}" for i, value in enumerate(form.h))]
-    widths = [max(len(plain(x)) for x in form.B.col(j)) for j in range(form.B.cols)]
-    for i in range(form.B.rows):
-        row = "  ".join(plain(x).rjust(w) for x, w in zip(form.B.row(i), widths, strict=True))
-        lines.append(f"  B = [ {row} ]" if i == 0 else f"      [ {row} ]")
-        if i == 0:
-            lines.insert(-1, "")
-    if lost:
-        lines += ["", *(f"  l{i + 1} = {plain(value)}" for i, value in enumerate(form.losses))]
-    return "\n".join(lines) + "\n"
+    texts = [[plain(x) for x in form.B.row(i)] for i in range(form.B.rows)]
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    context = {
+        "form": form,
+        "lossy": any(form.losses),
+        "legend": list(legend(form)),
+        "numbers": [
+            (f"{p.symbol} = {p.value:g} {p.unit}", printable(p.of)) for p in form.parameters
+        ],
+        "inertia": list(inertia(form)),
+        "rows": [[x.rjust(w) for x, w in zip(row, widths, strict=True)] for row in texts],
+    }
+    return rendered("form.txt.jinja", context, plain=plain, printable=printable, columns=columns)
 
 
 def legend(form: ClosedForm) -> Iterator[tuple[sp.Symbol, str]]:
@@ -59,11 +52,11 @@ def legend(form: ClosedForm) -> Iterator[tuple[sp.Symbol, str]]:
 
 
 def inertia(form: ClosedForm) -> Iterator[tuple[list[str], sp.Expr]]:
-    """Yield M's upper triangle, entries that are equal together: their names, their value."""
+    """Yield M's upper triangle, entries that are equal together: their places, their value."""
     places: dict[sp.Expr, list[str]] = {}
     for i in range(form.M.rows):
         for j in range(i, form.M.rows):
-            places.setdefault(form.M[i, j], []).append(f"M{i + 1}{j + 1}")
+            places.setdefault(form.M[i, j], []).append(f"{i + 1}{j + 1}")
     for value, names in places.items():
         yield names, value
 
@@ -73,10 +66,10 @@ def plain(expression: sp.Expr) -> str:
     return str(sp.sstr(readable(expression), full_prec=False))
 
 
-def columns(rows: list[tuple[str, str]]) -> list[str]:
+def columns(rows: Sequence[tuple[Any, str]]) -> str:
     """Return rows of two columns, the second aligned."""
-    width = max((len(left) for left, _ in rows), default=0)
-    return [f"  {left.ljust(width)}  {right}" for left, right in rows]
+    width = max((len(str(left)) for left, _ in rows), default=0)
+    return "\n".join(f"  {str(left).ljust(width)}  {right}" for left, right in rows)
 
 
 LINE_WIDTH = 76  # of a line of a formula, in letters, about
@@ -123,7 +116,7 @@ def equations_of(form: ClosedForm) -> str:
     parts = []
     if form.definitions:
         parts.append(aligned([(names[s], value) for s, value in form.definitions], names))
-    lefts = [(" = ".join(f"M_{{{x[1:]}}}" for x in left), value) for left, value in inertia(form)]
+    lefts = [(" = ".join(f"M_{{{x}}}" for x in left), value) for left, value in inertia(form)]
     parts += ["$M$ is symmetric:", aligned(lefts, names)]
     parts.append(aligned([(f"h_{{{i + 1}}}", x) for i, x in enumerate(form.h)], names))
     parts.append(f"\\[ B = {_latex(form.B, names)} \\]")
@@ -223,19 +216,18 @@ def law_text(law: LawSheet, form: ClosedForm | None) -> str:
         law: The law on a robot.
         form: The robot's equations in closed form, or None if they are too long to read.
     """
-    lines = [f"{printable(law.robot.name)}: from the measured state to actuator efforts", ""]
-    settings = [(f"{s.symbol} = {s.value:g} {s.unit}", s.of) for s in _settings(law)]
-    lines += ["settings", *columns(settings), ""]
-    inputs = [(name, printable(words)) for name, words in _inputs(law)]
-    lines += ["inputs: pose of the root link, positions and rates, the reference (_r)"]
-    lines += [*columns(inputs), "", "in this order"]
-    lines += [f"  {name} = {plain(expression(value))}" for name, (_, value) in law.shown.items()]
-    for name, values in (("nu_d", law.nu_d), ("nu_d_dot", law.nu_d_dot), ("nu_dot", law.nu_dot)):
-        lines.append(f"  {name} = ({', '.join(plain(expression(x)) for x in values)})")
     lossy = " - l(nu_d), l the losses in the joints" if law.robot.losses is not None else ""
-    lines += ["", f"tau of least effort, relative to the limits, with B tau = M nu_dot + h{lossy}"]
-    lines.append("")
-    return "\n".join(lines) + (f"\n{to_text(form)}" if form else f"{TOO_LONG}\n")
+    results = {"nu_d": law.nu_d, "nu_d_dot": law.nu_d_dot, "nu_dot": law.nu_dot}
+    context = {
+        "law": law,
+        "settings": [(f"{s.symbol} = {s.value:g} {s.unit}", s.of) for s in _settings(law)],
+        "inputs": [(name, printable(words)) for name, words in _inputs(law)],
+        "shown": [(name, expression(value)) for name, (_, value) in law.shown.items()],
+        "results": [(name, [expression(x) for x in values]) for name, values in results.items()],
+        "lossy": lossy,
+        "rest": f"\n{to_text(form)}" if form else f"{TOO_LONG}\n",
+    }
+    return rendered("law.txt.jinja", context, plain=plain, printable=printable, columns=columns)
 
 
 def law_latex(law: LawSheet, form: ClosedForm | None) -> str:

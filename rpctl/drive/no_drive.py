@@ -17,7 +17,7 @@ from rpctl.drive.wheels import (
     WheelCandidate,
     ground_tolerance,
     is_named_wheel,
-    mostly_left,
+    leftward,
     parallel,
 )
 
@@ -131,10 +131,7 @@ def _turned_axes(candidates: tuple[WheelCandidate, ...]) -> list[str]:
         line = a.origin - b.origin
         line = line / (np.linalg.norm(line) or 1.0)
         if parallel(a, b) and max(abs(float(a.axle @ line)), abs(line[2])) < MAX_TILT_SINE:
-            left = line if mostly_left(line) > 0 else -line
-            axes = (
-                f'"{c.joint.name}" <axis xyz="{format_vector(c.frame.T @ left)}"/>' for c in (a, b)
-            )
+            axes = (f'"{c.joint.name}" {_axis(line, c.frame)}' for c in (a, b))
             advice.append(
                 f"their axles lie across the line that joins them: give {', '.join(axes)}"
             )
@@ -167,9 +164,8 @@ def wheels_on_fixed_joints(tree: FrozenTree) -> list[str]:
         pose = tree.pose(joint.child)
         axle = _level_cylinder(_shapes(tree, joint), pose, floor)
         if axle is not None:
-            left = axle if mostly_left(axle) > 0 else -axle
-            axis = f'<axis xyz="{format_vector(pose[:3, :3].T @ left)}"/>'
-        elif is_named_wheel(joint) and _only_meshes(_shapes(tree, joint)):
+            axis = _axis(axle, pose[:3, :3])
+        elif is_named_wheel(joint) and {s.kind for s in _shapes(tree, joint)} == {"mesh"}:
             axis = "its axle as <axis>"
         else:
             continue
@@ -191,25 +187,21 @@ def misaligned_axes(tree: FrozenTree, candidates: tuple[WheelCandidate, ...]) ->
             axle = candidate.frame @ shape.origin[:3, 2]
             tilt = max(abs(float(axle @ candidate.axle)), abs(axle[2]))
             if shape.kind == "cylinder" and tilt <= MAX_TILT_SINE:
-                left = axle if mostly_left(axle) > 0 else -axle
-                axis = format_vector(candidate.frame.T @ left)
-                advice.append(f'"{joint.name}" (line {joint.line}) <axis xyz="{axis}"/>')
+                axis = _axis(axle, candidate.frame)
+                advice.append(f'"{joint.name}" (line {joint.line}) {axis}')
                 break
     return advice
 
 
-def format_vector(vector: Array) -> str:
-    """Return a vector (3,) as a URDF has it."""
-    return " ".join(f"{value:.6g}" for value in np.round(vector, 6) + 0.0)
+def _axis(axle: Array, frame: Array) -> str:
+    """Return the element of a joint in a frame (3, 3) whose axle (3,), turned left, is this."""
+    numbers = np.round(frame.T @ leftward(axle), 6) + 0.0
+    return f'<axis xyz="{" ".join(f"{value:.6g}" for value in numbers)}"/>'
 
 
 def _shapes(tree: FrozenTree, joint: Joint) -> tuple[Shape, ...]:
     link = tree.description.link[joint.child]
     return link.collisions + link.visuals
-
-
-def _only_meshes(shapes: tuple[Shape, ...]) -> bool:
-    return bool(shapes) and all(shape.kind == "mesh" for shape in shapes)
 
 
 def _level_cylinder(shapes: tuple[Shape, ...], pose: Array, floor: float) -> Array | None:

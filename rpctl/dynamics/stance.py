@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -172,25 +173,36 @@ def _mesh_caster(robot: Robot, link: Link, chain: tuple[Joint, ...]) -> bool:
 
 
 MIN_STANCE_WIDTH_M = 5e-3  # m: contacts this near to one line do not hold a balance
-BVLS_TOLERANCE = 1e-15  # relative change of the cost at which the active set is taken for final
 LOAD_RESOLUTION = 1e-9  # of the load: a smaller share is rounding
 
 
 @dataclass(frozen=True)
-class Stance:
-    """Contacts of one posture that hold a balance, in the root link's frame.
+class LoadSplit:
+    """How contacts at given places share any load.
 
     Attributes:
-        statics: Map (3, n) from the contacts' loads to their sum and first moments: 1, x, y.
-        split: Its pseudoinverse (n, 3): the loads of least norm.
-        free: Changes of the loads that statics do not see (n - 3, n), orthonormal.
-        inward: Inward unit normals of the support polygon's edges (n_edges, 2).
-        offset: Signed distance of the root link's origin to each edge (n_edges,), m.
+        statics: Map (k, n) from the contacts' loads to their sum and those moments that they
+            determine.
+        split: Map (n, 3) from the sum and both moments, Σ N (1, x, y), to the loads of least norm.
+        free: Changes of the loads that statics do not see (n - k, n), orthonormal.
+        directions: The moments (k, 3) of the sum and the moments about x and y of ``statics``.
     """
 
     statics: Array
     split: Array
     free: Array
+    directions: Array
+
+
+@dataclass(frozen=True)
+class Stance(LoadSplit):
+    """Contacts of one posture that hold a balance, in the root link's frame; they determine all.
+
+    Attributes:
+        inward: Inward unit normals of the support polygon's edges (n_edges, 2).
+        offset: Signed distance of the root link's origin to each edge (n_edges,), m.
+    """
+
     inward: Array
     offset: Array
 
@@ -206,6 +218,7 @@ def make_stance(points: Array) -> Stance:
         statics=statics,
         split=(Vt[:3].T / singular) @ U.T,
         free=Vt[3:],
+        directions=np.eye(3),
         inward=inward,
         offset=-(inward * corners).sum(axis=1),
     )
@@ -253,17 +266,95 @@ def loads(stance: Stance, moments: Array, margin: float) -> Array:
     load = stance.split @ moments
     if margin <= 0.0 or len(load) == 3 or load.min() >= 0.0:
         return np.asarray(load)
-    target = np.zeros(len(stance.free) + 1)
+    found = pressed_loads(stance, moments, load)
+    return np.asarray(load) if found is None else found.load
+
+
+class ContactLoads(NamedTuple):
+    """Loads of n contacts.
+
+    Attributes:
+        load: (n,) N, none negative.
+        slope: Derivatives (n, 3) by the sum and the moments.
+        tips: Whether no loads that only push have these moments.
+    """
+
+    load: Array
+    slope: Array
+    tips: bool
+
+
+def make_split(points: Array) -> LoadSplit:
+    """Return how contacts share loads, whatever their places.
+
+    Contacts on one line determine the moment along it only; the other is left out.
+
+    Args:
+        points: Their places (n, 2), root link's axes, m.
+    """
+    _, spread, axes = np.linalg.svd(points - points.mean(axis=0))
+    known = np.flatnonzero(spread > MIN_STANCE_WIDTH_M)
+    directions = np.zeros((1 + len(known), 3))
+    directions[0, 0] = 1.0
+    directions[1:, 1:] = axes[known]
+    statics = directions @ np.vstack([np.ones(len(points)), points.T])
+    U, singular, Vt = np.linalg.svd(statics)
+    count = len(directions)
+    split = (Vt[:count].T / singular) @ U.T @ directions
+    return LoadSplit(statics, split, Vt[count:], directions)
+
+
+def share_load(split: LoadSplit, moments: Array) -> ContactLoads:
+    """Return the loads that contacts share.
+
+    Where a + b x + c y dips below the ground, contacts let go until those that are left only push.
+    Where none can have such moments, the robot tips: then each contact that would push has its part
+    of the whole load.
+
+    Args:
+        split: How they share loads.
+        moments: Their sum, N, and Σ N_i (x_i, y_i), N·m (3,).
+    """
+    load = split.split @ moments
+    if load.min(initial=0.0) >= 0.0:
+        return ContactLoads(load, split.split, False)
+    if moments[0] <= 0.0:
+        return ContactLoads(np.zeros(len(load)), np.zeros((len(load), 3)), True)
+    return pressed_loads(split, moments, load) or _tipping(split, moments, load)
+
+
+def pressed_loads(split: LoadSplit, moments: Array, load: Array) -> ContactLoads | None:
+    """Return the least loads that only push, or None where there are none: [LH74, Ch. 23].
+
+    Args:
+        split: How the contacts share loads.
+        moments: Their sum and moments (3,).
+        load: Loads of least norm (n,), not all pushing.
+    """
+    share = load / moments[0]
+    left, target = np.vstack([split.free, -share]), np.zeros(len(split.free) + 1)
     target[-1] = 1.0
-    left = np.vstack([stance.free, -load / moments[0]])
-    found = scipy.optimize.lsq_linear(
-        left, target, (0.0, np.inf), method="bvls", tol=BVLS_TOLERANCE
-    )
-    residual = left @ found.x - target
+    residual = left @ scipy.optimize.nnls(left, target)[0] - target
     if residual[-1] > -LOAD_RESOLUTION:
-        return np.asarray(load)
-    share = load / moments[0] - stance.free.T @ residual[:-1] / residual[-1]
-    pressed = share > LOAD_RESOLUTION
-    load = np.zeros(len(load))
-    load[pressed] = np.linalg.pinv(stance.statics[:, pressed]) @ moments
-    return load
+        return None
+    share = share - split.free.T @ residual[:-1] / residual[-1]
+    pressed, slope = share > LOAD_RESOLUTION, np.zeros_like(split.split)
+    slope[pressed] = np.linalg.pinv(split.statics[:, pressed]) @ split.directions
+    return ContactLoads(np.maximum(slope @ moments, 0.0), slope, False)
+
+
+def _tipping(split: LoadSplit, moments: Array, load: Array) -> ContactLoads:
+    """Return each pushing contact's part of the whole load, of a robot that tips.
+
+    Args:
+        split: How the contacts share loads.
+        moments: Their sum and moments (3,).
+        load: Loads of least norm (n,), pushing or not.
+    """
+    pushing = np.maximum(load, 0.0)
+    total = pushing.sum()
+    change = split.split * (load > 0.0)[:, None] / total
+    part = pushing / total
+    slope = moments[0] * (change - part[:, None] * change.sum(axis=0))
+    slope[:, 0] += part
+    return ContactLoads(moments[0] * part, slope, True)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from logging.handlers import BufferingHandler
 from types import SimpleNamespace
 from typing import Any
 
@@ -60,31 +62,20 @@ def load_drake() -> Any:
     return drake
 
 
-class _Heard(logging.Handler):
-    """Keeps the first line of each warning."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.lines: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep a warning's first line, without the file's place."""
-        line = record.getMessage().partition("\n")[0]
-        line = line.rpartition("warning: ")[2]
-        if line not in self.lines:
-            self.lines.append(line)
-
-
 @contextmanager
 def heard() -> Iterator[list[str]]:
-    """Keep what Drake warns of from the terminal; the first lines are in the list."""
-    logger, handler = logging.getLogger("drake"), _Heard()
+    """Keep what Drake warns of from the terminal; the first lines are in the list at the end."""
+    logger, handler = logging.getLogger("drake"), BufferingHandler(sys.maxsize)
     handlers, passes = list(logger.handlers), logger.propagate
     logger.handlers, logger.propagate = [handler], False
+    lines: list[str] = []
     try:
-        yield handler.lines
+        yield lines
     finally:
         logger.handlers, logger.propagate = handlers, passes
+        warned = [record for record in handler.buffer if record.levelno >= logging.WARNING]
+        heads = (record.getMessage().partition("\n")[0] for record in warned)
+        lines += dict.fromkeys(head.rpartition("warning: ")[2] for head in heads)  # without places
 
 
 class DrakeRun(UrdfRun):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Protocol, cast
@@ -66,6 +66,12 @@ class Switch:
         """Refuse a name that is none of them."""
         if self.name not in SWITCHES:
             raise UnknownNameError("switch", self.name, SWITCHES)
+
+
+def in_order(switches: Iterable[Switch]) -> tuple[Switch, ...]:
+    """Return switches in the order of :data:`SWITCHES`."""
+    names = [*SWITCHES]
+    return tuple(sorted(switches, key=lambda switch: names.index(switch.name)))
 
 
 class EngineFault(DivergedError):

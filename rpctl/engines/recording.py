@@ -136,8 +136,7 @@ def record(
     Args:
         run: It in an engine, at rest at the origin.
         robot: The robot.
-        plan: The efforts.
-        tick: How long each holds, s.
+        plan: The efforts; each holds for a ``tick`` (s).
         settled: Whether it stands already, with nothing to sink into.
     """
     start, fault = run.state(), ""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -20,12 +20,12 @@ from rpctl.arrays import Array
 from rpctl.dynamics.stance import find_supports
 from rpctl.engines.edited_urdf import Dialect, edged_wheels, edit_urdf, other_shapes
 from rpctl.engines.engine import (
-    SWITCHES,
     EngineFault,
     EngineState,
     LinkMotion,
     Mended,
     Switch,
+    in_order,
     wheel_slip,
 )
 from rpctl.equivalence.contact.model import support_shapes
@@ -203,7 +203,7 @@ class UrdfEngine(ABC):
         module: What is imported of it, when it starts.
         distribution: The name of its package.
         extra: What installs it.
-        run: Its robots.
+        run: The class of its runs, made of a robot, q, what is mended, and the friction.
         said: What it does by default and what mends it, by switch: those of any robot, and those of
             wheels, supports and other shapes where they matter.
 
@@ -216,7 +216,7 @@ class UrdfEngine(ABC):
     module: ClassVar[str]
     distribution: ClassVar[str]
     extra: ClassVar[str]
-    run: ClassVar[Callable[[Robot, Array, Mended, float], UrdfRun]]
+    run: ClassVar[Any]
     said: ClassVar[Mapping[str, tuple[str, str]]]
 
     def __post_init__(self) -> None:
@@ -241,9 +241,7 @@ class UrdfEngine(ABC):
             "collisions": other_shapes(robot),
         }
         common = [Switch(n, *words) for n, words in self.said.items() if matters.get(n, True)]
-        switches = [*common, *self.own_switches(robot)]
-        names = [*SWITCHES]
-        return tuple(sorted(switches, key=lambda switch: names.index(switch.name)))
+        return in_order([*common, *self.own_switches(robot)])
 
     def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> UrdfRun:
         """Return the robot at rest at q (nq,), its wheels at the height of the ground.
@@ -263,7 +261,8 @@ class UrdfEngine(ABC):
             sliding = f"wheel that slides sideways, as {held[0].joint} does"
             what = "rollers" if robot.drive.type in ("mecanum", "omni") else sliding
             raise EngineFault(f"{robot.name} is not compared in {self.name}: it has no {what}")
-        return type(self).run(robot, q, mended, friction)
+        run: UrdfRun = self.run(robot, q, mended, friction)
+        return run
 
 
 def follower_inertia(robot: Robot, q: Array) -> dict[str, float]:

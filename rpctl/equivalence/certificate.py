@@ -129,7 +129,7 @@ def worst(
     labels = []
     for axis, i in enumerate(index):
         known = names[min(axis, len(names) - 1)]
-        labels.append(known[i] if i < len(known) else str(i))
+        labels.append(known[int(i)] if i < len(known) else str(i))
     return Check(name, against, float(size[index]), limit, entry=", ".join(labels))
 
 

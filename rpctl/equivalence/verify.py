@@ -18,7 +18,7 @@ from rpctl.equivalence.certificate import (
     Check,
     Skipped,
 )
-from rpctl.equivalence.file_drive import read, shared
+from rpctl.equivalence.file_drive import FileReading, read, shared
 from rpctl.equivalence.gibbs_appell import (
     BREAKDOWNS,
     STATES_AT_ONCE,
@@ -88,20 +88,25 @@ def verify(
     mujoco, absent = _engine(robot, oracle, engines)
     derivations = _Derivations(dynamics, find_rolling(robot), oracle, geometry, mujoco)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
+    skipped = (*geometry.skipped(), *absent)
+    made = _certificate(robot, reading, rows, samples=samples, seed=seed, skipped=skipped)
+    return _with_trials(robot, made, trials) if trials else made
+
+
+def _certificate(
+    robot: Robot, reading: FileReading, rows: Sequence[Check], **facts: Any
+) -> Certificate:
     declared = tuple(check for check in rows if check.name == DECLARED)
-    certificate = Certificate(
+    return Certificate(
         robot=robot.name,
-        samples=samples,
-        seed=seed,
         checks=tuple(check for check in rows if check not in declared),
-        skipped=(*geometry.skipped(), *absent),
         estimated_links=robot.description.estimated_links,
         declared=declared,
         shared=shared(robot, reading),
         idealised=tuple(each.sentence for each in idealisations(robot)),
         loaded_with={"source": robot.source, **robot.loaded_with.arguments()},
+        **facts,
     )
-    return _with_trials(robot, certificate, trials) if trials else certificate
 
 
 def _require_samples(samples: int) -> None:
@@ -222,7 +227,7 @@ def _with_trials(robot: Robot, certificate: Certificate, trials: Collection[str]
     from rpctl.equivalence.contact import trial as contact_trial
     from rpctl.equivalence.onset import trial as onset_trial
 
-    known = {
+    known: dict[str, tuple[str, Callable[[Robot], Any]]] = {
         "contact": (contact_trial.CHECK_NAME, contact_trial.contact_trial),
         "onset": (onset_trial.TRIAL_NAME, onset_trial.onset_trial),
     }

@@ -20,6 +20,9 @@ from the same fields:
 A record that may be None is switched off by ``false`` in a file. What a field of a type in
 ``CHOICES`` may be is named in its table: ``law = "horizon"``. ``IN_PYTHON`` marks a field that no
 file can say. Types are float, int, bool, str, Literal, records, Mapping, tuple, and Any as it is.
+
+pydantic would check the types, a third of this; ranges of what Python makes, tables that name their
+class, ``false`` for none, and faults in words that end in a way out would be written around it.
 """
 
 from __future__ import annotations

@@ -23,7 +23,21 @@ SMALLEST_LENGTH = 1e-3  # m: no robot is shorter
 
 
 @dataclass(frozen=True)
-class Sizing:
+class Told:
+    """A record that is told in one sentence, too."""
+
+    @property
+    def sentence(self) -> str:
+        """All of it in one line."""
+        raise NotImplementedError
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON says it."""
+        return {**asdict(self), "sentence": self.sentence}
+
+
+@dataclass(frozen=True)
+class Sizing(Told):
     """Size and speed of a reference on a robot.
 
     Attributes:
@@ -62,10 +76,6 @@ class Sizing:
             f"{self.reference}{size} at {self.speed:.2g} {unit}{laps} in {self.duration:.3g} s: "
             f"{self.reason}{arm}"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all of it as JSON says it."""
-        return {**asdict(self), "sentence": self.sentence}
 
 
 @dataclass(frozen=True)

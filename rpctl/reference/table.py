@@ -61,14 +61,15 @@ class ReferenceTable:
         return self.robot.end_effector_poses(q)[:, :3, 3].copy()
 
     @property
-    def state(self) -> ReferenceState:
-        """All of it as one state, whose arrays have a row a time."""
+    def state(self) -> Any:
+        """All of it as one ``ReferenceState``, whose arrays have a row a time."""
         return ReferenceState(*(getattr(self, name) for name in ReferenceState._fields))
 
     def states(self) -> Iterator[ReferenceState]:
         """Yield the state at each time."""
-        for *rest, direction in zip(*self.state, strict=True):
-            yield ReferenceState(*rest, None if np.isnan(direction[0, 0]) else direction)
+        for row in map(ReferenceState, *self.state):
+            known = row.direction is not None and not np.isnan(row.direction[0, 0])
+            yield row if known else row._replace(direction=None)
 
     def at(self, chosen: slice) -> ReferenceTable:
         """Return it at some of its times."""

@@ -42,44 +42,34 @@ def load(
     """Load a robot.
 
     Args:
-        source: A URDF path, a .xacro that becomes one (its expressions are run; what
-            confines them: :func:`rpctl.description.xacro.expansion.expand`), or a name (``rpctl
-            robots``): of the catalogue, or of robot_descriptions (``"fetch_description"``) if
-            that package is installed and its cache filled.
-        drive: The drive, its type (``"differential"``, ``"car-like"``, ...; see ``Drive``), or a
-            drive file (TOML); None finds it.
-        lock: Joints to freeze: name patterns (``"hand_*"``), at position 0, or ``{pattern:
-            position}`` (rad or m). They add to those that the catalogue freezes.
-        density: kg/m³ from which the shapes of links without <inertial> estimate their inertias;
-            None leaves these links massless, or refuses them where a joint moves nothing else.
-        end_effector: Link to track; None takes the end of the longest chain of moving joints,
-            before its gripper.
-        strict: Whether warnings are errors, and so are assumptions about the drive.
-        package_dirs: Packages, or folders that hold packages, where ``package://`` and
-            ``$(find ...)`` look first, at any depth (``~/ws/src``); the workspace around the file,
-            ROS_PACKAGE_PATH and AMENT_PREFIX_PATH come after them.
-        xacro_args: Values of the arguments (``<xacro:arg>``) of a .xacro, by name; ``"env:NAME"``
-            is a variable for its ``$(env NAME)``, which sees none of the environment's.
-        ignore_missing_packages: Whether what a .xacro includes from packages that are not found
-            is left out.
-        home: The posture of the arm that references start from: ``{joint: position}`` (rad or m),
-            or words: ``"NAME=POSITION"``, a state of an SRDF (``"robot.srdf:home"``), ``"auto"``
-            for a posture to work from, ``"zero"``. Joints left out are at 0, or the nearest
-            position well inside their limits; where the arm is near a singular posture there, it
-            takes one to work from.
-        free: Name patterns of joints that are frozen by default and that are to move: those of
-            grippers and of passive suspensions, and those that the catalogue freezes; and joints
-            that look like wheels and are an arm's.
-        losses: Whether the damping and friction of ``<dynamics>`` are part of the model; False is
-            the ideal robot of [MS21].
-        armature: Whether the rotors that the file's transmissions tell of turn with their joints
-            (I n² on the diagonal of M), or ``{pattern: I n²}`` (kg·m², or kg where the joint
-            slides) for the others.
+        source: A URDF, a .xacro (its expressions are run, confined), or a name of the catalogue or
+            of robot_descriptions (``rpctl robots``).
+        drive: The drive, its type (``"differential"``, ...; see ``Drive``), or a drive file (TOML);
+            None finds it.
+        **settings: What follows, by name.
+        lock: Joints to freeze besides the catalogue's: name patterns (``"hand_*"``), at position 0,
+            or ``{pattern: position}``, rad or m.
+        density: kg/m³ from which the shapes of links without <inertial> estimate their inertias.
+        end_effector: Link to track; None takes the end of the longest chain of moving joints.
+        strict: Whether warnings, and what is assumed of the drive, are errors.
+        package_dirs: Packages, or folders that hold packages at any depth, where ``package://`` and
+            ``$(find ...)`` look first; then the workspace around the file and ROS's search paths.
+        xacro_args: Values of the arguments of a .xacro, by name; ``"env:NAME"`` is a variable for
+            its ``$(env NAME)``, which sees none of the environment's.
+        ignore_missing_packages: Whether includes from packages that are not found are left out.
+        home: Where the arm starts: ``{joint: position}`` (rad or m), or words: ``"NAME=POSITION"``,
+            a state of an SRDF (``"robot.srdf:home"``), ``"auto"`` for a posture to work from,
+            ``"zero"``. Joints left out are at 0 or well inside their limits, wherever the arm can
+            work from there.
+        free: Name patterns of joints that are to move though they are frozen by default: those of
+            grippers, suspensions and the catalogue; and of wheels that are an arm's joints.
+        losses: Whether damping and friction of the file count; False is the ideal robot of [MS21].
+        armature: Whether the rotors of the file's transmissions count (I n² on M's diagonal), or
+            ``{pattern: I n²}`` (kg·m², or kg where the joint slides) for the others.
 
     Raises:
         DescriptionError: The file cannot be used; every fault is named with its line.
-        ExpansionError: A .xacro cannot be expanded.
-        DriveError: No drive was found, or more than one.
+        ExpansionError, DriveError: A .xacro cannot be expanded; no drive was found, or several.
         UnknownNameError: A name is not known; the nearest are suggested.
     """
     return load_robot(source, LoadSettings.of(drive, **settings))

@@ -203,8 +203,8 @@ class LaneColumns:
             settings=np.array([self._settings(config) for config in configs]),
             most=np.array([plant.saturation(robot) for plant in plants]),
             back=np.array([delay_periods(plant.delay, period) for plant in plants], np.int64),
-            deviations=np.array([sensors.deviations(plant.noise) for plant in plants]),
-            offsets=np.array([sensors.errors(plant.sensor_bias) for plant in plants]),
+            deviations=np.array([sensors.row(plant.noise) for plant in plants]),
+            offsets=np.array([sensors.row(plant.sensor_bias) for plant in plants]),
             seeds=tuple(plant.seed for plant in plants),
         )
 

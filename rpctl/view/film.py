@@ -49,26 +49,8 @@ GIF_COLOURS = 256  # of a GIF
 CENTISECONDS = 100  # in a second; a GIF counts in them
 MAX_GIF_RATE_HZ = 50  # Hz; browsers slow down what is faster
 
+TakePicture = Callable[[int], "Image"]
 Progress = Callable[[int, int], object]  # called with the number of pictures done and their total
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """The pictures of a film.
-
-    Attributes:
-        take: Returns a picture by its number; all are of one size, even both ways.
-        count: How many there are.
-        rate: Pictures a second.
-        progress: Called as they are done.
-        comment: That the file keeps.
-    """
-
-    take: Callable[[int], Image]
-    count: int
-    rate: int
-    progress: Progress
-    comment: str
 
 
 def write_film(
@@ -100,16 +82,16 @@ def write_film(
     if form is None:
         raise RpctlError(f"{path}: films are .mp4 or .gif; give a name that ends so")
     size, rate = _checked(size or form.size), rate or form.rate
-    if form.encode is gif and (CENTISECONDS % rate or rate > MAX_GIF_RATE_HZ):
-        raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
     require_writable(path)
     count = _picture_count(run, path, rate)
     with _camera(run, size, robot) as photograph:
 
         def take(number: int) -> Image:
-            return photograph(number / rate, True)
+            picture = photograph(number / rate, True)
+            progress(number + 1, count)
+            return picture
 
-        film = form.encode(Pictures(take, count, rate, progress, comment(run.digest)))
+        film = form.encode(take, count, rate, comment(run.digest))
     return write_atomically(path, film)
 
 
@@ -155,6 +137,8 @@ def write_still(
 
 
 def _picture_count(run: Run, path: Path, rate: int) -> int:
+    if path.suffix.lower() == ".gif" and (CENTISECONDS % rate or rate > MAX_GIF_RATE_HZ):
+        raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
     count = int(np.floor((run.t[-1] - run.t[0]) * rate + FRAME_TOLERANCE)) + 1
     if count > cap("MAX_PICTURES"):
         fault = f"{path}: a film of {count:,} pictures, over {cap('MAX_PICTURES'):,}"
@@ -193,8 +177,14 @@ def _camera(
 # ---- formats ------------------------------------------------------------
 
 
-def mp4(film: Pictures) -> bytes:
+def mp4(take: TakePicture, count: int, rate: int, remark: str) -> bytes:
     """Return pictures as an MP4 that every browser plays.
+
+    Args:
+        take: Returns a picture by its number; all are of one size, even both ways.
+        count: How many there are.
+        rate: Pictures a second.
+        remark: That the file keeps.
 
     Raises:
         RpctlError: PyAV is not installed.
@@ -206,36 +196,37 @@ def mp4(film: Pictures) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
-            container.metadata["comment"] = film.comment
+            container.metadata["comment"] = remark
             options = {"crf": QUALITY, "x264-params": BT709}
-            stream: Any = container.add_stream("libx264", rate=film.rate, options=options)
+            stream: Any = container.add_stream("libx264", rate=rate, options=options)
             stream.pix_fmt = "yuv420p"
-            for number in range(film.count):
-                picture = film.take(number)
+            for number in range(count):
+                picture = take(number)
                 if not number:
                     stream.width, stream.height = picture.size
                 shot = av.VideoFrame.from_ndarray(np.asarray(picture), format="rgb24")
                 container.mux(stream.encode(shot.reformat(format="yuv420p", dst_colorspace=1)))
-                film.progress(number + 1, film.count)
             container.mux(stream.encode())
         return path.read_bytes()
 
 
-def gif(film: Pictures) -> bytes:
-    """Return pictures as a GIF that repeats for ever, all in one palette, so nothing flickers."""
+def gif(take: TakePicture, count: int, rate: int, remark: str) -> bytes:
+    """Return pictures as a GIF that repeats for ever, as :func:`mp4` does.
+
+    All are in one palette, so nothing flickers; those that give it are taken twice.
+    """
     from PIL import Image
 
-    chosen = np.unique(np.linspace(0, film.count - 1, PALETTE_SAMPLES).astype(int)).tolist()
-    samples = np.concatenate([np.asarray(film.take(k)) for k in chosen])
+    chosen = np.unique(np.linspace(0, count - 1, PALETTE_SAMPLES).astype(int)).tolist()
+    samples = np.concatenate([np.asarray(take(k)) for k in chosen])
     palette = Image.fromarray(samples).quantize(GIF_COLOURS, Image.Quantize.MEDIANCUT)
     pictures = []
-    for number in range(film.count):
-        picture = film.take(number).quantize(palette=palette, dither=Image.Dither.NONE)
+    for number in range(count):
+        picture = take(number).quantize(palette=palette, dither=Image.Dither.NONE)
         pictures.append(picture)
-        film.progress(number + 1, film.count)
     buffer = io.BytesIO()
-    options: dict[str, Any] = {"comment": film.comment.encode()} if film.comment else {}
-    options |= {"duration": 1000 // film.rate, "loop": 0}  # ms a picture; for ever
+    options: dict[str, Any] = {"comment": remark.encode()} if remark else {}
+    options |= {"duration": 1000 // rate, "loop": 0}  # ms a picture; for ever
     pictures[0].save(buffer, "GIF", save_all=True, append_images=pictures[1:], **options)
     return buffer.getvalue()
 
@@ -244,7 +235,7 @@ def gif(film: Pictures) -> bytes:
 class FilmFormat:
     """A film's format: its encoder, and the size (pixels) and rate (Hz) where none is asked for."""
 
-    encode: Callable[[Pictures], bytes]
+    encode: Callable[[TakePicture, int, int, str], bytes]
     size: Size
     rate: int
 

@@ -1,4 +1,4 @@
-"""A chart that stands still: pages draw it without a script, paper by Matplotlib."""
+"""A chart that stands still, which a page without scripts has; and axes over any values."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.study.words import number
 
 DECADES_RATIO = 40.0  # largest over smallest: beyond, an axis is logarithmic
 MAX_DECADES_RATIO = 1e6  # that a logarithmic axis shows
@@ -26,10 +25,8 @@ class Axis:
     log: bool = False
 
     def at(self, values: Array | float) -> Array:
-        """Return where values are, 0 at the low end to 1; beyond the ends they are at them."""
+        """Return where values are, 0 at a linear axis's low end to 1; beyond its ends at them."""
         inside = np.clip(values, self.low, self.high)
-        if self.log:
-            return np.asarray(np.log(inside / self.low) / math.log(self.high / self.low))
         return np.asarray((inside - self.low) / (self.high - self.low))
 
     def value(self, shares: Array) -> Array:
@@ -39,15 +36,10 @@ class Axis:
         return np.asarray(self.low + (self.high - self.low) * shares)
 
     def ticks(self) -> list[float]:
-        """Return round values inside, about :data:`TICKS` of them."""
-        if not self.log:
-            step = _round_step((self.high - self.low) / TICKS)
-            first = math.ceil(self.low / step - 1e-9)
-            return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
-        decades = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
-        steps = (1.0, 3.0) if len(decades) <= 4 else (1.0,)
-        values = [step * 10.0**decade for decade in decades for step in steps]
-        return [value for value in values if self.low <= value * 1.0001 <= self.high * 1.0002]
+        """Return round values inside a linear axis, about :data:`TICKS` of them."""
+        step = _round_step((self.high - self.low) / TICKS)
+        first = math.ceil(self.low / step - 1e-9)
+        return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
 
 
 def _round_step(least: float) -> float:
@@ -82,13 +74,13 @@ def axis_over(values: Array, label: str = "", log: bool | None = None, zero: boo
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """A line, or what is filled between it and a floor.
+    """A line, or what is filled below it.
 
     Attributes:
-        x: Places (n,); of steps, their edges (n + 1,).
+        x: Places (n,).
         y: Values (n,); those that are no numbers are left out.
         colour: Its name in the palette, or ``c0``, ``c1``, ... of lines.
-        floor: Down to where it is filled (n,); None: a line.
+        filled: Whether it is filled down to the axis, not a line.
         opacity: Of the colour.
         width: Of a line, px on a page.
         dashed: Whether a line is dashed.
@@ -98,16 +90,11 @@ class Mark:
     x: Array
     y: Array
     colour: str
-    floor: Array | None = None
+    filled: bool = False
     opacity: float = 1.0
     width: float = 2.0
     dashed: bool = False
     label: str = ""
-
-    @property
-    def steps(self) -> bool:
-        """Whether it is a bar between each place and the next."""
-        return len(self.x) > len(self.y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +114,3 @@ class StillChart:
     y: Axis
     marks: tuple[Mark, ...] = ()
     summary: str = ""
-
-
-def fitting(ticks: list[float], room: int) -> list[float]:
-    """Return every n-th of the ticks, so that their labels do not touch.
-
-    Args:
-        ticks: Their values, in order.
-        room: Characters that fit side by side.
-    """
-    length = 2 + max((len(number(each)) for each in ticks), default=0)
-    return ticks[:: max(1, -(-len(ticks) * length // room))]

@@ -82,7 +82,7 @@ def test_rollers_are_held_along_their_axles(tmp_path: Path, kind: str) -> None:
     for wheel in robot.drive.wheels:
         x, y = wheel.direction
         expected = [cos * x - sin * y, sin * x + cos * y, 0.0]
-        np.testing.assert_allclose(model.rollers.held(wheel), expected, atol=1e-9)
+        np.testing.assert_allclose(model.held(wheel), expected, atol=1e-9)
 
 
 def test_a_mecanum_base_slides_across_its_rollers_only(tmp_path: Path) -> None:
@@ -94,8 +94,8 @@ def test_a_mecanum_base_slides_across_its_rollers_only(tmp_path: Path) -> None:
         push(model)
     push(model)
     for contact in model.data.contact:
-        wheel = model.rollers.geoms[int(contact.geom2)]
-        along = model.rollers.held(wheel)
+        wheel = model.rolling[int(contact.geom2)]
+        along = model.held(wheel)
         np.testing.assert_allclose(contact.frame[3:6], along, atol=1e-12)
         np.testing.assert_allclose(contact.frame[6:], np.cross([0.0, 0.0, 1.0], along), atol=1e-12)
         assert contact.friction[1] < 1e-4 < contact.friction[0]
@@ -136,8 +136,8 @@ def test_a_tie_rod_is_a_spring_between_two_knuckles() -> None:
     assert model.joint(follower)[0] == pytest.approx(right)
     data.qpos[dofs[follower] + 1] += 0.01
     data.qvel[dofs[leader]], data.qvel[dofs[follower]] = 0.2, 0.05
-    model.rods.pull()
-    pull = model.rods.inertia[follower] * 300.0 * (300.0 * 0.01 + 2.0 * (0.05 - slope * 0.2))
+    model.pull_rods()
+    pull = model.rods[follower] * 300.0 * (300.0 * 0.01 + 2.0 * (0.05 - slope * 0.2))
     expected = np.zeros(len(data.qfrc_applied))
     expected[dofs[leader]], expected[dofs[follower]] = slope * pull, -pull
     np.testing.assert_allclose(data.qfrc_applied, expected, atol=1e-5 * pull)

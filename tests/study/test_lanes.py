@@ -117,8 +117,7 @@ def test_each_run_is_its_own(name: str, more: str, rng: np.random.Generator) -> 
         own, still = ReducedDynamics(variant), np.zeros(robot.dof)
         rest = own.efforts(q, own.bias(q, still)) - config.plant.bias(robot)
         np.testing.assert_allclose(found.rest[k], rest, rtol=1e-10, atol=1e-10)
-        late = config.plant.pipeline(rest, config.run.control_period)
-        assert found.back[k] == len(late)
+        assert found.back[k] == round(config.plant.delay / config.run.control_period)
         np.testing.assert_allclose(found.most[k], values[k][12] * robot.effort_limits)
         assert found.seeds[k] == config.plant.seed
     assert found.rows(np.array([2, 0])).seeds == (found.seeds[2], found.seeds[0])

@@ -12,7 +12,6 @@ from rpctl import Run
 from rpctl.simulation.merits.collision_facts import (
     GROUND,
     SELF,
-    Collision,
     CollisionFacts,
     LinkClearance,
 )
@@ -22,7 +21,6 @@ from rpctl.view.pages.motion_data import (
     MAX_POINTS,
     chart_data,
 )
-from rpctl.view.pages.report import timeline_mark
 from tests.runs import vary
 
 
@@ -58,14 +56,6 @@ def test_clearance_shows_obstacles_and_what_was_come_near_to(paper_run: Run) -> 
     lines = chart(replace(paper_run, collisions=both), "Clearance").lines
     assert [each.label for each in lines] == ["ground", disc.removeprefix("the ")]
     assert "Clearance" not in titles(replace(paper_run, collisions=None))
-
-
-def test_the_timeline_is_marked_where_links_collide() -> None:
-    into = Collision("the ground", "arm <1>", "", 0.02, 2.0, 1.0)
-    mark = timeline_mark(into, 0.0, 4.0)
-    assert "left:calc(8px + 0.5000*(100% - 16px))" in mark.style
-    assert "width:max(3px, 0.2500*(100% - 16px))" in mark.style
-    assert mark.text.startswith("arm <1> ran into the ground at 2 s, 20 mm deep")
 
 
 def stretched(run: Run, count: int) -> Run:

@@ -26,8 +26,7 @@ def content(suffix: str, golden: Run, run: str | None) -> bytes:
         return to_png(figure, 50, run) if suffix == ".png" else to_pdf(figure, run)
     if suffix == ".mp4":
         pytest.importorskip("av")
-    pictures = film.Pictures(PICTURES.__getitem__, 3, 10, lambda *done: None, comment(run))
-    return film.FORMATS[suffix].encode(pictures)
+    return film.FORMATS[suffix].encode(PICTURES.__getitem__, 3, 10, comment(run))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".gif", ".mp4"])

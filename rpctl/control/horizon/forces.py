@@ -14,7 +14,7 @@ from rpctl.control.horizon.prediction import Model
 from rpctl.dynamics.ground_reaction import Contacts, stance_at
 from rpctl.dynamics.projection import Projection
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.stance import Stance, loads
+from rpctl.dynamics.stance import Stance, pressed_loads
 from rpctl.robot.coordinates import ROOT_JOINT
 
 ROOT_AT_ORIGIN = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
@@ -269,9 +269,5 @@ def _load_split(stance: Stance, moments: Array) -> Array:
     if least.min() >= 0.0 or len(least) == 3:
         return stance.split
     margin = float((stance.inward @ (moments[1:] / moments[0]) + stance.offset).min())
-    bearing = loads(stance, moments, margin) > 0.0
-    if margin <= 0.0 or bearing.all():
-        return stance.split
-    load_split = np.zeros_like(stance.split)
-    load_split[bearing] = np.linalg.pinv(stance.statics[:, bearing])
-    return load_split
+    found = pressed_loads(stance, moments, least) if margin > 0.0 else None
+    return stance.split if found is None else found.slope

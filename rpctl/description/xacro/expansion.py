@@ -114,7 +114,6 @@ def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
     Raises:
         ExpansionError: There is none.
     """
-    read_source(path)
     if importlib.util.find_spec("xacro") is None:
         raise refusal(path, f"this is xacro, and the xacro package is not installed; {INSTALL}")
     words = settings.xacro_args.items()

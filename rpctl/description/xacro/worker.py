@@ -74,9 +74,8 @@ def main(channel: Channel) -> None:
 def _expand(request: dict[str, Any], outside: Outside) -> dict[str, Any]:
     """Return what became of a file.
 
-    Args:
-        request: The file's path, values of its arguments and of its environment, and whether the
-            text is wanted although packages are missing.
+    The request has its path, values of its arguments and of its environment, and whether the text
+    is wanted although packages are missing.
     """
     file, given, lenient = request["file"], request["arguments"], request["lenient"]
 

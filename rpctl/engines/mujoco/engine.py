@@ -15,6 +15,7 @@ from rpctl.engines.engine import (
     LinkMotion,
     Mended,
     Switch,
+    in_order,
     joint_losses,
     wheel_slip,
 )
@@ -72,7 +73,7 @@ class MujocoSimulator:
 
     def switches(self, robot: Robot) -> tuple[Switch, ...]:
         """Return the switches that mean something of this robot."""
-        return tuple(mujoco_switches(robot))
+        return in_order(mujoco_switches(robot))
 
     def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
         """Return the robot at rest at q (nq,); :meth:`rpctl.engines.engine.Engine.start`."""

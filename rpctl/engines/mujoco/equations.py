@@ -293,11 +293,13 @@ def from_plain(plain: Mapping[str, Any]) -> Witness:
     Raises:
         ValueError: They are none.
     """
-    texts = {key: tuple(map(str, plain[key])) for key in ("joints", "speeds", "actuators")}
+    texts: dict[str, Any] = {
+        key: tuple(map(str, plain[key])) for key in ("joints", "speeds", "actuators")
+    }
     joints, states = len(texts["joints"]), len(plain["nu"])
     size = {"a": len(texts["actuators"]), "j": joints, "d": len(texts["speeds"]),
             "c": ROOT_NV + joints, "q": ROOT_NV + 1 + joints, "s": states}  # fmt: skip
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for key, axes in SHAPES.items():
         arrays[key] = np.array(plain[key], dtype=float)
         wanted = tuple(size[axis] for axis in axes)

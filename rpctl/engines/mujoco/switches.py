@@ -226,34 +226,36 @@ def listed(names: Sequence[str]) -> str:
     return f"{', '.join(rest)} and {last}" if rest else last
 
 
-def mujoco_switches(robot: Robot) -> Iterator[Switch]:
-    """Yield the switches that mean something in MuJoCo of a robot."""
-    yield _wheel(robot)
-    yield from _caster(robot)
-    yield Switch(
-        "cone",
+SAID = {  # what MuJoCo does with any robot by default, and what mends it
+    "cone": (
         "friction is a pyramid, stronger along some directions than along others",
         'set <option cone="elliptic"/>',
-    )
-    yield Switch(
-        "friction",
+    ),
+    "friction": (
         "friction is MuJoCo's own coefficient, 1",
         'set <geom friction="MU 0.005 0.0001"/> on the wheels and the ground',
-    )
-    yield from _inertia(robot)
-    yield Switch(
-        "softness",
+    ),
+    "softness": (
         "contacts are soft (solref 0.02 s): wheels sink and creep",
         f'set <geom solref="{SOLREF_WORDS}" solimp="{SOLIMP_WORDS}"/> and <option impratio="0.1"/>',
-    )
-    yield Switch("timestep", "a step takes 2 ms", f'set <option timestep="{STEP_S:g}"/>')
-    yield from _mimic(robot)
-    yield from _losses(robot)
-    yield Switch(
-        "collisions",
+    ),
+    "timestep": ("a step takes 2 ms", f'set <option timestep="{STEP_S:g}"/>'),
+    "collisions": (
         "links that overlap push each other apart, or rest on the ground",
         'set contype="0" conaffinity="0" on all but wheels and supports, or <contact><exclude/>',
-    )
+    ),
+}
+
+
+def mujoco_switches(robot: Robot) -> Iterator[Switch]:
+    """Yield the switches that mean something in MuJoCo of a robot."""
+    for name, (fault, setting) in SAID.items():
+        yield Switch(name, fault, setting)
+    yield _wheel(robot)
+    yield from _caster(robot)
+    yield from _inertia(robot)
+    yield from _mimic(robot)
+    yield from _losses(robot)
 
 
 def _wheel(robot: Robot) -> Switch:
@@ -319,18 +321,18 @@ def _inertia(robot: Robot) -> Iterator[Switch]:
     links = robot.description.links
     guessed = [link.name for link in links if link.mass is None and link.collisions]
     unphysical = [link.name for link in links if link_fault(link)]
-    faults, settings = [], []
+    faults = {}
     if guessed:
-        faults.append(f"{listed(guessed)} have no <inertial> and weigh 1000 kg/m³")
-        settings.append('set <compiler inertiafromgeom="false"/>')
+        fault = f"{listed(guessed)} have no <inertial> and weigh 1000 kg/m³"
+        faults[fault] = 'set <compiler inertiafromgeom="false"/>'
     if unphysical:
-        faults.append(f"the inertias of {listed(unphysical)} are unphysical and get changed")
-        settings.append("give the sum of the links fixed together to the body that moves")
+        fault = f"the inertias of {listed(unphysical)} are unphysical and get changed"
+        faults[fault] = "give the sum of the links fixed together to the body that moves"
     if robot.armature.any():
-        faults.append("rotors have no inertia")
-        settings.append('set <joint armature="..."/> to that of the <transmission>')
+        setting = 'set <joint armature="..."/> to that of the <transmission>'
+        faults["rotors have no inertia"] = setting
     if faults:
-        yield Switch("inertia", "; ".join(faults), "; ".join(settings))
+        yield Switch("inertia", "; ".join(faults), "; ".join(faults.values()))
 
 
 def _mimic(robot: Robot) -> Iterator[Switch]:

@@ -30,7 +30,7 @@ from rpctl.equivalence.contact.plan import (
     rest_plan,
     start,
 )
-from rpctl.equivalence.contact.trial import Gap, tilt_note, travelled
+from rpctl.equivalence.contact.trial import Gap, gap_row, tilt_note, travelled
 from rpctl.errors import ActuationError, DivergedError, RpctlError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import Robot
@@ -214,11 +214,12 @@ def _stand(body: _TrialBody, rest: ContactPlan, duration: float) -> None:
 
 def _standing_rows(first: Array, last: Array) -> list[Gap]:
     """Return the rows of a robot that is left alone for a second: it neither moves nor leans."""
-    moved = float(np.linalg.norm((last - first)[[0, 1, 3]]))
-    turned = max(abs(math.remainder(last[2] - first[2], 2.0 * math.pi)), abs(last[4] - first[4]))
+    moved = np.array([[np.linalg.norm((last - first)[[0, 1, 3]])]])
+    turn = math.remainder(last[2] - first[2], 2.0 * math.pi)
+    turned = np.array([[max(abs(turn), abs(last[4] - first[4]))]])
     return [
-        _gap(f"{STEADY}: place", moved, STAND_BAND_M, "m"),
-        _gap(f"{STEADY}: turn and lean", turned, STAND_BAND_RAD, "rad"),
+        gap_row(f"{STEADY}: place", moved, STAND_BAND_M, "m", against=FILE),
+        gap_row(f"{STEADY}: turn and lean", turned, STAND_BAND_RAD, "rad", against=FILE),
     ]
 
 
@@ -238,14 +239,10 @@ def _motion_rows(dynamics: ReducedDynamics, body: _TrialBody, plan: ContactPlan)
         poses.append(pose)
     way = travelled(np.array(poses))
     turned = float(np.abs(np.diff(np.array(poses)[:, 2])).sum())
-    far, off = np.array(apart).max(axis=0).tolist()
+    far, off = np.array(apart).max(axis=0).reshape(2, 1, 1)
     wide = ROLLER_BANDS if has_rollers(dynamics.robot) else 1.0
+    band = wide * (HEADING_BAND * turned + HEADING_FLOOR)
     return [
-        _gap("path", far, wide * (PATH_BAND * way + PATH_FLOOR_M), "m"),
-        _gap("heading", off, wide * (HEADING_BAND * turned + HEADING_FLOOR), "rad"),
+        gap_row("path", far, wide * (PATH_BAND * way + PATH_FLOOR_M), "m", against=FILE),
+        gap_row("heading", off, band, "rad", against=FILE),
     ]
-
-
-def _gap(name: str, gap: float, band: float, unit: str) -> Gap:
-    size = gap if math.isfinite(gap) else math.inf
-    return Gap(name, FILE, size / band, 1.0, gap=size, band=band, unit=unit)

@@ -311,94 +311,6 @@ def tie_rod_efforts(
     return efforts
 
 
-class TieRods:
-    """Springs that hold the swivels that follow others to their places.
-
-    Args:
-        body: The robot in MuJoCo.
-        bandwidth: Of each spring, rad/s.
-
-    Attributes:
-        inertia: Of each follower about its axis, once it is measured, kg·m².
-    """
-
-    def __init__(self, body: MujocoBody, bandwidth: float) -> None:
-        self._body, self._bandwidth = body, bandwidth
-        self.inertia: dict[str, float] = {}
-
-    def measure(self) -> None:
-        """Measure what each follower weighs about its axis, where the robot is now."""
-        body, followers = self._body, self._body.robot.drive.followers
-        if followers:
-            M = np.zeros((body.mjm.nv, body.mjm.nv))
-            body.mujoco.mj_fullM(body.mjm, body.data, M)
-            dofs = {swivel.joint: body.dofs[swivel.joint] for swivel in followers}
-            self.inertia = {name: float(M[dof, dof]) for name, dof in dofs.items()}
-
-    def pull(self) -> None:
-        """Pull each swivel that follows towards its place, and those that it follows back.
-
-        Rods that were not measured do not pull.
-        """
-        body, drive = self._body, self._body.robot.drive
-        if not self.inertia:
-            return
-        swivels = [swivel.joint for swivel in (*drive.steered, *drive.followers)]
-        joints = {name: body.joint(name) for name in swivels}
-        efforts = tie_rod_efforts(drive, joints, self.inertia, self._bandwidth)
-        for name, effort in efforts.items():
-            body.data.qfrc_applied[body.dofs[name]] += effort
-
-
-class Rollers:
-    """Wheels that the ground holds in one direction only: rollers and balls.
-
-    Args:
-        body: The robot in MuJoCo.
-        geoms: Index of the geom of each wheel that touches at one point, by the wheel's joint.
-        friction: Coefficient along the direction that is held.
-
-    Attributes:
-        geoms: The wheels of which there is something to do, by the index of their geom.
-    """
-
-    def __init__(self, body: MujocoBody, geoms: Mapping[str, int], friction: float) -> None:
-        self._body, self._friction = body, friction
-        wheels = {wheel.joint: wheel for wheel in body.robot.drive.wheels}
-        self.geoms: dict[int, Wheel] = {
-            geom: wheels[name]
-            for name, geom in geoms.items()
-            if one_directional(body.robot, wheels[name])
-        }
-
-    def turn(self) -> None:
-        """Let friction hold rollers and balls along one direction only, between two half steps."""
-        if not self.geoms:
-            return
-        mujoco, model, data = self._body.mujoco, self._body.mjm, self._body.data
-        frames, friction = data.contact.frame, data.contact.friction
-        for k, geom in enumerate(data.contact.geom2.tolist()):
-            wheel = self.geoms.get(geom)
-            if wheel is None:
-                continue
-            (nx, ny, nz), (x, y, _) = frames[k, :3].tolist(), self.held(wheel).tolist()
-            frames[k, 3:] = x, y, 0.0, -nz * y, nz * x, nx * y - ny * x  # n × held
-            friction[k, :2] = self._friction, ROLLER_FRICTION
-        mujoco.mj_makeConstraint(model, data)
-        mujoco.mj_projectConstraint(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-
-    def held(self, wheel: Wheel) -> Array:
-        """Return the direction (3,) in which the ground holds a wheel, level, world.
-
-        It is the drive's angle off the wheel's rolling direction, which MuJoCo's axle gives.
-        """
-        axle = self._body.data.xaxis[self._body.mjm.joint(wheel.joint).id]
-        ahead = np.array([axle[1], -axle[0], 0.0]) / math.hypot(axle[0], axle[1])
-        x, y = _off_rolling(self._body.robot, wheel)
-        return np.array([x * ahead[0] - y * ahead[1], x * ahead[1] + y * ahead[0], 0.0])
-
-
 @dataclass(frozen=True, eq=False)
 class Touching:
     """What of a robot meets the ground in MuJoCo.
@@ -419,6 +331,9 @@ class Touching:
 class RollingBody(MujocoBody):
     """A robot in MuJoCo whose rollers and tie rods are worked in each step.
 
+    Rollers and balls are held by the ground in one direction only; rods are springs that hold the
+    swivels that follow others to their places.
+
     Args:
         robot: The robot, whose names the model has.
         model: The ``MjModel``.
@@ -427,17 +342,23 @@ class RollingBody(MujocoBody):
         friction: Coefficient along the direction in which rollers and balls are held.
 
     Attributes:
-        rollers: The wheels that are held in one direction only.
-        rods: The tie rods.
+        rolling: The wheels that are held in one direction only, by the index of their geom.
+        rods: What each follower weighs about its axis, by joint, kg·m²; without, no rod pulls.
     """
 
     def __init__(
         self, robot: Robot, model: Any, root: str, touching: Touching, friction: float
     ) -> None:
         super().__init__(robot, model, root, touching.contacts, touching.owner)
-        geoms = {name: int(model.geom(geom).id) for name, geom in touching.crowned.items()}
-        self.rollers = Rollers(self, geoms, friction)
-        self.rods = TieRods(self, min(TIE_ROD_BANDWIDTH, STABLE / model.opt.timestep))
+        crowned = {w: touching.crowned.get(w.joint) for w in robot.drive.wheels}
+        self.rolling: dict[int, Wheel] = {
+            int(model.geom(geom).id): wheel
+            for wheel, geom in crowned.items()
+            if geom is not None and one_directional(robot, wheel)
+        }
+        self.rods: dict[str, float] = {}
+        self._friction = friction
+        self._bandwidth = min(TIE_ROD_BANDWIDTH, STABLE / model.opt.timestep)
         self._motors = [self.dofs[name] for name in robot.actuators]
 
     def start(self, q: Array, tied: bool = True) -> None:
@@ -449,21 +370,58 @@ class RollingBody(MujocoBody):
         """
         self.put(q, -self.robot.drive.ground)
         self.mujoco.mj_forward(self.mjm, self.data)
-        if tied:
-            self.rods.measure()
+        if tied and self.robot.drive.followers:
+            M = np.zeros((self.mjm.nv, self.mjm.nv))
+            self.mujoco.mj_fullM(self.mjm, self.data, M)
+            dofs = {swivel.joint: self.dofs[swivel.joint] for swivel in self.robot.drive.followers}
+            self.rods = {name: float(M[dof, dof]) for name, dof in dofs.items()}
 
     def steps(self, tau: Array, count: int) -> Iterator[int]:
         """Step under efforts (n_act,), N·m or N, and yield the number of each step."""
-        mujoco, model, data = self.mujoco, self.mjm, self.data
         with muted():
             for step in range(count):
-                data.qfrc_applied[:] = 0.0
-                data.qfrc_applied[self._motors] = tau
-                self.rods.pull()
-                mujoco.mj_step1(model, data)
-                self.rollers.turn()
-                mujoco.mj_step2(model, data)
+                self.data.qfrc_applied[:] = 0.0
+                self.data.qfrc_applied[self._motors] = tau
+                self.pull_rods()
+                self.mujoco.mj_step1(self.mjm, self.data)
+                self._turn_contacts()
+                self.mujoco.mj_step2(self.mjm, self.data)
                 yield step
+
+    def pull_rods(self) -> None:
+        """Pull each swivel that follows towards its place, and those that it follows back."""
+        drive = self.robot.drive
+        if self.rods:
+            swivels = [swivel.joint for swivel in (*drive.steered, *drive.followers)]
+            joints = {name: self.joint(name) for name in swivels}
+            efforts = tie_rod_efforts(drive, joints, self.rods, self._bandwidth)
+            for name, effort in efforts.items():
+                self.data.qfrc_applied[self.dofs[name]] += effort
+
+    def _turn_contacts(self) -> None:
+        """Let friction hold rollers and balls along one direction only, between two half steps."""
+        if not self.rolling:
+            return
+        frames, friction = self.data.contact.frame, self.data.contact.friction
+        for k, geom in enumerate(self.data.contact.geom2.tolist()):
+            wheel = self.rolling.get(geom)
+            if wheel is not None:
+                (nx, ny, nz), (x, y, _) = frames[k, :3].tolist(), self.held(wheel).tolist()
+                frames[k, 3:] = x, y, 0.0, -nz * y, nz * x, nx * y - ny * x  # n × held
+                friction[k, :2] = self._friction, ROLLER_FRICTION
+        self.mujoco.mj_makeConstraint(self.mjm, self.data)
+        self.mujoco.mj_projectConstraint(self.mjm, self.data)
+        self.mujoco.mj_fwdVelocity(self.mjm, self.data)
+
+    def held(self, wheel: Wheel) -> Array:
+        """Return the direction (3,) in which the ground holds a wheel, level, world.
+
+        It is the drive's angle off the wheel's rolling direction, which MuJoCo's axle gives.
+        """
+        axle = self.data.xaxis[self.mjm.joint(wheel.joint).id]
+        ahead = np.array([axle[1], -axle[0], 0.0]) / math.hypot(axle[0], axle[1])
+        x, y = _off_rolling(self.robot, wheel)
+        return np.array([x * ahead[0] - y * ahead[1], x * ahead[1] + y * ahead[0], 0.0])
 
 
 def one_directional(robot: Robot, wheel: Wheel) -> bool:

@@ -185,16 +185,18 @@ def gaps(
     turned = float(np.abs(np.diff(engine.pose[:, 2])).sum())
     apart = np.hypot(*(reduced.pose - engine.pose)[:, :2].T)[:, None]
     way = PATH_BAND * travelled(engine.pose) + PATH_BAND_FLOOR_M
-    yield _gap("path", apart, way, "m")
+    yield gap_row("path", apart, way, "m")
     turn = _wrapped(reduced.pose[:, 2:] - engine.pose[:, 2:])
-    yield _gap("heading", turn, HEADING_BAND * turned + HEADING_BAND_FLOOR, "rad")
-    yield _gap("force of the ground", reduced.force - engine.force, LOAD_BAND * weight, "N", AXES)
+    yield gap_row("heading", turn, HEADING_BAND * turned + HEADING_BAND_FLOOR, "rad")
+    yield gap_row(
+        "force of the ground", reduced.force - engine.force, LOAD_BAND * weight, "N", AXES
+    )
     # Seen from each side's own root link: where the robot is, is the path's row.
     balance = (reduced.zmp - reduced.pose[:, :2]) - (engine.zmp - engine.pose[:, :2])
-    yield _gap("zero-moment point", balance, ZMP_BAND * span, "m", AXES)
+    yield gap_row("zero-moment point", balance, ZMP_BAND * span, "m", AXES)
     if contacts.determinate:
         load = reduced.load - engine.load
-        yield _gap("wheel loads", load, LOAD_BAND * weight, "N", contacts.names)
+        yield gap_row("wheel loads", load, LOAD_BAND * weight, "N", contacts.names)
     slides = np.array([robot.description.joint[name].kind == "prismatic" for name in joints], bool)
     for label, unit, kind, reach in (
         ("forces", "N", slides, weight),
@@ -205,11 +207,11 @@ def gaps(
             largest = float(np.abs(engine.efforts[:, kind]).max())
             effort = (reduced.efforts - engine.efforts)[:, kind]
             band = EFFORT_BAND * largest + EFFORT_BAND_FLOOR * reach
-            yield _gap(f"joint {label}", effort, band, unit, names)
+            yield gap_row(f"joint {label}", effort, band, unit, names)
     rolling = rolling_casters(robot, contacts, engine)
     if rolling:
         swung = _wrapped(reduced.casters - engine.casters)[:, list(rolling.values())]
-        yield _gap("casters", swung, CASTER_BAND, "rad", list(rolling))
+        yield gap_row("casters", swung, CASTER_BAND, "rad", list(rolling))
 
 
 def caster_names(robot: Robot) -> list[str]:
@@ -248,14 +250,21 @@ def _wrapped(angles: Array) -> Array:
     return np.asarray(np.arctan2(np.sin(angles), np.cos(angles)))
 
 
-def _gap(name: str, gap: Array, band: float, unit: str, entries: Sequence[str] = ("",)) -> Gap:
+def gap_row(
+    name: str,
+    gap: Array,
+    band: float,
+    unit: str,
+    entries: Sequence[str] = ("",),
+    against: str = CONTACT_ORACLE,
+) -> Gap:
     """Return the row of gaps (n, n_entries); one that is no number is infinite."""
     size = np.where(np.isfinite(gap), np.abs(gap), np.inf)
     at, entry = divmod(int(size.argmax()), size.shape[1])
     largest = float(size[at, entry])
     residual = largest / band if band > 0.0 else math.inf
     where = {"sample": at, "entry": entries[entry]}
-    return Gap(name, CONTACT_ORACLE, residual, 1.0, **where, gap=largest, band=band, unit=unit)
+    return Gap(name, against, residual, 1.0, **where, gap=largest, band=band, unit=unit)
 
 
 def contact_trial(robot: Robot) -> ContactTrial | Skipped:

@@ -125,8 +125,8 @@ class PushedBody(ContactModel):
             lowest = data.geom_xpos[geom] - wheel.radius * UP
             lever = lowest - data.xpos[body] - 0.5 * min(lowest[2], 0.0) * UP  # amid what sinks
             velocity = twist[:3] + np.cross(twist[3:], lever)
-            if geom in self.rollers.geoms:
-                row[0] = self.rollers.held(wheel) @ velocity
+            if geom in self.rolling:
+                row[0] = self.held(wheel) @ velocity
                 continue
             x, y, _ = data.geom_xmat[geom].reshape(3, 3)[:, 2]  # the axle
             row[:] = np.array([[y, -x], [x, y]]) @ velocity[:2] / np.hypot(x, y)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from rpctl.reference.motion import configuration_along, reference_rates, steerin
 from rpctl.reference.path_reference import TimedPath
 from rpctl.reference.paths import PathTime
 from rpctl.reference.recorded.table_file import Table
-from rpctl.reference.sizing import VELOCITY_LIMIT_FRACTION
+from rpctl.reference.sizing import VELOCITY_LIMIT_FRACTION, Told
 from rpctl.reference.time_law import Bound, time_law
 from rpctl.robot.model import Robot
 
@@ -39,7 +39,8 @@ MIN_POINTS, MAX_POINTS = 100, 2000  # numbers of these points
 PACE_RISE = 2.0  # 1/s: the recorded pace is reached within half a second at least
 
 
-class Exceedance(NamedTuple):
+@dataclass(frozen=True)
+class Exceedance:
     """Where a limit is exceeded, in time (s) and in lines of the file."""
 
     start: float
@@ -49,7 +50,7 @@ class Exceedance(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Demand:
+class Demand(Told):
     """What a reference asks of a joint beyond one of its limits.
 
     Attributes:
@@ -92,9 +93,8 @@ class Demand:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON says it."""
-        stretches = [each._asdict() for each in self.stretches]
         ratio = self.ratio if math.isfinite(self.ratio) else None
-        return {**asdict(self), "stretches": stretches, "ratio": ratio, "sentence": self.sentence}
+        return {**super().to_dict(), "ratio": ratio}
 
 
 class _Asked(NamedTuple):
@@ -207,7 +207,7 @@ def idle_joints(robot: Robot) -> set[str]:
 
 
 @dataclass(frozen=True)
-class Retimed:
+class Retimed(Told):
     """How a recorded path was slowed down.
 
     Attributes:
@@ -231,10 +231,6 @@ class Retimed:
             f"takes {self.duration:.3g} s instead of {self.recorded:.3g} s: at line {self.line} "
             f"{self.pace:.2g} of its recorded pace, for {self.reason}"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON says it."""
-        return {**asdict(self), "sentence": self.sentence}
 
 
 def retimed(

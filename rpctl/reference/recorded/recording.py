@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,7 +34,7 @@ from rpctl.reference.recorded.table_file import (
     QUATERNION,
     Table,
 )
-from rpctl.reference.sizing import Limits, robot_length, wheel_rates
+from rpctl.reference.sizing import Limits, Told, robot_length, wheel_rates
 from rpctl.reference.time_law import recorded_time
 from rpctl.robot.model import Robot
 
@@ -111,7 +111,7 @@ def base_limits(robot: Robot) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Jump:
+class Jump(Told):
     """A step of a table that is faster than its robot, and far faster than the steps about it.
 
     Attributes:
@@ -137,10 +137,6 @@ class Jump:
             f"line {self.line}: {self.columns} at {self.speed:.3g} {self.unit} from the row "
             f"before, {self.pace:.2g} {self.unit} about it; mend the row or leave it out"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON says it."""
-        return {**asdict(self), "sentence": self.sentence}
 
 
 def find_jumps(robot: Robot, table: Table) -> list[Jump]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -13,13 +13,14 @@ from rpctl.arrays import Array
 from rpctl.reference.paths import through
 from rpctl.reference.recorded.smoothing import REST_RATE, Smoothed, smooth
 from rpctl.reference.recorded.table_file import Table
+from rpctl.reference.sizing import Told
 
 METRES_PER_RADIAN = 0.3  # m/rad: weight of turning relative to travelling
 UNITS = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (1.0, "")}  # what figures are told in
 
 
 @dataclass(frozen=True)
-class SmoothedColumns:
+class SmoothedColumns(Told):
     """What smoothing changed of columns that belong together.
 
     Attributes:
@@ -52,10 +53,6 @@ class SmoothedColumns:
             f"{self.columns} by {rms} rms and {largest} at most (line {self.line}), with a time "
             f"constant of {self.time_constant:.2g} s; the noise is about {noise}"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON says it."""
-        return {**asdict(self), "sentence": self.sentence}
 
 
 class FittedSpline(NamedTuple):

@@ -83,8 +83,8 @@ def same_inputs(
         "settings": settings_of(kinematic, dynamic, known, period)[1],
         "most": plant.saturation(compiled.robot),
         "back": delay_periods(plant.delay, period),
-        "deviations": sensors.deviations(plant.noise),
-        "offsets": sensors.errors(plant.sensor_bias),
+        "deviations": sensors.row(plant.noise),
+        "offsets": sensors.row(plant.sensor_bias),
     }
     rows = {name: np.stack([np.asarray(value)] * lanes) for name, value in columns.items()}
     return LaneInputs(**rows, seeds=(plant.seed,) * lanes)

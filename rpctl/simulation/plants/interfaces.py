@@ -90,7 +90,7 @@ class EffortInterface:
         self._motion = motion
         self._bias, self._wrenches = plant.bias(dynamics.robot), plant.wrenches
         self._actuators = Actuators(dynamics.robot, plant, config.run.control_period, rest.tau)
-        self._sent = plant.pipeline(rest.tau, config.run.control_period)
+        self._sent = deque([rest.tau] * delay_periods(plant.delay, config.run.control_period))
         self._held, self._t = HeldCommands(rest.tau), 0.0
         self._work = self._lost = 0.0
 

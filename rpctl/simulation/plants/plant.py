@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated
@@ -30,7 +29,6 @@ from rpctl.robot.model import Robot
 from rpctl.robot.patterns import by_pattern
 from rpctl.robot.variation import Slope, Variation, on_slope, require_slope, vary
 from rpctl.robot.vary import add_losses, scale_losses
-from rpctl.simulation.loop.periods import delay_periods
 from rpctl.simulation.plants.protocol import PlantModel
 from rpctl.simulation.plants.settings import (
     MAX_BITS,
@@ -339,7 +337,3 @@ class Plant(Variation):
         arrives = np.random.default_rng(self.seed).random(samples) >= self.dropped
         arrives[:1] = True
         return np.asarray(arrives)
-
-    def pipeline(self, hold: Array, control_period: float) -> deque[Array]:
-        """Return the efforts on their way at the start: those that hold the robot still."""
-        return deque([hold] * delay_periods(self.delay, control_period))

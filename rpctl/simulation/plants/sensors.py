@@ -117,15 +117,8 @@ class Sensors:
         self.width = PLACE + len(names) + robot.dof
         self._joints = set(names)
 
-    def deviations(self, noise: Noise) -> Array:
-        """Return the standard deviation of each number of a row (width,)."""
-        return self._row(noise)
-
-    def errors(self, bias: SensorBias) -> Array:
-        """Return the constant error of each number of a row (width,)."""
-        return self._row(bias)
-
-    def _row(self, of: Noise | SensorBias) -> Array:
+    def row(self, of: Noise | SensorBias) -> Array:
+        """Return the deviation, or the constant error, of each number of a row (width,)."""
         base = [of.position, of.position, of.heading] if self._moves else [0.0] * PLACE
         kinds = {"omega": of.turn_rate, **dict.fromkeys(self._joints, of.joint_rates)}
         rates = [kinds.get(name, of.speed) for name in self._nu]
@@ -197,8 +190,8 @@ class Measurement:
 
     def __init__(self, robot: Robot, plant: Plant) -> None:
         self._sensors = Sensors(robot)
-        self._deviations = self._sensors.deviations(plant.noise)
-        self._errors = self._sensors.errors(plant.sensor_bias)
+        self._deviations = self._sensors.row(plant.noise)
+        self._errors = self._sensors.row(plant.sensor_bias)
         self._stream = random_stream(plant.seed)
         self._rows, self._next = np.empty((0, self._sensors.width)), 0
         self._encoders = Encoders(robot, plant.encoder_bits) if plant.encoder_bits else None

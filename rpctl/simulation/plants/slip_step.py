@@ -21,8 +21,9 @@ from scipy.linalg.lapack import dgesv
 
 from rpctl.arrays import Array
 from rpctl.dynamics.motion import DELTA, GAMMA, dexpinv, solve_positive
+from rpctl.dynamics.stance import ContactLoads, share_load
 from rpctl.errors import RpctlError
-from rpctl.simulation.plants.free_tree import ContactLoads, FreeTree, Posture, share_load
+from rpctl.simulation.plants.free_tree import FreeTree, Posture
 from rpctl.simulation.plants.settings import Wrench
 from rpctl.simulation.plants.tyres import Grip, TyreLaw
 

@@ -13,7 +13,6 @@ without friction.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,10 +23,10 @@ from rpctl.dynamics.motion import Step
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
-from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.plants.free_tree import FreeTree
 from rpctl.simulation.plants.protocol import Ground
+from rpctl.simulation.plants.rolling import level_pose, substeps
 from rpctl.simulation.plants.settings import Slipping, Wrench
 from rpctl.simulation.plants.slip_step import SlipStepper
 from rpctl.simulation.plants.tyres import TyreLaw
@@ -87,9 +86,7 @@ class SlippingMotion:
     @property
     def pose(self) -> Array:
         """Pose of the root link (7,): x, y, z (m), quaternion x, y, z, w; world."""
-        x, y, theta = read_root(self.q)
-        z = -self.robot.drive.ground
-        return np.array([x, y, z, 0.0, 0.0, math.sin(0.5 * theta), math.cos(0.5 * theta)])
+        return level_pose(self.robot, self.q)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -126,8 +123,7 @@ class SlippingMotion:
         Raises:
             DivergedError: The state left the finite numbers.
         """
-        steps = max(1, math.ceil(dt / self._longest - 1e-9))
-        work = lost = 0.0
+        steps, work, lost = substeps(dt, self._longest), 0.0, 0.0
         for _ in range(steps):
             try:
                 with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told below

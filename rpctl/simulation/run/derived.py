@@ -9,7 +9,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.grip import find_ranges
-from rpctl.dynamics.ground_reaction import GroundReaction, find_contacts, ground_reactions
+from rpctl.dynamics.ground_reaction import find_contacts, ground_reactions
 from rpctl.dynamics.pushes import outside_at
 from rpctl.dynamics.reduced import OutsideForce, Reactions, ReducedDynamics
 from rpctl.errors import DivergedError
@@ -132,7 +132,16 @@ class Derivation:
         if contacts is None:
             return dict.fromkeys(GROUND_COLUMNS, nothing)
         found = ground_reactions(self.dynamics, contacts, q, reactions)
-        columns = _ground_columns(found)
+        columns = {
+            "wheel_force": found.longitudinal,
+            "axle_force": found.lateral,
+            "contact_load": found.load,
+            "zmp": found.zmp,
+        }
+        if found.tip_margin is not None:
+            columns["tip_margin"] = found.tip_margin
+        if found.slip_ratio.size:
+            columns["slip_ratio"] = found.slip_ratio.max(axis=1)
         if not contacts.determinate:
             ranges = find_ranges(contacts, found)
             columns |= {"load_range": ranges.load, "slip_range": ranges.slip}
@@ -190,21 +199,6 @@ def _tracking_errors(robot: Robot, base: Array, joints: Array, log: Log) -> Arra
 def wrap(angles: Array) -> Array:
     """Return angles in (−π, π]."""
     return np.asarray(math.pi - np.mod(math.pi - angles, TURN))
-
-
-def _ground_columns(reactions: GroundReaction) -> dict[str, Array]:
-    """Return what the log says of the ground's forces, but for the ranges."""
-    found = {
-        "wheel_force": reactions.longitudinal,
-        "axle_force": reactions.lateral,
-        "contact_load": reactions.load,
-        "zmp": reactions.zmp,
-    }
-    if reactions.tip_margin is not None:
-        found["tip_margin"] = reactions.tip_margin
-    if reactions.slip_ratio.size:
-        found["slip_ratio"] = reactions.slip_ratio.max(axis=1)
-    return found
 
 
 def _end_effector(robot: Robot, q: Array, q_ref: Array) -> dict[str, Array]:

@@ -18,10 +18,10 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +55,8 @@ FIX = "it is damaged or was made up; track the robot again"
 MAX_TOLD = 300  # characters of a fault
 SUFFIX = ".npy"  # of an entry's name in the archive
 MAX_READ = 2**21  # bytes that zipfile may ask for at once: a directory of entries may be any size
-PIECE = 2**20  # bytes of an entry that one read asks for
 MAX_ENTRIES = 200
+TEXT_TYPE = b"|u1"  # of the header's bytes
 ENCRYPTED = 0x1  # a flag of an entry
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 ARRAY_HEADER = re.compile(  # as NumPy writes it
@@ -147,11 +147,12 @@ def read_run(path: str | Path) -> tuple[Header, dict[str, Array]]:
         RunFileError: The file is missing, is no run, is damaged, or has another schema. The entry
             that is to blame is named.
     """
-    with blamed(path), _opened(path, "a run.npz") as entries:
-        if HEADER not in entries:
+    with blamed(path), open_input(path, "MAX_RUN_BYTES", "a run.npz") as file:
+        archive = _Archive(file)
+        if HEADER not in archive.shapes:
             raise RunFileError(f"{path}: not a run of rpctl; give a run.npz that it wrote")
-        header = read_header(_bytes(entries.pop(HEADER)), path)
-        return header, _numbers(entries, header)
+        header = read_header(archive.text(HEADER), path)
+        return header, archive.arrays(header)
 
 
 def read_chunk(path: Path, header: Header) -> dict[str, Array]:
@@ -160,19 +161,8 @@ def read_chunk(path: Path, header: Header) -> dict[str, Array]:
     Raises:
         RunFileError: The file is missing, damaged, or no chunk of such a run.
     """
-    with blamed(path), _opened(path, "the folder of a run that was stopped") as entries:
-        return _numbers(entries, header, chunk=True)
-
-
-def _numbers(
-    entries: Mapping[str, _Entry], header: Header, chunk: bool = False
-) -> dict[str, Array]:
-    """Return the arrays of a file, whose shapes are compared before they are read."""
-    check_arrays({name: entry.shape for name, entry in entries.items()}, header, chunk)
-    arrays = {name: entry.read() for name, entry in entries.items()}
-    for name, array in arrays.items():
-        check_numbers(name, array)
-    return arrays
+    with blamed(path), open_input(path, "MAX_RUN_BYTES", "the folder of a stopped run") as file:
+        return _Archive(file).arrays(header, chunk=True)
 
 
 @contextmanager
@@ -280,68 +270,76 @@ def check_numbers(name: str, numbers: Array) -> None:
         raise EntryError('entry "t" does not run: each time must be later than the one before')
 
 
-class _Entry(NamedTuple):
-    """An entry of an archive whose header has been read.
+class _Archive:
+    """An archive of arrays; nothing large is read before sizes and shapes were compared.
+
+    Args:
+        file: The archive.
+
+    Raises:
+        EntryError: It holds what no archive of arrays does.
 
     Attributes:
-        name: Its name, without ``.npy``.
-        kind: ``"<f8"``, ``"<f4"`` or ``"|u1"``.
-        shape: Of the array.
-        data: Reads its bytes, checksum compared.
-        fortran: Whether the first index runs fastest.
+        shapes: Shape of each array, by name.
     """
 
-    name: str
-    kind: str
-    shape: tuple[int, ...]
-    data: Callable[[], bytes]
-    fortran: bool
-
-    def read(self) -> Array:
-        """Return its numbers.
-
-        Raises:
-            EntryError: They are none, or damaged.
-        """
-        if self.kind == "|u1":
-            raise EntryError(f'entry "{self.name}": no array of numbers')
-        flat = np.frombuffer(self.data(), self.kind)
-        array = flat.reshape(self.shape, order="F" if self.fortran else "C")
-        whole = array.astype(np.float64, copy=False)
-        whole.setflags(write=False)
-        return whole
-
-
-def _bytes(entry: _Entry) -> bytes:
-    if entry.kind != "|u1" or len(entry.shape) != 1:
-        raise EntryError(f'entry "{entry.name}": no JSON of a run')
-    if entry.shape[0] > MAX_HEADER:
-        raise EntryError(f'entry "{entry.name}": over {MAX_HEADER} bytes')
-    return entry.data()
-
-
-@contextmanager
-def _opened(path: str | Path, what: str) -> Iterator[dict[str, _Entry]]:
-    """Yield the entries of an archive by name; sizes are compared before anything large is read."""
-    most = cap("MAX_RUN_BYTES")
-    with open_input(path, "MAX_RUN_BYTES", what) as file:
+    def __init__(self, file: BinaryIO) -> None:
         with _readable():
-            archive = zipfile.ZipFile(_Bounded(file))
-        with archive:
-            infos = archive.infolist()
-            if len(infos) > MAX_ENTRIES:
-                raise EntryError(f"{len(infos)} entries, over {MAX_ENTRIES}")
-            if (total := sum(info.file_size for info in infos)) > most:
-                raise EntryError(
-                    f"its entries take {total} bytes, over {most}; {how_to_raise('MAX_RUN_BYTES')}"
-                )
-            entries: dict[str, _Entry] = {}
-            for info in infos:
-                entry = _entry(archive, info)
-                if entry.name in entries:
-                    raise EntryError(f'entry "{entry.name}" is there twice')
-                entries[entry.name] = entry
-            yield entries
+            self._archive = zipfile.ZipFile(_Bounded(file))  # type: ignore[arg-type]
+        infos, most = self._archive.infolist(), cap("MAX_RUN_BYTES")
+        if len(infos) > MAX_ENTRIES:
+            raise EntryError(f"{len(infos)} entries, over {MAX_ENTRIES}")
+        if (total := sum(info.file_size for info in infos)) > most:
+            raise EntryError(
+                f"its entries take {total} bytes, over {most}; {how_to_raise('MAX_RUN_BYTES')}"
+            )
+        self.shapes: dict[str, tuple[int, ...]] = {}
+        for info in infos:
+            name, suffix = one_line(info.filename[: -len(SUFFIX)]), info.filename[-len(SUFFIX) :]
+            if suffix != SUFFIX or "/" in name or "\\" in name:
+                raise EntryError(f'entry "{one_line(info.filename)}" is no array')
+            if name in self.shapes:
+                raise EntryError(f'entry "{name}" is there twice')
+            self.shapes[name] = self._shape(info, name)
+
+    def _shape(self, info: zipfile.ZipInfo, name: str) -> tuple[int, ...]:
+        """Return the shape of an array, its header read without evaluating anything."""
+        if info.compress_type not in METHODS or info.flag_bits & ENCRYPTED:
+            raise EntryError(f'entry "{name}" is encrypted or not deflated')
+        with _readable(f'entry "{name}": '), self._archive.open(info) as file:
+            start = file.read(10)
+            length = int.from_bytes(start[8:], "little")
+            known = ARRAY_HEADER.fullmatch(file.read(length)) if length <= 1024 else None
+        of_type = known is not None and (known[1] == TEXT_TYPE) == (name == HEADER)
+        if start[:8] != b"\x93NUMPY\x01\x00" or known is None or not of_type:
+            raise EntryError(f'entry "{name}": no array of numbers')
+        shape = tuple(int(size) for size in known[3].replace(b" ", b"").split(b",") if size)
+        if 10 + length + np.dtype(known[1].decode()).itemsize * math.prod(shape) != info.file_size:
+            raise EntryError(f'entry "{name}": its size is not that of its shape {shape}')
+        return shape
+
+    def _read(self, name: str) -> Numbers:
+        with _readable(f'entry "{name}": '), self._archive.open(name + SUFFIX) as file:
+            return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+
+    def text(self, name: str) -> bytes:
+        """Return the bytes of a text, which is no array of numbers."""
+        if len(shape := self.shapes[name]) != 1:
+            raise EntryError(f'entry "{name}": no JSON of a run')
+        if shape[0] > MAX_HEADER:
+            raise EntryError(f'entry "{name}": over {MAX_HEADER} bytes')
+        return self._read(name).tobytes()
+
+    def arrays(self, header: Header, chunk: bool = False) -> dict[str, Array]:
+        """Return the arrays of numbers; ``chunk`` as of :func:`check_arrays`."""
+        shapes = {name: shape for name, shape in self.shapes.items() if name != HEADER}
+        check_arrays(shapes, header, chunk)
+        arrays = {}
+        for name in shapes:
+            arrays[name] = array = self._read(name).astype(np.float64, copy=False)
+            array.setflags(write=False)
+            check_numbers(name, array)
+        return arrays
 
 
 class _Bounded:
@@ -366,31 +364,3 @@ def _readable(where: str = "") -> Iterator[None]:
     except FAULTS as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise DamagedError(f"{where}unreadable ({one_line(reason)})") from None
-
-
-def _entry(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Entry:
-    """Return an entry, its header read without evaluating anything."""
-    name = one_line(info.filename.removesuffix(SUFFIX))
-    if not info.filename.endswith(SUFFIX) or "/" in name or "\\" in name:
-        raise EntryError(f'entry "{one_line(info.filename)}" is no array')
-    if info.compress_type not in METHODS or info.flag_bits & ENCRYPTED:
-        raise EntryError(f'entry "{name}" is encrypted or not deflated')
-    with _readable(f'entry "{name}": '), archive.open(info) as file:
-        start = file.read(10)
-        length = int.from_bytes(start[8:], "little")
-        known = ARRAY_HEADER.fullmatch(file.read(length)) if length <= 1024 else None
-    if start[:8] != b"\x93NUMPY\x01\x00" or known is None:
-        raise EntryError(f'entry "{name}": no array of numbers')
-    shape = tuple(int(size) for size in known[3].replace(b" ", b"").split(b",") if size)
-    kind, offset = known[1].decode(), 10 + length
-    if offset + np.dtype(kind).itemsize * math.prod(shape) != info.file_size:
-        raise EntryError(f'entry "{name}": its size is not that of its shape {shape}')
-
-    def data() -> bytes:
-        with _readable(f'entry "{name}": '), archive.open(info) as file:
-            whole = b"".join(iter(lambda: file.read(PIECE), b""))
-        if len(whole) != info.file_size:
-            raise EntryError(f'entry "{name}": shorter than it says')
-        return whole[offset:]
-
-    return _Entry(name, kind, shape, data, known[2] == b"True")

@@ -16,7 +16,6 @@ from rpctl.reference.sizing import Sizing
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods
 from rpctl.simulation.merits.collision_facts import CollisionFacts
-from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.run.facts import GroundFacts, RobotFacts
 
 MAX_CHARACTERS = 100_000  # of one text
@@ -111,7 +110,13 @@ def recorded(config: Config, periods: int) -> Config:
         periods: Number of control periods that were simulated.
     """
     run, plant = config.run, config.plant
-    delay = delay_periods(plant.delay, run.control_period) * run.control_period
+    plant = dataclasses.replace(
+        plant,
+        kind=plant.kind if plant.own is None else "own",
+        delay=delay_periods(plant.delay, run.control_period) * run.control_period,
+        controller_model=None,
+        own=None,
+    )
     return dataclasses.replace(
         config,
         kinematic=recordable(config.kinematic, KINEMATIC_CHOICE),
@@ -121,14 +126,8 @@ def recorded(config: Config, periods: int) -> Config:
             duration=periods * run.control_period,
             initial_error=tuple(map(float, run.initial_error)),
         ),
-        plant=_recorded_plant(plant, delay),
+        plant=plant,
     )
-
-
-def _recorded_plant(plant: Plant, delay: float) -> Plant:
-    """Return a plant as a run keeps it, with the delay (s) that was simulated."""
-    kind = plant.kind if plant.own is None else "own"
-    return dataclasses.replace(plant, kind=kind, delay=delay, controller_model=None, own=None)
 
 
 def recordable(law: Any, kind: Choice) -> Any:

@@ -109,7 +109,7 @@ class Run(Header):
             path: The file.
 
         Returns:
-            The path. The columns are those of :func:`rpctl.simulation.table.columns`.
+            The path. The columns are those of :func:`rpctl.simulation.run.table.columns`.
         """
         with writing(path) as file:
             for block in csv_blocks(self._columns()):
@@ -119,7 +119,7 @@ class Run(Header):
     def to_pandas(self) -> Any:
         """Return the samples as a ``pandas.DataFrame``, a row a sample, indexed by t (s).
 
-        The columns are those of :func:`rpctl.simulation.table.columns`.
+        The columns are those of :func:`rpctl.simulation.run.table.columns`.
 
         Raises:
             RpctlError: pandas is not installed.

@@ -1,6 +1,5 @@
 /* The plots: uPlot charts on one time axis, with a cursor at the time that the scene shows. */
 
-const PALETTE = 12; // colours --c0 to --c11 of the style sheet
 const HEIGHT = 146; // px of a chart
 const FLOOR = 1e-12; // an error below it is rounding
 const READ = 100; // ms between two readings of the values while the scene plays
@@ -10,10 +9,6 @@ const PREFIXED = { m: ["", "m", "µ", "n"], rad: ["", "m", "µ", "n"] };
 function bytes(text) { return Uint8Array.from(atob(text), (char) => char.charCodeAt(0)); }
 
 function floats(text) { return new Float32Array(bytes(text).buffer); }
-
-function css(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-}
 
 /* Return a value with its unit, lengths and angles with the prefix that suits them. */
 function told(value, unit) {
@@ -27,8 +22,6 @@ function told(value, unit) {
   return `${sign}${size.toFixed(digits)} ${prefixes[power]}${unit}`.trim();
 }
 
-function plain(value) { return String(Number(value.toPrecision(6))).replace("-", "−"); }
-
 /* Return the powers of ten from one value to another. */
 function powers(low, high) {
   const first = Math.ceil(Math.log10(low)), last = Math.floor(Math.log10(high));
@@ -39,13 +32,6 @@ function superscript(power) {
   const exponent = Math.round(Math.log10(power));
   const digits = [...String(Math.abs(exponent))].map((digit) => SUPERSCRIPTS[digit]).join("");
   return `10${exponent < 0 ? "⁻" : ""}${digits}`;
-}
-
-function element(kind, className, text) {
-  const made = document.createElement(kind);
-  if (className) made.className = className;
-  if (text !== undefined) made.textContent = text;
-  return made;
 }
 
 /* An element whose text breaks after the separators of names, too. */
@@ -200,20 +186,17 @@ function makeCharts(data, host, seek) {
     }
 
     function options(series) {
-      const tick = () => colours.line || "#ccc";
-      const axis = { stroke: () => colours.soft || "#666", font: "11px system-ui, sans-serif",
-        grid: { stroke: tick, width: 1 }, ticks: { stroke: tick, width: 1, size: 4 } };
+      const [across, up] = chartAxes(() => colours.soft || "#666", () => colours.line || "#ccc");
       return {
         width: Math.max(plot.clientWidth, 120), height: HEIGHT, legend: { show: false },
         padding: [8, 16, 0, 0], series,
         scales: { x: { time: false, range: (_, min, max) => [min, max] }, y: scaleY() },
         axes: [
-          { ...axis, size: 26, gap: 3, space: 60, values: (_, splits) => splits.map(
-            (t, i) => `${Number(t.toFixed(4))}${i === splits.length - 1 ? " s" : ""}`) },
-          { ...axis, size: 54, gap: 4, space: 26, ...(decades ? {
+          across,
+          { ...up, size: 54, space: 26, ...(decades ? {
             splits: (_, at, low, high) => powers(low, high), filter: (_, splits) => splits,
             values: (_, splits) => splits.map(superscript),
-          } : { values: (_, splits) => splits.map(plain) }) },
+          } : {}) },
         ],
         focus: { alpha: 0.25 },
         cursor: {

@@ -1,6 +1,5 @@
 /* Charts that grow while a simulation runs: errors, and efforts against their limits. */
 function makeLiveCharts(charts, host) {
-  const PALETTE = 12; // colours --c0 to --c11 of the style sheet
   const HEIGHT = 118; // px of a chart
   const POINTS = 2400; // of a line; beyond, of every two the larger stays
   const PAUSE = 100; // ms between two drawings
@@ -40,17 +39,11 @@ function makeLiveCharts(charts, host) {
     for (const chart of all) chart.draw();
   }
 
-  function css(name) {
-    return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  }
-
   function makeChart({ title, unit, limits, lines: names, names: shared }) {
     const made = (kind, parent, className, text) => {
-      const element = document.createElement(kind);
-      element.className = className;
-      element.textContent = text;
-      parent.append(element);
-      return element;
+      const child = element(kind, className, text);
+      parent.append(child);
+      return child;
     };
     const card = made("section", host, "chart", ""), head = made("header", card, "", "");
     made("h3", head, "", title);
@@ -67,10 +60,6 @@ function makeLiveCharts(charts, host) {
       return made("b", key, "", "");
     });
     const lines = names.map(() => []);
-    const axis = () => ({ stroke: () => css("--soft"), font: "11px system-ui, sans-serif",
-      grid: { stroke: () => css("--line"), width: 1 },
-      ticks: { stroke: () => css("--line"), width: 1, size: 4 } });
-    const plain = (value) => String(Number(value.toPrecision(6))).replace("-", "−");
     const u = new uPlot({
       width: Math.max(plot.clientWidth, 120), height: HEIGHT, legend: { show: false },
       padding: [6, 12, 0, 0], cursor: { show: false },
@@ -78,11 +67,7 @@ function makeLiveCharts(charts, host) {
         stroke: () => css(`--c${i % PALETTE}`), width: 1.5, points: { show: false }, pxAlign: 0,
         dash: i < PALETTE ? undefined : [9, 3] }))],
       scales: { x: { time: false, range: () => [0, end] }, y: { range: reach } },
-      axes: [
-        { ...axis(), size: 24, gap: 3, space: 60, values: (_, splits) => splits.map(
-          (t, i) => `${Number(t.toFixed(4))}${i === splits.length - 1 ? " s" : ""}`) },
-        { ...axis(), size: 46, gap: 4, space: 20, values: (_, splits) => splits.map(plain) },
-      ],
+      axes: chartAxes(() => css("--soft"), () => css("--line")),
       hooks: { drawAxes: [dashes] },
     }, [[], ...lines], plot);
     return { number: charts.findIndex((chart) => chart.title === title), lines, draw: refresh,

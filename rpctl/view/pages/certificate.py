@@ -241,11 +241,10 @@ def _gap_chart(trial: ContactTrial) -> TrialChart:
     """Return the distance between the paths over time, and how far apart they may be."""
     title, path, t = "Distance between the two paths", trial.path, trial.t
     apart = 1e3 * np.hypot(*(trial.reduced.pose - trial.engine.pose)[:, :2].T)
-    known = np.isfinite(apart)
     colour = "good" if path.passed else "bad"
     allowed = np.full(2, 1e3 * path.band)
     marks = (
-        Mark(t[known], apart[known], colour, np.zeros(known.sum()), opacity=0.16),
+        Mark(t, apart, colour, filled=True, opacity=0.16),
         Mark(t, apart, colour, width=1.8),
         Mark(t[[0, -1]], allowed, "soft", width=1.2, dashed=True),
     )

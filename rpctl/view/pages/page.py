@@ -16,17 +16,15 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from rpctl.arrays import Array
 from rpctl.errors import printable
 from rpctl.study.words import number
 from rpctl.view import palette
 from rpctl.view.scene.stand_ins import StandIn, label, note
-from rpctl.view.still_chart import Axis, Mark, StillChart, fitting
+from rpctl.view.still_chart import Axis, Mark, StillChart
 
 PAIR = r"\\ud[89ab][0-9a-f]{2}\\ud[c-f][0-9a-f]{2}"  # of surrogates, in JSON
 ESCAPED = re.compile(rf"\\\\|({PAIR}|\\u[0-9a-f]{{4}})")  # a backslash, or a sign beyond ASCII
 SIDE = 1000  # of the SVG's box, which is stretched
-WIDE_ROOM, SMALL_ROOM = 60, 20  # characters of the labels below a chart that fit
 
 
 @dataclass(frozen=True)
@@ -214,46 +212,23 @@ def policy(*scripts: str, served: bool = False) -> Markup:
     return Markup("; ".join(rules))  # our own
 
 
-def still_chart(chart: StillChart, small: bool = False) -> Markup:
-    """Return a chart as HTML.
-
-    Args:
-        chart: The chart.
-        small: Whether it is one of many: fewer labels fit below it.
-    """
+def still_chart(chart: StillChart) -> Markup:
+    """Return a chart as HTML."""
     x, y = chart.x, chart.y
-    across = fitting(x.ticks(), SMALL_ROOM if small else WIDE_ROOM)
     return render(
         "still_chart.html",
         chart=chart,
         side=SIDE,
-        marks=[_drawn(mark, x, y) for mark in chart.marks],
-        across=[(round(100.0 * float(x.at(value)), 2), number(value)) for value in across],
+        marks=[{"mark": mark, "path": _path(mark, x, y)} for mark in chart.marks],
+        across=[(round(100.0 * float(x.at(value)), 2), number(value)) for value in x.ticks()],
         up=[(round(100.0 - 100.0 * float(y.at(value)), 2), number(value)) for value in y.ticks()],
     )
 
 
-def _drawn(mark: Mark, x: Axis, y: Axis) -> dict[str, str]:
-    """Return a mark as a path of the SVG, and its style."""
-    across, up = x.at(mark.x), y.at(mark.y)
-    if mark.floor is None:
-        known = ~np.isnan(mark.y)
-        style = f"stroke:var(--{mark.colour});stroke-width:{mark.width:g};opacity:{mark.opacity:g}"
-        style += ";stroke-dasharray:4 3" if mark.dashed else ""
-        return {"path": _line(across[known], up[known]), "style": style}
-    style = f"fill:var(--{mark.colour});opacity:{mark.opacity:g}"
-    down = y.at(mark.floor)
-    if not mark.steps:
-        outline = np.append(across, across[::-1]), np.append(up, down[::-1])
-        return {"path": _line(*outline) + "Z", "style": style}
-    boxes = [
-        _line(np.array([a, a, b, b]), np.array([bottom, top, top, bottom])) + "Z"
-        for a, b, bottom, top in zip(across[:-1], across[1:], down, up, strict=True)
-        if top > bottom
-    ]
-    return {"path": "".join(boxes), "style": style}
-
-
-def _line(x: Array, y: Array) -> str:
-    """Return a path through points (n,) of the box, from 0 to 1 along each axis, upwards."""
-    return "M" + "L".join(f"{SIDE * a:.1f} {SIDE * (1 - b):.1f}" for a, b in zip(x, y, strict=True))
+def _path(mark: Mark, x: Axis, y: Axis) -> str:
+    """Return a mark as a path of the box, which is from 0 to 1 along each axis, upwards."""
+    known = ~np.isnan(mark.y)
+    across, up = x.at(mark.x[known]), y.at(mark.y[known])
+    points = zip(across.tolist(), up.tolist(), strict=True)
+    line = "M" + "L".join(f"{SIDE * a:.1f} {SIDE * (1 - b):.1f}" for a, b in points)
+    return f"{line}V{SIDE}H{SIDE * across[0]:.1f}Z" if mark.filled else line

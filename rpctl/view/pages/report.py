@@ -44,7 +44,7 @@ from rpctl.view.pages.third_party import licences, meshcat_script, uplot_script
 from rpctl.view.scene.scene import Scene, build_scene, compare_scene, node_prefix
 
 STYLES = ("uplot/uPlot.min.css", "report.css", "charts.css")
-SCRIPTS = ("limit_lines.js", "charts.js", "forces.js", "camera.js", "scene.js", "page.js")
+SCRIPTS = ("chart_parts.js", "charts.js", "forces.js", "camera.js", "scene.js", "page.js")
 THUMB_PX = 16  # width of the slider's thumb, whose middle stands at the time
 TITLE = "Linear loop"
 NO_SWING = 0.99  # damping of poles that are equal but for rounding

@@ -43,7 +43,7 @@ SCRIPTS = (
     "kinematics.js",
     "handles.js",
     "goal.js",
-    "limit_lines.js",
+    "chart_parts.js",
     "live_charts.js",
     "live.js",
     "robot_page.js",

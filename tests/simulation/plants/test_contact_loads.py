@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpctl.dynamics.stance import loads, make_stance
-from rpctl.simulation.plants.free_tree import NO_CONTACTS, make_split, share_load
+from rpctl.dynamics.stance import make_split, make_stance, share_load
+from rpctl.simulation.plants.free_tree import NO_CONTACTS
 
 RIM = 1e-6  # m from the polygon's edge: nearer, rounding decides whether it tips
 
 
-def test_loads_and_derivatives_are_those_of_equal_springs(rng: np.random.Generator) -> None:
+def test_loads_push_and_have_derivatives(rng: np.random.Generator) -> None:
     lifted = tipped = 0
     for _ in range(250):
         points = rng.uniform(-1.0, 1.0, (int(rng.integers(4, 9)), 2))
@@ -24,7 +24,6 @@ def test_loads_and_derivatives_are_those_of_equal_springs(rng: np.random.Generat
         assert found.load.min() >= 0.0
         assert found.load.sum() == pytest.approx(100.0)
         if margin > RIM:
-            np.testing.assert_allclose(found.load, loads(stance, moments, margin), atol=1e-8)
             lifted += found.load.min() == 0.0
         tipped += found.tips
         change = 1e-6 * rng.normal(size=3)

@@ -27,7 +27,7 @@ def test_a_stream_is_the_same_in_any_blocks() -> None:
 def test_samples_follow_the_stream_across_blocks(paper: Robot) -> None:
     measure, sensors = Measurement(paper, Plant(noise=ALL, seed=3)), Sensors(paper)
     q, nu = paper.state((1.0, 2.0, 0.3), (0.4, 0.5))
-    rows = random_stream(3).standard_normal((BLOCK + 2, sensors.width)) * sensors.deviations(ALL)
+    rows = random_stream(3).standard_normal((BLOCK + 2, sensors.width)) * sensors.row(ALL)
     for _ in rows:
         found = measure(q, nu, 0.0)
     expected = sensors.measured(q, nu, rows[-1])
@@ -109,7 +109,7 @@ def test_only_the_controller_sees_it(paper: Robot) -> None:
         collisions=False,
     )
     sensors = Sensors(paper)
-    rows = random_stream(4).standard_normal((len(run.t), sensors.width)) * sensors.deviations(noise)
+    rows = random_stream(4).standard_normal((len(run.t), sensors.width)) * sensors.row(noise)
     for k, sample in enumerate(seen):
         expected = np.concatenate(sensors.measured(run.q[k], run.nu[k], rows[k]))
         np.testing.assert_array_equal(sample, expected)

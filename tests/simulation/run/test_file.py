@@ -86,8 +86,7 @@ def test_it_comes_back(run: Run, parts: Parts, tmp_path: Path) -> None:
 
 def test_large_arrays_come_back(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """More than one read may ask for."""
-    monkeypatch.setattr(file, "MAX_READ", 2**16)
-    monkeypatch.setattr(file, "PIECE", 2**15)
+    monkeypatch.setattr(file, "MAX_READ", 2**19)
     rows = np.random.default_rng(0).normal(size=(30_000, *run.q.shape[1:]))
     arrays = {name: np.repeat(a[:1], len(rows), axis=0) for name, a in run.log.arrays().items()}
     times = np.arange(float(len(rows)))
@@ -307,7 +306,7 @@ def test_entries_are_those_of_a_run(parts: Parts, tmp_path: Path) -> None:
         ([header, t, ("q.npy", q[1] + b"\0")], "its size is not that of its"),
         ([header, t, ("q.npy", q[1][:-1])], "its size is not that of its"),
         ([header, t, ("q.npy", b"\x93NUMPY\x01\x00\xff\xff")], "no array of numbers"),
-        ([("header.npy", npy(np.zeros(3))), t, q, *rest], 'entry "header": no JSON'),
+        ([("header.npy", npy(np.zeros(3))), t, q, *rest], 'entry "header": no array'),
         ([("header.npy", npy(np.array("{}"))), t, q, *rest], 'entry "header": no array'),
         ([("header.npy", npy(np.frombuffer(b"[]", np.uint8))), t, q], "no JSON of a run"),
     )

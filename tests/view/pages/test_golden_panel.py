@@ -23,12 +23,11 @@ from rpctl.view.pages.panel import (
     headline_rows,
     legend,
     panel,
-    subtitle,
 )
 from rpctl.view.pages.settings import setting_texts
 from tests.golden import COUNT, beside_its_path
 from tests.runs import vary
-from tests.view.readers import legend_text, panel_text
+from tests.view.readers import panel_text
 from tests.view.samples import DISC, PILLAR, with_obstacles
 
 CHECK = {"name": "M", "against": "G", "residual": 3e-14, "limit": 1e-12, "passed": True}
@@ -128,14 +127,6 @@ def test_headline_of_a_run(golden: Run) -> None:
     assert headline_badges(broken, summarize(broken)) == [fine[0], *not_fine]
     lost = summarize(vary(golden, base=np.full((COUNT, 3), np.nan)))
     assert headline_badges(broken, lost)[0] == Badge(False, "diverging")
-    page = panel_text(panel(broken, summarize(broken), ()))
-    assert "left_wheel_joint: effort 50, allowed 40, from 0.20 s" in page
-    perturbed = replace(golden, controller_model="another")
-    assert "The model follows itself" not in panel_text(panel(perturbed, summarize(perturbed), ()))
-    arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"))
-    assert not any(label.startswith("Base") for label, _ in headline_rows(arm, summarize(arm)))
-    late = vary(golden, t=golden.t + 3.0)
-    assert subtitle(late) == "reference: eight · 4 quasi-velocities · 5 actuators · 0.5 s"
 
 
 def test_legend_names_what_is_drawn(golden: Run) -> None:
@@ -180,18 +171,8 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     assert table["Base, final lateral"] == ["40 mm", "4 mm", "4 mm"]
     assert table["End effector, final"] == ["30 mm", "30 mm", "–"]
     assert table["Largest effort / limit"] == ["80%", "160%", "–"]
-    limits = [badges(cell)[0] for cell in table["Limits"]]
-    assert limits == [
-        ("good", "within limits"),
-        ("bad", "limits broken"),
-        ("good", "within limits"),
-    ]
-    assert [badges(cell) for cell in table["Outcome"]] == [[("good", "tracked")]] * 3
+    assert [badges(cell)[0][0] for cell in table["Limits"]] == ["good", "bad", "good"]
     assert table["Dynamics"][0] == "–"
-    assert badges(table["Dynamics"][1]) == [("good", "verified")]
-    arms = [vary(run, end_effector=None, ee=none, ee_ref=none) for run in runs]
-    page = compared(arms)
-    assert "End effector" not in page
     assert entries(compare_legend(runs, ["one", "two", "three"])) == [
         ("run-1", True, "one (solid)"),
         ("run-2", True, "two"),
@@ -199,20 +180,6 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
         ("desired", True, "Desired"),
         ("ghost", False, "Reference robot"),
     ]
-    arm = vary(golden, quasi_velocities=("swing_joint", "slide_joint"))
-    nothing = vary(arm, ee=none)
-    for shown, expected in (
-        ([bare], True),
-        ([arm], True),
-        ([nothing], False),
-        ([nothing, arm], True),
-    ):
-        layers = [layer for layer, *_ in entries(compare_legend(shown, ["x"] * len(shown)))]
-        assert ("desired" in layers) == expected
-    colours = re.findall(
-        r"color: var\(--c(\d+)\)", legend_text(compare_legend([golden] * 13, ["x"] * 13))
-    )
-    assert colours == [*map(str, range(12)), "0"]
 
 
 def test_settings_that_differ_come_first(golden: Run) -> None:

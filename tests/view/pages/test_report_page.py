@@ -13,9 +13,7 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.view.pages.report import write_report
 from tests.view.chromium import (
-    CHROMIUM,
     CLIPPED,
-    FLAGS,
     changed,
     covering,
     opened,
@@ -238,27 +236,6 @@ def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
         assert page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)") != before
 
 
-@pytest.mark.slow
-def test_a_camera_that_goes_along_shows_the_whole_robot(page: Any) -> None:
-    page.evaluate("rpctl.seek(1.0)")
-    page.evaluate("rpctl.camera('follow')")
-    outside = page.evaluate(
-        """() => { const { viewer } = rpctl; viewer.render();
-        const point = new MeshCat.THREE.Vector3();
-        let worst = 0;
-        viewer.scene.traverse((node) => {
-          if (!node.name.startsWith('part-')) return;
-          const position = node.geometry.attributes.position;
-          for (let k = 0; k < position.count; k++) {
-            point.fromBufferAttribute(position, k).applyMatrix4(node.matrixWorld);
-            point.project(viewer.camera);
-            worst = Math.max(worst, Math.abs(point.x), Math.abs(point.y)); } });
-        return worst; }"""
-    )
-    page.evaluate("rpctl.camera('home')")
-    assert 0.2 < outside < 1.0
-
-
 @pytest.mark.parametrize("width", [1280, pytest.param(400, marks=pytest.mark.slow), 320])
 def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
     with opened(browser, report.as_uri(), viewport={"width": width, "height": 844}) as page:
@@ -279,21 +256,3 @@ def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
             page.locator(".chart").nth(4).scroll_into_view_if_needed()
             assert page.get_by_role("slider").is_visible()
             assert page.evaluate("document.querySelector('.stage').getBoundingClientRect().y") == 0
-
-
-def test_without_webgl_the_page_says_so(browser: Any, report: Path) -> None:
-    plain = browser.browser_type.launch(
-        executable_path=CHROMIUM, args=["--disable-3d-apis", *FLAGS]
-    )
-    page = plain.new_page()
-    problems: list[str] = []
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.goto(report.as_uri())
-    assert page.locator("#failure").is_visible()
-    assert page.get_by_text("Base, rms").first.is_visible()
-    assert page.locator(".chart").first.is_visible()
-    assert not page.locator(".legend").is_visible()
-    page.keyboard.press("End")  # the timeline still drives the plots
-    assert page.locator("#clock").inner_text().startswith("3.00")
-    plain.close()
-    assert problems == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,20 +73,6 @@ def test_robot_is_drawn_along_its_own_path(golden: Run) -> None:
         "start",
         "contacts and heading, every 0.25 s",
     ]
-
-
-def test_contacts_in_a_line_have_no_outline(golden: Run) -> None:
-    """What is drawn of the robot is as long as the track, where that is more."""
-    run = straight(golden, 2.0)
-    for points in (((0.0, 0.1), (0.0, -0.1)), ((0.0, 0.1), (0.0, 0.0), (0.0, -0.1)), ()):
-        axes = panel(vary(run, contact_points=points), "paths")
-        assert not axes.patches
-        ticks = [c for c in curves(axes, style.INK) if len(c) == 2]
-        assert np.linalg.norm(ticks[0][1] - ticks[0][0]) == pytest.approx(0.4 * 0.6)
-        nothing = replace(run.robot.drive, track=0.0)
-        axes = panel(vary(run, contact_points=(), drive=nothing), "paths")
-        tick = next(c for c in curves(axes, style.INK) if len(c) == 2)
-        assert np.linalg.norm(tick[1] - tick[0]) == pytest.approx(0.4)
 
 
 def test_obstacles_and_how_near_each_body_may_come(golden: Run) -> None:

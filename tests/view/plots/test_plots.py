@@ -41,15 +41,6 @@ def test_all_panels_of_a_mobile_manipulator(paper_run: Run) -> None:
     ]
 
 
-def test_broken_limit_stays_within_the_panel(paper_run: Run) -> None:
-    peak = np.abs(paper_run.tau).max(axis=0)
-    axes = tracking_figure(vary(paper_run, effort_limits=tuple(0.5 * peak))).axes[-3]
-    low, high = axes.get_ylim()
-    share = paper_run.tau / (0.5 * peak)
-    assert low < share.min()
-    assert share.max() < high
-
-
 @pytest.mark.parametrize("name", cells(("tiago_dual", "panda"), (), ("panda",)))
 def test_many_joints_and_fixed_bases(name: str) -> None:
     robot = rpctl.load(name)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rpctl import Robot, Run
-from rpctl.view.scene.scene import Scene, build_scene, compare_scene
+from rpctl.view.scene.scene import Scene, build_scene
 from tests.golden import COUNT, TIMES
 from tests.runs import vary
 from tests.view.readers import Array, drawn_by, middles, path_distances, tracks, trails
@@ -118,11 +117,3 @@ def heights(commands: Sequence[bytes], path: str, number: int) -> tuple[float, f
     geometry = drawn_by(commands)[path]["object"]["geometries"][number]
     points = numbers(geometry["data"]["attributes"]["position"]["array"]).reshape(-1, 3)
     return float(points[:, 2].min()), float(points[:, 2].max())
-
-
-def test_the_ground_of_several_runs_is_the_first_ones(
-    tricycle: Robot, golden: Run, other: Run
-) -> None:
-    sunk = vary(other, drive=replace(other.robot.drive, ground=-0.3))
-    merged = compare_scene([tricycle] * 2, [golden, sunk])
-    assert heights(merged.commands, "/rpctl/ground", 0) == pytest.approx((-0.05, -0.05))

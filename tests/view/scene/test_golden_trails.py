@@ -30,14 +30,6 @@ def test_a_band_is_level_and_as_wide_as_asked() -> None:
     assert faces.tolist() == [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4], [4, 5, 6], [5, 7, 6]]
 
 
-def test_a_path_that_rises_in_place_has_no_band_but_a_tube() -> None:
-    up = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    assert trails.ribbon(up, 0.1) is None
-    assert trails.tube(up, 0.1) is not None
-    for still in (up[:1], np.zeros((3, 3))):
-        assert trails.ribbon(still, 0.1) is trails.tube(still, 0.1) is None
-
-
 def test_a_pause_keeps_the_direction_before_it() -> None:
     """And one at the start that after it."""
     path = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0]], float)
@@ -151,16 +143,3 @@ def test_laps_on_one_another_have_the_dashes_of_one() -> None:
         np.testing.assert_array_equal(piece, other)
     back = np.vstack([path[:500], path[499::-1]])  # there and back is one line, too
     assert len(fresh_dashes(back, 0.02)) <= len(dashes(path[:500], 0.02)) + 2
-
-
-@pytest.mark.parametrize("count", [1, 2, 5])
-def test_a_path_without_length_has_no_dashes(count: int) -> None:
-    assert fresh_dashes(np.zeros((count, 3)), 0.02) == dashes(np.zeros((count, 3)), 0.02) == []
-
-
-def test_dashes_of_a_path_that_never_repeats_are_capped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trails, "MAX_DASHES", 7)
-    line = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
-    shown, whole = trails.fresh_dashes(line, 0.02), dashes(line, 0.02)
-    assert len(whole) > 7
-    np.testing.assert_array_equal(np.concatenate(shown), np.concatenate(whole[:7]))

@@ -7,56 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rpctl
 from rpctl import Disc, HalfPlane, Robot, Run
-from rpctl.control.registry import Unregistered
-from rpctl.simulation.config import Config
 from rpctl.simulation.merits.obstacles import (
     BASE,
     TIP,
     AvoidedObstacle,
-    find_obstacles,
 )
 from rpctl.view.scene.obstacles import (
     OBSTACLES_PATH,
-    clip,
     column,
     obstacle_corners,
-    obstacle_texts,
     wall,
 )
 from rpctl.view.scene.scene import build_scene
 from tests.view.samples import DISC, PILLAR, WALL, numbers, unpack, with_obstacles
-
-
-def test_obstacles_are_found_at_any_depth_and_once() -> None:
-    inner = rpctl.Horizon(base_obstacles=(DISC, WALL, DISC), base_radius=0.4)
-    found = find_obstacles(Config(rpctl.EndEffector(base=inner)), 0.7)
-    assert [(o.body, o.shape, o.radius) for o in found] == [(BASE, DISC, 0.4), (BASE, WALL, 0.4)]
-    law = rpctl.Horizon(base_obstacles=(DISC,), end_effector_obstacles=(DISC, PILLAR))
-    drawn = [(o.body, o.shape, o.radius) for o in find_obstacles(Config(law), 0.7)]
-    assert drawn == [(BASE, DISC, 0.7), (TIP, DISC, 0.05), (TIP, PILLAR, 0.05)]
-    assert find_obstacles(Config()) == ()
-
-
-def test_shape_of_somebodys_own_is_told_and_not_drawn() -> None:
-    own = (Unregistered("Blob", {"mass": 1.0}), Unregistered("Disc", {"wobble": 2.0}))
-    law = Unregistered("Mine", {"base_obstacles": own})
-    assert find_obstacles(Config(law)) == ()
-    assert obstacle_texts(law) == {"Base obstacles": "Blob; Disc"}
-
-
-@pytest.mark.parametrize("normal", [(0.0, 1.0), (3.0, -4.0), (-1.0, 0.5)])
-def test_line_is_clipped_to_the_ground(normal: tuple[float, float]) -> None:
-    centre, radius = np.array([2.0, -1.0]), 3.0
-    plane = HalfPlane(*normal, 0.7)
-    ends = clip(plane, centre, radius)
-    assert ends is not None
-    assert plane.distance(ends) == pytest.approx([0.0, 0.0])
-    assert np.linalg.norm(ends - centre, axis=1) == pytest.approx([radius, radius])
-    past = HalfPlane(*normal, float(plane.normal @ centre) + 1.01 * radius)
-    assert clip(past, centre, radius) is None
-    assert wall(past, centre, radius, 0.5, 0.01, dashed=False) == []
 
 
 def test_wall_stands_on_its_line_and_fades_out() -> None:

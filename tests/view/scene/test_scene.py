@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -173,18 +172,6 @@ def test_note_names_no_folder_of_the_machine(tmp_path: Path) -> None:
     note, _ = build_bodies(robot).notes
     assert "secret.stl" in note
     assert str(tmp_path.parent) not in note
-
-
-def without_shapes(robot: Robot, *kinds: str) -> Robot:
-    bare: dict[str, Any] = dict.fromkeys(kinds, ())
-    links = tuple(replace(link, **bare) for link in robot.description.links)
-    return replace(robot, description=replace(robot.description, links=links))
-
-
-def test_collisions_are_drawn_where_there_is_no_visual(cart: Robot) -> None:
-    bodies = build_bodies(without_shapes(cart, "visuals"))
-    assert {part.joint for part in bodies.parts} == {2, 3}
-    assert not bodies.notes
 
 
 @pytest.mark.parametrize("duration", [30.0, 90.0, 300.0, 3600.0])

@@ -58,23 +58,6 @@ def test_groups_stand_where_pinocchio_places_the_joints(
             assert poses[f"bone-{j}"] == pytest.approx(data.oMi[j].homogeneous, abs=1e-12)
 
 
-def test_joints_tell_their_role_and_limits(tmp_path: Path) -> None:
-    robot = rpctl.load(write_gripper(tmp_path), free="*")
-    entries = {j["name"]: j for j in joints(robot, robot.configuration(joints={"lift_joint": 0.2}))}
-    assert {name: joint["role"] for name, joint in entries.items()} == {
-        "left_wheel_joint": "wheel",
-        "right_wheel_joint": "wheel",
-        "lift_joint": "arm",
-        "left_finger_joint": "arm",
-        "right_finger_joint": "mimic",
-    }
-    assert entries["left_wheel_joint"]["lower"] is None
-    assert (entries["lift_joint"]["lower"], entries["lift_joint"]["upper"]) == (-0.1, 0.5)
-    assert entries["lift_joint"]["slides"]
-    assert entries["lift_joint"]["position"] == 0.2
-    assert not entries["left_finger_joint"]["slides"]
-
-
 def test_joint_that_follows_tells_whom(tmp_path: Path) -> None:
     path = write_gripper(tmp_path)
     free = rpctl.load(path, free="*")

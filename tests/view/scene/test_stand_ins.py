@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -91,14 +90,6 @@ def test_collision_shape_stands_in_where_it_is(tmp_path: Path) -> None:
     assert instead.endswith("in the place of missing meshes: the collision shape of mast")
 
 
-def test_absurd_inertia_is_scaled_to_the_robot_and_told(tmp_path: Path) -> None:
-    robot = mast(tmp_path, urdf.inertial(0.1, (50, 50, 80)), GONE)
-    bodies = build_bodies(robot)
-    (points,) = hatched(bodies)
-    assert edges_of(points).max() == pytest.approx(1.2 * robot_size(robot), rel=1e-5)
-    assert "too large for its mass" in bodies.notes[-1]
-
-
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
@@ -119,18 +110,6 @@ def test_every_mesh_that_cannot_be_drawn_has_a_stand_in(
     assert bodies.stand_ins == (StandIn("mast", "inertia"),)
     assert len(hatched(bodies)) == 1
     assert re.search(reason, bodies.notes[0])
-
-
-def test_robot_of_which_nothing_is_known_is_drawn_as_sticks(tmp_path: Path) -> None:
-    robot = mast(tmp_path, HEAVY, GONE)
-    gone = robot.description.link["mast"].visuals
-    links = tuple(
-        replace(link, visuals=gone, collisions=(), mass=None) for link in robot.description.links
-    )
-    bodies = build_bodies(replace(robot, description=replace(robot.description, links=links)))
-    assert "sticks" in bodies.notes[-1]
-    assert not bodies.stand_ins
-    assert not hatched(bodies)
 
 
 def test_hatches_are_equally_wide_on_every_scale(tmp_path: Path) -> None:

@@ -25,7 +25,6 @@ from rpctl import Robot, Run
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop import closed_loop
 from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.loop.track import simulate
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
@@ -318,18 +317,3 @@ def test_rounding_never_asks_for_a_negative_pause(
             clock[0] += rng.uniform(0.05, 0.06)  # slower than real time: the pause is 0, rounded
     assert len(pauses) == 200
     assert min(pauses) >= 0.0
-
-
-def test_what_a_watcher_takes_is_not_counted_as_simulation(
-    paper: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = [100.0]
-    monkeypatch.setattr(
-        closed_loop, "time", SimpleNamespace(perf_counter=lambda: clock[0], thread_time=lambda: 0.0)
-    )
-
-    def watch(t: float, q: object, state: object) -> None:
-        clock[0] += 0.25
-
-    assert rpctl.track(paper, "line", duration=0.01, watch=watch).wall_time == 0.0
-    assert clock[0] == 100.0 + 6 * 0.25
