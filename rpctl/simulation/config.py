@@ -48,7 +48,7 @@ from rpctl.robot.vary import set_limits
 from rpctl.simulation.loop.periods import CONTROL_PERIOD
 from rpctl.simulation.plants.plant import Plant
 
-MAX_LOGGED = 50_000  # samples: 100 s at 2 ms; an hour of TIAGo then fits into 400 MB
+MAX_LOGGED = 50_000  # samples: 100 s at 2 ms
 MAX_LOG_EVERY = 2**63 - 1  # a file's largest whole number
 HEADER = (
     "# A run of rpctl: rpctl track ROBOT --config FILE. What is left out keeps its default.\n\n"

@@ -211,9 +211,9 @@ def mp4(take: TakePicture, count: int, rate: int, remark: str) -> bytes:
 
 
 def gif(take: TakePicture, count: int, rate: int, remark: str) -> bytes:
-    """Return pictures as a GIF that repeats for ever, all in one palette, so nothing flickers.
+    """Return pictures as a GIF that repeats for ever, as :func:`mp4` does.
 
-    Args: As of :func:`mp4`; the palette's pictures are taken twice.
+    All are in one palette, so nothing flickers; those that give it are taken twice.
     """
     from PIL import Image
 

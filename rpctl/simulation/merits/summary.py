@@ -213,7 +213,6 @@ def summarize(run: Run) -> Summary:
     points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
     name, sentence = outcome(run.t, points, run_obstacles(run), bodies)
     paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
-    errors = _errors("base", np.hypot(*log.e[:, :2].T))
     away = np.linalg.norm(log.ee - log.ee_ref, axis=1) if TIP in points else None
     efforts, most = _efforts(run)
     return Summary(
@@ -245,7 +244,7 @@ def summarize(run: Run) -> Summary:
         collisions=bodies.collisions,
         collision_notes=bodies.remarks,
         felt_ground=felt_ground(run),
-        **errors,
+        **_errors("base", np.hypot(*log.e[:, :2].T)),
         **_errors("end_effector", away),
     )
 
