@@ -58,10 +58,11 @@ def write_results(
         table: The rows as CSV.
     """
     figures = library(FIGURES)  # imports Matplotlib
-    makers = {
-        ".json": lambda: (to_json(summary) + "\n").encode(),
-        ".csv": lambda: table.encode("utf-8", "backslashreplace"),
-        ".png": lambda: figures.to_png(figure, DPI),
-        ".pdf": lambda: figures.to_pdf(figure),
+    contents = {
+        ".json": (to_json(summary) + "\n").encode(),
+        ".csv": table.encode("utf-8", "backslashreplace"),
+        ".png": figures.to_png(figure, DPI),
     }
-    write_together(folder, {name: makers[Path(name).suffix]() for name in names})
+    if any(name.endswith(".pdf") for name in names):
+        contents[".pdf"] = figures.to_pdf(figure)
+    write_together(folder, {name: contents[Path(name).suffix] for name in names})

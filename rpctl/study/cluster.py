@@ -56,6 +56,7 @@ from __future__ import annotations
 
 import pickle
 import sys
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
@@ -85,6 +86,15 @@ class FailedChunk(NamedTuple):
     """What a worker answers where the work has raised an error."""
 
     error: Exception
+
+
+class DoneChunk(NamedTuple):
+    """What a worker answers where it has done the work."""
+
+    result: Any
+
+
+Answer = RefusedWorker | FailedChunk | DoneChunk
 
 
 class DaskExecutor(Executor):
@@ -122,33 +132,40 @@ class DaskExecutor(Executor):
         self, work: Work[Chunk, Result], chunks: Iterable[Chunk]
     ) -> Iterator[tuple[Chunk, Result]]:
         """Yield each chunk and its result, as they end; see :class:`Executor`."""
-        distributed, listed = library("distributed"), list(chunks)
-        settings = {"asked": installed(), "work": pickle.dumps(work), "pure": False}
-        with _scheduler_there():
-            futures = self._client.map(run_asked, [*map(pickle.dumps, listed)], **settings)
-            queue = distributed.as_completed(futures, loop=self._client.loop)
-        of, lost = dict(zip(futures, listed, strict=True)), list[Chunk]()
+        distributed, left = library("distributed"), deque(chunks)
+        data, given_out = pickle.dumps(work), dict[Any, Chunk]()
+        queue, lost = distributed.as_completed(loop=self._client.loop), list[Chunk]()
+
+        def give_out() -> None:  # one a worker: what waits beside a chunk would die with it
+            while left and len(given_out) < self.workers:
+                packed = pickle.dumps(left[0])
+                future = self._client.submit(run_asked, packed, installed(), data, pure=False)
+                given_out[future] = left.popleft()
+                queue.add(future)
+
         try:
+            with _scheduler_there():
+                give_out()
             for future in queue:
-                chunk = of.pop(future)
+                chunk = given_out.pop(future)
                 try:
                     with _scheduler_there():
                         answer = future.result()
                 except distributed.KilledWorker:
+                    answer = None
                     lost.append(chunk)
-                    continue
                 if isinstance(answer, RefusedWorker):
                     self._send_away(answer)
-                    again = self._client.submit(run_asked, pickle.dumps(chunk), **settings)
-                    of[again] = chunk
-                    queue.add(again)
-                    continue
+                    left.appendleft(chunk)
+                with _scheduler_there():
+                    give_out()
                 if isinstance(answer, FailedChunk):
                     raise answer.error
-                yield chunk, answer
+                if isinstance(answer, DoneChunk):
+                    yield chunk, answer.result
         finally:
             with suppress(*GOING):
-                self._client.cancel([*of])
+                self._client.cancel([*given_out])
         if lost:
             raise LostChunksError(lost)
 
@@ -160,7 +177,7 @@ class DaskExecutor(Executor):
             self._tell(f"{_worker_fault(*worker)}; it was sent away")
 
 
-def run_asked(chunk: bytes, asked: Mapping[str, str], work: bytes) -> Any:
+def run_asked(chunk: bytes, asked: Mapping[str, str], work: bytes) -> Answer:
     """Return what work makes of a chunk on a worker, or a record of why there is nothing.
 
     Nothing is unpickled unless all versions are the same.
@@ -174,7 +191,7 @@ def run_asked(chunk: bytes, asked: Mapping[str, str], work: bytes) -> Any:
     if wrong:
         return RefusedWorker(library("distributed").get_worker().address, wrong)
     try:
-        return run_pickled(work, chunk)
+        return DoneChunk(run_pickled(work, chunk))
     except Exception as error:  # whatever it is, the process that asked is to raise it
         return FailedChunk(error)
 

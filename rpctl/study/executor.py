@@ -96,6 +96,9 @@ class ProcessExecutor(Executor):
         self.workers, self._sparing, self._alone_s = workers, sparing, 0.0
         self._pool: ProcessPoolExecutor | None = None
 
+    def __enter__(self) -> ProcessExecutor:
+        return self
+
     def __exit__(self, *error: object) -> None:
         self._end()
 

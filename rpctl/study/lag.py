@@ -52,30 +52,28 @@ class SpeedLog:
 
     def __post_init__(self) -> None:
         """Copy the arrays, read-only; refuse what is no log."""
-        t = np.array(self.t, dtype=float)
-        commanded, measured = (
-            np.array(each, dtype=float) for each in (self.commanded, self.measured)
-        )
+        given = self.t, self.commanded, self.measured
+        t, commanded, measured = (np.array(each, dtype=float) for each in given)
         if commanded.ndim == 1:
             commanded, measured = commanded[:, None], measured.reshape(len(measured), -1)
         if t.ndim != 1 or commanded.ndim != 2 or not len(t) == len(commanded) == len(measured):
             raise RpctlError("give as many commanded and measured speeds as times")
-        if commanded.shape != measured.shape:
-            raise RpctlError(
-                f"{commanded.shape[1]} channels are commanded and {measured.shape[1]} measured; "
-                "give the same"
-            )
-        if len(t) < MIN_SAMPLES:
-            raise RpctlError(f"{len(t)} samples; give {MIN_SAMPLES} or more")
-        if not all(np.isfinite(each).all() for each in (t, commanded, measured)):
-            raise RpctlError("the log holds numbers that are not finite; leave those rows out")
-        if not (np.diff(t) > 0.0).all():
-            raise RpctlError(
-                "the log's times do not increase; sort it, and leave out what is twice"
-            )
-        names = tuple(self.names) or tuple(f"channel {k + 1}" for k in range(commanded.shape[1]))
-        if len(names) != commanded.shape[1]:
-            raise RpctlError(f"{len(names)} names for {commanded.shape[1]} channels; give the same")
+        count, finite = commanded.shape[1], [np.isfinite(x).all() for x in (t, commanded, measured)]
+        names = tuple(self.names) or tuple(f"channel {k + 1}" for k in range(count))
+        faults = {
+            f"{count} channels are commanded and {measured.shape[1]} measured; give the same": (
+                commanded.shape != measured.shape
+            ),
+            f"{len(t)} samples; give {MIN_SAMPLES} or more": len(t) < MIN_SAMPLES,
+            "the log holds numbers that are not finite; leave those rows out": not all(finite),
+            "the log's times do not increase; sort it, and leave out what is twice": not (
+                np.diff(t) > 0.0
+            ).all(),
+            f"{len(names)} names for {count} channels; give the same": len(names) != count,
+        }
+        found = [fault for fault, there in faults.items() if there]
+        if found:
+            raise RpctlError(found[0])
         for name, value in (("t", t), ("commanded", commanded), ("measured", measured)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
@@ -109,22 +107,20 @@ def read_speed_log(path: str | Path) -> SpeedLog:
     header = next(rows, None)
     if header is None:
         raise refusal(path, [(None, f"empty; give a header such as {EXAMPLE}, and rows")])
-    names = header.cells
+    names, fault = header.cells, ""
     channels = _channels(names)
-    fault = separator_fault(names) or _header_fault(names, channels)
+    if "t" not in names:
+        fault = separator_fault(names) or f"no column t; name the columns as {EXAMPLE}"
+    elif not channels:
+        fault = f"no commanded speed has a measured one beside it; name the columns as {EXAMPLE}"
     if fault:
         raise refusal(path, [(header.line, fault)])
     wanted = [names.index("t")] + [k for pair in channels.values() for k in pair]
-    values, faults = list[list[float]](), list[tuple[int | None, str]]()
-    for row in rows:
-        numbers = _numbers(row, names, wanted)
-        if isinstance(numbers, str):
-            faults.append((row.line, numbers))
-        else:
-            values.append(numbers)
+    read = [(row.line, _numbers(row, names, wanted)) for row in rows]
+    faults = [(line, numbers) for line, numbers in read if isinstance(numbers, str)]
     if faults:
         raise refusal(path, faults)
-    table = np.array(values).reshape(-1, len(wanted))
+    table = np.array([numbers for _, numbers in read], float).reshape(-1, len(wanted))
     return SpeedLog(table[:, 0], table[:, 1::2], table[:, 2::2], tuple(channels))
 
 
@@ -138,14 +134,6 @@ def _channels(names: Sequence[str]) -> dict[str, tuple[int, int]]:
                 label = name.replace(commanded, "", 1).strip("_ .") or "speed"
                 found[label] = index, names.index(other)
     return found
-
-
-def _header_fault(names: Sequence[str], channels: dict[str, tuple[int, int]]) -> str:
-    if "t" not in names:
-        return f"no column t; name the columns as {EXAMPLE}"
-    if not channels:
-        return f"no commanded speed has a measured one beside it; name the columns as {EXAMPLE}"
-    return ""
 
 
 def _numbers(row: TextRow, names: Sequence[str], wanted: Sequence[int]) -> list[float] | str:

@@ -287,10 +287,11 @@ def cost_change(asked: Optimisation, before: Judged, after: Judged, seed: int) -
     runs = np.arange(len(before[0]))
     if asked.statistic == "worst" or not np.isfinite([change(runs), asked.cost(*after)]).all():
         return None
-    drawn = library("scipy.stats").bootstrap(
-        (runs,), change, n_resamples=RESAMPLES, vectorized=False, method="percentile",
-        rng=np.random.default_rng(seed),
-    ).bootstrap_distribution  # fmt: skip
+    with np.errstate(invalid="ignore"):  # a cost may be infinite for what is drawn
+        drawn = library("scipy.stats").bootstrap(
+            (runs,), change, n_resamples=RESAMPLES, vectorized=False, method="percentile",
+            rng=np.random.default_rng(seed),
+        ).bootstrap_distribution  # fmt: skip
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = np.quantile(drawn, [tail, 1.0 - tail], method="nearest").tolist()
     return Interval(change(runs), low, high)

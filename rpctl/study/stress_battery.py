@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, field, fields, replace
+from dataclasses import asdict, astuple, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -378,5 +378,5 @@ def run_battery(
 
 def _read(figures: Mapping[str, Any]) -> Figures:
     """Return the figures that a journal holds, whose lists are tuples."""
-    values = (figures[each.name] for each in fields(Figures))
-    return Figures(*(tuple(each) if isinstance(each, list) else each for each in values))
+    lists = {name: tuple(each) for name, each in figures.items() if isinstance(each, list)}
+    return Figures(**{**figures, **lists})

@@ -285,10 +285,11 @@ def _fits(robot: Robot, scatter: Table) -> bool:
     return not faults
 
 
-def _said(record: Any) -> list[tuple[str, str]]:
+def _said(record: StudySettings | Optimisation) -> list[tuple[str, str]]:
     """Return the settings of a record as lines of TOML, with what is said of them."""
-    lines = []
-    for name, each in fields_of(type(record)).items():
+    lines: list[tuple[str, str]] = []
+    kind: Any = type(record)
+    for name, each in fields_of(kind).items():
         value, words = getattr(record, name), filter(None, (each.setting.help, each.setting.unit))
         if value is not None:
             lines.append((f"{name} = {json.dumps(value)}", ", ".join(words)))

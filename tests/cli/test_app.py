@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,6 @@ from rpctl.cli.options import LOADED
 from rpctl.cli.track_options import ResultOptions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.config import Config
-from rpctl.view.film import BROWSER_NAMES
 from rpctl.view.run_folder import RunFolder
 from tests.robots import SET_A, platform, write
 
@@ -99,13 +97,6 @@ def test_track_asks_for_a_browser_before_it_simulates(
     assert code == 2
     assert "rpctl[film]" in err
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not any(map(shutil.which, BROWSER_NAMES)), reason="no chromium on PATH")
-def test_track_draws_the_scene_if_asked(tmp_path: Path) -> None:
-    run("track", "paper", "--duration", "0.2", "--samples", "0", "--png", "--out", str(tmp_path))
-    assert (tmp_path / "scene.png").stat().st_size > 10_000
 
 
 def test_what_to_expect_is_left_out_where_somebody_chose_a_plant() -> None:

@@ -25,6 +25,7 @@ from rpctl.view.labels import literal
 from rpctl.view.pages.page import embed
 from rpctl.view.pages.page import escape as to_html
 from tests import urdf
+from tests.grids import cells
 from tests.robots import SET_A, platform
 
 NASTY = {
@@ -175,8 +176,7 @@ TOGETHER = [  # each begins with what counts at the beginning only
 ]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", TOGETHER, ids=lambda name: name[:4])
+@pytest.mark.parametrize("name", cells(TOGETHER, slow=TOGETHER[1:4]), ids=lambda name: name[:4])
 def test_every_command_takes_any_name(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

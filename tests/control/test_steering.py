@@ -5,6 +5,7 @@ from __future__ import annotations
 import math as numbers
 from itertools import cycle, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -35,6 +36,9 @@ from tests.vehicles import vehicle
 STEERED = ["car-like", "parallel", "tricycle", "bicycle", "steered", "twin"]
 EXACT = [kind for kind in STEERED if kind != "tricycle"]  # whose trailing wheel lags a little
 STEP = 1e-6
+# A thousand samples take less in Python than machine code takes to build.
+IN_PYTHON: dict[str, Any] = {"control_period": 0.01, "plant_step": 0.01}
+IN_PYTHON |= {"backend": "pinocchio", "collisions": False}
 GRID = list(product(STEERED, ("line", "reverse", "circle", "eight")))
 IN_CI = {("car-like", "eight"), ("tricycle", "line"), ("steered", "reverse")}
 
@@ -105,7 +109,7 @@ def test_what_is_asked_for_changes_as_it_says(
 def test_they_track(tmp_path: Path, kind: str, name: str) -> None:
     robot = load(tmp_path, kind)
     off = (0.1, -0.1, 0.1)
-    run = track(robot, name, duration=10.0, initial_error=off, control_period=0.01, plant_step=0.01)
+    run = track(robot, name, duration=10.0, initial_error=off, **IN_PYTHON)
     figures = summarize(run)
     assert figures.final_base_error < (0.02 if kind == "tricycle" else 3e-3)
     assert not figures.limits_violated
@@ -121,8 +125,7 @@ def test_swerves_turn_on_the_spot(tmp_path: Path, kind: str) -> None:
         "spin",
         duration=10.0,
         initial_error=(0.1, -0.1, 0.1),
-        control_period=0.01,
-        plant_step=0.01,
+        **IN_PYTHON,
     )
     assert summarize(run).final_base_error < 1e-3
 
@@ -142,8 +145,7 @@ def test_steering_stays_inside_its_limits(tmp_path: Path) -> None:
         "line",
         duration=10.0,
         initial_error=(0.2, 0.8, 1.2),
-        control_period=0.01,
-        plant_step=0.01,
+        **IN_PYTHON,
     )
     index = [robot.velocity_index(name) + 1 for name in ("steer_left", "steer_right")]
     assert np.abs(run.q[:, index]).max() < 1.2

@@ -133,7 +133,7 @@ HUGE = {
 }
 
 
-@pytest.mark.parametrize("name", cells(HUGE, (), HUGE))
+@pytest.mark.parametrize("name", cells(HUGE, slow=["wide, moving", "deep, fixed"]))
 def test_a_huge_file_is_told_within_half_a_gigabyte(name: str, tmp_path: Path) -> None:
     path = tmp_path / "huge.urdf"
     path.write_text(HUGE[name], encoding="utf-8")

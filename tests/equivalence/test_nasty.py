@@ -93,9 +93,11 @@ MOTIONS = {"accelerations", "forward ∘ inverse"}
 @pytest.mark.parametrize(
     ("name", "inject", "found"),
     [
-        ("chain of 60", ENERGY, ENERGIES),
-        ("chain of 60", ACCELERATION, MOTIONS),
-        ("chain of 60", FORCE, {"inverse dynamics", "forward ∘ inverse"}),
+        pytest.param("chain of 60", ENERGY, ENERGIES, marks=pytest.mark.slow),
+        pytest.param("chain of 60", ACCELERATION, MOTIONS, marks=pytest.mark.slow),
+        pytest.param(
+            "chain of 60", FORCE, {"inverse dynamics", "forward ∘ inverse"}, marks=pytest.mark.slow
+        ),
         ("tip of 1e5 kg", ENERGY, ENERGIES),
         ("tip of 1e5 kg", ACCELERATION, MOTIONS),
         ("masses 1e-6 to 1e5 kg", ENERGY, ENERGIES),

@@ -17,7 +17,7 @@ import pytest
 from rpctl import load
 from rpctl.errors import RpctlError
 from rpctl.study import cluster
-from rpctl.study.cluster import DaskExecutor, check_workers, run_asked
+from rpctl.study.cluster import DaskExecutor, FailedChunk, check_workers, run_asked
 from rpctl.study.executor import LostChunksError
 from rpctl.study.provenance import CODE, installed
 from rpctl.study.study import run_study
@@ -49,6 +49,7 @@ def test_a_worker_of_other_versions_unpickles_nothing(monkeypatch: pytest.Monkey
     refused = run_asked(b"no pickle", installed() | {"numpy": "9"}, b"no pickle")
     assert refused == ("tcp://c:3", [f"numpy {np.__version__}, here 9"])
     answer = run_asked(b"no pickle", installed(), b"no pickle")
+    assert isinstance(answer, FailedChunk)
     assert isinstance(answer.error, pickle.UnpicklingError)
 
 
@@ -97,17 +98,16 @@ def test_one_worker_is_killed_and_one_joins_late(dask: DaskProcesses, tmp_path: 
     with DaskExecutor(dask.address) as executor:
         while executor.workers < 2:
             time.sleep(0.05)
-        work = partial(chunk_works.draw_and_log, log, 0.1)
+        work = partial(chunk_works.draw_and_log, log, 0.3)
         for chunk, result in executor.map_chunks(work, iter(chunks)):
             assert chunk not in found
             found[chunk] = result
             if len(found) == 10:
-                time.sleep(0.05)  # it has begun another chunk
+                third = dask.start_worker()
+                while executor.workers < 3:  # it takes long to start on a busy machine
+                    time.sleep(0.05)
                 first.kill()
                 first.wait()
-                third = dask.start_worker()
-                while executor.workers < 2:  # it takes long to start on a busy machine
-                    time.sleep(0.05)
     assert_same(found, chunks)
     assert third is not None
     counts = began(log)
@@ -180,10 +180,13 @@ def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_p
     told: list[str] = []
     good = dask.start_worker()
     with DaskExecutor(dask.address, tell=told.append) as executor:
-        work = partial(chunk_works.draw_and_log, log, 0.1)
+        work = partial(chunk_works.draw_and_log, log, 0.3)
         for chunk, result in executor.map_chunks(work, chunks):
             found[chunk] = result
-            bad = bad or dask.start_worker(path=planted(tmp_path, "numpy", "1.0"))
+            if bad is None:
+                bad = dask.start_worker(path=planted(tmp_path, "numpy", "1.0"))
+                while executor.workers < 2:  # it takes long to start on a busy machine
+                    time.sleep(0.05)
     assert_same(found, chunks)
     (text,) = told
     assert f"has numpy 1.0, here {np.__version__}; install the same" in text

@@ -101,7 +101,7 @@ def _panel(axes: Axes, rows: Sequence[Row[Start]], found: Fraction, times: Scala
         middle = math.degrees(heading)
         petals.append(Wedge((x, y), PETAL_FRACTION * apart, middle - half, middle + half))
     colours = [colour_of(row.figures, times) for row in rows]
-    look = {"linewidth": 0.3, "edgecolor": style.PAPER}
+    look: dict[str, Any] = {"linewidth": 0.3, "edgecolor": style.PAPER}
     axes.add_collection(PatchCollection(petals, facecolors=colours, **look))
     edge = REACH_M + 0.6 * apart
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
@@ -120,4 +120,5 @@ def colour_of(figures: Figures, times: ScalarMappable) -> Any:
         return NOT_TAKEN
     if not figures.succeeded:
         return FAILED
-    return times.to_rgba(figures.settled_at) if converged(figures) else UNDECIDED
+    at: Any = figures.settled_at
+    return times.to_rgba(at) if converged(figures) else UNDECIDED

@@ -149,7 +149,7 @@ def _words(figure: Figure, report: StressReport, notes: list[str]) -> None:
     told = f"error in mm, rms of the second half of {run.duration:g} s on {run.reference}"
     title = f"{report.battery.robot.name}: envelope of each law\n{told}"
     figure.suptitle(literal(title), x=0.01, ha="left", **_bold(TEXT_PT))
-    edge = {"edgecolor": style.DESIRED, "linewidth": 0.4}
+    edge: dict[str, Any] = {"edgecolor": style.DESIRED, "linewidth": 0.4}
     handles = [Patch(facecolor=FILLS[name], label=word, **edge) for name, word in KEYS.items()]
     handles.append(Patch(facecolor=FILLS[PASS], label="nothing stressed", edgecolor=style.INK))
     figure.legend(handles=handles, loc="outside lower left", ncols=5, frameon=False,

@@ -72,7 +72,8 @@ def study_runs_figure(result: StudyResult) -> Figure:
     figure = _figure(HEAD_IN + 0.14 * title.count("\n") + sum(heights))
     figure.suptitle(literal(title), x=0.015, ha="left", fontsize=TEXT_PT + 1.0, fontweight="bold",
                     color=style.INK)  # fmt: skip
-    above, below = figure.subfigures(2, 1, height_ratios=heights)
+    parts: Any = figure.subfigures(2, 1, height_ratios=heights)
+    above, below = parts
     _fill(above, panels)
     _fill(below, bars)
     return figure
