@@ -34,8 +34,8 @@ class Tracking(NamedTuple):
     """
 
     sheet: Sheet
-    twist: Sequence[Any]
-    twist_dot: Sequence[Any]
+    twist: Any
+    twist_dot: Any
     direction: Sequence[Any]
     error: Sequence[Any]
     e: Sequence[Any]
@@ -80,7 +80,7 @@ def base_error_rate(e: Any, wanted: Any, twist: Any) -> list[Any]:
     ]
 
 
-def joint_errors(robot: Robot, wanted: Sequence[Any], positions: Sequence[Any]) -> list[Any]:
+def joint_errors(robot: Robot, wanted: Any, positions: Any) -> list[Any]:
     """Return the errors of the arm's joints; those of unlimited ones the short way round."""
     gaps = [a - b for a, b in zip(wanted, positions, strict=True)]
     kinds = [joint.kind for joint in robot.joints]

@@ -63,13 +63,12 @@ class Measured(NamedTuple):
         parts = [
             math.vertsplit(part) for part in math.vertsplit(column, np.cumsum([0, *sizes]).tolist())
         ]
-        state, rest = parts[:6], parts[6:]
-        if not rest:
-            return cls(*state)
-        rows, drift, unit_drift = rest
+        if len(parts) == 6:
+            return cls(*parts)
+        *state, rows, drift, unit_drift = parts
         width = len(rows) // BASE_NV
         rows = [rows[width * i : width * (i + 1)] for i in range(BASE_NV)]
-        return cls(*state, Rolling(rows, drift, unit_drift))
+        return cls(*state)._replace(rolling=Rolling(rows, drift, unit_drift))
 
 
 def reference_direction(sheet: Sheet, state: ReferenceState) -> list[Any]:

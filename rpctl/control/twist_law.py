@@ -149,7 +149,7 @@ class BaseLaw(Record, ABC):
         """
 
 
-def _numbers(record: Record) -> dict[str, float]:
+def _numbers(record: BaseLaw | Leash) -> dict[str, float]:
     names = (item.name for item in fields(record) if item.name != "joint_horizon")
     values = {name: getattr(record, name) for name in names}
     kinds = {name: type(value) for name, value in values.items()}
@@ -193,8 +193,9 @@ def desired(
     if drive.base_speeds:
         direction = reference_direction(sheet, state)
         leashed = error if law.leash is None else law.leash(sheet, error)
-        parts = state.twist, state.twist_dot, direction, error, leashed, measured.twist
-        at = Tracking(sheet, *parts)
+        at = Tracking(
+            sheet, state.twist, state.twist_dot, direction, error, leashed, measured.twist
+        )
         if drive.omnidirectional:
             twist = omnidirectional_twist(at, law.horizon)
         else:
@@ -250,8 +251,9 @@ def reference_sizes(robot: Robot) -> list[int]:
 def reference_symbols(robot: Robot, row: Any) -> ReferenceState:
     """Return the scalars of a row (n, 1) of a reference table."""
     ends = np.cumsum([0, *reference_sizes(robot)]).tolist()
-    parts = [math.vertsplit(part) for part in math.vertsplit(row, ends)]
-    return ReferenceState(*parts[:6], direction=parts[6:])  # type: ignore[arg-type]
+    parts: list[Any] = [math.vertsplit(part) for part in math.vertsplit(row, ends)]
+    state = ReferenceState(*parts[:6])
+    return state._replace(direction=parts[6:])  # type: ignore[arg-type]
 
 
 class BaseController(ReportsNothing):
@@ -313,7 +315,7 @@ def measure(dynamics: ReducedDynamics, q: Array, nu: Array) -> Array:
     robot = dynamics.robot
     pose = [q[0], q[1], numbers.atan2(q[3], q[2])]
     rates = nu[robot.dof - len(robot.joints) :]
-    found = [pose, dynamics.twist(q, nu), robot.joint_positions(q), rates]
+    found: list[Any] = [pose, dynamics.twist(q, nu), robot.joint_positions(q), rates]
     steered = robot.drive.steered
     if steered:
         turning = nu[1 : 1 + len(steered)]

@@ -187,7 +187,7 @@ def law_program(law: LawSheet) -> LawProgram:
     needed = {name for name in moving if given[name].symbol.name() in read}
     needed |= {swivel.joint for swivel in robot.drive.steered}
     positions = joints_of_code(robot, needed)
-    leaves = [*law.inputs, *law.settings]
+    leaves: list[Given | LawSetting] = [*law.inputs, *law.settings]
     nodes = [_leaf(each, positions) for each in leaves]
     symbols = casadi.vertcat(*(each.symbol for each in leaves))
     function = casadi.Function("law", [symbols], [outputs])

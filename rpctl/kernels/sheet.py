@@ -88,9 +88,9 @@ class Evaluator(threading.local):
         self._inputs = [np.zeros(function.numel_in(k)) for k in range(function.n_in())]
         self._outputs = [np.zeros(function.numel_out(k)) for k in range(function.n_out())]
         for k, column in enumerate(self._inputs):
-            self._buffer.set_arg(k, memoryview(column))
+            self._buffer.set_arg(k, column.data)
         for k, column in enumerate(self._outputs):
-            self._buffer.set_res(k, memoryview(column))
+            self._buffer.set_res(k, column.data)
 
     def __call__(self, *columns: Array) -> list[Array]:
         """Return the outputs, a column each."""

@@ -68,7 +68,8 @@ def test_value_and_rate(law: BaseLaw, typed: Typed, rng: np.random.Generator) ->
         twist[1] = twist_dot[1] = 0.0
         own, turn = rng.normal(size=2)
         rows = np.array([twist, twist_dot, twice])
-        state = ReferenceState(np.zeros(3), twist, twist_dot, *[NO_JOINTS] * 3, 0.7 * rows)
+        still, no = np.zeros(3), NO_JOINTS
+        state = ReferenceState(still, twist, twist_dot, no, no, no, 0.7 * rows)
         base = np.array([own, 0.0, turn])
         found, e_dot = twist_of(law, state, e, base), error_rate(e, state, base)
         np.testing.assert_allclose(found.value[[0, 2]], typed(state, e, own), rtol=1e-12)

@@ -56,7 +56,7 @@ def evaluator(law: BaseLaw) -> Evaluator:
     twist, twist_dot, *direction, e, own = (
         math.vertsplit(part) for part in math.vertsplit(column, list(range(0, 22, 3)))
     )
-    state = ReferenceState(e, twist, twist_dot, e, e, e, direction)
+    state = ReferenceState(e, twist, twist_dot, e, e, e, direction)  # type: ignore[arg-type]
     for symbol, rate in zip(
         [*twist, *e], [*twist_dot, *base_error_rate(e, twist, own)], strict=True
     ):

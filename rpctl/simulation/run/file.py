@@ -285,7 +285,7 @@ class _Archive:
 
     def __init__(self, file: BinaryIO) -> None:
         with _readable():
-            self._archive = zipfile.ZipFile(_Bounded(file))  # type: ignore[arg-type]
+            self._archive = zipfile.ZipFile(_Bounded(file))
         infos, most = self._archive.infolist(), cap("MAX_RUN_BYTES")
         if len(infos) > MAX_ENTRIES:
             raise EntryError(f"{len(infos)} entries, over {MAX_ENTRIES}")

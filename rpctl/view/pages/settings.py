@@ -81,7 +81,8 @@ def _record_rows(
         changed: Whether only those are told that are not as by default.
         labelled: Whether only those are told that have a label.
     """
-    for name, each in fields_of(type(record)).items():
+    kind: Any = type(record)
+    for name, each in fields_of(kind).items():
         value = getattr(record, name)
         if each.setting is IN_PYTHON or _is_empty(value) or value is False:
             continue

@@ -61,16 +61,16 @@ def robot_nodes(
     veil, tint = _veil(), _tint(f"{prefix}tint", opacity)
     found = {part.joint: JointNodes() for part in bodies.parts}
     for k, part in enumerate(bodies.parts):
-        nodes, place = found[part.joint], {"pose": part.pose, "geometry": meshes[part.surface]}
+        nodes, mesh = found[part.joint], meshes[part.surface]
         name, paint = (STAND_IN, _hatch()) if part.stands_in else ("part", _paint(part.rgba))
-        for group, kind, material, more in (
-            (nodes.solid, name, paint, {"castShadow": True}),
-            (nodes.ghost, "veil", veil, {"renderOrder": 4}),
-            (nodes.ghost, "tint", tint, {"renderOrder": 5}),
-        ):
-            group.append(
-                threejs.node("Mesh", f"{prefix}{kind}-{k}", material=material, **place, **more)
-            )
+        looks: list[tuple[list[threejs.Json], str, threejs.Json]] = [
+            (nodes.solid, name, {"material": paint, "castShadow": True}),
+            (nodes.ghost, "veil", {"material": veil, "renderOrder": 4}),
+            (nodes.ghost, "tint", {"material": tint, "renderOrder": 5}),
+        ]
+        for group, kind, look in looks:
+            named = f"{prefix}{kind}-{k}"
+            group.append(threejs.node("Mesh", named, part.pose, geometry=mesh, **look))
     return found
 
 

@@ -124,7 +124,7 @@ def obstacle_commands(
         if mesh is None:
             continue
         name, opacity = f"obstacles-{body}", np.concatenate([alpha for _, alpha in parts])
-        entries = {"geometry": _geometry(mesh, opacity, ground + 0.2 * width)}
+        entries: threejs.Json = {"geometry": _geometry(mesh, opacity, ground + 0.2 * width)}
         entries["material"] = {"color": number_of(name), **SEE_THROUGH}
         nodes.append(threejs.node("Mesh", name, renderOrder=3, **entries))
     root = threejs.node("Group", "obstacles", children=nodes)

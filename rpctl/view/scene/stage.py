@@ -34,8 +34,17 @@ def ground_command(lower: Array, upper: Array, height: float) -> bytes:
     shadow = {"type": "ShadowMaterial", "opacity": 0.16, **clear}
     pose = np.eye(4)
     pose[:3, 3] = centre[0], centre[1], height
-    grid = {"geometry": _grid(centre, radius, height), "material": lines, "renderOrder": 1}
-    shade = {"geometry": plane, "material": shadow, "renderOrder": 2, "receiveShadow": True}
+    grid: threejs.Json = {
+        "geometry": _grid(centre, radius, height),
+        "material": lines,
+        "renderOrder": 1,
+    }
+    shade: threejs.Json = {
+        "geometry": plane,
+        "material": shadow,
+        "renderOrder": 2,
+        "receiveShadow": True,
+    }
     nodes = [
         threejs.node("LineSegments", "grid", **grid),
         threejs.node("Mesh", "shadow", pose, **shade),

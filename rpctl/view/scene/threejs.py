@@ -98,7 +98,7 @@ def set_object(path: str, root: Json) -> bytes:
         return found
 
     tree = listed(root)
-    scene = {"metadata": {"version": 4.5, "type": "Object"}, "object": tree}
+    scene: Json = {"metadata": {"version": 4.5, "type": "Object"}, "object": tree}
     scene |= {kind: entries for kind, entries in lists.items() if entries}
     return pack({"type": "set_object", "path": path, "object": scene})
 

@@ -60,8 +60,8 @@ def _trail(name: str, colour: str, mesh: Mesh | None) -> list[threejs.Json]:
     vertices, faces = mesh
     shape = threejs.geometry({"position": threejs.attribute(vertices.astype(np.float32))}, faces)
     paint = {"name": name, "type": "MeshBasicMaterial", "color": number_of(colour), "side": 2}
-    entries = {"geometry": shape, "material": paint, "renderOrder": 3, "frustumCulled": False}
-    return [threejs.node("Mesh", name, **entries)]
+    look: threejs.Json = {"geometry": shape, "material": paint, "renderOrder": 3}
+    return [threejs.node("Mesh", name, frustumCulled=False, **look)]
 
 
 def _covers(path: Array, other: Array) -> bool:

@@ -119,7 +119,8 @@ def test_forces_and_their_jacobian(name: str, rng: np.random.Generator) -> None:
     assert contacts is not None
     model = Model(dynamics, STEPS, DT)
     forces = ForceModel(model, contacts, tip_margin=0.02, grip=0.9)
-    assert forces.ground is not None
+    margins = forces.ground
+    assert margins is not None
     _, joints, nu, nu_dot = state(model, rng)
     nu, nu_dot = 0.3 * nu, 0.3 * nu_dot[0]
     q = robot.configuration_at(rng.normal(size=3), joints)
@@ -129,16 +130,16 @@ def test_forces_and_their_jacobian(name: str, rng: np.random.Generator) -> None:
 
     # The least row of the polygon's edges is the margin, at the share of the weight that bears.
     ground = ground_reaction(dynamics, contacts, q, nu, tau)
-    edges = forces.ground.rows - 8 * len(contacts.along)
+    edges = margins.rows - 8 * len(contacts.along)
     weight = robot.mass * 9.81
-    rows = forces.ground(full)
+    rows = margins(full)
     assert ground.tip_margin is not None
     expected = (ground.tip_margin - 0.02) * ground.force[2] / weight
     assert rows[:edges, 0].min() == pytest.approx(expected, abs=1e-9)
 
     def value(nu: Array, nu_dot: Array) -> Array:
         found = forces.at(q, nu, nu_dot)
-        efforts, room = forces.efforts(found), forces.ground(found)
+        efforts, room = forces.efforts(found), margins(found)
         return np.concatenate([efforts[:, 0], room[:edges, 0]])
 
     jacobian = np.vstack([forces.efforts(full), rows[:edges]])
@@ -157,7 +158,8 @@ def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> Non
     dynamics = ReducedDynamics(tiago)
     model, bounds = Model(dynamics, STEPS, DT), Bounds()
     forces = ForceModel(model, find_contacts(dynamics), bounds.tip_margin, bounds.grip)
-    assert forces.ground is not None
+    margins = forces.ground
+    assert margins is not None
     rows, still = ForceBounds(model, bounds, forces), np.zeros((STEPS, tiago.dof))
     q, nu = tiago.configuration(), np.eye(tiago.dof)[0] * 0.4
     load_splits, found = [], []
@@ -184,7 +186,8 @@ def test_rows_of_the_grip_tell_slipping(rng: np.random.Generator) -> None:
     assert contacts is not None
     model = Model(dynamics, STEPS, DT)
     forces = ForceModel(model, contacts, tip_margin=0.02, grip=0.9)
-    assert forces.ground is not None
+    margins = forces.ground
+    assert margins is not None
     said = set()
     for _ in range(300):
         nu, nu_dot = rng.normal(size=(2, robot.dof)) * [[1.0, 1.0, 0.3, 0.1], [2.0, 2.0, 0.3, 0.1]]

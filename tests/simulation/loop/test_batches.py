@@ -62,7 +62,7 @@ def add(into: Recorder, samples: Samples, k: int) -> None:
     columns = {name: each[k] for name, each in samples.columns.items()}
     t, state = float(samples.reference.t[k]), list(samples.reference.states())[k]
     limits = SETS[int(samples.limits[k])]
-    into.add(LoopSample(t=t, e=np.empty(0), state=state, limits=limits, **columns))  # type: ignore[arg-type]
+    into.add(LoopSample(t=t, e=np.empty(0), state=state, limits=limits, **columns))
 
 
 def one_by_one(robot: Robot, every: int = 1) -> Log:
