@@ -167,10 +167,8 @@ def test_contacts_that_let_go_and_take_hold_bound_both_ways(tiago: Robot) -> Non
         motion = model.predict(q, nu, still + braking * np.eye(tiago.dof)[0])
         now = rows.linearise(Sample(motion, Target(motion.pose, motion.joints, motion.nu), None))[1]
         at = forces.at(q, nu, motion.nu_dot[0], measured=dynamics)
-        load_splits.append(forces.ground.load_split(at))
-        found.append(
-            (-now.value[0], [forces.ground.grip(at, piece)[:, 0] for piece in load_splits])
-        )
+        load_splits.append(margins.load_split(at))
+        found.append((-now.value[0], [margins.grip(at, piece)[:, 0] for piece in load_splits]))
     assert not np.array_equal(load_splits[0], load_splits[1])
     assert found[0][0].shape == found[1][0].shape
     for has, (_, wanted) in zip((found[0][0], found[1][0]), found, strict=True):
@@ -196,7 +194,7 @@ def test_rows_of_the_grip_tell_slipping(rng: np.random.Generator) -> None:
         ground = ground_reaction(dynamics, contacts, q, nu, tau)
         if ground.load.min() <= 0.0:
             continue
-        rows = forces.ground(forces.at(q, nu, nu_dot))[-16:, 0]
+        rows = margins(forces.at(q, nu, nu_dot))[-16:, 0]
         held = bool(rows.min() >= 0.0)
         said.add(held)
         # The polygon lies inside the circle, and touches it from within by 1 - cos(π/8).
