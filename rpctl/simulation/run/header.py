@@ -110,7 +110,6 @@ def recorded(config: Config, periods: int) -> Config:
         periods: Number of control periods that were simulated.
     """
     run, plant = config.run, config.plant
-    x, y, theta = run.initial_error
     plant = dataclasses.replace(
         plant,
         kind=plant.kind if plant.own is None else "own",
@@ -125,7 +124,7 @@ def recorded(config: Config, periods: int) -> Config:
         run=dataclasses.replace(
             run,
             duration=periods * run.control_period,
-            initial_error=(float(x), float(y), float(theta)),
+            initial_error=tuple(map(float, run.initial_error)),  # type: ignore[arg-type]
         ),
         plant=plant,
     )
