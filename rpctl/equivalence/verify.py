@@ -85,7 +85,7 @@ def verify(
     _require_samples(samples)
     reading, dynamics = read(robot), ReducedDynamics(robot)
     geometry, oracle = Geometry(dynamics, reading), GibbsAppell(robot, reading=reading)
-    mujoco, absent = _engine(robot, oracle, engines)
+    mujoco, absent = _engine(robot, reading, engines)
     derivations = _Derivations(dynamics, find_rolling(robot), oracle, geometry, mujoco)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
     skipped = (*geometry.skipped(), *absent)
@@ -205,7 +205,7 @@ def _broken_down(group: str, error: Exception) -> Check:
 
 
 def _engine(
-    robot: Robot, oracle: GibbsAppell, engines: Sequence[str]
+    robot: Robot, reading: FileReading, engines: Sequence[str]
 ) -> tuple[mujoco_engine.MujocoEngine | None, tuple[Skipped, ...]]:
     """Return MuJoCo's view of the robot, or the row that says why there is none."""
     for name in engines:
@@ -216,7 +216,7 @@ def _engine(
     note = ABSENT
     if mujoco_engine.installed():
         try:
-            return mujoco_engine.MujocoEngine(robot, oracle), ()
+            return mujoco_engine.MujocoEngine(robot, reading), ()
         except mujoco_engine.EngineRefused as refusal:
             note = f"refused: {refusal}"
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
