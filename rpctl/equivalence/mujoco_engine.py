@@ -420,7 +420,7 @@ class MujocoEngine:
             yield self._unit[self._joints[name]]
 
     def _heading(self, swivel: Swivel) -> tuple[float, Array]:
-        """Return where a swivel heads, from the root link's x axis (rad), and the row of its turning."""
+        """Return a swivel's angle from the root link's x axis, rad, and the row of its turning."""
         index = self._joints[swivel.joint]
         swing = self._unit[2] + swivel.sign * self._unit[index]
         return swivel.heading + swivel.sign * float(self._data.qpos[index]), swing
