@@ -328,9 +328,9 @@ class MujocoEngine:
         self._mujoco, self._robot = mujoco_library(), robot
         self._tree = Tree(robot, FLOATS, reading)
         self._drive = self._tree.reading.drive
-        tree = MujocoModel(robot, self._tree.reading)
-        self.refused, self.fused = tree.refused, tree.fused
-        self._model, self._root, self._joints = tree.mjm, tree.root, tree.joints
+        made = MujocoModel(robot, self._tree.reading)
+        self.refused, self.fused = made.refused, made.fused
+        self._model, self._root, self._joints = made.mjm, made.root, made.joints
         self._data = self._mujoco.MjData(self._model)
         self._unit = np.eye(robot.nv, robot.nv + 1)  # rows of single rates: none has a drift
 
@@ -341,7 +341,7 @@ class MujocoEngine:
             RpctlError: The constraints and ν do not determine one motion.
         """
         rows = self._rows(q, np.zeros(self._robot.nv))
-        S = _solve(rows[:, :-1], np.eye(len(rows), len(nu), len(nu) - len(rows)))
+        S = _solve(rows[:, :-1], np.eye(len(rows), len(nu), len(nu) - len(rows)))  # [0; I]
         rows = self._rows(q, S @ nu)
         drift = _solve(rows[:, :-1], -rows[:, -1])
         M = np.zeros((self._robot.nv, self._robot.nv))
@@ -395,11 +395,10 @@ class MujocoEngine:
 
     def _follower_rows(self) -> Iterator[Array]:
         """Yield the rows of A (nv + 1,) of the swivels that follow others."""
-        drive, unit, index = self._drive, self._unit, self._joints
+        drive, unit, index, v = self._drive, self._unit, self._joints, self._data.qvel
         rates = {s.joint: JointRate(unit[index[s.joint], :-1], 0.0) for s in drive.swivels}
         positions = {name: self._data.qpos[index[name]] for name in rates}
         for swivel in drive.followers:
-            v = self._data.qvel
             row, drift = follower_rate(self._tree, drive, swivel, positions, v, rates)
             yield unit[index[swivel.joint]] - np.append(row, drift)
 
