@@ -33,8 +33,8 @@ from rpctl.dynamics.derivatives import linearize as linearize
 from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
 from rpctl.engines.mujoco.sensors import MjcfRobot as MjcfRobot
 from rpctl.engines.mujoco.settings import ContactSettings as ContactSettings
-from rpctl.equivalence.certificate import Certificate as Certificate
 from rpctl.equivalence.state import draw_state as draw_state
+from rpctl.equivalence.verify import Certificate as Certificate
 from rpctl.equivalence.verify import verify as verify
 from rpctl.errors import RpctlError as RpctlError
 from rpctl.reference.function import as_reference as as_reference

@@ -16,7 +16,6 @@ from rpctl.cli.summary import show_reference, show_summary
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.track_options import ConfigOptions, ResultOptions
 from rpctl.cli.verify import VerifyOptions, certificate_line, certify
-from rpctl.equivalence.certificate import Certificate
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, is_goal
 from rpctl.robot.model import Robot
@@ -29,6 +28,7 @@ from rpctl.simulation.run.part import PART_FOLDER, PartWriter
 from rpctl.simulation.run.run import Run
 
 if TYPE_CHECKING:
+    from rpctl.equivalence.verify import Certificate
     from rpctl.view.run_folder import RunFolder
     from rpctl.view.serve.live import Broadcast
 

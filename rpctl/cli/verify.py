@@ -15,10 +15,10 @@ from rich.table import Table
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, tell
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
-from rpctl.equivalence.certificate import CONTACT_ORACLE, Certificate, Check, Skipped
+from rpctl.equivalence.certificate import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.contact.trial import ContactTrial, Gap
 from rpctl.equivalence.onset.trial import ASKEW, INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
-from rpctl.equivalence.verify import verify
+from rpctl.equivalence.verify import Certificate, verify
 from rpctl.files.writing import require_writable
 from rpctl.robot.model import Robot
 

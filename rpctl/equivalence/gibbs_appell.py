@@ -159,14 +159,6 @@ class GibbsAppell:
         root, rates = self.rolling_root(self._heading(q), positions, nu)
         return np.asarray(self.function(positions, nu, nu_dot, root, rates))
 
-    def rolling(self, q: Array, nu: Array) -> tuple[LinkKinematics, JointRates]:
-        """Return the root link's motion in ν, and the rates of all joints, wheels rolling."""
-        positions = self._positions(q)
-        root, rates = self.rolling_root(self._heading(q), positions, nu)
-        for _ in self.links(positions, nu, root, rates):
-            pass  # the walk adds the rates of the joints that are not part of ν
-        return root, rates
-
     def rolling_root(
         self, R: Array, positions: Mapping[str, Any], nu: Vector
     ) -> tuple[LinkKinematics, JointRates]:

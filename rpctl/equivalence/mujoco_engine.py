@@ -1,9 +1,9 @@
-"""MuJoCo as one more engine: its reading of the URDF, its inertia and its bias.
+"""MuJoCo as one more engine: its reading of the URDF, its inertia, bias and Jacobians.
 
-Neither ``rpctl.dynamics`` nor Pinocchio takes part. The free tree's base velocity is in world axes;
-that the wheels roll is said by the S and Ṡν of the Gibbs-Appell derivation, which come from the
-file, too, and of which the certificate has rows of their own:
+Neither ``rpctl.dynamics`` nor Pinocchio takes part. The wheels' rolling is imposed on the free
+tree, whose base velocity is in world axes, through MuJoCo's Jacobians J and their rates J̇:
 
+    [A; W] v = [0; ν],   [A; W] S = [0; I],   [A; W] Ṡν = −[Ȧ; Ẇ] v,
     M = Sᵀ M_free S,   h = Sᵀ (h_free + M_free Ṡν),   B = Sᵀ × actuators' columns.
 
 MuJoCo reads the numbers of the user's file, as they are written there. What is added: two slides
@@ -16,7 +16,7 @@ MuJoCo (Todorov, Erez, Tassa, IROS 2012) is optional, and imported when an engin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import metadata
@@ -28,10 +28,12 @@ from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.description.density import inertial_element
+from rpctl.drive.drive import Swivel, Wheel
 from rpctl.equivalence.contact.mujoco_body import mujoco_library, quaternion
 from rpctl.equivalence.file_drive import FileReading, read, rotor_inertias
-from rpctl.equivalence.gibbs_appell import GibbsAppell
+from rpctl.equivalence.planar import JointRate, follower_rate
 from rpctl.equivalence.raw_file import RawFile, document
+from rpctl.equivalence.tree import FLOATS, Tree, cross, cross_columns
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
@@ -278,6 +280,9 @@ def _fusion_note(link: str, head: str) -> str:
 
 
 OLDEST_MUJOCO = (3, 14)  # before it MuJoCo turned an inertia read from a URDF to its principal axes
+DOWN = np.array([0.0, 0.0, -1.0])
+LEFT = 0.5 * math.pi  # from forward
+CONTRADICTION_TOLERANCE = 1e-9  # of the solution: rows that no motion meets; rounding leaves 1e-13
 
 
 @dataclass(frozen=True)
@@ -309,7 +314,7 @@ class MujocoEngine:
     """The equations of one robot by MuJoCo.
 
     Args:
-        oracle: Says how its wheels roll; made anew, of its file, if None.
+        reading: Its file; read anew if None.
 
     Attributes:
         refused: Links that MuJoCo refuses, each with the reason.
@@ -319,23 +324,26 @@ class MujocoEngine:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
     """
 
-    def __init__(self, robot: Robot, oracle: GibbsAppell | None = None) -> None:
+    def __init__(self, robot: Robot, reading: FileReading | None = None) -> None:
         self._mujoco, self._robot = mujoco_library(), robot
-        self._oracle = oracle or GibbsAppell(robot)
-        tree = MujocoModel(robot, self._oracle.tree.reading)
-        self.refused, self.fused = tree.refused, tree.fused
-        self._model, self._joints = tree.mjm, tree.joints
+        self._tree = Tree(robot, FLOATS, reading)
+        self._drive = self._tree.reading.drive
+        made = MujocoModel(robot, self._tree.reading)
+        self.refused, self.fused = made.refused, made.fused
+        self._model, self._root, self._joints = made.mjm, made.root, made.joints
         self._data = self._mujoco.MjData(self._model)
+        self._unit = np.eye(robot.nv, robot.nv + 1)  # rows of single rates: none has a drift
 
     def reduced(self, q: Array, nu: Array) -> EngineTerms:
-        """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling."""
-        S, drift = self._rolling(q, nu)
-        self._data.qpos[:3] = q[0], q[1], math.atan2(q[3], q[2])
-        for name, index in self._joints.items():
-            self._data.qpos[index] = self._robot.joint_position(q, name)
-        self._data.qvel[:] = S @ nu
-        self._mujoco.mj_fwdPosition(self._model, self._data)
-        self._mujoco.mj_fwdVelocity(self._model, self._data)
+        """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling.
+
+        Raises:
+            RpctlError: The constraints and ν do not determine one motion.
+        """
+        rows = self._rows(q, np.zeros(self._robot.nv))
+        S = _solve(rows[:, :-1], np.eye(len(rows), len(nu), len(nu) - len(rows)))  # [0; I]
+        rows = self._rows(q, S @ nu)
+        drift = _solve(rows[:, :-1], -rows[:, -1])
         M = np.zeros((self._robot.nv, self._robot.nv))
         for row, unit in zip(M, np.eye(self._robot.nv), strict=True):
             self._mujoco.mj_mulM(self._model, self._data, row, unit)
@@ -343,12 +351,137 @@ class MujocoEngine:
         B = S[[self._joints[name] for name in self._robot.actuators]].T
         return EngineTerms(S.T @ M @ S, h, B, S.T @ self._data.qfrc_passive)
 
-    def _rolling(self, q: Array, nu: Array) -> tuple[Array, Array]:
-        """Return S (nv, dof) and Ṡν (nv,) in MuJoCo's coordinates, by the Gibbs-Appell walk."""
-        root, rates = self._oracle.rolling(q, nu)
-        S, drift = np.zeros((self._robot.nv, len(nu))), np.zeros(self._robot.nv)
-        S[:2], S[2] = root.J_v[:2], root.J_w[2]
-        drift[:2], drift[2] = root.a[:2], root.alpha[2]
+    def _rows(self, q: Array, v: Array) -> Array:
+        """Return [A; W] and, as one more column, [Ȧ; Ẇ] v; v (nv,) is as MuJoCo orders it."""
+        self._data.qpos[:3] = q[0], q[1], math.atan2(q[3], q[2])
         for name, index in self._joints.items():
-            S[index], drift[index] = rates.rows[name], rates.drifts[name]
-        return S, drift
+            self._data.qpos[index] = self._robot.joint_position(q, name)
+        self._data.qvel[:] = v
+        self._mujoco.mj_fwdPosition(self._model, self._data)
+        self._mujoco.mj_fwdVelocity(self._model, self._data)
+        return np.array([*self._constraints(), *self._follower_rows(), *self._speeds()])
+
+    def _constraints(self) -> Iterator[Array]:
+        """Yield the rows of A (nv + 1,), but for swivels that follow: speeds that are 0.
+
+        A wheel's is that of its contact along the direction in which it stands still, a swivel's
+        that of its contact to the left, an axle's that of P. Two swivels may share one.
+        """
+        drive, unit, turn = self._drive, self._unit, self._unit[2]
+        if drive.type == "fixed":
+            yield from unit[:3]
+        for joint in self._robot.mimics:
+            leader, factor = self._tree.leader(joint.name)
+            followed = factor * unit[self._joints[leader]] if leader in self._joints else 0.0
+            yield unit[self._joints[joint.name]] - followed
+        for wheel in drive.wheels:
+            if wheel.swivel is None:
+                angle = math.atan2(wheel.direction[1], wheel.direction[0])
+                yield self._along(angle, turn, self._contact(wheel))
+        if drive.has_axle:
+            yield self._along(drive.heading + LEFT, turn, self._base(drive.point))
+        lateral: dict[str, Array] = {}
+        for swivel in drive.swivels:
+            angle, swing = self._heading(swivel)
+            for speed, wheel in self._carried(swivel):
+                axle = self._data.xaxis[self._model.joint(wheel.joint).id]
+                forward = self._direction(angle) @ cross(axle, DOWN)
+                yield speed + math.copysign(wheel.radius, forward) * unit[self._joints[wheel.joint]]
+            if swivel.role != "follower":
+                row = self._along(angle + LEFT, swing, self._base(swivel.pivot))
+                name = swivel.shares or swivel.joint
+                lateral[name] = lateral.get(name, 0.0) + row + swivel.trail * swing
+        yield from lateral.values()
+
+    def _follower_rows(self) -> Iterator[Array]:
+        """Yield the rows of A (nv + 1,) of the swivels that follow others."""
+        drive, unit, index, v = self._drive, self._unit, self._joints, self._data.qvel
+        rates = {s.joint: JointRate(unit[index[s.joint], :-1], 0.0) for s in drive.swivels}
+        positions = {name: self._data.qpos[index[name]] for name in rates}
+        for swivel in drive.followers:
+            row, drift = follower_rate(self._tree, drive, swivel, positions, v, rates)
+            yield unit[index[swivel.joint]] - np.append(row, drift)
+
+    def _speeds(self) -> Iterator[Array]:
+        """Yield the rows of W (nv + 1,): the base's speeds, steered joints' rates, the arm's."""
+        drive, turn = self._drive, self._unit[2]
+        P = self._base(drive.point)
+        if drive.has_axle:
+            yield self._along(drive.heading, turn, P)
+        elif drive.steered:
+            yield np.mean([speed for speed, _ in self._carried(drive.steered[0])], axis=0)
+        elif drive.wheels:
+            yield self._along(0.0, turn, P)
+            yield self._along(LEFT, turn, P)
+        if drive.base_speeds and not drive.steered:
+            yield turn
+        for name in (*(swivel.joint for swivel in drive.steered), *self._robot.joint_names):
+            yield self._unit[self._joints[name]]
+
+    def _heading(self, swivel: Swivel) -> tuple[float, Array]:
+        """Return a swivel's angle from the root link's x axis, rad, and the row of its turning."""
+        index = self._joints[swivel.joint]
+        swing = self._unit[2] + swivel.sign * self._unit[index]
+        return swivel.heading + swivel.sign * float(self._data.qpos[index]), swing
+
+    def _carried(self, swivel: Swivel) -> Iterator[tuple[Array, Wheel]]:
+        """Yield the row of the forward speed at each wheel that a swivel carries, and the wheel."""
+        angle, swing = self._heading(swivel)
+        forward = self._along(angle, swing, self._base(swivel.pivot))
+        for at in self._drive.carried(swivel):
+            wheel = self._drive.wheels[at]
+            yield forward - wheel.lateral * swing, wheel
+
+    def _direction(self, angle: float) -> Array:
+        """Return the direction (3,) at an angle from the root link's x axis, in world axes."""
+        R = self._data.xmat[self._root].reshape(3, 3)
+        return np.asarray(R @ [math.cos(angle), math.sin(angle), 0.0])
+
+    def _along(self, angle: float, swing: Array, motion: Array) -> Array:
+        """Return the row (nv + 1,) of a velocity along a direction that turns as ``swing`` says.
+
+        Args:
+            motion: [J, J̇ v] (3, nv + 1) of the velocity.
+        """
+        direction, v = self._direction(angle), self._data.qvel
+        row = direction @ motion
+        row[-1] += (swing[:-1] @ v) * (cross(-DOWN, direction) @ motion[:, :-1] @ v)
+        return row
+
+    def _contact(self, wheel: Wheel) -> Array:
+        """Return [J, J̇ v] (3, nv + 1) of the contact point of a wheel that the root link holds."""
+        joint, data = self._model.joint(wheel.joint).id, self._data
+        centre = data.xanchor[joint] + wheel.offset * data.xaxis[joint]
+        linear, angular = self._jacobian(centre, self._model.jnt_bodyid[joint])
+        left = self._drive.heading + LEFT
+        grip = (wheel.shift * math.cos(left), wheel.shift * math.sin(left))
+        shift = self._base(grip) - self._base((0.0, 0.0))
+        return linear + cross_columns(angular, wheel.radius * DOWN) + shift
+
+    def _base(self, place: tuple[float, float]) -> Array:
+        """Return [J, J̇ v] (3, nv + 1) of a place in the root link's frame that moves along."""
+        R = self._data.xmat[self._root].reshape(3, 3)
+        return self._jacobian(self._data.xpos[self._root] + R @ [*place, 0.0], self._root)[0]
+
+    def _jacobian(self, point: Array, body: int) -> Array:
+        """Return [J, J̇ v] (2, 3, nv + 1), linear and angular, of a point (world) of a body."""
+        J, J_dot = np.zeros((2, 2, 3, self._robot.nv))
+        self._mujoco.mj_jac(self._model, self._data, *J, point, body)
+        self._mujoco.mj_jacDot(self._model, self._data, *J_dot, point, body)
+        return np.concatenate([J, (J_dot @ self._data.qvel)[..., None]], axis=-1)
+
+
+def _solve(rows: Array, wanted: Array) -> Array:
+    """Solve [A; W] X = ``wanted``, which has one solution if the robot has one motion.
+
+    A second pass on what is left brings 1e-13, the singular value decomposition's, to rounding.
+
+    Raises:
+        RpctlError: It has none, or many.
+    """
+    solution, _, rank, _ = np.linalg.lstsq(rows, wanted, rcond=CONTRADICTION_TOLERANCE)
+    solution += np.linalg.lstsq(rows, wanted - rows @ solution, rcond=CONTRADICTION_TOLERANCE)[0]
+    gap, size = np.abs(rows @ solution - wanted).max(), float(np.abs(solution).max())
+    if rank < rows.shape[1] or gap > CONTRADICTION_TOLERANCE * max(1.0, size):
+        raise RpctlError("rolling wheels and quasi-velocities do not determine one motion")
+    return np.asarray(solution)

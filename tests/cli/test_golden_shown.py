@@ -17,7 +17,8 @@ import rpctl
 from rpctl import Robot, Run, summarize
 from rpctl.cli import compare, inspect, verify
 from rpctl.cli import summary as shown
-from rpctl.equivalence.certificate import Certificate, Check
+from rpctl.equivalence.certificate import Check
+from rpctl.equivalence.verify import Certificate
 from rpctl.robot.inspection import facts
 from rpctl.simulation.config import RunSettings
 from rpctl.study.cells import Figures, Row, figures_of

@@ -71,8 +71,8 @@ def test_a_turn_is_measured_by_its_heading_and_its_rims() -> None:
 
 
 def verdict_of(default: float, mended: float, declared: float, swing: float = 0.0) -> TurnVerdict:
-    turns = [Turn(track, np.ones(4), s, 0.0) for track, s in ((default, swing), (mended, 0.0))]
-    return TurnVerdict(*turns, declared, 1.1, "mend it")
+    hopping = Turn(default, np.ones(4), swing, 0.0)
+    return TurnVerdict(hopping, Turn(mended, np.ones(4), 0.0, 0.0), declared, 1.1, "mend it")
 
 
 def test_the_line_tells_the_tracks_and_what_to_declare() -> None:

@@ -14,7 +14,6 @@ from rpctl.equivalence.certificate import (
     EPS,
     EXACT_TOLERANCE,
     ROUNDINGS,
-    Certificate,
     Check,
     Skipped,
     allowed,
@@ -24,6 +23,7 @@ from rpctl.equivalence.certificate import (
     worst,
 )
 from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
+from rpctl.equivalence.verify import Certificate
 
 
 def test_a_limit_grows_with_the_products_and_no_other_way() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
+from rpctl.arrays import Array
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import EngineRefused, EngineTerms, MujocoEngine
@@ -144,10 +145,12 @@ def test_the_drift_of_the_basis_matters(
 ) -> None:
     """In MuJoCo's world-frame base speeds S turns with the robot: without Ṡν it disagrees."""
     engine = MujocoEngine(mixed_chain)
-    rolling = engine._rolling
-    monkeypatch.setattr(
-        engine, "_rolling", lambda q, nu: (rolling(q, nu)[0], np.zeros(mixed_chain.nv))
-    )
+    solve = mujoco_engine._solve
+
+    def without_drift(rows: Array, wanted: Array) -> Array:
+        return solve(rows, wanted if wanted.ndim == 2 else np.zeros_like(wanted))
+
+    monkeypatch.setattr(mujoco_engine, "_solve", without_drift)
     assert gaps(mixed_chain, engine, rng)[1] > 1e-6
 
 
@@ -169,3 +172,19 @@ def test_a_body_that_is_a_rod_as_a_whole_is_refused(tmp_path: Path) -> None:
     robot = rpctl.load(write(tmp_path, platform(SET_A, extra=limb)))
     with pytest.raises(EngineRefused, match="is no better: a principal moment is 0"):
         MujocoEngine(robot)
+
+
+@pytest.mark.parametrize(
+    ("rows", "wanted"),
+    [
+        ([[1.0, 0.0], [2.0, 0.0]], [1.0, 2.0]),  # many motions
+        ([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], [1.0, 1.0, 2.1]),  # none
+    ],
+)
+def test_rows_that_do_not_determine_one_motion_are_refused(
+    rows: list[list[float]], wanted: list[float]
+) -> None:
+    with pytest.raises(RpctlError, match="do not determine one motion"):
+        mujoco_engine._solve(np.array(rows), np.array(wanted))
+    one = mujoco_engine._solve(np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 2.0]]), np.array([1, 4, 5]))
+    np.testing.assert_allclose(one, [1.0, 2.0], rtol=1e-12)

@@ -88,8 +88,9 @@ def plant(monkeypatch: pytest.MonkeyPatch, friction: float, height: float) -> No
         return honest(wrong, scaled, manoeuvre)
 
     monkeypatch.setattr(trial_module, "predict", faulty)
-    every = trial_module.manoeuvres
-    monkeypatch.setattr(trial_module, "manoeuvres", lambda *given: [*every(*given)][DRIVES:LEFT])
+    monkeypatch.setattr(
+        trial_module, "manoeuvres", lambda *given: [*manoeuvres(*given)][DRIVES:LEFT]
+    )
 
 
 @pytest.mark.slow

@@ -14,9 +14,10 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.equivalence import file_drive
 from rpctl.equivalence import shape_checks as geometry
-from rpctl.equivalence.certificate import Certificate, Check
+from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.file_drive import FileReading, read
 from rpctl.equivalence.state import draw_state
+from rpctl.equivalence.verify import Certificate
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from tests.drive.drive_cases import Files, body, meshed
 from tests.robots import SET_A, platform, write

@@ -27,10 +27,10 @@ from rpctl.engines.mujoco.mjcf_writer import Drawn, Part, draw, numbers, to_byte
 from rpctl.engines.mujoco.sensors import FREE, HOME, HOW, sensor_parts
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.trial import run_on_ground, settle
-from rpctl.equivalence.certificate import Certificate, Check, Skipped
+from rpctl.equivalence.certificate import Check, Skipped
 from rpctl.equivalence.contact.model import SOLIMP
 from rpctl.equivalence.contact.mujoco_body import mujoco_library
-from rpctl.equivalence.verify import verify
+from rpctl.equivalence.verify import Certificate, verify
 from rpctl.errors import RpctlError
 from rpctl.files.writing import make_folder, require_writable, write_atomically
 from rpctl.robot.inspection import model_digest

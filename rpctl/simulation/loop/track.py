@@ -14,7 +14,6 @@ from rpctl.control.registry import law_sentences
 from rpctl.control.safeguards import require_callable
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.certificate import Certificate
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.records import fields_of
 from rpctl.reference.motion import Reference, ReferenceState
@@ -48,6 +47,8 @@ from rpctl.simulation.run.run import Run, run_of
 
 if TYPE_CHECKING:
     from typing import Unpack  # of Python 3.11; never imported when it runs
+
+    from rpctl.equivalence.verify import Certificate
 
 SETTLING_S = 1.0  # s, after the end of one that has it
 

@@ -17,8 +17,8 @@ from markupsafe import Markup
 from scipy.spatial import ConvexHull
 
 from rpctl.arrays import Array
-from rpctl.equivalence.certificate import Certificate
 from rpctl.equivalence.contact.trial import ContactTrial
+from rpctl.equivalence.verify import Certificate
 from rpctl.files.writing import write_atomically
 from rpctl.view.pages.page import Badge, render_page, still_chart
 from rpctl.view.pages.panel import residual

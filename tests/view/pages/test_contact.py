@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.equivalence.certificate import CONTACT_ORACLE, Certificate
+from rpctl.equivalence.certificate import CONTACT_ORACLE
 from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
+from rpctl.equivalence.verify import Certificate
 from rpctl.view.pages.certificate import (
     TrialChart,
     certificate_page,

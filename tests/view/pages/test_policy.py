@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rpctl import Robot, Run
-from rpctl.equivalence.certificate import Certificate
+from rpctl.equivalence.verify import Certificate
 from rpctl.view.pages import scene_page as notebook
 from rpctl.view.pages.certificate import write_certificate
 from rpctl.view.pages.report import write_report
