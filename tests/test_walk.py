@@ -59,7 +59,6 @@ PAIRS = [
 ]
 PAIRS_IN_CI = {
     ("skid_steer", "circle"),
-    ("car", "eight"),
     ("bicycle", "reverse"),
     ("swerve", "eight"),
     ("caster_drive", "eight"),

@@ -172,7 +172,7 @@ def planted(folder: Path, package: str, version: str) -> Path:
     return place.parent
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_path: Path) -> None:
     log = tmp_path / "log"
     log.mkdir()

@@ -42,6 +42,7 @@ from rpctl.study.compare import (
     verdicts,
 )
 from rpctl.study.executor import Executor
+from tests.grids import cells
 from tests.robots import SET_A, platform, write
 
 NOTHING = 1e-3  # m: what is left of the lateral error on a line
@@ -235,8 +236,7 @@ def test_wrong_input_exits_2(words: tuple[str, ...], output: str, tmp_path: Path
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("ending", cells([signal.SIGINT, signal.SIGKILL], slow=[signal.SIGKILL]))
 def test_no_process_is_left(ending: signal.Signals, tmp_path: Path) -> None:
     """A Ctrl-C reaches all processes, and exits 130; a kill reaches the first one only."""
     out = tmp_path / "out"

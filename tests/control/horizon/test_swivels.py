@@ -57,7 +57,7 @@ GRID = [
     for name in ("line", "reverse", "circle", "eight", "spin")
     if name != "spin" or kind not in AXLES
 ]
-IN_CI = {("car-like", "eight"), ("twin", "eight")}
+IN_CI = {("car-like", "eight")}
 
 
 @pytest.mark.parametrize(("kind", "name"), cells(GRID, slow=IN_CI))
