@@ -1,23 +1,28 @@
 """A kinematic law of one's own, in ten lines, beside rpctl's on a figure-eight.
 
 A law is anything that can be called so; one that is known by the twist it asks of the base is a
-``BaseLaw``: a formula, of which rpctl makes the rate that the dynamic law needs, and machine code.
+``BaseLaw``: a formula, of which rpctl makes the rate that the dynamic law needs, machine code, and
+C. Its settings are those of a configuration or a study (``"kinematic.ahead" = [0.1, 0.5]``):
+
+    rpctl track tiago --kinematic demos/own_controller.py:PointAhead
+    rpctl derive tiago --law demos/own_controller.py:PointAhead --format c
+
 This one steers at a point ahead of P by feedback linearisation.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import rpctl
 from rpctl import math
+from rpctl.files.records import POSITIVE
 
 
 @dataclass(frozen=True)
 class PointAhead(rpctl.BaseLaw):
     """Leads the point ``ahead`` m in front of P onto the one in front of the reference."""
 
-    horizon: float = 0.65
-    ahead: float = 0.3
+    ahead: Annotated[float, POSITIVE, rpctl.Setting("m", "Look-ahead", "Of P.")] = 0.3
 
     def unicycle(self, at: rpctl.Tracking) -> tuple[Any, Any]:
         """Return the speed and the turning rate to ask of a base that cannot move sideways."""

@@ -15,7 +15,7 @@ import rpctl
 PERIOD = 0.002  # s
 KINEMATIC = ("unified", "paper", "end-effector", "horizon", "kanayama", "feedback-linearization")
 LAWS = [(each, "integral") for each in KINEMATIC] + [("unified", "bounded"), ("paper", "paper")]
-HEAD = ("robot", "kinematic law", "dynamic law", "median", "99 %", "worst", "late", "fallbacks")
+HEAD = ("robot", "kinematic law", "dynamic law", "median", "99.9 %", "worst", "late", "fallbacks")
 
 
 def stepped(controller: rpctl.Controller, duration: float) -> np.ndarray:
@@ -48,7 +48,7 @@ for name in sys.argv[2:] or ("tiago", "swerve"):
         except rpctl.RpctlError as error:
             print(f"{name:8}{kinematic:24}{dynamic:13}{error}")
             continue
-        median, most = np.percentile(seconds, [50.0, 99.0])
+        median, most = np.percentile(seconds, [50.0, 99.9])
         counts = controller.report()
         times = f"{median:8.3f}{most:8.3f}{seconds.max():8.2f}"
         counted = f"{counts['late']:7.0f}{counts['fallbacks']:11.0f}"

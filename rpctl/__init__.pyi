@@ -23,6 +23,7 @@ from rpctl.control.law import Rest as Rest
 from rpctl.control.law import StatelessLaw as StatelessLaw
 from rpctl.control.obstacles import Disc as Disc
 from rpctl.control.obstacles import HalfPlane as HalfPlane
+from rpctl.control.samson import Samson as Samson
 from rpctl.control.twist_law import BaseLaw as BaseLaw
 from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
 from rpctl.control.velocity_output import VelocityOutput as VelocityOutput
@@ -37,11 +38,13 @@ from rpctl.equivalence.state import draw_state as draw_state
 from rpctl.equivalence.verify import Certificate as Certificate
 from rpctl.equivalence.verify import verify as verify
 from rpctl.errors import RpctlError as RpctlError
+from rpctl.files.records import Setting as Setting
 from rpctl.reference.function import as_reference as as_reference
 from rpctl.reference.load import load_reference as load_reference
 from rpctl.reference.motion import ReferenceState as ReferenceState
 from rpctl.robot.load import load as load
 from rpctl.robot.model import Robot as Robot
+from rpctl.robot.variation import CarriedLoad as CarriedLoad
 from rpctl.robot.vary import scale_limits as scale_limits
 from rpctl.robot.vary import scale_masses as scale_masses
 from rpctl.robot.vary import set_limits as set_limits
@@ -54,7 +57,6 @@ from rpctl.simulation.mjcf_file import export_mjcf as export_mjcf
 from rpctl.simulation.plants.plant import Plant as Plant
 from rpctl.simulation.plants.protocol import PlantModel as PlantModel
 from rpctl.simulation.plants.protocol import PlantSample as PlantSample
-from rpctl.simulation.plants.settings import CarriedLoad as CarriedLoad
 from rpctl.simulation.plants.settings import Slipping as Slipping
 from rpctl.simulation.plants.settings import Wrench as Wrench
 from rpctl.simulation.plants.starting import start_plant as start_plant

@@ -90,6 +90,17 @@ class UnknownNameError(RpctlError):
         super().__init__(f"{kind} {name!r} is not known; {hint}")
 
 
+def require_known(kind: str, names: Iterable[str], choices: Collection[str]) -> None:
+    """Refuse the first of some names that is not among the valid choices.
+
+    Raises:
+        UnknownNameError: There is one.
+    """
+    for name in names:
+        if name not in choices:
+            raise UnknownNameError(kind, name, choices)
+
+
 class InputError(DescriptionError):
     """A file that cannot be opened as an input: missing, special, too long, or not readable.
 
@@ -208,3 +219,7 @@ def require_within(name: str, values: Iterable[float], largest: float = LARGEST)
     for value in values:
         if not abs(value) <= largest:
             raise RpctlError(f"{name} is {value:g}; give numbers from {-largest:g} to {largest:g}")
+
+
+class DiffersError(RpctlError):
+    """Machine code does not compute what Pinocchio does."""

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.urdf.reader import read
 from rpctl.drive.detect import detect
 from rpctl.drive.drive import DriveSpec
 from rpctl.robot.load import load
 from rpctl.robot.model import Robot
+from rpctl.robot.vary import with_losses
 from tests import urdf
 
 
@@ -99,3 +102,14 @@ def write(folder: Path, text: str, name: str = "robot.urdf") -> Path:
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def add_losses(robot: Robot, damping: Mapping[str, float], friction: Mapping[str, float]) -> Robot:
+    """Return a robot with more damping (N·m·s/rad, N·s/m) and friction (N·m, N) by joint."""
+    known = np.zeros((2, robot.nv))
+    if robot.losses is not None:
+        known += robot.losses.damping, robot.losses.friction
+    for row, added in zip(known, (damping, friction), strict=True):
+        for name, more in added.items():
+            row[robot.velocity_index(name)] += more
+    return with_losses(robot, *known)

@@ -25,7 +25,7 @@ from rpctl.cli.options import (
 from rpctl.cli.results import run_shown, writable_folder, write_results
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.control.registry import DYNAMIC_LAWS
-from rpctl.errors import UnknownNameError
+from rpctl.errors import UnknownNameError, require_known
 from rpctl.files.records import Plain
 from rpctl.reference.sizing import read_smoothing
 from rpctl.robot.model import Robot
@@ -96,9 +96,7 @@ class GridOptions:
         """
         pairs = controllers(split_names(self.laws), None if self.dynamic == AUTO else self.dynamic)
         scenarios = split_names(self.scenarios) or list(SCENARIOS)
-        for name in scenarios:
-            if name not in SCENARIOS:
-                raise UnknownNameError("scenario", name, SCENARIOS)
+        require_known("scenario", scenarios, SCENARIOS)
         references = split_names(self.references) or list(REFERENCES)
         for name in references:
             if name not in REFERENCES and not Path(name).suffix:

@@ -10,7 +10,7 @@ import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument
 from rpctl.cli.streams import print_document, print_json, say
-from rpctl.control.dynamic import USUAL_PERIOD
+from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, write_atomically
 
@@ -32,7 +32,7 @@ class DeriveOptions:
     law: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME",
+            metavar="NAME|FILE.py:CLASS",
             help="Write this kinematic law, its derivative and a dynamic law, down to the efforts; "
             "as C, a controller in one file.",
         ),

@@ -19,7 +19,7 @@ from rpctl.cli.results import writable_folder, write_results
 from rpctl.cli.streams import say
 from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar
 from rpctl.equivalence.contact.mujoco_body import mujoco_library
-from rpctl.errors import EngineMissing, UnknownNameError, require_positive
+from rpctl.errors import EngineMissing, require_known, require_positive
 from rpctl.libraries import library
 from rpctl.reference.sizing import robot_length
 from rpctl.robot.model import Robot
@@ -142,9 +142,7 @@ def _plants(names: list[str]) -> tuple[str, ...]:
     Raises:
         RpctlError: There is no such plant, or what simulates it is not installed.
     """
-    for name in names:
-        if name not in SIMULATED:
-            raise UnknownNameError("plant", name, SIMULATED)
+    require_known("plant", names, SIMULATED)
     if CONTACT in names:
         mujoco_library()
     return tuple(dict.fromkeys(names))

@@ -53,7 +53,10 @@ class ConfigOptions:
     ] = field(default_factory=dict)
     kinematic: Annotated[
         str | None,
-        typer.Option(metavar="|".join(KINEMATIC_LAWS), help="Kinematic law; unified if not given."),
+        typer.Option(
+            metavar="|".join((*KINEMATIC_LAWS, "FILE.py:CLASS")),
+            help="Kinematic law, or one of your own; unified if not given.",
+        ),
     ] = None
     dynamic: Annotated[
         str | None,

@@ -9,7 +9,7 @@ import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, tell
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
-from rpctl.control.dynamic import joint_gains
+from rpctl.control.bandwidth import joint_gains
 from rpctl.control.registry import gains_sentence
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive

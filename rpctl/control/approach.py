@@ -9,8 +9,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.error import tracking_error
-from rpctl.control.law import Command, KinematicController
+from rpctl.control.law import Command, TrackingController
 from rpctl.control.smooth_path import SmoothPath, shortest_paths, smooth_path
 from rpctl.drive.steering import heading_radius, turning_radius
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -211,7 +210,7 @@ class Approach(Record):
         Setting("", "", "Largest speed on the way, over the reference's own largest."),
     ] = 2.0
 
-    def start(self, dynamics: ReducedDynamics, law: KinematicController) -> KinematicController:
+    def start(self, dynamics: ReducedDynamics, law: TrackingController) -> TrackingController:
         """Return a law with this stage before it; the law itself for a base that needs none.
 
         Args:
@@ -288,7 +287,7 @@ class ApproachStage:
                 and meets the reference, in the law's own time.
         """
         read = self.reading(reference)
-        if t - self.searched_at < RETRY_S or not self._far(dynamics.robot, read(t - lag), q):
+        if not self.looks(dynamics.robot, t, read(t - lag).pose, q):
             return read
         self.searched_at = t
         limits = WayLimits(self._radius, self._settings.haste, _full_speed(dynamics, q))
@@ -307,17 +306,23 @@ class ApproachStage:
             way = self._way = WayToReference(way.plan, reference)
         return way
 
-    def _far(self, robot: Robot, state: ReferenceState, q: Array) -> bool:
-        x1, x2, x3 = tracking_error(robot, state, q)[:3]
-        return bool(
-            math.hypot(x1, x2) > self._settings.distance or abs(x3) > self._settings.heading
-        )
+    def looks(self, robot: Robot, t: float, wanted: Array, q: Array) -> bool:
+        """Return whether a way is looked for at a time (s): the base is far, and it is due.
+
+        Args:
+            wanted: Pose of P on what is tracked, first of its numbers.
+        """
+        if t - self.searched_at < RETRY_S:
+            return False
+        dx, dy, turned = (wanted[:3] - robot.base_pose(q)).tolist()
+        far = math.hypot(dx, dy) > self._settings.distance
+        return far or abs(math.remainder(turned, math.tau)) > self._settings.heading
 
 
 class ApproachingLaw:
     """A law on one robot with :class:`Approach` before it."""
 
-    def __init__(self, stage: ApproachStage, law: KinematicController) -> None:
+    def __init__(self, stage: ApproachStage, law: TrackingController) -> None:
         self._stage, self._law = stage, law
 
     def __call__(
@@ -325,6 +330,17 @@ class ApproachingLaw:
     ) -> Command:
         """Return the law's command for the reference, or for the way up to it."""
         return self._law(dynamics, self._stage(dynamics, reference, t, q, nu), t, q, nu)
+
+    def row(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Array:
+        """Return the row of what is tracked at a time (s): the reference, or the way up to it."""
+        followed = self._stage.reading(reference)
+        row = self._law.row(dynamics, followed, t, q, nu)
+        if self._stage.looks(dynamics.robot, t, row, q):
+            followed = self._stage(dynamics, reference, t, q, nu)
+            row = self._law.row(dynamics, followed, t, q, nu)
+        return row
 
     def report(self) -> dict[str, float]:
         """Return the law's report, and how many approaches were planned."""

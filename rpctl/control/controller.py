@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.closed_form import no_machine_code, unsupported
 from rpctl.control.dynamic import PaperDynamic, PaperDynamicController
 from rpctl.control.integral import IntegralDynamic
-from rpctl.control.joint_limits import Speeds
 from rpctl.control.law import (
     Command,
     DynamicFunction,
@@ -21,10 +21,12 @@ from rpctl.control.law import (
     KinematicLaw,
     Limit,
     Rest,
+    Speeds,
     as_law,
 )
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.safeguards import (
+    FAILURES,
     Braking,
     LawWithFallback,
     MeasuredSample,
@@ -35,15 +37,24 @@ from rpctl.control.safeguards import (
     require_speeds,
 )
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.control.velocity_output import VelocityController, VelocityOutput, as_output
+from rpctl.control.velocity_output import (
+    TIME_ROUNDING,
+    VelocityController,
+    VelocityOutput,
+    as_output,
+)
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import require_positive
+from rpctl.errors import DiffersError, require_positive
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, WrongAnswerError
 from rpctl.robot.model import Robot
+
+if TYPE_CHECKING:
+    from rpctl.control.law_kernel import RunningLaws
 
 PERIOD = 0.002  # s
 STALE_AFTER = 0.1  # s
+NOTHING = np.empty(0)
 LATE_RATIO = 1.5  # of the period: a sample that comes later is counted as late
 
 Status = Literal["ok", "fallback", "held", "stopped"]
@@ -109,6 +120,8 @@ class Controller:
         rest: State before the first sample, if it is known. Its efforts are sent as long as there
             was no good sample; without it, zeros are.
         stale_after: Time without a good sample after which the robot is braked, s.
+        compiled: Whether laws in closed form run as machine code, which is built here unless the
+            disk has it; else in CasADi's virtual machine: a step takes twice as long.
 
     Raises:
         RpctlError: A setting is out of range, or the reference or a law does not fit the robot.
@@ -124,6 +137,7 @@ class Controller:
         output: str | VelocityOutput = "effort",
         rest: Rest | None = None,
         stale_after: float = STALE_AFTER,
+        compiled: bool = True,
     ) -> None:
         require_positive("period", period)
         require_positive("stale_after", stale_after)
@@ -138,37 +152,58 @@ class Controller:
         self.reference, usual = reference, default_laws(robot)
         self._laws = as_law(kinematic or usual[0]), as_law(dynamic or usual[1])
         self._rest, self._reader, self._output = rest, SampleReader(robot), as_output(output)
-        self._dynamics = ReducedDynamics(robot)
+        self._dynamics, self._compiled = ReducedDynamics(robot), compiled
         self.reset()
 
     def reset(self) -> None:
         """Forget all samples: the laws start anew, and all counts are zero."""
-        robot = self.robot
-        kinematic, dynamic = (
-            law.start(self._dynamics, self.period, self._rest) for law in self._laws
-        )
-        unified = UnifiedKinematic(approach=None).start(self._dynamics, self.period, self._rest)
-        paper = PaperDynamic().start(self._dynamics, self.period, self._rest)
+        robot, started = self.robot, (self._dynamics, self.period, self._rest)
+        law, sent = self._laws[0], self._output or self._laws[1]
+        self._kernel = self._running(law, sent)
+        own = () if self._kernel is None else (self._kernel,)
+        kinematic: Any = law.start(*started, *own)
+        self._row: Any = getattr(kinematic, "row", None)
+        unified = UnifiedKinematic(approach=None).start(*started)
         self._kinematic = LawWithFallback(kinematic, unified, partial(require_command, robot))
         # What makes efforts or speeds of the kinematic law's command.
-        self._dynamic: LawWithFallback[Efforts] | LawWithFallback[Speeds] = LawWithFallback(
-            dynamic, partial(_within_limits, paper), partial(require_efforts, robot)
-        )
+        self._dynamic: LawWithFallback[Efforts] | LawWithFallback[Speeds]
         self._speeds: VelocityController | None = None
-        if self._output is not None:
-            self._speeds = self._output.start(self._dynamics, self.period, self._rest)
+        if self._output is None:
+            dynamic = sent.start(*started, *own)
+            self._dynamic = LawWithFallback(
+                dynamic,
+                partial(_within_limits, PaperDynamic().start(*started)),
+                partial(require_efforts, robot),
+            )
+        else:
+            self._speeds = self._output.start(*started, *own)
             self._dynamic = LawWithFallback(
                 self._speeds, self._speeds.last, partial(require_speeds, robot)
             )
         self._counts = dict.fromkeys(("samples", "held", "stopped", "fallbacks", "late"), 0)
-        still, none = np.zeros(robot.dof), np.empty(0)
+        still = np.zeros(robot.dof)
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
-        efforts, speeds = (tau, none) if self._output is None else (none, still)
+        efforts, speeds = (tau, NOTHING) if self._output is None else (NOTHING, still)
         self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
         self._time = -math.inf  # of the last sample, s
         self._safe_until = math.inf  # when the last safe efforts are stale, s
         self._measured: MeasuredSample | None = None  # the last good sample
         self._braking: Braking | None = None
+
+    def _running(self, kinematic: Any, sent: Any) -> RunningLaws | None:
+        """Return both laws as one kernel; None where one of them is a function of Python's."""
+        fits = unsupported(kinematic, PaperDynamic() if self._output else sent)
+        if fits is not None:
+            return None
+        from rpctl.control.law_kernel import running_laws
+
+        self._compiled &= no_machine_code(kinematic, self.robot) is None
+        given = kinematic, sent, self._dynamics, self.period, self._rest
+        try:
+            return running_laws(*given, self._compiled)
+        except DiffersError:
+            self._compiled = False
+            return running_laws(*given)
 
     def step(self, t: float, q: Array, nu: Array) -> ControllerOutput:
         """Return what to send now. A sample, however bad, raises nothing.
@@ -206,11 +241,13 @@ class Controller:
         """Return what happened so far, by name.
 
         ``samples``; how many of them were ``held``, answered while ``stopped`` or by
-        ``fallbacks``, and how many came ``late``; then what the laws count.
+        ``fallbacks``, and how many came ``late``; 1 of ``machine_code`` where the laws run as such;
+        then what the laws count.
         """
+        compiled = float(self._kernel is not None and self._compiled)
         kinematic = {f"kinematic.{key}": n for key, n in self._kinematic.report().items()}
         dynamic = {f"dynamic.{key}": n for key, n in self._dynamic.report().items()}
-        return {**self._counts, **kinematic, **dynamic}
+        return {**self._counts, "machine_code": compiled, **kinematic, **dynamic}
 
     def kinematic_report(self) -> dict[str, float]:
         """Return what the kinematic law counts, by name."""
@@ -238,27 +275,58 @@ class Controller:
         t = sample.t
         if self._measured is not None:
             self._counts["late"] += t - self._time > LATE_RATIO * self.period
-            elapsed = None if self._sent.status == "stopped" else t - self._measured.t
+            elapsed = None if self._sent.status == "stopped" else self._since(self._measured.t, t)
             self._kinematic.sampled_after(elapsed)
             self._dynamic.sampled_after(elapsed)
         self._measured, self._braking = sample, None
         ahead = sample if self._speeds is None else self._speeds.predict(*sample)
-        command = self._kinematic(t, self._dynamics, self.reference, *ahead)
+        command, answer = self._by_kernel(ahead)
         if command is None:
-            return self._kinematic.reason
-        answer = self._dynamic(t, self._dynamics, ahead.q, ahead.nu, command)
-        if answer is None:
-            return self._dynamic.reason
+            command = self._kinematic(t, self._dynamics, self.reference, *ahead)
+            if command is None:
+                return self._kinematic.reason
+            answer = self._dynamic(t, self._dynamics, ahead.q, ahead.nu, command)
+            if answer is None:
+                return self._dynamic.reason
+        return self._sending(t, command, answer)
+
+    def _since(self, before: float, t: float) -> float:
+        """Return the time between samples, s: the period where no more than rounding differs."""
+        elapsed = t - before
+        return self.period if abs(elapsed - self.period) < TIME_ROUNDING else elapsed
+
+    def _by_kernel(self, sample: MeasuredSample) -> tuple[Command | None, Any]:
+        """Return what the laws in closed form make of a sample; nothing where one has no answer.
+
+        Then each is asked for itself, and its failure told.
+        """
+        kernel, (t, q, nu) = self._kernel, sample
+        if kernel is None:
+            return None, None
+        try:
+            row = self._row(self._dynamics, self.reference, t, q, nu)
+        except WrongAnswerError:
+            raise
+        except FAILURES:
+            return None, None
+        if not kernel.ask(q, nu, row):
+            return None, None
+        self._kinematic.was_answered()
+        self._dynamic.was_answered()
+        kind = Efforts if self._speeds is None else Speeds
+        return kernel.command(), kind(kernel.answer.copy(), kernel.limits())
+
+    def _sending(self, t: float, command: Command, answer: Efforts | Speeds) -> ControllerOutput:
+        """Return what is sent at a time (s), and take note of it."""
         self._safe_until = t + self.stale_after
         reason = self._kinematic.reason or self._dynamic.reason
         self._counts["fallbacks"] += bool(reason)
         status: Status = "fallback" if reason else "ok"
-        none = np.empty(0)
         if isinstance(answer, Efforts):
-            return ControllerOutput(answer.tau, none, command, answer.limits, status, reason)
+            return ControllerOutput(answer.tau, NOTHING, command, answer.limits, status, reason)
         if self._speeds is not None:
             self._speeds.sent(t, answer.nu)
-        return ControllerOutput(none, answer.nu, command, answer.limits, status, reason)
+        return ControllerOutput(NOTHING, answer.nu, command, answer.limits, status, reason)
 
     def _without_answer(self, now: float, reason: str) -> ControllerOutput:
         """Return what was sent last, or what brakes the robot once that is stale.
@@ -296,7 +364,7 @@ def _within_limits(
     law: PaperDynamicController, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
 ) -> Efforts:
     """Return the efforts of the paper's law, cut off at their limits: what always can be had."""
-    robot, tau = dynamics.robot, law(dynamics, q, nu, command)
+    robot, tau = dynamics.robot, law(dynamics, q, nu, command).tau
     cut = np.clip(tau, -robot.effort_limits, robot.effort_limits)
     names = (robot.actuators[i] for i in np.flatnonzero(cut != tau))
     return Efforts(cut, tuple(Limit(name, "effort") for name in names))

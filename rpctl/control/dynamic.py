@@ -1,24 +1,29 @@
-"""The paper's dynamic law, and prediction times of the joints from the bandwidth they can have."""
+"""The paper's dynamic law, and the formulas that the law within limits shares with it."""
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import pinocchio as pin
 
+from rpctl import math
 from rpctl.arrays import Array
-from rpctl.control.law import Command, ReportsNothing, Rest
+from rpctl.control.bandwidth import USUAL_PERIOD, by_velocity
+from rpctl.control.closed_form import ClosedFormDynamic
+from rpctl.control.fragment import LawFragment, LawFrame, effort_labels
+from rpctl.control.law import Command, Efforts, LawSample, ReportsNothing, Rest
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, require_positive
-from rpctl.files.records import POSITIVE, Record, Setting
+from rpctl.files.records import POSITIVE, Setting
+
+if TYPE_CHECKING:
+    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+
+    Dynamics = ReducedDynamics | SymbolicDynamics
 
 
 @dataclass(frozen=True)
-class PaperDynamic(Record):
+class PaperDynamic(ClosedFormDynamic):
     """The predictive law of [MS21, Eq. 21-26].
 
     The velocity errors ε = ν − ν_d, predicted to first order over the horizon h1, minimise
@@ -55,7 +60,11 @@ class PaperDynamic(Record):
     ] = False
 
     def start(
-        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
+        self,
+        dynamics: ReducedDynamics,
+        period: float,
+        rest: Rest | None = None,
+        running: object = None,
     ) -> PaperDynamicController:
         """Return the controller of one run.
 
@@ -63,12 +72,41 @@ class PaperDynamic(Record):
             dynamics: The robot's dynamics, as far as the controller knows them.
             period: Control period, s.
             rest: Not used.
+            running: Not used: Pinocchio computes.
         """
-        joints = len(dynamics.robot.joints)
-        times = by_velocity(
-            dynamics, self.horizon_dyn, np.full(joints, self.joint_horizon_dyn or self.horizon_dyn)
-        )
+        times = self.numbers_on(dynamics, period)["time"]
         return PaperDynamicController(times, period if self.midpoint else 0.0)
+
+    def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
+        """Return the prediction times h1 (dof,) on one robot, s.
+
+        Args:
+            known: Its dynamics, as far as the controller knows them.
+            period: Not used.
+        """
+        own = np.full(len(known.robot.joints), self.joint_horizon_dyn or self.horizon_dyn)
+        return {"time": by_velocity(known, self.horizon_dyn, own)}
+
+    def free_efforts(
+        self, known: ReducedDynamics, period: float, sample: LawSample, rest: Rest | None
+    ) -> Array:
+        """Return τ (n_act,) of a sample, with Pinocchio's dynamics.
+
+        Args:
+            known: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+            sample: The sample, in arrays.
+            rest: Not used.
+        """
+        q, nu, *command = sample
+        return self.start(known, period)(known, q, nu, Command(*command)).tau
+
+    def statements(self, frame: LawFrame) -> LawFragment:
+        """Return the statements that make efforts of the frame's command."""
+        held_for = frame.period if self.midpoint else 0.0
+        tau = paper_efforts(frame.known, frame.sample, frame.s["time"], held_for)
+        labels = effort_labels(frame.known.robot)
+        return frame.answered("law_efforts", tau, labels, math.SX.zeros(len(labels), 1))
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
         """Return τ (n_act,) of a controller with the usual control period, 2 ms.
@@ -79,11 +117,11 @@ class PaperDynamic(Record):
             nu: Quasi-velocities (dof,).
             command: Command to follow.
         """
-        return self.start(dynamics, USUAL_PERIOD)(dynamics, q, nu, command)
+        return self.start(dynamics, USUAL_PERIOD)(dynamics, q, nu, command).tau
 
 
 class PaperDynamicController(ReportsNothing):
-    """:class:`PaperDynamic` on one robot.
+    """:class:`PaperDynamic` on one robot, with Pinocchio's dynamics.
 
     Args:
         times: Prediction times h1 (dof,), s.
@@ -93,25 +131,38 @@ class PaperDynamicController(ReportsNothing):
     def __init__(self, times: Array, period: float) -> None:
         self.times, self.held_for = times, period
 
-    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Array:
-        """Return τ (n_act,)."""
-        nu_dot = command.nu_d_dot - (nu - command.nu_d) / self.times
-        middle = midpoint(dynamics, q, nu, command, self.held_for)
-        force = dynamics.inverse(middle.q, middle.nu, nu_dot, middle.nu_d)
-        return np.asarray(dynamics.efforts(middle.q, force))
+    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
+        """Return τ (n_act,); no limit binds it."""
+        sample = LawSample(q, nu, *command)
+        return Efforts(paper_efforts(dynamics, sample, self.times, self.held_for))
 
 
-class Midpoint(NamedTuple):
-    """The state in the middle of a control period, or of a sample."""
+def desired_acceleration(sample: LawSample, times: Any) -> Any:
+    """Return ν̇* (dof,).
 
-    q: Array  # (nq,)
-    nu: Array  # (dof,)
-    nu_d: Array  # (dof,) wanted then: losses are compensated at these speeds
+    Args:
+        times: Prediction times h1 (dof,), s.
+    """
+    return sample.nu_d_dot - (sample.nu - sample.nu_d) / times
 
 
-def midpoint(
-    dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, period: float
-) -> Midpoint:
+def paper_efforts(
+    dynamics: Dynamics, sample: LawSample, times: Any, period: float, disturbance: Any = 0.0
+) -> Any:
+    """Return τ (n_act,) of the law without limits, [MS21, Eq. 26].
+
+    Args:
+        dynamics: Pinocchio's for arrays, or those over scalars for columns of them.
+        times: Prediction times h1 (dof,), s.
+        period: For how long efforts are held, as far as the law takes account of it, s.
+        disturbance: Acceleration ν̇ (dof,) in addition to that of ``dynamics``.
+    """
+    nu_dot, at = desired_acceleration(sample, times), midpoint(dynamics, sample, period)
+    force = dynamics.inverse(at.q, at.nu, nu_dot - disturbance, at.nu_d)
+    return dynamics.efforts(at.q, force)
+
+
+def midpoint(dynamics: Dynamics, sample: LawSample, period: float) -> LawSample:
     """Return the state in the middle of a period, of a robot that accelerates as commanded.
 
     Efforts are held for a period T. With M and h of this state the mean acceleration is the one
@@ -120,127 +171,15 @@ def midpoint(
     wrist axes that are in line takes efforts a hundred times those that turn them.
 
     The acceleration is ν̇_d, without the feedback: where the robot follows, this is none, and where
-    limits bind, it is what the robot does not do.
+    limits bind, it is what the robot does not do. Losses are compensated at the ν_d of then.
 
     Args:
-        period: T, s; 0 returns the state of the sample.
+        dynamics: Pinocchio's for arrays, or those over scalars for columns of them.
+        period: T, s; 0 returns the sample.
     """
     if period == 0.0:
-        return Midpoint(q, nu, command.nu_d)
+        return sample
+    q, nu, nu_d, nu_d_dot = sample
     step = 0.5 * period
-    ahead = pin.integrate(dynamics.robot.model, q, step * (dynamics.basis(q) @ nu))
-    ahead_by = step * command.nu_d_dot
-    return Midpoint(ahead, nu + ahead_by, command.nu_d + ahead_by)
-
-
-def by_velocity(dynamics: ReducedDynamics, base: float, joints: Array) -> Array:
-    """Return a setting by quasi-velocity (dof,).
-
-    Args:
-        joints: Those of the arm's joints (n_joints,).
-    """
-    return np.concatenate([np.full(dynamics.robot.dof - len(joints), base), joints])
-
-
-USUAL_PERIOD = 0.002  # s: of a controller whose own nobody knows
-PHASE_LOSS = 0.5  # rad (29°) that lateness may take of the phase margin of 74°
-RESERVE_S = 0.01  # s: lateness that nobody declares: a fieldbus, a drive's own loop, elasticity
-PROPORTIONS = np.array([1.0, 4.0, 6.0])  # of 1/h : 1/h1 : k; the base's are about these
-LINEAR_ERROR = 0.1  # rad or m: from here, at rest, a joint returns within its effort limit
-LEAST_BANDWIDTH = 2.5  # Hz: about the base's; no effort limit makes a joint slower
-MAX_BANDWIDTH = 1e4  # Hz; of a setting
-
-
-class JointGains(NamedTuple):
-    """Prediction times and gains of the arm's joints, each (n_joints,)."""
-
-    bandwidth: Array  # Hz, where the open loop crosses over
-    horizon: Array  # h of the kinematic law, s
-    horizon_dyn: Array  # h1 of the dynamic law, s
-    gain: Array  # k of the integral action, 1/s
-
-
-def joint_gains(
-    dynamics: ReducedDynamics, period: float = USUAL_PERIOD, delay: float = 0.0
-) -> JointGains:
-    """Return the gains of the fastest joint loops that sampling, delay and efforts allow.
-
-    The dynamic law decouples the joints, so that the loop of each is, whatever its inertia,
-
-        e⃛ = −(a + b + k) ë − (ab + bk + ak) ė − abk e,    a = 1/h,    b = 1/h1,
-
-    with the poles −a, −b, −k. Its open loop falls as Ω/s beyond the poles, Ω = a + b + k, so it
-    crosses over near Ω; a : b : k = 1 : 4 : 6 has a phase margin of 74°. The bandwidth is Ω/2π.
-
-    - Sampling and delay: efforts that are held for a period T and come δ late turn the phase at Ω
-      by Ω (T/2 + δ). With 10 ms in reserve for what no setting tells, that may take 29° of the 74°:
-      Ω ≤ 0.5/(T/2 + δ + 10 ms). The sampled loop is then far from its limit, about Ω T = 2.
-    - Efforts: an error of 0.1 rad (or m) at rest asks ν̇ = a b e. It takes no more than the effort
-      limit leaves beside the weight at home, over the joint's own inertia, M_ii of the reduced M.
-    - Inertia: along the direction of least inertia, as of wrist axes that are nearly in line, the
-      stiffness is only m a b; no lower gain of one joint can mend that, a higher one of all does.
-      The loop is stable up to ten times the model's inertia, as a rotor behind a gear may make it.
-
-    The gains are those of the home posture; they do not change during a run.
-
-    Args:
-        period: Control period T, s.
-        delay: Time δ from a measurement to the efforts it leads to, as far as it is known, s.
-    """
-    require_positive("period", period)
-    robot = dynamics.robot
-    late = 0.5 * period + delay + RESERVE_S
-    by_phase = PHASE_LOSS / late / (2.0 * math.pi)
-    a, b, _ = 2.0 * math.pi * PROPORTIONS / PROPORTIONS.sum()  # for a bandwidth of 1 Hz
-    by_effort = np.sqrt(np.maximum(_accelerations(dynamics), 0.0) / (a * b * LINEAR_ERROR))
-    found = np.minimum(by_phase, np.maximum(by_effort, LEAST_BANDWIDTH))
-    return gains_of(found[: len(robot.joints)])
-
-
-def gains_of(bandwidth: Array) -> JointGains:
-    """Return the gains of a bandwidth by joint (n_joints,), Hz.
-
-    Raises:
-        RpctlError: One is not positive.
-    """
-    if not ((bandwidth > 0.0) & (bandwidth <= MAX_BANDWIDTH)).all():
-        raise RpctlError(
-            f"a bandwidth of {bandwidth} Hz; give more than 0, {MAX_BANDWIDTH:g} at most"
-        )
-    a, b, k = np.multiply.outer(PROPORTIONS / PROPORTIONS.sum(), 2.0 * math.pi * bandwidth)
-    return JointGains(bandwidth, 1.0 / a, 1.0 / b, k)
-
-
-def at_bandwidth(law: Any, bandwidth: float) -> Any:
-    """Return a law, and those within it, whose joints have a bandwidth (Hz) instead of their own.
-
-    Args:
-        law: A kinematic or a dynamic law; one without settings of the joints comes back as it is.
-
-    Raises:
-        RpctlError: The bandwidth is not positive.
-    """
-    _, h, h1, k = (float(part[0]) for part in gains_of(np.array([bandwidth])))
-    settings = {"joint_horizon": h, "joint_horizon_dyn": h1, "joint_gain": k}
-    if not dataclasses.is_dataclass(law) or isinstance(law, type):
-        return law
-    changes: dict[str, Any] = {}
-    for item in dataclasses.fields(law):
-        value = getattr(law, item.name)
-        if item.name in settings:
-            changes[item.name] = settings[item.name]
-        elif item.name in ("inner", "base", "fallback"):
-            changes[item.name] = at_bandwidth(value, bandwidth)
-    return dataclasses.replace(law, **changes)
-
-
-def _accelerations(dynamics: ReducedDynamics) -> Array:
-    """Return the accelerations (n_joints,) that each joint's own actuator can give it at home."""
-    robot = dynamics.robot
-    q = robot.configuration(joints=dict(zip(robot.joint_names, robot.home.tolist(), strict=True)))
-    first = robot.dof - len(robot.joints)
-    inertia = np.diag(dynamics.inertia(q))[first:]
-    weight = np.abs(dynamics.bias(q, np.zeros(robot.dof)))[first:]
-    limits = dict(zip(robot.actuators, robot.effort_limits.tolist(), strict=True))
-    room = np.array([limits.get(name, math.inf) for name in robot.joint_names]) - weight
-    return np.asarray(room / inertia)
+    ahead = dynamics.integrate(q, step * (dynamics.basis(q) @ nu))
+    return LawSample(ahead, nu + step * nu_d_dot, nu_d + step * nu_d_dot, nu_d_dot)

@@ -2,62 +2,58 @@
 
 from __future__ import annotations
 
-import math
+import math as numbers
 from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import daqp
 import numpy as np
 import pinocchio as pin
 from scipy.optimize import brentq
 
+from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Preparing, Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, SolverError
 from rpctl.files.records import POSITIVE, Record, Setting
-from rpctl.reference.motion import Reference, ReferenceState
-from rpctl.robot.model import BASE_NV, Robot
+from rpctl.kernels.scalars import clipped, column
+from rpctl.kernels.sheet import Evaluator
+from rpctl.reference.motion import Reference, row_of
+from rpctl.robot.model import Robot
 
 MIN_KAPPA = 1e-6  # of κ: small enough for rows to be met, large enough for 1/κ to keep its digits
 LOG_KAPPA_TOLERANCE = 1e-12  # of log κ
 DAQP_INFINITY = 1e30  # what DAQP takes for no bound
 DAQP_OPTIMAL = 1  # DAQP's flag of an optimum
-WORLD_ALIGNED = pin.LOCAL_WORLD_ALIGNED  # velocities of the frame's origin, in world axes
 MAX_FULL_SPEED = 1.0  # rad/s or m/s; full speed of joints with a higher velocity limit
 SPEED_FRACTION = 0.9  # of a velocity limit: largest commanded rate, with room for overshoot
 
 
-class WithRate(NamedTuple):
-    """A quantity and its derivative by time."""
+class Task(NamedTuple):
+    """What the arm's rates z, over its full speeds, should be."""
 
-    value: Array
-    rate: Array
-
-
-class Box(NamedTuple):
-    """Bounds, with their derivatives."""
-
-    lower: WithRate
-    upper: WithRate
+    G: Any  # (m, n)
+    y: Any  # (m,): what G z should be
+    posture: Any  # (n,): what z should be as far as G z = y leaves it open
+    lower: Any  # (n,) of z
+    upper: Any  # (n,)
 
 
-class _Problem(NamedTuple):
-    G: WithRate  # (m, n)
-    y: WithRate  # (m,)
-    posture: WithRate  # (n,)
-    box: Box
+class Nearest(NamedTuple):
+    """What fulfils a :class:`Task` best, and which of its conditions hold it."""
 
-
-class _Solution(NamedTuple):
     z: Array  # (n,)
     pull: Array  # (m,): what the rows pull with; z = posture + Gᵀ pull where no bound holds
-    lower: Array  # (n,) bool: held by the lower bound
-    upper: Array  # (n,) bool
+    at_lower: Array  # (n,) bool: held by the lower bound
+    at_upper: Array  # (n,) bool
+    kappa: float = MIN_KAPPA
+    bounded: bool = False  # whether the pull is as strong as it may be
 
 
-def nearest(G: WithRate, y: WithRate, posture: WithRate, box: Box, strongest: float) -> WithRate:
+def nearest(task: Task, strongest: float) -> Nearest:
     """Return the z (n,) in a box that has G z = y as nearly as it can, and is near a posture.
 
     It minimises ½ |z − posture|² + P(|G z − y|) over the box. P has the slope ``strongest``, down
@@ -67,52 +63,32 @@ def nearest(G: WithRate, y: WithRate, posture: WithRate, box: Box, strongest: fl
     damped least squares, P = ½ |G z − y|²/κ with the κ that makes it so. So z never strays from the
     posture by more than ``strongest`` times what it moves.
 
-    The derivative holds the bounds that are active, which is the derivative wherever none of them
-    is just being met or left; there it jumps, but z does not.
-
-    Args:
-        G: Matrix (m, n).
-        y: What G z should be (m,).
-        posture: What z should be (n,) as far as G z = y leaves it open.
-        box: Bounds of z (n,).
-
     Raises:
         SolverError: The quadratic program was not solved.
     """
-    problem = _Problem(G, y, posture, box)
-    kappa = MIN_KAPPA
-    solution = _solve(problem, kappa)
-    length = float(np.linalg.norm(solution.pull))
-    bounded = length > strongest
-    if bounded:
-        # |pull| falls as κ grows, and κ |pull| = |G z − y| does not: so the root is between.
-        kappa = math.exp(
-            brentq(
-                lambda x: math.log(np.linalg.norm(_solve(problem, math.exp(x)).pull) / strongest),
-                math.log(MIN_KAPPA),
-                math.log(_farthest(problem) / strongest) + 1.0,
-                xtol=LOG_KAPPA_TOLERANCE,
-            )
+    found = _solve(task, MIN_KAPPA)
+    if float(np.linalg.norm(found.pull)) <= strongest:
+        return found
+    farthest = task.G @ np.clip(task.posture, task.lower, task.upper) - task.y
+    # |pull| falls as κ grows, and κ |pull| = |G z − y| does not: so the root is between.
+    kappa = numbers.exp(
+        brentq(
+            lambda x: numbers.log(np.linalg.norm(_solve(task, numbers.exp(x)).pull) / strongest),
+            numbers.log(MIN_KAPPA),
+            numbers.log(np.linalg.norm(farthest) / strongest) + 1.0,
+            xtol=LOG_KAPPA_TOLERANCE,
         )
-        solution = _solve(problem, kappa)
-    return WithRate(solution.z, _rate(problem, solution, kappa, bounded))
+    )
+    return _solve(task, kappa)._replace(kappa=kappa, bounded=True)
 
 
-def _farthest(problem: _Problem) -> float:
-    """Return |G z − y| where nothing pulls."""
-    lower, upper = problem.box
-    z = np.clip(problem.posture.value, lower.value, upper.value)
-    return float(np.linalg.norm(problem.G.value @ z - problem.y.value))
-
-
-def _solve(problem: _Problem, kappa: float) -> _Solution:
+def _solve(task: Task, kappa: float) -> Nearest:
     """Minimise ½ |z − posture|² + ½ |G z − y|²/κ over the box."""
-    G, y, posture = (part.value for part in problem[:3])
-    lower, upper = (bound.value for bound in problem.box)
+    G, y, posture, lower, upper = task
     none = np.zeros(len(posture), dtype=bool)
     z, pull = _held(G, y, posture, none, kappa)
     if (z >= lower).all() and (z <= upper).all():
-        return _Solution(z, pull, none, none)
+        return Nearest(z, pull, none, none)
     _, _, flag, info = daqp.solve(
         np.eye(len(z)) + G.T @ G / kappa,
         G.T @ (G @ posture - y) / kappa,
@@ -129,7 +105,7 @@ def _solve(problem: _Problem, kappa: float) -> _Solution:
     at_lower, at_upper = info["lam"] < 0.0, info["lam"] > 0.0
     start = np.where(at_upper, upper, np.where(at_lower, lower, posture))
     z, pull = _held(G, y, start, np.logical_or(at_lower, at_upper), kappa)
-    return _Solution(np.clip(z, lower, upper), pull, at_lower, at_upper)
+    return Nearest(np.clip(z, lower, upper), pull, at_lower, at_upper)
 
 
 def _held(G: Array, y: Array, start: Array, held: Array, kappa: float) -> tuple[Array, Array]:
@@ -142,34 +118,36 @@ def _held(G: Array, y: Array, start: Array, held: Array, kappa: float) -> tuple[
     return start + F.T @ pull, np.asarray(pull)
 
 
-def _rate(problem: _Problem, solution: _Solution, kappa: float, bounded: bool) -> Array:
-    """Return ż (n,), the active bounds held; where the pull is bounded, so is its length."""
-    (G, G_rate), (_, y_rate), posture, (lower, upper) = problem
-    pull, held = solution.pull, np.logical_or(solution.lower, solution.upper)
-    start, start_rate = (
-        np.where(solution.upper, high, np.where(solution.lower, low, middle))
-        for low, middle, high in zip(lower, posture, upper, strict=True)
-    )
-    F, F_rate = np.where(held, 0.0, G), np.where(held, 0.0, G_rate)
-    half = F_rate @ F.T
-    right = y_rate - G_rate @ start - G @ start_rate - (half + half.T) @ pull
-    N = F @ F.T + kappa * np.eye(len(pull))
-    pull_rate, along = np.linalg.solve(N, np.column_stack([right, pull])).T
-    if bounded:
-        pull_rate = pull_rate - along * (pull @ pull_rate) / (pull @ along)  # κ̇ keeps |pull|
-    return np.asarray(start_rate + F_rate.T @ pull + F.T @ pull_rate)
+def nearest_rate(task: Task, moving: Any, rates: Any) -> tuple[list[Any], Any]:
+    """Return the symbols of what holds z, and ż (n, 1) in scalars.
+
+    The active bounds are held, which is the derivative wherever none of them is just being met or
+    left; there it jumps, but z does not. A pull that is bounded keeps its length, by κ's rate.
+
+    Args:
+        task: The task in scalars.
+        moving: The symbols that change (k, 1).
+        rates: Their rates (k, 1).
+
+    Returns:
+        Symbols of :class:`Nearest`'s ``at_lower``, ``at_upper``, ``kappa`` and ``bounded``; ż.
+    """
+    m, n = task.G.shape
+    at_lower, at_upper = math.SX.sym("at_lower", n), math.SX.sym("at_upper", n)
+    kappa, bounded = math.SX.sym("kappa"), math.SX.sym("bounded")
+    start = math.if_else(at_upper, task.upper, math.if_else(at_lower, task.lower, task.posture))
+    F = task.G @ math.diag(1.0 - at_lower - at_upper)
+    pull = math.solve(F @ F.T + kappa * math.SX.eye(m), task.y - task.G @ start)
+    z = start + F.T @ pull
+    change, easing = math.jtimes(pull, moving, rates), math.jacobian(pull, kappa)
+    slack = -math.dot(pull, change) / math.dot(pull, easing)
+    held = math.if_else(bounded, slack, 0.0)
+    rate = math.jtimes(z, moving, rates) + math.jacobian(z, kappa) * held
+    return [at_lower, at_upper, kappa, bounded], rate
 
 
-class FrameMotion(NamedTuple):
-    """A frame's motion in the world: linear, then angular."""
-
-    pose: pin.SE3
-    velocity: Array  # (6,) m/s, rad/s
-    acceleration: Array  # (6,) m/s² of the origin, rad/s²
-
-
-def end_effector_frame(robot: Robot) -> int:
-    """Return Pinocchio's index of the end effector.
+def end_effector_link(robot: Robot) -> str:
+    """Return the end effector's link.
 
     Raises:
         RpctlError: The robot has none.
@@ -179,83 +157,144 @@ def end_effector_frame(robot: Robot) -> int:
             f"{robot.name} has no arm, so no end effector to put first; take a kinematic law of "
             'the base alone, such as "paper"'
         )
-    return int(robot.model.getFrameId(robot.end_effector, pin.FrameType.BODY))
+    return robot.end_effector
 
 
-def reference_motion(
-    dynamics: ReducedDynamics, state: ReferenceState, arm: Array, frame: int
-) -> FrameMotion:
-    """Return the motion of the end effector of a robot that is on its reference.
+class FrameMotion(NamedTuple):
+    """A frame in the world, in scalars."""
 
-    Args:
-        frame: Pinocchio's index of the end effector.
-    """
-    robot = dynamics.robot
-    q = robot.configuration_at(state.pose, state.joints)
-    v, a = arm @ state.joint_rates, arm @ state.joint_accelerations
-    v[:BASE_NV] += robot.root_velocity @ state.twist
-    a[:BASE_NV] += robot.root_velocity @ state.twist_dot
-    model, data = robot.model, dynamics.placements(q)
-    pin.forwardKinematics(model, data, q, v, a)
-    return FrameMotion(
-        pin.updateFramePlacement(model, data, frame).copy(),
-        pin.getFrameVelocity(model, data, frame, WORLD_ALIGNED).vector,
-        pin.getFrameClassicalAcceleration(model, data, frame, WORLD_ALIGNED).vector,
-    )
+    R: Any  # (3, 3)
+    p: Any  # (3, 1) m
+    velocity: Any  # (6, 1) of the origin, m/s, then angular, rad/s; world axes
 
 
-def jacobian(
-    dynamics: ReducedDynamics, q: Array, v: Array, frame: int
-) -> tuple[pin.SE3, Array, Array]:
-    """Return a frame's pose, its Jacobian (6, nv) and that one's derivative along a motion.
-
-    Args:
-        frame: Pinocchio's index of the frame.
-    """
-    model, data = dynamics.robot.model, dynamics.placements(q)
-    pin.computeJointJacobiansTimeVariation(model, data, q, v)
-    return (
-        pin.updateFramePlacement(model, data, frame).copy(),
-        pin.getFrameJacobian(model, data, frame, WORLD_ALIGNED),
-        pin.getFrameJacobianTimeVariation(model, data, frame, WORLD_ALIGNED),
-    )
+def _moving(R: Any, p: Any, symbols: Any, rates: Any) -> FrameMotion:
+    """Return a frame that moves with some symbols (k, 1), at their rates (k, 1)."""
+    turning = math.reshape(math.jtimes(math.vec(R), symbols, rates), 3, 3) @ R.T
+    angular = math.vertcat(turning[2, 1], turning[0, 2], turning[1, 0])
+    return FrameMotion(R, p, math.vertcat(math.jtimes(p, symbols, rates), angular))
 
 
-def tracking_velocity(
-    target: FrameMotion, pose: pin.SE3, velocity: Array, horizon: float
-) -> WithRate:
-    """Return the velocity (6,) that makes the errors of a frame decay at 1/h, and its derivative.
+class EndEffectorFormulas:
+    """The law's formulas on one robot, each for all of a sample's numbers.
 
-    The position's is p* = ṗ_r + (p_r − p)/h. With the error e = log(E), E = R_r Rᵀ, of the
-    orientation, a rotation vector in the world's axes, Ė = [w]× E for w = ω_r − E ω, and
+    The velocity of the end effector that makes its position's error decay at 1/h is
+    p* = ṗ_r + (p_r − p)/h. With the error e = log(E), E = R_r Rᵀ, of the orientation, a rotation
+    vector in the world's axes, Ė = [w]× E for w = ω_r − E ω, and
 
         ω* = Eᵀ ω_r + e/h
 
     gives w = −e/h and so ė = −e/h: a rotation vector that only changes its length. At |e| = π it
     turns over; a frame that faces away from its reference may come back either way.
 
-    Args:
-        target: Reference motion of the frame.
-        pose: Present pose of the frame in the world.
-        velocity: Present velocity of the frame (6,), in world axes, m/s and rad/s.
-        horizon: Prediction time h, s.
+    Attributes:
+        orientations: From q, and the reference, to E (9,).
+        task: From a sample to :class:`Task`.
+        rate: From a sample and what holds z to ż.
+        full: Full speeds of the arm's joints (n_joints,), rad/s or m/s.
     """
-    position_error = target.pose.translation - pose.translation
-    position_error_rate = target.velocity[:3] - velocity[:3]
-    E = target.pose.rotation @ pose.rotation.T
-    omega_r, rotated_omega = target.velocity[3:], E @ velocity[3:]
-    rotation_error = pin.log3(E)
-    # The inverse left Jacobian is the transpose of the right one.
-    rotation_error_rate = pin.Jlog3(E).T @ (omega_r - rotated_omega)
-    value = np.concatenate(
-        [target.velocity[:3] + position_error / horizon, E.T @ omega_r + rotation_error / horizon]
-    )
-    linear = target.acceleration[:3] + position_error_rate / horizon
-    angular = (
-        E.T @ (target.acceleration[3:] + pin.skew(rotated_omega) @ omega_r)
-        + rotation_error_rate / horizon
-    )
-    return WithRate(value, np.concatenate([linear, angular]))
+
+    def __init__(self, law: EndEffector, robot: Robot) -> None:
+        n, dof, SX = len(robot.joints), robot.dof, math.SX
+        q, nu, row = SX.sym("q", robot.nq), SX.sym("nu", dof), SX.sym("reference", 9 + 3 * n)
+        nu_d, nu_d_dot = SX.sym("nu_d", dof), SX.sym("nu_d_dot", dof)
+        e, turned = SX.sym("e", 3), SX.sym("turned", 3, 3)
+        sample, link = [q, nu, row, nu_d, nu_d_dot, e, turned], end_effector_link(robot)
+        ends = [0, 3, 6, 9, *(9 + k * n for k in (1, 2, 3))]
+        pose, twist, twist_dot, joints, rates, accelerations = math.vertsplit(row, ends)
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        x, y = cos * twist[0] - sin * twist[1], sin * twist[0] + cos * twist[1]
+        driven, symbols = math.vertcat(x, y, twist[2]), SymbolicDynamics(robot)
+        named = dict(zip(robot.joint_names, math.vertsplit(joints), strict=True))
+        there = symbols.placement(symbols.configuration(pose, named), link)
+        target = _moving(*there, math.vertcat(pose, joints), math.vertcat(driven, rates))
+        q_dot = symbols.configuration_rate(q, symbols.basis(q) @ nu)
+        tip = _moving(*symbols.placement(q, link), q, q_dot)
+        E = target.R @ tip.R.T
+        linear = target.velocity[:3] + (target.p - tip.p) / law.horizon
+        desired = math.vertcat(linear, E.T @ target.velocity[3:] + e / law.horizon)
+        J = math.jacobian(tip.velocity, nu)
+        task = _task(law, robot, J, desired, nu_d, symbols.joint_positions(q))
+        moving = math.vertcat(q, pose, joints, twist, rates, nu_d, e)
+        e_dot = turned @ (target.velocity[3:] - E @ tip.velocity[3:])
+        changes = math.vertcat(q_dot, driven, rates, twist_dot, accelerations, nu_d_dot, e_dot)
+        held, rate = nearest_rate(task, moving, changes)
+        parts = [math.densify(part) for part in task]
+        self.task = Evaluator(math.Function("task", sample, math.cse(parts)))
+        self.rate = Evaluator(math.Function("rate", [*sample, *held], math.cse([rate])))
+        self.orientations = Evaluator(math.Function("E", [q, row], [math.densify(E)]))
+        self.full = _full_speeds(robot)
+
+
+def _full_speeds(robot: Robot) -> Array:
+    """Return the speeds (n_joints,) that count as full, rad/s or m/s."""
+    return np.array([min(joint.velocity, MAX_FULL_SPEED) for joint in robot.joints])
+
+
+def _task(law: EndEffector, robot: Robot, J: Any, desired: Any, nu_d: Any, positions: Any) -> Task:
+    """Return the task in scalars.
+
+    Args:
+        J: Jacobian of the end effector (6, dof).
+        desired: Its desired velocity (6, 1).
+        nu_d: Quasi-velocities that the base's law asks for (dof, 1).
+        positions: Of the arm's joints (n_joints, 1).
+    """
+    first, count = robot.dof - len(robot.joints), 6 if law.orientation else 3
+    fastest = np.array([joint.velocity for joint in robot.joints])  # rad/s or m/s
+    full = _full_speeds(robot)
+    size = math.DM(np.repeat([1.0, law.lever], 3)[:count])
+    velocity = size * (desired - J[:, :first] @ nu_d[:first])[:count]
+    bounds = []
+    for limits in zip(*((joint.lower, joint.upper) for joint in robot.joints), strict=True):
+        room = [(limit - positions[k]) / law.horizon for k, limit in enumerate(limits)]
+        largest = (SPEED_FRACTION * fastest).tolist()
+        inside = (clipped(x, -v, v) for x, v in zip(room, largest, strict=True))
+        bounds.append(column(inside) / math.DM(full))
+    G = math.diag(size) @ J[:count, first:] @ math.diag(math.DM(full))
+    return Task(G, velocity, nu_d[first:] / math.DM(full), *bounds)
+
+
+class EndEffectorLaw:
+    """:class:`EndEffector` on one robot."""
+
+    def __init__(self, law: EndEffector, base: KinematicController, robot: Robot) -> None:
+        self._law, self._base, self._formulas = law, base, EndEffectorFormulas(law, robot)
+        self._preparing = base if isinstance(base, Preparing) else None
+
+    def __call__(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Command:
+        """Return ν_d and its analytic derivative along the actual motion."""
+        robot, formulas = dynamics.robot, self._formulas
+        dynamics.basis(q)  # refuses singular steering
+        n, base = len(robot.joints), self._base(dynamics, reference, t, q, nu)
+        row = row_of(reference(t))[: 9 + 3 * n]
+        error, turned = np.zeros(3), np.zeros((3, 3))
+        if self._law.orientation:
+            E = formulas.orientations(q, row)[0].reshape(3, 3).T
+            error, turned = pin.log3(E), pin.Jlog3(E)  # ė = Jᵀ (ω_r − E ω), column by column
+        sample = q, nu, row, *base, error, turned.ravel()
+        G, *rest = formulas.task(*sample)
+        found = nearest(Task(G.reshape(n, -1).T, *rest), 1.0 / self._law.damping)
+        held = found.at_lower, found.at_upper, found.kappa, found.bounded
+        (rate,) = formulas.rate(*sample, *held)
+        nu_d, nu_d_dot, full = base.nu_d.copy(), base.nu_d_dot.copy(), formulas.full
+        nu_d[-n:], nu_d_dot[-n:] = full * found.z, full * rate
+        return Command(nu_d, nu_d_dot)
+
+    def prepare(self, t: float, q: Array, nu: Array, after: float) -> None:
+        """Let the base's controller compute ahead; see :class:`rpctl.control.law.Preparing`.
+
+        Args:
+            after: Time until the next sample, s.
+        """
+        if self._preparing is not None:
+            self._preparing.prepare(t, q, nu, after)
+
+    def report(self) -> dict[str, float]:
+        """Return the report of the base's controller."""
+        return self._base.report()
 
 
 @dataclass(frozen=True)
@@ -284,8 +323,7 @@ class EndEffector(Record):
     until it is back. By default the base's law is the horizon law; any other law will do.
 
     ν̇_d is the analytic derivative along the actual motion, of the active bounds where there are
-    any; it jumps when a bound becomes active, ν_d does not. Of a base whose S changes with q the
-    drift Ṡν is that of the actual motion, exact once ν has come to ν_d.
+    any; it jumps when a bound becomes active, ν_d does not.
     """
 
     base: Annotated[
@@ -343,91 +381,3 @@ class EndEffector(Record):
         """
         base = as_law(self.base).start(dynamics, period, rest)
         return EndEffectorLaw(self, base, dynamics.robot)
-
-
-class EndEffectorLaw:
-    """:class:`EndEffector` on one robot.
-
-    Args:
-        frame: Pinocchio's index of the end effector.
-    """
-
-    def __init__(self, law: EndEffector, base: KinematicController, robot: Robot) -> None:
-        self._law, self._base, self._frame = law, base, end_effector_frame(robot)
-        self._fastest = np.array([joint.velocity for joint in robot.joints])  # rad/s or m/s
-        self._preparing = base if isinstance(base, Preparing) else None
-
-    def __call__(
-        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
-    ) -> Command:
-        """Return ν_d and its analytic derivative along the actual motion."""
-        robot = dynamics.robot
-        first = robot.dof - len(robot.joints)
-        base = self._base(dynamics, reference, t, q, nu)
-        S, full = dynamics.basis(q), np.minimum(self._fastest, MAX_FULL_SPEED)
-        G, y = self._task(dynamics, reference(t), q, nu, base)
-        G = WithRate(*(part @ (S[:, first:] * full) for part in G))
-        z = nearest(
-            G,
-            y,
-            WithRate(*(part[first:] / full for part in base)),
-            self._box(robot, q, nu[first:], full),
-            1.0 / self._law.damping,
-        )
-        return Command(
-            np.concatenate([base.nu_d[:first], full * z.value]),
-            np.concatenate([base.nu_d_dot[:first], full * z.rate]),
-        )
-
-    def prepare(self, t: float, q: Array, nu: Array, after: float) -> None:
-        """Let the base's controller compute ahead; see :class:`rpctl.control.law.Preparing`.
-
-        Args:
-            after: Time until the next sample, s.
-        """
-        if self._preparing is not None:
-            self._preparing.prepare(t, q, nu, after)
-
-    def report(self) -> dict[str, float]:
-        """Return the report of the base's controller."""
-        return self._base.report()
-
-    def _task(
-        self, dynamics: ReducedDynamics, state: ReferenceState, q: Array, nu: Array, base: Command
-    ) -> tuple[WithRate, WithRate]:
-        """Return the end effector's Jacobian J_arm, and p* less the base's part, J_base ν_b.
-
-        Both have 3 rows, or 6 with the orientation, in m/s.
-        """
-        law, frame = self._law, self._frame
-        first = dynamics.robot.dof - len(dynamics.robot.joints)
-        S = dynamics.basis(q)
-        v, base_velocity = S @ nu, S[:, :first] @ base.nu_d[:first]
-        base_acceleration = S[:, :first] @ base.nu_d_dot[:first] + dynamics.basis_drift(q, nu)
-        target = reference_motion(dynamics, state, S[:, first:], frame)
-        pose, J, J_dot = jacobian(dynamics, q, v, frame)
-        desired = tracking_velocity(target, pose, J @ v, law.horizon)
-        arm_velocity = desired.value - J @ base_velocity
-        arm_acceleration = desired.rate - J_dot @ base_velocity - J @ base_acceleration
-        size = np.repeat([1.0, law.lever], 3)[: 6 if law.orientation else 3]
-        rows = slice(len(size))
-        return (
-            WithRate(size[:, None] * J[rows], size[:, None] * J_dot[rows]),
-            WithRate(size * arm_velocity[rows], size * arm_acceleration[rows]),
-        )
-
-    def _box(self, robot: Robot, q: Array, rates: Array, full: Array) -> Box:
-        """Return the bounds of the arm's rates, divided by ``full``.
-
-        Args:
-            rates: Rates of the arm's joints (n_joints,).
-            full: Full speeds of the joints (n_joints,).
-        """
-        fastest, positions = SPEED_FRACTION * self._fastest, robot.joint_positions(q)
-        bounds = []
-        for limits in zip(*((joint.lower, joint.upper) for joint in robot.joints), strict=True):
-            room = (np.array(limits) - positions) / self._law.horizon
-            value = np.clip(room, -fastest, fastest)
-            rate = np.where(value == room, -rates / self._law.horizon, 0.0)
-            bounds.append(WithRate(value / full, rate / full))
-        return Box(*bounds)

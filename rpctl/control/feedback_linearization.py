@@ -37,11 +37,6 @@ class FeedbackLinearization(BaseLaw):
     is exact while the pace is steady; what a soft start adds is left out.
     """
 
-    horizon: Annotated[
-        float,
-        POSITIVE,
-        Setting("s", "Horizon h", "Prediction time of the arm and of an omnidirectional base."),
-    ] = 0.65
     kp: Annotated[float, POSITIVE, Setting("1/s²", "", "Gain of the position error.")] = 1.0
     kd: Annotated[float, POSITIVE, Setting("1/s", "", "Gain of its rate.")] = 2.0
     slowest: Annotated[

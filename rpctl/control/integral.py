@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.bounded import BoundedDynamic, BoundedLaw
-from rpctl.control.dynamic import by_velocity, joint_gains, midpoint
-from rpctl.control.law import Command, Efforts, ReportsNothing, Rest
+from rpctl.control.bandwidth import by_velocity, joint_gains
+from rpctl.control.bounded import BoundedDynamic
+from rpctl.control.bounded_statements import BoundedStatements
+from rpctl.control.closed_form import ClosedFormDynamic
+from rpctl.control.fragment import LawFragment, LawFrame
+from rpctl.control.law import LawSample, Rest
+from rpctl.control.within_limits import BoundedLaw
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
-from rpctl.files.records import POSITIVE, Record, Setting
+from rpctl.files.records import POSITIVE, Setting
 
 
 @dataclass(frozen=True)
-class IntegralDynamic(Record):
+class IntegralDynamic(ClosedFormDynamic):
     """The law within limits, plus integral action against what the model does not know.
 
     Without limits the desired acceleration is
@@ -61,38 +65,50 @@ class IntegralDynamic(Record):
         ),
     ] = None
 
-    def start(
-        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
-    ) -> IntegralLaw:
-        """Return the controller of one run, its integral that of the robot at rest.
+    def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
+        """Return the numbers among the settings on one robot, by name.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
+            known: Its dynamics, as far as the controller knows them.
             period: Control period, s.
-            rest: State before the run; None starts the integral at zero.
 
         Raises:
             RpctlError: The gain is too large for the control period.
         """
-        return IntegralLaw(self, dynamics, period, rest)
+        return {**self.inner.numbers_on(known, period), "gain": self.gains(known, period)}
 
+    def free_efforts(
+        self, known: ReducedDynamics, period: float, sample: LawSample, rest: Rest | None
+    ) -> Array:
+        """Return τ (n_act,) of a first sample that no limit binds, with Pinocchio's dynamics.
 
-class IntegralLaw(ReportsNothing):
-    """:class:`IntegralDynamic` on one robot at one control period, with the integral so far.
+        Args:
+            known: The robot's dynamics, as far as the controller knows them.
+            period: Control period, s.
+            sample: The sample, in arrays.
+            rest: State before the run.
+        """
+        d = np.zeros_like(sample.nu)
+        if rest is not None:
+            d = -known.forward(rest.q, d, rest.tau)
+        return self.inner.free_efforts(known, period, sample, rest, d)
 
-    Args:
-        period: Control period, s.
-        rest: State before the run; None starts the integral at zero.
-    """
+    def statements(self, frame: LawFrame) -> LawFragment:
+        """Return the statements that make efforts of the frame's command."""
+        inner = BoundedLaw(self.inner, frame.reduced, frame.period)
+        return BoundedStatements(frame, inner, integral=True).fragment()
 
-    def __init__(
-        self,
-        law: IntegralDynamic,
-        dynamics: ReducedDynamics,
-        period: float,
-        rest: Rest | None,
-    ) -> None:
-        fastest = max(law.gain, law.joint_gain or 0.0)
+    def gains(self, dynamics: ReducedDynamics, period: float) -> Array:
+        """Return k of each quasi-velocity (dof,), 1/s.
+
+        Args:
+            dynamics: The robot's dynamics.
+            period: Control period, s.
+
+        Raises:
+            RpctlError: One is too large for the control period.
+        """
+        fastest = max(self.gain, self.joint_gain or 0.0)
         if fastest * period > 1.0:
             raise RpctlError(
                 f"gain {fastest:g} 1/s is too large for a control period of {period:g} s; "
@@ -100,38 +116,7 @@ class IntegralLaw(ReportsNothing):
             )
         joints = (
             joint_gains(dynamics, period).gain
-            if law.joint_gain is None
-            else np.full(len(dynamics.robot.joints), law.joint_gain)
+            if self.joint_gain is None
+            else np.full(len(dynamics.robot.joints), self.joint_gain)
         )
-        self.gain = by_velocity(dynamics, law.gain, joints)
-        self.inner = BoundedLaw(law.inner, dynamics, period)
-        still = np.zeros(dynamics.robot.dof)
-        self._disturbance = still if rest is None else -dynamics.forward(rest.q, still, rest.tau)
-        self._before: tuple[Array, Array] | None = None  # ν and, if d was right, ν̇ since then
-        self._elapsed: float | None = period
-
-    def sampled_after(self, elapsed: float | None) -> None:
-        """Take note of the time since the last call; see :class:`rpctl.control.law.Timed`.
-
-        Args:
-            elapsed: s; None if other efforts were sent since then: the integral waits.
-        """
-        self._elapsed = elapsed
-
-    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
-        """Return τ (n_act,) and the limits that bind; the integral advances by the time since the
-        last call, one period unless :meth:`sampled_after` told another.
-        """
-        if self._before is not None and self._elapsed is not None:
-            started_at, nu_dot = self._before
-            # A longer pause teaches no more than ν̇.
-            gain = np.minimum(self.gain, 1.0 / self._elapsed)
-            unexpected = nu - started_at - self._elapsed * nu_dot
-            self._disturbance = self._disturbance + gain * unexpected
-        efforts = self.inner(dynamics, q, nu, command, self._disturbance)
-        nu_dot = self.inner.desired_acceleration(nu, command)
-        if efforts.limits:
-            middle = midpoint(dynamics, q, nu, command, self.inner.held_for)
-            nu_dot = dynamics.forward(middle.q, middle.nu, efforts.tau) + self._disturbance
-        self._before = nu, nu_dot
-        return efforts
+        return by_velocity(dynamics, self.gain, joints)

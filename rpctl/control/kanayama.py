@@ -27,11 +27,6 @@ class Kanayama(BaseLaw):
     damp critically, as the paper's.
     """
 
-    horizon: Annotated[
-        float,
-        POSITIVE,
-        Setting("s", "Horizon h", "Prediction time of the arm and of an omnidirectional base."),
-    ] = 0.65
     kx: Annotated[float, POSITIVE, Setting("1/s", "", "Kx.")] = 1.5
     ky: Annotated[float, POSITIVE, Setting("1/m²", "", "Ky.")] = 16.0
     ktheta: Annotated[float, POSITIVE, Setting("1/m", "", "Kθ.")] = 8.0

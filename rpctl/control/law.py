@@ -35,6 +35,22 @@ class Efforts(NamedTuple):
     limits: tuple[Limit, ...] = ()
 
 
+class Speeds(NamedTuple):
+    """Quasi-velocities to send to a velocity interface, and the limits that bind them."""
+
+    nu: Array  # (dof,)
+    limits: tuple[Limit, ...] = ()
+
+
+class LawSample(NamedTuple):
+    """A sample that a dynamic law answers: arrays, or columns of ``casadi.SX``."""
+
+    q: Any  # (nq,)
+    nu: Any  # (dof,)
+    nu_d: Any  # (dof,) wanted
+    nu_d_dot: Any  # (dof,) their derivatives
+
+
 class Rest(NamedTuple):
     """State of a robot at rest before a run, and the efforts that hold it there."""
 
@@ -98,6 +114,24 @@ class KinematicController(KinematicFunction, Reporting, Protocol):
 
 class DynamicController(DynamicFunction, Reporting, Protocol):
     """A dynamic law on one robot in one run."""
+
+
+class EffortController(DynamicController, Protocol):
+    """One that names the limits that bind."""
+
+    def __call__(
+        self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, /
+    ) -> Efforts:
+        """Return τ (n_act,) and the limits that bind."""
+
+
+class TrackingController(KinematicController, Protocol):
+    """A kinematic law in closed form on one robot in one run."""
+
+    def row(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Array:
+        """Return the row of what is tracked at a time (s), of its table."""
 
 
 Controller_co = TypeVar("Controller_co", covariant=True)

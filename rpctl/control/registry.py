@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from inspect import isabstract
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from rpctl.control.bandwidth import JointGains, joint_gains
 from rpctl.control.bounded import BoundedDynamic
-from rpctl.control.dynamic import JointGains, PaperDynamic, joint_gains
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.feedback_linearization import FeedbackLinearization
 from rpctl.control.horizon.law import Horizon
@@ -19,11 +21,13 @@ from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.obstacles import OBSTACLES, Obstacle
+from rpctl.control.samson import Samson
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.files.records import CHOICES, Choice
+from rpctl.files.own_code import MARK, own_file, own_thing
+from rpctl.files.records import CHOICES, Choice, fields_of, read_record
 from rpctl.robot.model import Robot
 
 Made = TypeVar("Made")
@@ -34,6 +38,7 @@ KINEMATIC_LAWS: dict[str, Callable[[], KinematicLaw]] = {
     "end-effector": EndEffector,
     "horizon": Horizon,
     "kanayama": Kanayama,
+    "samson": Samson,
     "feedback-linearization": FeedbackLinearization,
 }
 DYNAMIC_LAWS: dict[str, Callable[[], DynamicLaw]] = {
@@ -50,12 +55,63 @@ CHOICES.update(  # what a setting may be, by its type
 
 
 def kinematic_by_name(name: str) -> KinematicLaw:
-    """Return a kinematic law with its default settings.
+    """Return a kinematic law with its default settings; of ``own.py:MyLaw`` the user's own.
 
     Raises:
         UnknownNameError: There is no such law.
+        RpctlError: The user's file cannot be run, or has no such law.
     """
+    if MARK in name:
+        return own_law(name)()
     return _by_name("kinematic law", name, KINEMATIC_LAWS)
+
+
+def own_law(name: str) -> Callable[[], BaseLaw]:
+    """Return the class of a user's own law by its name, ``own.py:MyLaw``; its file is run.
+
+    Raises:
+        RpctlError: The file cannot be run, or has no such law, or one that lacks a setting.
+    """
+    law = own_thing(name, "one with a law, as own.py:MyLaw")
+    path, _, word = name.rpartition(":")
+    if not (isinstance(law, type) and issubclass(law, BaseLaw)) or isabstract(law):
+        raise RpctlError(
+            f"{path}: {word} is no law; give a subclass of rpctl.BaseLaw that has unicycle(at)"
+        )
+    lacks = [key for key, each in fields_of(law).items() if each.default is dataclasses.MISSING]
+    if lacks:
+        raise RpctlError(f"{path}: {word} has no default for {', '.join(lacks)}; give one")
+    return law
+
+
+def read_own_laws(table: Any, where: str, faults: list[str]) -> Any:
+    """Return a law's table of a user's file in which the laws of the user's own are made.
+
+    Args:
+        table: The table.
+        where: Its place in the file.
+        faults: All that is wrong with the file so far.
+    """
+    if not isinstance(table, Mapping):
+        return table
+    made = {key: read_own_laws(each, f"{where}.{key}", faults) for key, each in table.items()}
+    if not isinstance(made.get("law"), str) or MARK not in made["law"]:
+        return made
+    try:
+        law = own_law(made.pop("law"))
+    except RpctlError as error:
+        faults.append(f"{where}.law: {error}")
+        return None
+    return read_record(law, made, where, faults)
+
+
+def own_digests(law: object) -> dict[str, str]:
+    """Return digests of the files of a user's own laws, of a law and of those within it."""
+    file = own_file(type(law))
+    found = {} if file is None else {file.path: file.digest}
+    for value in settings_of(law).values():
+        found |= own_digests(value)
+    return found
 
 
 def dynamic_by_name(name: str) -> DynamicLaw:

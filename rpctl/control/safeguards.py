@@ -10,8 +10,15 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.joint_limits import Speeds
-from rpctl.control.law import Command, Efforts, Preparing, Timed, as_controller, as_efforts
+from rpctl.control.law import (
+    Command,
+    Efforts,
+    Preparing,
+    Speeds,
+    Timed,
+    as_controller,
+    as_efforts,
+)
 from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError
@@ -124,13 +131,17 @@ class LawWithFallback(Generic[Answer]):
         """
         answer, error = self._ask(self._controller, arguments)
         if error is None:
-            self._answered, self.reason = True, ""
+            self.was_answered()
             return answer
         if type(error) in MISFITS and not self._answered:
             raise error
         self.failures, self.reason = self.failures + 1, str(error) or type(error).__name__
         self.first = self.first or Failure(t, self.reason)
         return self._ask(self._substitute, arguments)[0]
+
+    def was_answered(self) -> None:
+        """Take note that the law has answered a sample elsewhere, as part of a kernel."""
+        self._answered, self.reason = True, ""
 
     def sampled_after(self, elapsed: float | None) -> None:
         """Tell the law the time since the last call; see :class:`rpctl.control.law.Timed`.
@@ -193,7 +204,7 @@ class SampleReader:
         self._bounds = {"q": (robot.nq, MAX_POSITION), "nu": (robot.dof, MAX_SPEED)}
         model = robot.model
         starts = [int(joint.idx_q + joint.nq - 2) for joint in model.joints if joint.nq > joint.nv]
-        self._cos = np.array(starts, dtype=int)  # the root's and those of continuous joints
+        self._cos = starts  # the root's and those of continuous joints
 
     def read(self, t: Any, q: Any, nu: Any, last: float) -> MeasuredSample | str:
         """Return a sample, or what is wrong with it.
@@ -214,15 +225,18 @@ class SampleReader:
             length, largest = self._bounds[name]
             if values.shape != (length,):
                 return f"{name} has the shape {values.shape}; give {length} numbers"
-            if not np.abs(values).max(initial=0.0) <= largest:
+            # Their length is found sooner than the largest of them.
+            small = math.hypot(*values.tolist()) <= largest
+            if not (small or np.abs(values).max(initial=0.0) <= largest):
                 return f"{name} holds numbers that are not finite or larger than {largest:g}"
         if not math.isfinite(t):
             return f"t is {t}"
         if t <= last:
             return f"t is {t:g} s, not later than the {last:g} s of the sample before"
-        norms = q[self._cos] ** 2 + q[self._cos + 1] ** 2
-        if np.abs(norms - 1.0).max() > MAX_NORM_ERROR:
-            return "q holds a cosine and a sine that belong to no angle"
+        places = q.tolist()
+        for k in self._cos:
+            if abs(places[k] ** 2 + places[k + 1] ** 2 - 1.0) > MAX_NORM_ERROR:
+                return "q holds a cosine and a sine that belong to no angle"
         return ""
 
 

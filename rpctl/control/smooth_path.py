@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import root
 
 from rpctl.arrays import Array
 from rpctl.control.error import wrap
@@ -19,8 +20,7 @@ LEFT, STRAIGHT, RIGHT = 1.0, 0.0, -1.0
 ROUNDING = 1e-9  # rad: an arc that is shorter than a whole turn by less is none
 GRID_M = 0.05  # m between the stored points of a path, of a bend of 1 m; less of sharper ones
 GAUSS = np.polynomial.legendre.leggauss(4)  # exact to rounding on so short a piece
-NEWTON_STEPS = 12
-STEP_M = 1e-6  # m; of the derivatives of the end by the lengths
+TOLERANCE = 1e-14  # of the lengths, relative
 CLOSED = 1e-10  # m, rad: the path ends at its goal
 SHORTEST_PIECE = -1e-9  # m; a piece that comes out shorter does not exist
 
@@ -167,7 +167,7 @@ def smooth_path(
     """Return a short path from pose to pose with these curvatures at its ends, or None.
 
     Its pieces are those of one of Dubins' paths, joined by smooth steps of the curvature; their
-    three lengths are found by Newton's method, so that the path ends at its goal.
+    three lengths are solved for, so that the path ends at its goal.
 
     Args:
         start: x, y (m) and heading (rad) (3,).
@@ -187,35 +187,25 @@ def _closed(
 ) -> SmoothPath | None:
     """Return the path of these pieces that ends at its goal, or None."""
 
-    def miss(lengths: Array) -> tuple[SmoothPath, Array]:
-        path = _joined(start, curvatures, bends.curvatures, lengths, transition)
-        off = path.end - goal
+    def miss(lengths: Array) -> Array:
+        off = path(lengths).end - goal
         off[2] = wrap(off[2])
-        return path, off
+        return off
 
+    path = partial(_joined, start, curvatures, bends.curvatures, transition)
     half = 0.5 * transition  # the middles of the steps lie where the sharp pieces meet
-    lengths = np.maximum(bends.lengths - half * np.array([1.0, 0.0, 1.0]), 0.0)
-    for _ in range(NEWTON_STEPS):
-        path, off = miss(lengths)
-        if np.abs(off).max() < CLOSED:
-            return path
-        jacobian = np.column_stack(
-            [(miss(lengths + step)[1] - off) / STEP_M for step in STEP_M * np.eye(3)]
-        )
-        if np.linalg.cond(jacobian) > 1.0 / STEP_M:
-            return None
-        lengths = lengths - np.linalg.solve(jacobian, off)
-        if lengths.min() < SHORTEST_PIECE:
-            return None
-    return None
+    sharp = np.maximum(bends.lengths - half * np.array([1.0, 0.0, 1.0]), 0.0)
+    found = root(miss, sharp, tol=TOLERANCE)
+    closed = np.abs(found.fun).max() < CLOSED and found.x.min() > SHORTEST_PIECE
+    return path(found.x) if closed else None
 
 
 def _joined(
     start: Array,
     curvatures: tuple[float, float],
     pieces: tuple[float, float, float],
-    lengths: Array,
     transition: float,
+    lengths: Array,
 ) -> SmoothPath:
     """Return the path of three pieces, each as long as from one step's start to the next one's."""
     steps = np.diff([curvatures[0], *pieces, curvatures[1]])

@@ -6,16 +6,15 @@ import math as numbers
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, fields
-from functools import lru_cache
-from typing import Annotated, Any, ClassVar, NamedTuple
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach
-from rpctl.control.dynamic import USUAL_PERIOD, joint_gains
+from rpctl.control.bandwidth import USUAL_PERIOD, joint_gains
 from rpctl.control.error import (
     BASE_ERRORS,
     Leash,
@@ -25,14 +24,22 @@ from rpctl.control.error import (
     joint_errors,
     omnidirectional_twist,
 )
-from rpctl.control.law import Command, KinematicController, ReportsNothing, Rest
-from rpctl.control.steering import Measured, base_command, reference_direction
+from rpctl.control.fragment import ANSWERED, NO_COMMAND, REFUSED, LawFrame, is_fine
+from rpctl.control.law import Command, Rest, TrackingController
+from rpctl.control.steering import Measured, Rolling, base_command, reference_direction
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import UnfitLawError
+from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
-from rpctl.kernels.sheet import Evaluator, Sheet
+from rpctl.kernels.program import Call, statement
+from rpctl.kernels.sheet import Sheet
+from rpctl.kernels.structure import structure
 from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.table import row_sizes, row_symbols
 from rpctl.robot.model import BASE_NV, Robot
+
+if TYPE_CHECKING:
+    from rpctl.control.law_kernel import RunningLaws
+    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 
 NUMBERS = (int, float, np.float64)  # types of settings that formulas take for scalars
 
@@ -56,7 +63,7 @@ class BaseLaw(Record, ABC):
         float,
         POSITIVE,
         Setting("s", "Horizon h", "Prediction time of the arm and of an omnidirectional base."),
-    ]
+    ] = 0.65
     joint_horizon: Annotated[
         float | None,
         POSITIVE,
@@ -80,16 +87,24 @@ class BaseLaw(Record, ABC):
     ] = field(default=None, kw_only=True)
 
     def start(
-        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
-    ) -> KinematicController:
+        self,
+        dynamics: ReducedDynamics,
+        period: float,
+        rest: Rest | None = None,
+        running: RunningLaws | None = None,
+    ) -> TrackingController:
         """Return the controller of one run, with its stage for far starts before it.
 
         Args:
             dynamics: The robot's dynamics, as far as the controller knows them.
             period: Control period, s: the joints' prediction times depend on it.
             rest: Not used.
+            running: Its kernel, if it is part of one that has a dynamic law as well.
         """
-        controller = BaseController(self, dynamics, self.joint_horizons(dynamics, period))
+        from rpctl.control.law_kernel import CommandLaw, running_laws
+
+        running = running or running_laws(self, None, dynamics, period, None)
+        controller = CommandLaw(running, self.refusal, dynamics.robot)
         return controller if self.approach is None else self.approach.start(dynamics, controller)
 
     def joint_horizons(self, dynamics: ReducedDynamics, period: float) -> Array:
@@ -115,9 +130,8 @@ class BaseLaw(Record, ABC):
             q: Configuration (nq,).
             nu: Quasi-velocities of the robot (dof,).
         """
-        horizons = self.joint_horizons(dynamics, USUAL_PERIOD)
-        controller = BaseController(self, dynamics, horizons)
-        return controller(dynamics, reference, t, q, nu)
+        law = replace(self, approach=None).start(dynamics, USUAL_PERIOD)
+        return law(dynamics, reference, t, q, nu)
 
     def numbers(self) -> dict[str, float]:
         """Return the numbers among the settings by name, but for the joints' prediction time."""
@@ -125,6 +139,40 @@ class BaseLaw(Record, ABC):
         if self.leash is not None:
             found |= {f"leash.{name}": value for name, value in _numbers(self.leash).items()}
         return found
+
+    def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
+        """Return the numbers among the settings on one robot, by name.
+
+        Args:
+            known: Its dynamics, as far as the controller knows them.
+            period: Control period, s.
+        """
+        return {**self.numbers(), "joint_horizons": self.joint_horizons(known, period)}
+
+    def structure(self, robot: Robot) -> object:
+        """Return what of the law is compiled in on a robot; its numbers are not."""
+        if type(self).__module__.startswith("rpctl."):
+            return structure(self)
+        symbols = {name: math.SX.sym(name) for name in self.numbers()}
+        horizons = math.vertsplit(math.SX.sym("horizons", len(robot.joints)))
+        found = formula(self.with_numbers(symbols), robot, horizons, allow_free=True)
+        return structure(self), str(found.serialize())
+
+    def command(self, frame: LawFrame) -> Call:
+        """Return the call that makes the command of a sample."""
+        (_, q), (_, nu), sheet, known = frame.q, frame.nu, Sheet(), frame.known
+        s, state = dict(frame.asked), row_symbols(known.robot, frame.reference[1])
+        horizons = math.vertsplit(s.pop("joint_horizons"))
+        at = measured(known, q, nu)
+        found = desired(sheet, self.with_numbers(s), known.robot, state, at, horizons)
+        parts = [math.vertcat(*part, math.SX(0, 1)) for part in found[:3]]
+        e, nu_d, nu_d_dot, refused = sheet.resolved([*parts, found.refused])
+        failed = math.if_else(is_fine(known, q, nu_d, nu_d_dot), ANSWERED, NO_COMMAND)
+        failed = math.if_else(refused, REFUSED, failed)
+        outputs = [frame.e[0], frame.nu_d[0], frame.nu_d_dot[0], frame.failed[0]]
+        values = zip(outputs, (e, nu_d, nu_d_dot, failed), strict=True)
+        inputs = [frame.q, frame.nu, frame.reference, frame.settings]
+        return statement("law_command", inputs, list(values))
 
     def with_numbers(self, scalars: Mapping[str, Any]) -> BaseLaw:
         """Return the law with scalars for what :meth:`numbers` names."""
@@ -200,7 +248,7 @@ def desired(
             twist = omnidirectional_twist(at, law.horizon)
         else:
             refused = math.SX(law.refuses(at))
-            speed, turn = law.unicycle(at)
+            speed, turn = _asked(law, at)
             twist = [speed, math.SX(0), turn]
         nu_d, nu_d_dot = base_command(sheet, robot, at, twist, measured, law.horizon)
     arm = zip(joints, state.joint_rates, horizons, strict=True)
@@ -208,6 +256,32 @@ def desired(
         nu_d.append(sheet.named(f"u{i}", rate + each / h))
         nu_d_dot.append(sheet.rate(nu_d[-1]))
     return Desired([*error, *joints], nu_d, nu_d_dot, refused)
+
+
+def _asked(law: BaseLaw, at: Tracking) -> tuple[Any, Any]:
+    """Return what a law asks of a base; one of a user's own may not be a formula.
+
+    Raises:
+        UnfitLawError: It is none.
+    """
+    try:
+        speed, turn = map(math.SX, law.unicycle(at))
+        column = math.vertcat(speed, turn)
+        f = math.Function("asked", [math.vertcat(*math.symvar(column))], [column])
+        places = (k for k in range(f.n_instructions()) if f.instruction_id(k) == math.OP_CONST)
+        none = any(numbers.isnan(f.instruction_constant(k)) for k in places)
+        fault = "it has a NaN, as Python's math makes of a symbol" if none else ""
+    except RpctlError:
+        raise
+    except Exception as error:
+        first, *_ = str(error).splitlines() or [""]
+        fault = f"{type(error).__name__}: {first}".rstrip(".")
+    if fault:
+        raise UnfitLawError(
+            f"unicycle() of {type(law).__name__} is no formula: {fault}. Write it with rpctl.math "
+            "(math.cos; math.if_else for if), and return the speed and the turning rate"
+        )
+    return speed, turn
 
 
 def _base_errors(
@@ -243,54 +317,6 @@ def _joint_errors(
     return found
 
 
-def reference_sizes(robot: Robot) -> list[int]:
-    """Return how many numbers a row of a reference table has of each of its arrays."""
-    return [BASE_NV] * 3 + [len(robot.joints)] * 3 + [BASE_NV] * 3
-
-
-def reference_symbols(robot: Robot, row: Any) -> ReferenceState:
-    """Return the scalars of a row (n, 1) of a reference table."""
-    ends = np.cumsum([0, *reference_sizes(robot)]).tolist()
-    parts: list[Any] = [math.vertsplit(part) for part in math.vertsplit(row, ends)]
-    state = ReferenceState(*parts[:6])
-    return state._replace(direction=parts[6:])  # type: ignore[arg-type]
-
-
-class BaseController(ReportsNothing):
-    """A :class:`BaseLaw` on one robot at one control period.
-
-    Args:
-        law: The law.
-        dynamics: The robot's dynamics.
-        joint_horizons: Prediction times of the arm's joints (n_joints,), s.
-    """
-
-    def __init__(self, law: BaseLaw, dynamics: ReducedDynamics, joint_horizons: Array) -> None:
-        self._refusal = law.refusal
-        self._evaluate = _evaluator(law, dynamics, tuple(joint_horizons.tolist()))
-
-    def __call__(
-        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
-    ) -> Command:
-        """Return ν_d and its analytic derivative along the actual motion.
-
-        Raises:
-            UnfitLawError: The law cannot follow the reference.
-        """
-        state = reference(t)
-        direction = np.zeros(9) if state.direction is None else np.ravel(state.direction)
-        row = np.concatenate([*state[:6], direction])
-        nu_d, nu_d_dot, (refused,) = self._evaluate(row, measure(dynamics, q, nu))
-        if refused:
-            raise UnfitLawError(self._refusal)
-        return Command(nu_d, nu_d_dot)
-
-
-@lru_cache(maxsize=16)
-def _evaluator(law: BaseLaw, dynamics: ReducedDynamics, horizons: tuple[float, ...]) -> Evaluator:
-    return Evaluator(formula(law, dynamics.robot, horizons))
-
-
 def formula(law: BaseLaw, robot: Robot, horizons: Sequence[Any], **options: object) -> Any:
     """Return a law on a robot as a function of a reference's row and of what is measured.
 
@@ -302,35 +328,55 @@ def formula(law: BaseLaw, robot: Robot, horizons: Sequence[Any], **options: obje
         horizons: Prediction times of the arm's joints (n_joints,), s.
         options: Of the ``casadi.Function``.
     """
-    sheet, row = Sheet(), math.SX.sym("row", sum(reference_sizes(robot)))
+    sheet, row = Sheet(), math.SX.sym("row", sum(row_sizes(robot)))
     column = math.SX.sym("measured", sum(Measured.sizes(robot)))
-    state, measured = reference_symbols(robot, row), Measured.of(robot, column)
+    state, measured = row_symbols(robot, row), Measured.of(robot, column)
     _, *found, refused = desired(sheet, law, robot, state, measured, horizons)
     values = [math.vertcat(*part, math.SX(0, 1)) for part in found]
     return math.Function("law", [row, column], sheet.resolved([*values, refused]), options)
 
 
-def measure(dynamics: ReducedDynamics, q: Array, nu: Array) -> Array:
-    """Return the entries of :class:`Measured` at one state, side by side."""
+def symbolic_error(dynamics: SymbolicDynamics, row: Any, q: Any) -> Any:
+    """Return the tracking error (3 + n_joints, 1), as ``tracking_error``.
+
+    Args:
+        dynamics: The robot's dynamics.
+        row: Row of a reference table.
+        q: Configuration (nq, 1).
+    """
     robot = dynamics.robot
-    pose = [q[0], q[1], numbers.atan2(q[3], q[2])]
-    rates = nu[robot.dof - len(robot.joints) :]
-    found: list[Any] = [pose, dynamics.twist(q, nu), robot.joint_positions(q), rates]
+    state = row_symbols(robot, row)
+    base = base_error(state.pose, math.vertsplit(dynamics.base_pose(q)))
+    positions = [dynamics.position(q, name) for name in robot.joint_names]
+    return math.vertcat(*base, *joint_errors(robot, state.joints, positions))
+
+
+def measured(dynamics: SymbolicDynamics, q: Any, nu: Any) -> Measured:
+    """Return what laws read of a state, q (nq, 1) and ν (dof, 1)."""
+    robot = dynamics.robot
+    pose = q[0], q[1], math.atan2(q[3], q[2])
+    joints = [dynamics.position(q, name) for name in robot.joint_names]
+    rates = math.vertsplit(nu)[robot.dof - len(joints) :]
+    found = Measured(pose, math.vertsplit(dynamics.twist(q, nu)), joints, rates)
     steered = robot.drive.steered
-    if steered:
-        turning = nu[1 : 1 + len(steered)]
-        found += [[robot.joint_position(q, swivel.joint) for swivel in steered], turning]
-        found += rolling(dynamics, q, turning)
-    return np.concatenate(found)
-
-
-def rolling(dynamics: ReducedDynamics, q: Array, turning: Array) -> list[Array]:
-    """Return the entries of :class:`Rolling`; none where an axle says how the base rolls."""
-    robot, count = dynamics.robot, len(turning)
+    if not steered:
+        return found
+    found = found._replace(
+        steered=[dynamics.position(q, swivel.joint) for swivel in steered],
+        steering_rates=math.vertsplit(nu)[1 : 1 + len(steered)],
+    )
     if robot.drive.has_axle:
-        return []
-    at, unit = dynamics.at(q), np.eye(robot.dof)[0]
-    nu = np.concatenate([[0.0], turning, np.zeros(robot.dof - 1 - count)])
-    point = robot.point_velocity
-    drifts = [point @ at.drift(each)[:BASE_NV] for each in (nu, nu + unit)]
-    return [np.ravel(point @ at.S[:BASE_NV, : 1 + count]), *drifts]
+        return found
+    return found._replace(rolling=_rolling(dynamics, q, nu))
+
+
+def _rolling(dynamics: SymbolicDynamics, q: Any, nu: Any) -> Rolling:
+    robot, count = dynamics.robot, len(dynamics.robot.drive.base_speeds)
+    point, at = math.DM(robot.point_velocity), dynamics.at(q)
+    turning, unit = math.SX.zeros(robot.dof, 1), math.SX.eye(robot.dof)[:, 0]
+    turning[1:count] = nu[1:count]
+    rows = math.densify(point @ at.S[:BASE_NV, :count])
+    drifts = [point @ at.drift(each)[:BASE_NV] for each in (turning, turning + unit)]
+    drift, unit_drift = (math.vertsplit(math.densify(each)) for each in drifts)
+    split = [math.horzsplit(row) for row in math.vertsplit(rows)]
+    return Rolling(split, drift, unit_drift)

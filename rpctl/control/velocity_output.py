@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
-import math
+import math as numbers
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from rpctl import math
 from rpctl.arrays import Array
-from rpctl.control.joint_limits import Actuation, SpeedLimits, Speeds
-from rpctl.control.law import Command, ReportsNothing, Rest
+from rpctl.control.fragment import LawFragment, LawFrame
+from rpctl.control.law import Command, ReportsNothing, Rest, Speeds
 from rpctl.control.safeguards import MeasuredSample
-from rpctl.dynamics.motion import follow, joined, travel
+from rpctl.control.speed_limits import SpeedLimits, SpeedSample
+from rpctl.dynamics.motion import NO_LAG, follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import SMALLEST, SingularBasisError, UnknownNameError
+from rpctl.errors import (
+    SMALLEST,
+    SingularBasisError,
+    SolverError,
+    UnknownNameError,
+    require_known,
+)
 from rpctl.files.records import POSITIVE, Range, Record, Setting
+from rpctl.robot.model import Robot
+
+if TYPE_CHECKING:
+    from rpctl.control.law_kernel import RunningLaws
 
 OUTPUTS = ("effort", "velocity")
 LONGEST_STEP = 0.02  # s, of the predicted motion
@@ -43,7 +55,7 @@ class VelocityOutput(Record):
     - the lag is inverted along the motion, c = ν_d + (T + ½ T_s) ν̇_d. The second term makes up for
       the command that is held for a period T_s. Then ν − ν_d decays as exp(−t/T), and a reference
       is followed as by a robot that takes ν_d at once;
-    - :class:`~rpctl.control.joint_limits.SpeedLimits` bounds c.
+    - :class:`~rpctl.control.speed_limits.SpeedLimits` bounds c.
 
     A wrong T leaves a loop that is stable, only less exact: the measured ν enters the prediction.
     """
@@ -77,7 +89,11 @@ class VelocityOutput(Record):
     ] = 0.95
 
     def start(
-        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
+        self,
+        dynamics: ReducedDynamics,
+        period: float,
+        rest: Rest | None = None,
+        running: RunningLaws | None = None,
     ) -> VelocityController:
         """Return the output of one run; before it, commands were zero.
 
@@ -85,11 +101,42 @@ class VelocityOutput(Record):
             dynamics: The robot's dynamics, as far as the controller knows them.
             period: Control period, s.
             rest: Not used.
+            running: The kernel, if it is part of one that has a kinematic law as well.
 
         Raises:
             UnknownNameError: A lag or an acceleration is of no quasi-velocity of the robot.
         """
-        return VelocityController(self, dynamics, period)
+        from rpctl.control.law_kernel import running_laws
+
+        running = running or running_laws(None, self, dynamics, period, None)
+        return VelocityController(self, dynamics, period, running)
+
+    def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
+        """Return the numbers among the settings that are inputs: none.
+
+        Args:
+            known: The robot's dynamics.
+            period: Control period, s.
+        """
+        return {}
+
+    def structure(self, robot: Robot) -> object:
+        """Return what of the settings is compiled in on a robot: all."""
+        return self
+
+    def statements(self, frame: LawFrame) -> LawFragment:
+        """Return the statements that make speeds of the frame's command.
+
+        Raises:
+            UnknownNameError: A lag or an acceleration is of no quasi-velocity of the robot.
+        """
+        robot, period, sample = frame.known.robot, frame.period, frame.sample
+        lag = self.lag_of(robot.quasi_velocities)
+        within = SpeedLimits(robot, period, lag, self.accelerations, self.effort_ratio)
+        wanted = sample.nu_d + (math.DM(lag) + 0.5 * period) * sample.nu_d_dot
+        at = SpeedSample(sample.q, sample.nu, frame.model_nu[1])
+        nu, binding = within(frame.known, wanted, at)
+        return frame.answered("law_speeds", nu, within.labels, binding, [frame.model_nu])
 
     def lag_of(self, quasi_velocities: tuple[str, ...]) -> Array:
         """Return T (dof,) of quasi-velocities by their names, s.
@@ -110,9 +157,7 @@ def lags_by_name(names: tuple[str, ...], lag: float, lags: Mapping[str, float]) 
     Raises:
         UnknownNameError: A lag is of none of them.
     """
-    for name in lags:
-        if name not in names:
-            raise UnknownNameError("quasi-velocity", name, names)
+    require_known("quasi-velocity", lags, names)
     return np.array([lags.get(name, lag) for name in names])
 
 
@@ -133,21 +178,28 @@ def as_output(output: str | VelocityOutput) -> VelocityOutput | None:
 
 
 class VelocityController(ReportsNothing):
-    """:class:`VelocityOutput` on one robot at one control period.
+    """:class:`VelocityOutput` on one robot in one run.
 
     Args:
         period: Control period, s.
+        running: Its kernel, or one that has a kinematic law as well.
     """
 
-    def __init__(self, output: VelocityOutput, dynamics: ReducedDynamics, period: float) -> None:
-        robot = dynamics.robot
-        self._dynamics, self._dead_time, self._period = dynamics, output.dead_time, period
+    def __init__(
+        self,
+        output: VelocityOutput,
+        dynamics: ReducedDynamics,
+        period: float,
+        running: RunningLaws,
+    ) -> None:
+        robot, self._period, self._running = dynamics.robot, period, running
+        self._dynamics, self._dead_time = dynamics, output.dead_time
         self._lag = output.lag_of(robot.quasi_velocities)
-        self._limits = SpeedLimits(dynamics, output.accelerations, output.effort_ratio)
+        self._decay = -1.0 / np.maximum(self._lag, NO_LAG)
         # Commands, and from when on they act; the first acts already.
-        self._sent = deque([(-math.inf, np.zeros(robot.dof))])
+        self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
         # What the commands so far have led to by the time the next one acts, and when it is sent.
-        self._model_nu, self._model_time = np.zeros(robot.dof), math.nan
+        self._model_nu, self._model_time = np.zeros(robot.dof), numbers.nan
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
         """Return the time at which the next command acts, and the state then.
@@ -171,11 +223,16 @@ class VelocityController(ReportsNothing):
         return MeasuredSample(end, q, nu)
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Speeds:
-        """Return the speeds to send, and the limits that bind them."""
-        wanted = command.nu_d + (self._lag + 0.5 * self._period) * command.nu_d_dot
-        return self._limits(
-            dynamics, wanted, Actuation(q, nu, self._model_nu, self._period, self._lag)
-        )
+        """Return the speeds to send, and the limits that bind them.
+
+        Raises:
+            SingularBasisError: At q the steered wheels fix no one motion.
+            SolverError: They are not finite.
+        """
+        if not self._running.follow(q, nu, command):
+            dynamics.at(q)
+            raise SolverError("the speeds to send are not finite")
+        return Speeds(self._running.answer.copy(), self._running.limits())
 
     def sent(self, t: float, nu: Array) -> None:
         """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
@@ -190,16 +247,17 @@ class VelocityController(ReportsNothing):
         start, nu = self._sent[-1]
         self._follow(t, nu)
         elapsed = min(t + self._dead_time - start, self._period)
-        slower = nu * math.exp(-elapsed / STOPPING_TIME)
+        slower = nu * numbers.exp(-elapsed / STOPPING_TIME)
         self.sent(t, slower)
         return slower
 
     def _follow(self, t: float, nu: Array) -> None:
         """Let the model follow its last command until a time (s); it begins at ν (dof,)."""
-        if math.isnan(self._model_time):
+        if numbers.isnan(self._model_time):
             self._model_nu = nu
-            self._sent = deque([(-math.inf, nu)])
+            self._sent = deque([(-numbers.inf, nu)])
         elif t > self._model_time:
-            last, passed = self._sent[-1][1][None], np.array([t - self._model_time])
-            self._model_nu = follow(self._model_nu, last, passed, self._lag)[0]
-        self._model_time = t
+            command, passed = self._sent[-1][1], t - self._model_time
+            left = np.exp(self._decay * passed)  # of the way to the command, as in `follow`
+            self._model_nu = command + (self._model_nu - command) * left
+        self._model_time, self._running.model_nu[:] = t, self._model_nu

@@ -6,8 +6,8 @@ written as short as a few changes of variables and layouts make it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import count
 
 import sympy as sp
 
@@ -152,14 +152,15 @@ def _losses(equations: Equations) -> sp.ImmutableMatrix:
 def _renamed(form: ClosedForm) -> ClosedForm:
     """Return the form with the parameters that occur in it, and these numbered: m1, m2, l1, …"""
     values = (value for _, value in form.definitions)
-    used = _symbols([form.M, form.h, form.B, form.losses, *values])
+    used = sp.Tuple(form.M, form.h, form.B, form.losses, *values).free_symbols
     kept = [parameter for parameter in form.parameters if parameter.symbol in used]
     letters = [str(parameter.symbol).partition("_")[0] for parameter in kept]
-    names = {}
-    for place, (parameter, letter) in enumerate(zip(kept, letters, strict=True)):
-        single = letters.count(letter) == 1 and letter in "rg"
-        number = "" if single else str(letters[: place + 1].count(letter))
-        names[parameter.symbol] = sp.Symbol(f"{letter}{number}", real=True)
+    numbers = {x: count(1) if x not in "rg" or letters.count(x) > 1 else [""] for x in letters}
+    places = {letter: iter(each) for letter, each in numbers.items()}
+    names = {
+        parameter.symbol: sp.Symbol(f"{letter}{next(places[letter])}", real=True)
+        for parameter, letter in zip(kept, letters, strict=True)
+    }
     return replace(
         form,
         M=form.M.xreplace(names),
@@ -169,7 +170,3 @@ def _renamed(form: ClosedForm) -> ClosedForm:
         definitions=tuple((symbol, value.xreplace(names)) for symbol, value in form.definitions),
         parameters=tuple(replace(p, symbol=names[p.symbol]) for p in kept),
     )
-
-
-def _symbols(expressions: Iterable[sp.Expr]) -> set[sp.Symbol]:
-    return set().union(*(expression.free_symbols for expression in expressions))

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from importlib.resources import files
 from typing import Any
 
 import jinja2
 
 from rpctl.derive.law_program import LawProgram
-from rpctl.derive.program import ScalarProgram, program
+from rpctl.derive.program import program
 from rpctl.derive.steps import C_FLOAT, FUNCTIONS, PYTHON, C, Language, Node, write_steps
-from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.robot.model import Robot
 
 LINEAR_SPEEDS = ("v", "vx", "vy")  # speeds of the base in m/s
+UNITS = {"q": ("rad", "m"), "nu": ("rad/s", "m/s"), "tau": ("N m", "N")}
+TEX: dict[str, Any] = {  # how templates of LaTeX mark what is put in: braces are LaTeX's
+    "variable_start_string": "<<", "variable_end_string": ">>",
+    "block_start_string": "<%", "block_end_string": "%>", "comment_start_string": "<#",
+}  # fmt: skip
 NAME_LENGTH = 40  # of the identifiers made from a robot's name
 
 
@@ -69,6 +73,7 @@ def rendered(name: str, context: dict[str, Any], **filters: Callable[..., Any]) 
         loader=jinja2.FunctionLoader(lambda name: folder.joinpath(name).read_text("utf-8")),
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
+        **(TEX if ".tex" in name else {}),
     )
     environment.filters.update(filters)
     return environment.get_template(name).render(context)
@@ -82,7 +87,8 @@ def _model(robot: Robot, language: Language) -> dict[str, Any]:
     lost, loss = write_steps(steps.loss_nodes, steps.losses, language)
     return {
         "name": identifier(robot.name),
-        "header": list(_header(robot, steps)),
+        "title": comment(robot.name),
+        "entries": _entries(robot, steps.positions),
         "n": robot.dof,
         "m": len(robot.actuators),
         "given": given,
@@ -115,7 +121,10 @@ def _law(program: LawProgram, language: Language) -> dict[str, Any]:
     ]
     return {
         "name": identifier(robot.name),
-        "header": list(_law_header(program)),
+        "title": comment(robot.name),
+        "entries": _entries(robot, program.positions),
+        "operations": program.operations,
+        "period": f"{law.period:g}",
         "real": "float" if language is C_FLOAT else "double",
         "suffix": language.suffix,
         "n_joints": len(robot.joints),
@@ -129,8 +138,7 @@ def _law(program: LawProgram, language: Language) -> dict[str, Any]:
 
 def _unused(nodes: Collection[Node], names: Sequence[str]) -> list[str]:
     """Return the arguments of a function that its steps do not read."""
-    inputs = [str(node[1]) for node in nodes if node[0] == "input"]
-    read = {node[0] for node in nodes} | {re.split(r"\[|->", each)[0] for each in inputs}
+    read = {re.split(r"\[|->", node[1])[0] for node in nodes if node[0] == "input"}
     return [name for name in names if name not in read]
 
 
@@ -150,44 +158,22 @@ def comment(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_ .:+-]", "_", text)
 
 
-def _header(robot: Robot, steps: ScalarProgram) -> Iterator[str]:
-    """Yield what the code is of: the robot, the order of its coordinates and their units."""
+def _entries(robot: Robot, positions: Sequence[str]) -> dict[str, list[str]]:
+    """Return a line for each entry of q, ν and τ: its name and its unit."""
     slides = {joint.name for joint in robot.description.joints if joint.kind == "prismatic"}
-    base = len(BASE_SPEEDS[robot.drive.type])  # of ν the first, whatever joints are called
-
-    def listed(symbol: str, names: Sequence[str], units: tuple[str, str]) -> Iterator[str]:
-        for k, name in enumerate(names):
-            linear = name in LINEAR_SPEEDS if symbol == "nu" and k < base else name in slides
-            yield f"  {symbol}[{k}]  {comment(name)}  [{units[0] if linear else units[1]}]"
-
-    lost = " + l" if steps.losses else ""
-    equation = f"M nu_dot + h = B tau{lost}"
-    yield f"{comment(robot.name)}: {equation}, with M of composite bodies, h of Newton and Euler."
-    yield f"M ({robot.dof} x {robot.dof}) and B ({robot.dof} x {len(robot.actuators)}) row by row."
-    yield "SI units; gravity is 9.81 m/s2 along -z. v (forward) or vx, vy, and omega are speeds of"
-    yield "the base in its own axes; nothing depends on its place, nor on angles not listed."
-    yield ""
-    yield from listed("q", steps.positions, ("m", "rad"))
-    yield from listed("nu", robot.quasi_velocities, ("m/s", "rad/s"))
-    yield from listed("tau", robot.actuators, ("N", "N m"))
-
-
-def _law_header(program: LawProgram) -> Iterator[str]:
-    """Yield what the code is of: the robot, its inputs and outputs, and what it costs."""
-    law = program.law
-    robot = law.robot
-    slides = {joint.name for joint in robot.description.joints if joint.kind == "prismatic"}
-    yield f"{comment(robot.name)}: a tracking law, from the measured state to actuator efforts."
-    yield "Predictive laws of Mirzaeinejad and Shafei, Amirkabir J. Mech. Eng. 53(SI 2), 2021, and"
-    yield "what rpctl makes of them; nu_d_dot is the analytic derivative of nu_d along the motion."
-    yield f"At most {program.operations}."
-    yield f"For a control period of {law.period:g} s."
-    yield ""
-    yield "  pose  of the root link: x, y [m], heading [rad]"
-    for k, name in enumerate(program.positions):
-        yield f"  q[{k}]  {comment(name)}  [{'m' if name in slides else 'rad'}]"
-    for k, name in enumerate(robot.quasi_velocities):
-        yield f"  nu[{k}]  {comment(name)}  [{law.inputs[k].unit}]"
-    yield "  r  the reference at this time; SI units, in the order of nu where it is the arm's"
-    for k, name in enumerate(robot.actuators):
-        yield f"  tau[{k}]  {comment(name)}  [{'N' if name in slides else 'N m'}]"
+    base = len(robot.drive.base_speeds)  # of ν the first, whatever joints are called
+    entries = {
+        "q": [(name, name in slides) for name in positions],
+        "nu": [
+            (name, name in (LINEAR_SPEEDS if k < base else slides))
+            for k, name in enumerate(robot.quasi_velocities)
+        ],
+        "tau": [(name, name in slides) for name in robot.actuators],
+    }
+    return {
+        symbol: [
+            f"  {symbol}[{k}]  {comment(name)}  [{UNITS[symbol][linear]}]"
+            for k, (name, linear) in enumerate(pairs)
+        ]
+        for symbol, pairs in entries.items()
+    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -76,14 +76,13 @@ class _Derivation:
         numbers(9.81, "gravity", "gravity")
         self.parameters = tuple(numbers.parameters.values())
         self.symbols = position_symbols(robot)
-        self.rates = _rate_symbols(robot, self.symbols)
+        rates = (f"{self.symbols[joint.name]}_dot" for joint in robot.joints)
+        self.rates = tuple(sp.Symbol(x, real=True) for x in (*robot.drive.base_speeds, *rates))
         self.positions: dict[str, Any] = self._positions()
         angles = {a.cos: a for a in self.positions.values() if isinstance(a, Angle)}
         self.angles = tuple(angles.values())
-        slid = {
-            s for x in self.positions.values() if isinstance(x, sp.Expr) for s in x.free_symbols
-        }
-        self.lengths = tuple(symbol for symbol in self.symbols.values() if symbol in slid)
+        slid = sp.Tuple(*(x for x in self.positions.values() if isinstance(x, sp.Expr)))
+        self.lengths = tuple(x for x in self.symbols.values() if x in slid.free_symbols)
         self.space = self._space()
         self.oracle = GibbsAppell(robot, self._scalars(numbers))
 
@@ -99,9 +98,8 @@ class _Derivation:
             elif joint.name in cyclic:
                 value = sp.Integer(0)
             elif joint.mimic is not None:
-                followed = self.symbols.get(joint.mimic.joint)
-                if followed is None:
-                    followed = rational(self.robot.locked.get(joint.mimic.joint, 0.0))
+                still = rational(self.robot.locked.get(joint.mimic.joint, 0.0))
+                followed = self.symbols.get(joint.mimic.joint, still)
                 value = rational(joint.mimic.multiplier) * followed + rational(joint.mimic.offset)
             if joint.kind != "prismatic" and not value.is_number:
                 mark = str(value).removeprefix("theta").replace("phi", "w")
@@ -114,64 +112,49 @@ class _Derivation:
         squares = {angle.sin: 1 - angle.cos**2 for angle in self.angles}
         radii = [p.symbol for p in self.parameters if str(p.symbol).startswith("r")]
         inverses = {radius: sp.Symbol(f"{radius}_inverse") for radius in radii}
-        generators = [*self.rates]
-        generators += [symbol for angle in self.angles for symbol in (angle.cos, angle.sin)]
-        generators += [*self.lengths, ROOT2, ROOT3]
-        generators += [*(p.symbol for p in self.parameters), *inverses.values()]
+        waves = (symbol for angle in self.angles for symbol in (angle.cos, angle.sin))
+        numbers = (*(p.symbol for p in self.parameters), *inverses.values())
+        generators = (*self.rates, *waves, *self.lengths, ROOT2, ROOT3, *numbers)
         roots = {ROOT2: sp.Integer(2), ROOT3: sp.Integer(3)}
         constants = {root: sp.sqrt(square) for root, square in roots.items()}
         constants |= {inverse: 1 / radius for radius, inverse in inverses.items()}
         deadline = time.monotonic() + MAX_TIME_S
-        return Space(tuple(generators), squares | roots, inverses, constants, MAX_TERMS, deadline)
+        return Space(generators, squares | roots, inverses, constants, MAX_TERMS, deadline)
 
     def element(self, value: Any) -> PolynomialScalar:
         """Return an expression in the generators as a scalar of the recursion."""
         return PolynomialScalar(self.space, self.space.ring.from_expr(sp.sympify(value)))
 
     def _scalars(self, numbers: Numbers) -> Scalars:
-        def cos(angle: Any) -> PolynomialScalar:
-            if isinstance(angle, Angle):
-                return self.element(angle.cos)
-            return self.element(numbers(float(sp.cos(angle)), "direction", ""))
+        def wave(part: str, function: Any) -> Callable[[Any], PolynomialScalar]:
+            return lambda angle: self.element(
+                getattr(angle, part)
+                if isinstance(angle, Angle)
+                else numbers(float(function(angle)), "direction", "")
+            )
 
-        def sin(angle: Any) -> PolynomialScalar:
-            if isinstance(angle, Angle):
-                return self.element(angle.sin)
-            return self.element(numbers(float(sp.sin(angle)), "direction", ""))
-
-        return Scalars(lambda *asked: self.element(numbers(*asked)), cos, sin)
+        return Scalars(
+            lambda *asked: self.element(numbers(*asked)), wave("cos", sp.cos), wave("sin", sp.sin)
+        )
 
     def start(self) -> tuple[dict[str, Any], Any, LinkKinematics, JointRates]:
         """Return the positions, u and the root's motion that the recursion starts from."""
+        sliding = {x.name for x in self.robot.description.joints if x.kind == "prismatic"}
         positions = {
-            name: value if isinstance(value, Angle) or value.is_number else self.element(value)
+            name: value
+            if isinstance(value, Angle) or (value.is_number and name not in sliding)
+            else self.element(value)
             for name, value in self.positions.items()
         }
-        kinds = {joint.name: joint.kind for joint in self.robot.description.joints}
-        for name, value in positions.items():
-            if kinds[name] == "prismatic" and not isinstance(value, PolynomialScalar):
-                positions[name] = self.element(value)
         u = np.array([self.element(rate) for rate in self.rates], dtype=object)
         root, rates = self.oracle.rolling_root(self.oracle.scalars.identity(3), positions, u)
         return positions, u, root, rates
 
-    def result(self, M: Any, h: Any, B: Any, angular_velocities: Any) -> Equations:
-        """Return the equations, without terms that are rounding."""
-        n = len(self.rates)
-
-        def clean(elements: Any) -> list[Poly]:
-            polys = [element.poly for element in elements]
-            return polys if self.numbers.exact else rounded(polys, COEFFICIENT_DIGITS)
-
-        entries, columns = clean(np.ravel(M)), B.shape[1]
-        actuation = clean(B.ravel())
-        return Equations(
-            self.space, self.symbols, self.angles, self.lengths, self.rates, self.parameters,
-            M=tuple(tuple(entries[n * i : n * i + n]) for i in range(n)),
-            h=tuple(clean(h)),
-            B=tuple(tuple(actuation[columns * i : columns * (i + 1)]) for i in range(n)),
-            angular_velocities=tuple(angular_velocities),
-        )  # fmt: skip
+    def clean(self, elements: Any) -> list[tuple[Poly, ...]]:
+        """Return the rows of a matrix of scalars, without terms that are rounding."""
+        polys, width = [element.poly for element in np.ravel(elements)], elements.shape[1]
+        polys = polys if self.numbers.exact else rounded(polys, COEFFICIENT_DIGITS)
+        return [tuple(polys[width * i : width * (i + 1)]) for i in range(len(elements))]
 
 
 def by_recursion(robot: Robot, named: bool = False) -> Equations:
@@ -184,21 +167,24 @@ def by_recursion(robot: Robot, named: bool = False) -> Equations:
     Raises:
         TooLargeError: A polynomial got too many terms, or the derivation took too long.
     """
-    derivation = _Derivation(robot, named)
-    positions, u, root, rates = derivation.start()
-    terms = derivation.oracle.terms(positions, u, root, rates)
-    angular_velocities = {}
-    for _, motion in derivation.oracle.links(positions, u, root, rates):
-        angular_velocities.update(dict.fromkeys(x.poly for x in motion.omega))
-    losses = tuple(
-        (
-            tuple(rate.poly for rate in terms.rates[name]),
-            (loss.damping.poly, loss.friction.poly, loss.rate.poly),
-        )
-        for name, loss in derivation.oracle.tree.losses.items()
-    )
-    found = derivation.result(terms.M, terms.h, terms.B, angular_velocities)
-    return replace(found, losses=losses)
+    made = _Derivation(robot, named)
+    start = made.start()
+    terms = made.oracle.terms(*start)
+    turns = [x.poly for _, motion in made.oracle.links(*start) for x in motion.omega]
+    return Equations(
+        made.space, made.symbols, made.angles, made.lengths, made.rates, made.parameters,
+        M=tuple(made.clean(terms.M)),
+        h=made.clean(terms.h[None])[0],
+        B=tuple(made.clean(terms.B)),
+        angular_velocities=tuple(dict.fromkeys(turns)),
+        losses=tuple(
+            (
+                tuple(rate.poly for rate in terms.rates[name]),
+                (loss.damping.poly, loss.friction.poly, loss.rate.poly),
+            )
+            for name, loss in made.oracle.tree.losses.items()
+        ),
+    )  # fmt: skip
 
 
 def cyclic_joints(robot: Robot) -> frozenset[str]:
@@ -237,13 +223,6 @@ def position_symbols(robot: Robot) -> dict[str, sp.Symbol]:
         letter = "phi" if joint.name in wheels else letter
         symbols[joint.name] = sp.Symbol(f"{letter}{next(counters[letter])}", real=True)
     return symbols
-
-
-def _rate_symbols(robot: Robot, positions: Mapping[str, sp.Symbol]) -> tuple[sp.Symbol, ...]:
-    base = tuple(sp.Symbol(name, real=True) for name in robot.drive.base_speeds)
-    return base + tuple(
-        sp.Symbol(f"{positions[joint.name]}_dot", real=True) for joint in robot.joints
-    )
 
 
 DIRECTION_TOLERANCE = 1e-9  # an entry of a direction so near to a simple value is that value
@@ -316,11 +295,16 @@ class Numbers:
         shared = "wheels" if owner in self._wheels else owner
         key = (kind, quantity, shared, "" if kind == "inertia" else part, rational(abs(value)))
         if key not in self.parameters:
-            self._add(key, float(value), label, part)
-        elif owner not in self.parameters[key].of:
-            self._extend(key, owner, value)
+            letter = "r" if quantity == "radius" else LETTERS[kind]
+            symbol = sp.Symbol(f"{letter}_{len(self.parameters)}", real=True)
+            of = f"{part} of {label}" if kind == "length" and part else f"{part} {label}".strip()
+            self.parameters[key] = Parameter(symbol, float(value), UNITS[kind], of)
         known = self.parameters[key]
-        return known.symbol if value * known.value > 0.0 else -known.symbol
+        alike = value * known.value > 0.0
+        if owner not in known.of:
+            of = f"{known.of}, {'' if alike else 'minus '}{owner}"
+            self.parameters[key] = replace(known, of=of)
+        return known.symbol if alike else -known.symbol
 
     def _place(self, label: str) -> tuple[str, str, str]:
         """Return the quantity, whose it is, and which of its components is asked for now."""
@@ -332,19 +316,6 @@ class Numbers:
         self._asked[label] += 1
         parts = INERTIAS if quantity == "inertia" else tuple(COMPONENTS.get(quantity, ""))
         return quantity, owner, parts[asked % len(parts)] if parts else ""
-
-    def _add(self, key: tuple[Any, ...], value: float, label: str, part: str) -> None:
-        kind, quantity = key[0], key[1]
-        letter = "r" if quantity == "radius" else LETTERS[kind]
-        symbol = sp.Symbol(f"{letter}_{len(self.parameters)}", real=True)
-        of = f"{part} of {label}" if kind == "length" and part else f"{part} {label}".strip()
-        self.parameters[key] = Parameter(symbol, value, UNITS[kind], of)
-
-    def _extend(self, key: tuple[Any, ...], owner: str, value: float) -> None:
-        known = self.parameters[key]
-        sign = "" if value * known.value > 0.0 else "minus "
-        of = f"{known.of}, {sign}{owner}"
-        self.parameters[key] = Parameter(known.symbol, known.value, known.unit, of)
 
 
 def rational(value: float) -> sp.Rational:

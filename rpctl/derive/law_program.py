@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any, NamedTuple
 
 import casadi
 
-from rpctl.control.dynamic import USUAL_PERIOD, PaperDynamic
-from rpctl.control.error import Leash
+from rpctl.control.bandwidth import USUAL_PERIOD
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.steering import Measured, Rolling
-from rpctl.control.twist_law import BaseLaw, desired, reference_symbols
+from rpctl.control.twist_law import BaseLaw, desired
 from rpctl.derive.program import joint_symbols, joints_of_code, symbolic_configuration
-from rpctl.derive.steps import Node, Operations, Steps, count_operations, without_idle
+from rpctl.derive.steps import FUNCTIONS, Node, Operations, Steps, count_operations, without_idle
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
-from rpctl.errors import printable
-from rpctl.files.records import fields_of
+from rpctl.errors import RpctlError, printable
+from rpctl.files.records import settings_of
 from rpctl.kernels.scalars import cleaned, product
 from rpctl.kernels.sheet import Sheet
+from rpctl.reference.table import row_symbols
 from rpctl.robot.model import BASE_NV, Robot
 
 BASE_UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
 POSE_UNITS, TWIST_UNITS = ("m", "m", "rad"), ("m/s", "m/s", "rad/s")
 TWIST_WORDS = ("speed forward", "speed to the left", "turning rate")
+DIRECTIONS = {
+    "g": "direction of travel; all 0: none",
+    "gdot": "its derivative",
+    "gddot": "its second derivative",
+}
 SETTINGS = {  # symbols of the laws' settings, and what they are
     "horizon": ("h", "prediction time"),
     "beta": ("beta", "weight of the lateral error"),
@@ -35,6 +43,13 @@ SETTINGS = {  # symbols of the laws' settings, and what they are
     "leash.distance": ("L", "leash of the position error"),
     "leash.heading": ("T", "leash of the heading error"),
 }
+C_WORDS = (
+    "auto|break|case|char|const|continue|default|do|double|else|enum|extern|float|for|goto|if|int|"
+    "long|register|return|short|signed|sizeof|static|struct|switch|typedef|union|unsigned|void|"
+    "volatile|while|inline|restrict"
+)
+ARGUMENTS = ("pose", "q", "nu", "r", "tau", "nu_d", "nu_d_dot")
+SYMBOL = re.compile(rf"(?!(t\d+|{C_WORDS})$)[A-Za-z]\w*", re.ASCII)  # t0, t1, … are steps
 
 
 class LawSetting(NamedTuple):
@@ -84,21 +99,19 @@ class LawSheet:
     period: float
 
     @cached_property
-    def shown(self) -> dict[str, tuple[Any, Any]]:
-        """The definitions that ν_d, ν̇_d and ν̇* depend on, without those of rolling."""
-        read = self._names([*self.nu_d, *self.nu_d_dot, *self.nu_dot])
-        found = {}
-        for name, (symbol, value) in reversed(self.sheet.definitions.items()):
-            if name in read and name not in self.rolling:
-                found[name] = symbol, value
-                read |= self._names([value])
-        return dict(reversed(found.items()))
-
-    @cached_property
     def read(self) -> set[str]:
-        """Names of all symbols that what is shown depends on."""
-        values = [value for _, value in self.shown.values()]
-        return self._names([*values, *self.nu_d, *self.nu_d_dot, *self.nu_dot])
+        """Names of all symbols that ν_d, ν̇_d and ν̇* depend on, as far as what rolling makes."""
+        read = self._names([*self.nu_d, *self.nu_d_dot, *self.nu_dot])
+        for name, (_, value) in reversed(self.sheet.definitions.items()):
+            if name in read and name not in self.rolling:
+                read |= self._names([value])
+        return read
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """The definitions among these, without those of rolling."""
+        shown = self.read - self.rolling
+        return {name: value for name, (_, value) in self.sheet.definitions.items() if name in shown}
 
     @staticmethod
     def _names(values: Sequence[Any]) -> set[str]:
@@ -149,13 +162,8 @@ def law_sheet(
     rolling = frozenset(sheet.definitions)
     settings = _settings(kinematic)
     law = kinematic.with_numbers({name: each.symbol for name, each in settings.items()})
-    times = kinematic.joint_horizons(ReducedDynamics(robot), period)
-    horizons = [
-        LawSetting(casadi.SX.sym(f"h_{places[name].name()}"), float(time), "s",
-                   f"prediction time of {printable(name)}")
-        for name, time in zip(robot.joint_names, times, strict=True)
-    ]  # fmt: skip
-    state = reference_symbols(robot, casadi.vertcat(*(each.symbol for each in reference)))
+    horizons = _horizons(robot, kinematic, places, period)
+    state = row_symbols(robot, casadi.vertcat(*(each.symbol for each in reference)))
     found = desired(sheet, law, robot, state, measured, [each.symbol for each in horizons])
     h1 = _dynamic_horizons(robot, dynamic)
     star = [
@@ -168,99 +176,92 @@ def law_sheet(
     tau = dynamics.efforts(q, dynamics.inverse(q, *columns))
     used = (*settings.values(), *horizons, *dict.fromkeys(h1))
     inputs = (*speeds, *pose, *reference, *positions)
-    parts = found.nu_d, found.nu_d_dot, star
-    return LawSheet(robot, sheet, used, inputs, rolling, *parts, tau, period)
+    symbols = [*(each.symbol for each in used), *(each.symbol for each in inputs)]
+    names = [*sheet.definitions, *(symbol.name() for symbol in symbols)]
+    _require_symbols(kinematic, [each.symbol.name() for each in settings.values()], names)
+    results = found.nu_d, found.nu_d_dot, star, tau
+    return LawSheet(robot, sheet, used, inputs, rolling, *results, period)
 
 
 def law_program(law: LawSheet) -> LawProgram:
     """Return the steps of a law."""
-    steps, robot = Steps(), law.robot
-    values = [value for _, value in law.sheet.definitions.values()]
-    wanted = [law.tau, *law.nu_d, *law.nu_d_dot]
+    steps, robot, definitions = Steps(), law.robot, law.sheet.definitions
+    results = law.tau, casadi.vertcat(*law.nu_d), casadi.vertcat(*law.nu_d_dot)
     *defined, tau, nu_d, nu_d_dot = law.sheet.resolved(
-        [*values, law.tau, casadi.vertcat(*law.nu_d), casadi.vertcat(*law.nu_d_dot)]
+        [*(value for _, value in definitions.values()), *results]
     )
-    outputs = casadi.vertcat(*defined, tau, nu_d, nu_d_dot)
-    read = {symbol.name() for symbol in casadi.symvar(casadi.vertcat(tau, nu_d, nu_d_dot))}
-    given = {each.path: each for each in law.inputs}
-    moving = [name for name in robot.moving_joint_names if name in given]
-    needed = {name for name in moving if given[name].symbol.name() in read}
+    wanted = casadi.vertcat(tau, nu_d, nu_d_dot)
+    read = {symbol.name() for symbol in casadi.symvar(wanted)}
+    needed = {each.path for each in law.inputs if each.symbol.name() in read}
     needed |= {swivel.joint for swivel in robot.drive.steered}
     positions = joints_of_code(robot, needed)
     leaves: list[Given | LawSetting] = [*law.inputs, *law.settings]
-    nodes = [_leaf(each, positions) for each in leaves]
     symbols = casadi.vertcat(*(each.symbol for each in leaves))
-    function = casadi.Function("law", [symbols], [outputs])
-    results = steps.evaluate(function, [lambda i: steps.add(*nodes[i])])
-    count = len(values)
-    kept, moved = without_idle(steps.nodes, results[count:])
-    named = dict(zip(reversed(results[:count]), reversed(law.sheet.definitions), strict=True))
-    ends = [moved[node] for node in results[count:]]
-    n_act, dof = tau.numel(), len(law.nu_d)
-    assert len(ends) == n_act + 2 * dof == len(wanted) - 1 + n_act
+    function = casadi.Function("law", [symbols], [casadi.vertcat(*defined, wanted)])
+    nodes = steps.evaluate(function, [lambda i: steps.add("input", _leaf(leaves[i], positions))])
+    count = len(defined)
+    kept, moved = without_idle(steps.nodes, nodes[count:])
+    named = dict(zip(reversed(nodes[:count]), reversed(definitions), strict=True))
+    ends = iter(moved[node] for node in nodes[count:])
     return LawProgram(
         law,
         positions,
         tuple(kept),
         {moved[node]: name for node, name in named.items() if node in moved},
-        tuple(ends[:n_act]),
-        tuple(ends[n_act : n_act + dof]),
-        tuple(ends[n_act + dof :]),
+        *(tuple(islice(ends, result.numel())) for result in results),
     )
 
 
-def _leaf(each: Given | LawSetting, positions: Sequence[str]) -> Node:
-    """Return the node of a setting or an input."""
+def _leaf(each: Given | LawSetting, positions: Sequence[str]) -> str:
+    """Return what code calls a setting or an input."""
     if isinstance(each, LawSetting):
-        return "input", each.symbol.name()
-    if each.path in positions:
-        return "q", positions.index(each.path)
-    if each.path.startswith("nu["):
-        return "nu", int(each.path[3:-1])
-    return "input", each.path
+        return str(each.symbol.name())
+    return f"q[{positions.index(each.path)}]" if each.path in positions else each.path
 
 
 def _rates(robot: Robot, places: dict[str, Any]) -> list[Given]:
     """Name the quasi-velocities."""
-    found = []
-    for i, name in enumerate(robot.quasi_velocities):
-        base = i < len(robot.drive.base_speeds) and name in BASE_UNITS
-        label = name if base else f"{places[name].name()}_dot"
-        unit = BASE_UNITS[name] if base else "m/s" if label.startswith("eta") else "rad/s"
-        found.append(Given(casadi.SX.sym(label), f"nu[{i}]", unit, f"quasi-velocity {name}"))
-    return found
+    names, base = robot.quasi_velocities, len(robot.drive.base_speeds)
+    labels = [
+        name if i < base and name in BASE_UNITS else f"{places[name].name()}_dot"
+        for i, name in enumerate(names)
+    ]
+    units = [BASE_UNITS.get(x, "m/s" if x.startswith("eta") else "rad/s") for x in labels]
+    return [
+        Given(casadi.SX.sym(label), f"nu[{i}]", unit, f"quasi-velocity {name}")
+        for i, (name, label, unit) in enumerate(zip(names, labels, units, strict=True))
+    ]
 
 
 def _pose() -> list[Given]:
-    names = zip(("x", "y", "theta"), POSE_UNITS, ("x", "y", "heading"), strict=True)
     return [
-        Given(casadi.SX.sym(name), f"pose[{i}]", unit, f"{word} of the root link")
-        for i, (name, unit, word) in enumerate(names)
+        Given(casadi.SX.sym(name), f"pose[{i}]", POSE_UNITS[i], f"{word} of the root link")
+        for i, (name, word) in enumerate({"x": "x", "y": "y", "theta": "heading"}.items())
     ]
 
 
 def _reference(robot: Robot, places: dict[str, Any]) -> list[Given]:
     """Name the reference, in the order of a row of a reference table."""
-    rows: list[tuple[str, Sequence[str], Sequence[str], Sequence[str]]] = [
+    names, n = robot.joint_names, len(robot.joints)
+    labels = [places[name].name() for name in names]
+    units = ["m" if joint.kind == "prismatic" else "rad" for joint in robot.joints]
+    rows: Sequence[tuple[str, Sequence[str], Sequence[str], Sequence[str]]] = [
         ("pose", ("x_r", "y_r", "theta_r"), POSE_UNITS,
          [f"{name} of P on the reference" for name in ("x", "y", "theta")]),
         ("twist", ("v_r", "vl_r", "omega_r"), TWIST_UNITS,
          [f"{word} of the reference" for word in TWIST_WORDS]),
         ("twist_dot", ("v_r_dot", "vl_r_dot", "omega_r_dot"), [f"{u}^2" for u in TWIST_UNITS],
          ["its derivative"] * BASE_NV),
+        ("joints", [f"{x}_r" for x in labels], units, [f"reference of {name}" for name in names]),
+        ("joint_rates", [f"{x}_r_dot" for x in labels], [f"{u}/s" for u in units],
+         ["its rate"] * n),
+        ("joint_accelerations", [f"{x}_r_ddot" for x in labels], [f"{u}/s^2" for u in units],
+         ["its acceleration"] * n),
+    ] + [
+        (f"direction[{k}]", [f"{letter}_{x}" for x in ("v", "l", "omega")], [""] * BASE_NV,
+         [word] * BASE_NV)
+        for k, (letter, word) in enumerate(DIRECTIONS.items())
     ]  # fmt: skip
-    labels = [places[name].name() for name in robot.joint_names]
-    units = ["m" if joint.kind == "prismatic" else "rad" for joint in robot.joints]
-    for field, ending, over, of in (
-        ("joints", "_r", "", [f"reference of {name}" for name in robot.joint_names]),
-        ("joint_rates", "_r_dot", "/s", ["its rate"] * len(labels)),
-        ("joint_accelerations", "_r_ddot", "/s^2", ["its acceleration"] * len(labels)),
-    ):
-        rows.append((field, [f"{x}{ending}" for x in labels], [f"{u}{over}" for u in units], of))
-    words = ("direction of travel; all 0: none", "its derivative", "its second derivative")
-    for k, (letter, word) in enumerate(zip(("g", "gdot", "gddot"), words, strict=True)):
-        names = [f"{letter}_{axis}" for axis in ("v", "l", "omega")]
-        rows.append((f"direction[{k}]", names, [""] * BASE_NV, [word] * BASE_NV))
     return [
         Given(casadi.SX.sym(name), f"r->{field}[{i}]", unit, of)
         for field, *columns in rows
@@ -293,10 +294,10 @@ def _measured(
     else:
         S = ReducedDynamics(robot).basis(robot.configuration())
         rows = cleaned(point @ S[:BASE_NV, :count]).tolist()
-    twist = product(rows, nu[:count])
+    at_joints, at_swivels = ([places[name] for name in names] for names in (joints, steered))
     turning_rates = nu[1 : 1 + len(steered)]
-    ends = [[places[name] for name in names] for names in (joints, steered)]
-    return Measured(pose, twist, ends[0], rates, ends[1], turning_rates, rolling)
+    twist = product(rows, nu[:count])
+    return Measured(pose, twist, at_joints, rates, at_swivels, turning_rates, rolling)
 
 
 def _rows(point: Any, S: Any, count: int) -> list[list[Any]]:
@@ -311,22 +312,45 @@ def _named(sheet: Sheet, mark: str, values: Sequence[Any]) -> list[Any]:
 
 def _settings(law: BaseLaw) -> dict[str, LawSetting]:
     """Return the numbers among a law's settings, by name."""
-    found = {}
+    found, known = {}, settings_of(law)
     for name, value in law.numbers().items():
-        owner, _, inner = name.rpartition(".")
-        setting = fields_of(Leash if owner else type(law))[inner].setting
-        symbol, of = SETTINGS.get(name, (inner, setting.label or f"setting {inner}"))
+        setting = known[name].setting
+        symbol, of = SETTINGS.get(name, (name, setting.label or f"setting {name}"))
         unit = setting.unit.replace("²", "^2")
         found[name] = LawSetting(casadi.SX.sym(symbol), value, unit, of)
     return found
 
 
+def _require_symbols(law: BaseLaw, settings: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse settings of a user's own law that code cannot call so, or that something is called.
+
+    Raises:
+        RpctlError: There is one.
+    """
+    for name in settings:
+        if not SYMBOL.fullmatch(name) or name in (*ARGUMENTS, *FUNCTIONS) or names.count(name) > 1:
+            raise RpctlError(
+                f"{type(law).__name__}: formulas and code have no symbol {name!r} left for its "
+                "setting; rename it"
+            )
+
+
+def _horizons(
+    robot: Robot, law: BaseLaw, places: dict[str, Any], period: float
+) -> list[LawSetting]:
+    """Name the prediction times of the arm's joints."""
+    times = law.joint_horizons(ReducedDynamics(robot), period)
+    return [
+        LawSetting(casadi.SX.sym(f"h_{places[name].name()}"), float(time), "s",
+                   f"prediction time of {printable(name)}")
+        for name, time in zip(robot.joint_names, times, strict=True)
+    ]  # fmt: skip
+
+
 def _dynamic_horizons(robot: Robot, law: PaperDynamic) -> list[LawSetting]:
     """Name the prediction times of the dynamic law (dof,)."""
-    joints, time = len(robot.joints), "prediction time of the dynamic law"
-    base = LawSetting(casadi.SX.sym("h1"), law.horizon_dyn, "s", time)
-    arm = base
-    if law.joint_horizon_dyn is not None and joints:
-        symbol = casadi.SX.sym("h1_arm")
-        arm = LawSetting(symbol, law.joint_horizon_dyn, "s", "the same, of the arm")
+    words, joints = "prediction time of the dynamic law", len(robot.joints)
+    base = arm = LawSetting(casadi.SX.sym("h1"), law.horizon_dyn, "s", words)
+    if (own := law.joint_horizon_dyn) is not None:
+        arm = LawSetting(casadi.SX.sym("h1_arm"), own, "s", "the same, of the arm")
     return [base] * (robot.dof - joints) + [arm] * joints

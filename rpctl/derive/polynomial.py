@@ -7,7 +7,7 @@ Cosines, sines, lengths, speeds and parameters are the generators. A square that
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,11 +44,13 @@ class Space:
     def __post_init__(self) -> None:
         self.ring = sp.polys.rings.PolyRing(self.symbols, sp.QQ, sp.polys.orderings.grlex)
         self.index = {symbol: i for i, symbol in enumerate(self.symbols)}
-        self._squares = [
-            (self.index[symbol], self.ring.from_expr(sp.sympify(value)))
-            for symbol, value in self.squares.items()
+        self._rules = [  # a product, and what it is replaced by
+            *((self.generator(s) ** 2, self.ring.from_expr(x)) for s, x in self.squares.items()),
+            *(
+                (self.generator(a) * self.generator(b), self.ring.one)
+                for a, b in self.inverses.items()
+            ),
         ]
-        self._inverses = [(self.index[a], self.index[b]) for a, b in self.inverses.items()]
 
     def generator(self, symbol: sp.Symbol) -> Poly:
         """Return the polynomial that is one generator."""
@@ -62,30 +64,15 @@ class Space:
         """
         if len(poly) > self.max_terms or time.monotonic() > self.deadline:
             raise TooLargeError
-        for i, value in self._squares:
-            while any(powers[i] > 1 for powers in poly):
-                poly = self._without_square(poly, i, value)
-        for a, b in self._inverses:
-            if any(powers[a] and powers[b] for powers in poly):
-                poly = self._cancelled(poly, a, b)
+        divide = self.ring.monomial_div
+        for product, value in self._rules:
+            while any(divide(powers, product.LM) for powers in poly):
+                kept, divided = self.ring.zero, self.ring.zero
+                for powers, coefficient in poly.items():
+                    quotient = divide(powers, product.LM)
+                    (divided if quotient else kept)[quotient or powers] = coefficient
+                poly = kept + divided * value
         return poly
-
-    def _without_square(self, poly: Poly, i: int, value: Poly) -> Poly:
-        kept, squared = self.ring.zero, self.ring.zero
-        for powers, coefficient in poly.items():
-            if powers[i] > 1:
-                squared[_lowered(powers, {i: 2})] = coefficient
-            else:
-                kept[powers] = coefficient
-        return kept + squared * value
-
-    def _cancelled(self, poly: Poly, a: int, b: int) -> Poly:
-        result = self.ring.zero
-        for powers, coefficient in poly.items():
-            common = min(powers[a], powers[b])
-            rest = _lowered(powers, {a: common, b: common})
-            result += self.ring.term_new(rest, coefficient)
-        return result
 
     def divided(self, poly: Poly, by: Poly) -> Poly:
         """Return a polynomial over one term; what does not divide it must have an inverse.
@@ -96,10 +83,9 @@ class Space:
         if len(by) != 1:
             raise TooLargeError
         ((powers, coefficient),) = by.items()
-        inverse = {self.index[a]: self.ring.gens[self.index[b]] for a, b in self.inverses.items()}
-        for i, square in self._squares:
-            if square.is_ground and square:  # 1/√n = √n/n
-                inverse[i] = self.ring.gens[i].quo_ground(square.LC)
+        inverse = {self.index[a]: self.generator(b) for a, b in self.inverses.items()}
+        roots = {s: square for s, square in self.squares.items() if square.is_number}
+        inverse |= {self.index[s]: self.generator(s) / n for s, n in roots.items()}  # 1/√n = √n/n
         for i, power in enumerate(powers):
             for _ in range(power):
                 if all(monomial[i] for monomial in poly):
@@ -127,6 +113,15 @@ class PolynomialScalar:
         self.space = space
         self.poly = poly
 
+    @staticmethod
+    def _binary(operate: Callable[[Space, Poly, Poly], Poly]) -> Callable[..., Any]:
+        def method(self: PolynomialScalar, other: Any) -> Any:
+            if isinstance(other, np.ndarray):
+                return NotImplemented  # NumPy then takes this element for each of the array's
+            return self._new(operate(self.space, self.poly, self._other(other)))
+
+        return method
+
     def _other(self, other: Any) -> Poly:
         if isinstance(other, PolynomialScalar):
             return other.poly
@@ -134,29 +129,6 @@ class PolynomialScalar:
 
     def _new(self, poly: Poly) -> PolynomialScalar:
         return PolynomialScalar(self.space, poly)
-
-    def __add__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented  # NumPy then takes this element for each of the array's
-        return self._new(self.poly + self._other(other))
-
-    def __sub__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        return self._new(self.poly - self._other(other))
-
-    def __rsub__(self, other: Any) -> Any:
-        return self._new(self._other(other) - self.poly)
-
-    def __mul__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        return self._new(self.space.reduced(self.poly * self._other(other)))
-
-    def __truediv__(self, other: Any) -> Any:
-        if isinstance(other, np.ndarray):
-            return NotImplemented
-        return self._new(self.space.divided(self.poly, self._other(other)))
 
     def __pow__(self, exponent: int) -> PolynomialScalar:
         return self._new(self.space.reduced(self.poly**exponent))
@@ -168,8 +140,11 @@ class PolynomialScalar:
         return bool(self.poly == self._other(other))
 
     __hash__ = None  # type: ignore[assignment]
-    __radd__ = __add__
-    __rmul__ = __mul__
+    __add__ = __radd__ = _binary(lambda _, a, b: a + b)
+    __sub__ = _binary(lambda _, a, b: a - b)
+    __rsub__ = _binary(lambda _, a, b: b - a)
+    __mul__ = __rmul__ = _binary(lambda space, a, b: space.reduced(a * b))
+    __truediv__ = _binary(lambda space, a, b: space.divided(a, b))
 
 
 def rounded(polys: Iterable[Poly], digits: int) -> list[Poly]:
@@ -179,25 +154,26 @@ def rounded(polys: Iterable[Poly], digits: int) -> list[Poly]:
     """
     listed = list(polys)
     largest = max((abs(float(c)) for poly in listed for c in poly.values()), default=0.0)
-    cleaned = []
-    for poly in listed:
-        kept = poly.ring.zero
-        for powers, coefficient in poly.items():
-            if abs(float(coefficient)) > 10.0**-digits * largest:
-                exact = sp.Rational(f"{float(coefficient):.{digits}g}")
-                kept[powers] = sp.QQ(exact.p, exact.q)
-        cleaned.append(kept)
-    return cleaned
+    least = 10.0**-digits * largest
+    return [
+        poly.ring.from_dict(
+            {
+                powers: sp.QQ.from_sympy(sp.Rational(f"{float(coefficient):.{digits}g}"))
+                for powers, coefficient in poly.items()
+                if abs(float(coefficient)) > least
+            }
+        )
+        for poly in listed
+    ]
 
 
-def _lowered(powers: tuple[int, ...], by: Mapping[int, int]) -> tuple[int, ...]:
-    return tuple(power - by.get(i, 0) for i, power in enumerate(powers))
+def primitive(poly: Poly) -> tuple[Any, Poly]:
+    """Return a polynomial's content and the rest, whose leading coefficient is positive."""
+    content, rest = poly.primitive()
+    return (-content, -rest) if rest.LC < 0 else (content, rest)
 
 
 def without_common_term(poly: Poly) -> tuple[tuple[int, ...], Poly]:
     """Return the powers that divide every term of a polynomial, and what is left."""
-    common = tuple(map(min, zip(*poly, strict=True)))
-    rest = poly.ring.zero
-    for powers, coefficient in poly.items():
-        rest[tuple(p - c for p, c in zip(powers, common, strict=True))] = coefficient
-    return common, rest
+    common, divide = tuple(map(min, zip(*poly, strict=True))), poly.ring.monomial_div
+    return common, poly.ring.from_dict({divide(m, common): c for m, c in poly.items()})

@@ -66,7 +66,7 @@ def program(robot: Robot) -> ScalarProgram:
 def _steps(given: list[Any], outputs: Any) -> tuple[tuple[Node, ...], tuple[int, ...]]:
     """Return steps from positions and ν to some entries, and the nodes of these."""
     steps = Steps()
-    leaves = [lambda i: steps.add("q", i), lambda i: steps.add("nu", i)]
+    leaves = [lambda i, x=x: steps.add("input", f"{x}[{i}]") for x in ("q", "nu")]
     found = steps.evaluate(casadi.Function("terms", given, [outputs]), leaves)
     return tuple(steps.nodes), tuple(found)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,7 +10,7 @@ from itertools import accumulate, count
 
 import sympy as sp
 
-from rpctl.derive.polynomial import Poly, without_common_term
+from rpctl.derive.polynomial import Poly, primitive, without_common_term
 from rpctl.derive.substitution import EquationForm
 
 MAX_WRITING_COST = 200_000  # sum of squared numbers of terms, with which the time to write grows
@@ -37,21 +37,21 @@ def shortest_form(forms: Iterable[EquationForm]) -> ShortForm:
     Of long forms only the first few are tried, few terms first.
     """
     ordered = sorted(forms, key=lambda form: form.size)
-    choices = [(form, order) for form in ordered for order in _orders(form)]
+    choices = [
+        (form, order)
+        for form in ordered
+        for order in (
+            (form.rates, form.angles, form.lengths),
+            (form.rates, form.lengths, form.angles),
+            (form.angles, form.rates, form.lengths),
+        )
+    ]
     spent = accumulate(form.size**2 for form, _ in choices)
     tried = [
         choice for choice, cost in zip(choices, spent, strict=True) if cost <= MAX_WRITING_COST
     ]
     results = [_Writer(form, order).all() for form, order in tried or choices[:1]]
     return min(results, key=lambda result: result.operations)
-
-
-def _orders(form: EquationForm) -> list[tuple[tuple[sp.Symbol, ...], ...]]:
-    return [
-        (form.rates, form.angles, form.lengths),
-        (form.rates, form.lengths, form.angles),
-        (form.angles, form.rates, form.lengths),
-    ]
 
 
 class _Writer:
@@ -64,17 +64,14 @@ class _Writer:
     def __init__(self, form: EquationForm, order: Sequence[Sequence[sp.Symbol]]) -> None:
         self._form = form
         self._ring = form.space.ring
-        index = form.space.index
-        self._levels = [frozenset(index[symbol] for symbol in level) for level in order]
+        self._levels = [frozenset(form.space.index[symbol] for symbol in x) for x in order]
         self._sums: dict[Poly, sp.Symbol] = {}
         self._bodies: dict[sp.Symbol, sp.Expr] = {}
-        self._shown = form.shown
 
     def all(self) -> ShortForm:
         """Write the whole form."""
-        M = self._inertia(self._form.M)
-        entries = [*M, *(self._write(poly) for poly in self._form.h)]
-        entries, named = self._named(entries)
+        inertia = self._inertia(self._form.M)
+        entries, named = self._named([*inertia, *(self._write(poly) for poly in self._form.h)])
         used = set().union(*(x.free_symbols for x in (*entries, *(v for _, v in named))))
         kept = []
         for symbol, value in reversed(self._form.definitions):
@@ -116,12 +113,10 @@ class _Writer:
         """Return a polynomial's one-term factor, as an expression, and the rest of it."""
         if not poly:
             return sp.S.Zero, self._ring.one
-        content, rest = poly.primitive()
-        if rest.LC < 0:
-            content, rest = -content, -rest
+        content, rest = primitive(poly)
         powers, rest = without_common_term(rest)
         term = self._ring.term_new(powers, content)
-        return self._form.space.expression(term, self._shown), rest
+        return self._form.space.expression(term, self._form.shown), rest
 
     def _write(self, poly: Poly) -> sp.Expr:
         head, rest = self._primitive(poly)
@@ -140,25 +135,21 @@ class _Writer:
             if len(outer) > 1:
                 break
         else:
-            return self._form.space.expression(poly, self._shown)
-        coefficients: dict[tuple[int, ...], Poly] = {}
+            return self._form.space.expression(poly, self._form.shown)
+        coefficients: dict[tuple[int, ...], Poly] = defaultdict(lambda: self._ring.zero)
         for powers, coefficient in poly.items():
             out = tuple(p if i in level else 0 for i, p in enumerate(powers))
             rest = tuple(0 if i in level else p for i, p in enumerate(powers))
-            known = coefficients.get(out, self._ring.zero)
-            coefficients[out] = known + self._ring.term_new(rest, coefficient)
-        alike: dict[Poly, Poly] = {}
+            coefficients[out] = coefficients[out] + self._ring.term_new(rest, coefficient)
+        alike: dict[Poly, Poly] = defaultdict(lambda: self._ring.zero)
         for out, inner in coefficients.items():
-            content, primitive = inner.primitive()
-            if primitive.LC < 0:
-                content, primitive = -content, -primitive
-            term = self._ring.term_new(out, content)
-            alike[primitive] = alike.get(primitive, self._ring.zero) + term
+            content, rest = primitive(inner)
+            alike[rest] = alike[rest] + self._ring.term_new(out, content)
         return sp.Add(*(self._product(outer, inner) for inner, outer in alike.items()))
 
     def _product(self, outer: Poly, inner: Poly) -> sp.Expr:
         if inner == 1:  # a plain sum: nothing to share
-            return self._form.space.expression(outer, self._shown)
+            return self._form.space.expression(outer, self._form.shown)
         return self._write(outer) * self._write(inner)
 
     def _named(self, entries: list[sp.Expr]) -> tuple[list[sp.Expr], list[Definition]]:
@@ -166,10 +157,11 @@ class _Writer:
         entries, bodies = settle(entries, self._bodies)
         polys = {symbol: poly for poly, symbol in self._sums.items()}
         counters = {letter: count(1) for letter in "Jpku"}
-        names = {}
-        for symbol in bodies:
-            letter = self._letter(polys[symbol])
-            names[symbol] = sp.Symbol(f"{letter}{next(counters[letter])}", real=True)
+        letters = {symbol: self._letter(polys[symbol]) for symbol in bodies}
+        names = {
+            symbol: sp.Symbol(f"{letter}{next(counters[letter])}", real=True)
+            for symbol, letter in letters.items()
+        }
         named = [(names[symbol], body.xreplace(names)) for symbol, body in bodies.items()]
         return [entry.xreplace(names) for entry in entries], named
 

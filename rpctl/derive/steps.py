@@ -14,26 +14,27 @@ from rpctl.errors import RpctlError
 Node = tuple[Any, ...]  # (operation, operands): indices of nodes, a number, or an input's place
 Written = tuple[list[tuple[str, str]], Callable[[int], str]]
 
-SUMS, PRODUCTS = ("+", "-"), ("*", "/")
-COMPARISONS, LOGIC = ("<", "<=", "==", "!="), ("&&", "||")
-FUNCTIONS = ("sin", "cos", "sqrt", "tanh", "asin", "atan2", "floor", "fabs")
+FUNCTIONS = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sqrt", "exp", "log", "pow",
+    "sinh", "cosh", "tanh", "floor", "ceil", "fabs",
+)  # fmt: skip
 OPERATIONS = {  # of CasADi, that have a node of their own
     casadi.OP_ADD: "+", casadi.OP_SUB: "-", casadi.OP_MUL: "*", casadi.OP_DIV: "/",
     casadi.OP_NEG: "-", casadi.OP_LT: "<", casadi.OP_LE: "<=", casadi.OP_EQ: "==",
     casadi.OP_NE: "!=", casadi.OP_AND: "&&", casadi.OP_OR: "||", casadi.OP_NOT: "!",
-    casadi.OP_SIN: "sin", casadi.OP_COS: "cos", casadi.OP_SQRT: "sqrt", casadi.OP_TANH: "tanh",
-    casadi.OP_ASIN: "asin", casadi.OP_ATAN2: "atan2", casadi.OP_FLOOR: "floor",
-    casadi.OP_FABS: "fabs",
+    casadi.OP_CONSTPOW: "pow", **{getattr(casadi, f"OP_{x.upper()}"): x for x in FUNCTIONS},
 }  # fmt: skip
-LEAVES = ("q", "nu", "number", "input")  # nodes without operands
+LEAVES = ("number", "input")  # nodes without operands
 MAX_INLINE = 60  # characters; a longer expression gets a line of its own
 # How firmly an expression holds together: choices, and, or, comparisons, sums, products, the rest.
 CHOICE_PRECEDENCE, LOGIC_PRECEDENCE, COMPARISON_PRECEDENCE = range(3)
 SUM_PRECEDENCE, PRODUCT_PRECEDENCE, ATOM_PRECEDENCE = range(3, 6)
 
 
-INFIX = {LOGIC_PRECEDENCE: LOGIC, COMPARISON_PRECEDENCE: COMPARISONS}
-INFIX |= {SUM_PRECEDENCE: SUMS, PRODUCT_PRECEDENCE: PRODUCTS}
+PRECEDENCES = dict.fromkeys(("&&", "||"), LOGIC_PRECEDENCE)
+PRECEDENCES |= dict.fromkeys(("<", "<=", "==", "!=", "!"), COMPARISON_PRECEDENCE)
+PRECEDENCES |= {"+": SUM_PRECEDENCE, "-": SUM_PRECEDENCE}
+PRECEDENCES |= {"*": PRODUCT_PRECEDENCE, "/": PRODUCT_PRECEDENCE}
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Steps:
     """Steps of a computation, of which no two are the same.
 
     Attributes:
-        nodes: ``("q", i)``, ``("nu", i)``, ``("input", text)``, ``("number", value)``; then
+        nodes: ``("input", text)``, ``("number", value)``; then
             ``(operation, operands…)`` with ``"+" "-" "*" "/"`` of two or ``"-"`` of one, a function
             of :data:`FUNCTIONS`, a comparison, ``"&&" "||" "!"``, or ``"?"`` with a condition and
             the two to choose from.
@@ -107,27 +108,14 @@ class Steps:
         zero, one = self.add("number", 0.0), self.add("number", 1.0)
         if operation == casadi.OP_ADD and (whole := self._choice(a, b)) is not None:
             return whole
-        if operation == casadi.OP_IF_ELSE_ZERO:
-            test = self.nodes[a]
-            if test[0] == "!":
-                return self.add("?", test[1], zero, b)
-            return self.add("?", a, b, zero)
         if operation in OPERATIONS:
             return self.add(OPERATIONS[operation], *operands)
-        if operation == casadi.OP_SQ:
-            return self.add("*", a, a)
-        if operation == casadi.OP_TWICE:
-            return self.add("*", self.add("number", 2.0), a)
-        if operation == casadi.OP_INV:
-            return self.add("/", one, a)
-        if operation == casadi.OP_FMIN:
-            return self.add("?", self.add("<", a, b), a, b)
-        if operation == casadi.OP_FMAX:
-            return self.add("?", self.add("<", a, b), b, a)
-        if operation == casadi.OP_SIGN:
-            below = self.add("?", self.add("<", a, zero), self.add("number", -1.0), zero)
-            return self.add("?", self.add("<", zero, a), one, below)
-        raise RpctlError("a formula has an operation that code is not written with")
+        if operation not in OTHERS:
+            names = {getattr(casadi, name): name[3:] for name in dir(casadi) if name[:3] == "OP_"}
+            raise RpctlError(
+                f"a formula has the operation {names[operation]}, which code is not written with"
+            )
+        return OTHERS[operation](self, a, b, zero, one)
 
     def _choice(self, a: int, b: int) -> int | None:
         """Return the choice that two sums of a choice and 0 are together; None if they are none."""
@@ -138,6 +126,29 @@ class Steps:
             if self.nodes[no] == zero and self.nodes[yes_too] == zero:
                 return self.add("?", test, yes, no_too)
         return None
+
+
+def _selected(steps: Steps, test: int, value: int, zero: int, _: int) -> int:
+    """Return the choice of a value where a test holds, else 0."""
+    if steps.nodes[test][0] == "!":
+        return steps.add("?", steps.nodes[test][1], zero, value)
+    return steps.add("?", test, value, zero)
+
+
+def _sign(steps: Steps, a: int, b: int, zero: int, one: int) -> int:
+    below = steps.add("?", steps.add("<", a, zero), steps.add("number", -1.0), zero)
+    return steps.add("?", steps.add("<", zero, a), one, below)
+
+
+OTHERS: dict[int, Callable[[Steps, int, int, int, int], int]] = {
+    casadi.OP_IF_ELSE_ZERO: _selected,
+    casadi.OP_SIGN: _sign,
+    casadi.OP_SQ: lambda steps, a, *_: steps.add("*", a, a),
+    casadi.OP_TWICE: lambda steps, a, *_: steps.add("*", steps.add("number", 2.0), a),
+    casadi.OP_INV: lambda steps, a, b, zero, one: steps.add("/", one, a),
+    casadi.OP_FMIN: lambda steps, a, b, *_: steps.add("?", steps.add("<", a, b), a, b),
+    casadi.OP_FMAX: lambda steps, a, b, *_: steps.add("?", steps.add("<", a, b), b, a),
+}
 
 
 def write_steps(
@@ -186,15 +197,11 @@ def _text(node: Node, texts: Sequence[tuple[str, int]], language: Language) -> t
     A sum or product on the right keeps its parentheses, so that rounding is the same everywhere.
     """
     kind, held = node[0], node[1:]
-    if kind in ("q", "nu"):
-        return f"{kind}[{held[0]}]", ATOM_PRECEDENCE
+    if kind == "number":
+        precedence = ATOM_PRECEDENCE if held[0] >= 0.0 else SUM_PRECEDENCE
+        return f"{held[0]!r}{language.suffix}", precedence
     if kind == "input":
         return held[0], ATOM_PRECEDENCE
-    if kind == "number":
-        return (
-            f"{held[0]!r}{language.suffix}",
-            ATOM_PRECEDENCE if held[0] >= 0.0 else SUM_PRECEDENCE,
-        )
     if kind in FUNCTIONS:
         arguments = ", ".join(texts[a][0] for a in held)
         return f"{kind}{language.suffix}({arguments})", ATOM_PRECEDENCE
@@ -202,16 +209,11 @@ def _text(node: Node, texts: Sequence[tuple[str, int]], language: Language) -> t
         parts = [_parenthesised(texts[a], LOGIC_PRECEDENCE) for a in held]
         choice = language.choice.format(test=parts[0], yes=parts[1], no=parts[2])
         return choice, CHOICE_PRECEDENCE
-    word = language.words.get(kind, kind)
-    if kind == "!":
-        return f"{word}{_parenthesised(texts[held[0]], ATOM_PRECEDENCE)}", COMPARISON_PRECEDENCE
+    word, precedence = language.words.get(kind, kind), PRECEDENCES[kind]
     if len(held) == 1:
-        return f"-{_parenthesised(texts[held[0]], ATOM_PRECEDENCE)}", SUM_PRECEDENCE
-    left, right = (texts[a] for a in held)
-    precedence = next(level for level, kinds in INFIX.items() if kind in kinds)
-    both = precedence in (LOGIC_PRECEDENCE, COMPARISON_PRECEDENCE)
-    first = _parenthesised(left, precedence + both)
-    return f"{first} {word} {_parenthesised(right, precedence + 1)}", precedence
+        return f"{word}{_parenthesised(texts[held[0]], ATOM_PRECEDENCE)}", precedence
+    first = _parenthesised(texts[held[0]], precedence + (precedence < SUM_PRECEDENCE))
+    return f"{first} {word} {_parenthesised(texts[held[1]], precedence + 1)}", precedence
 
 
 def _parenthesised(expression: tuple[str, int], needed: int) -> str:
@@ -256,16 +258,10 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
 
 def without_idle(nodes: Sequence[Node], wanted: Sequence[int]) -> tuple[list[Node], dict[int, int]]:
     """Return the nodes that results depend on, and where each of them is now."""
-    needed, stack = set(wanted), list(wanted)
-    while stack:
-        for operand in operands(nodes[stack.pop()]):
-            if operand not in needed:
-                needed.add(operand)
-                stack.append(operand)
+    needed = set(wanted)
+    for k in reversed(range(len(nodes))):
+        if k in needed:
+            needed.update(operands(nodes[k]))
     place = {old: new for new, old in enumerate(sorted(needed))}
-    kept = []
-    for old in place:
-        node = nodes[old]
-        leaf = node[0] in LEAVES
-        kept.append(node if leaf else (node[0], *(place[a] for a in node[1:])))
-    return kept, place
+    inner = {old: tuple(place[a] for a in operands(nodes[old])) for old in place}
+    return [(nodes[old][0], *inner[old]) if inner[old] else nodes[old] for old in place], place

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import sympy as sp
 
 from rpctl.derive.equations import Angle, Equations
-from rpctl.derive.polynomial import Poly, Space, without_common_term
+from rpctl.derive.polynomial import Poly, Space, primitive, without_common_term
 
 MAX_FORMS = 6  # forms that are worth writing out to see which is shortest
 
@@ -100,13 +101,13 @@ def _plain_sum(turn: Poly, rates: Iterable[int]) -> Poly | None:
     """Return the sum of rates, each ±1 times, that an angular velocity is a multiple of."""
     if not turn:
         return None
-    _, rest = without_common_term(turn.primitive()[1])
+    _, rest = without_common_term(primitive(turn)[1])
     rates = set(rates)
     plain = all(
         sum(powers) == 1 and powers.index(1) in rates and abs(coefficient) == 1
         for powers, coefficient in rest.items()
     )
-    return rest * rest.LC if plain and len(rest) > 1 else None
+    return rest if plain and len(rest) > 1 else None
 
 
 def _shifted(form: EquationForm, length: sp.Symbol, number: int) -> Iterator[EquationForm]:
@@ -129,19 +130,17 @@ def _shifts(form: EquationForm, length: sp.Symbol) -> list[Poly]:
     variables = [space.index[s] for s in (*form.rates, *form.angles, *form.lengths) if s != length]
     found: dict[Poly, None] = {}
     for poly in (*form.M, *form.h):
-        groups: dict[tuple[int, ...], dict[int, Poly]] = {}
+        groups: dict[tuple[int, ...], dict[int, Poly]] = defaultdict(dict)
         for powers, coefficient in poly.items():
             rest = [0 if k == i or k in variables else power for k, power in enumerate(powers)]
-            by_power = groups.setdefault(tuple(powers[k] for k in variables), {})
+            by_power = groups[tuple(powers[k] for k in variables)]
             term = space.ring.term_new(tuple(rest), coefficient)
             by_power[powers[i]] = by_power.get(powers[i], space.ring.zero) + term
         for by_power in groups.values():
             top = max(by_power)
-            if top == 0 or top - 1 not in by_power:
-                continue
-            shift, remainder = by_power[top - 1].div(by_power[top] * top)
-            if not remainder:
-                found[shift] = None
+            if top > 0 and top - 1 in by_power:
+                shift, remainder = by_power[top - 1].div(by_power[top] * top)
+                found |= {} if remainder else {shift: None}
     return list(found)
 
 
@@ -164,17 +163,12 @@ def with_angle_sums(form: EquationForm, equations: Equations) -> EquationForm:
     order = (*kept[: kept.index(form.rates[-1]) + 1], *symbols.values())
     order += tuple(s for s in kept if s not in order)
     space = Space(order, {}, {}, old.constants, old.max_terms, old.deadline)
-    polys = []
-    for terms in expanded:
-        poly = space.ring.zero
-        for (key, rest), coefficient in terms.items():
-            powers = [0] * len(order)
-            for symbol, power in zip(kept, rest, strict=True):
-                powers[space.index[symbol]] = power
-            if any(key[0]):
-                powers[space.index[symbols[key]]] = 1
-            poly += space.ring.term_new(tuple(powers), coefficient)
-        polys.append(poly)
+
+    def monomial(key: Key, rest: tuple[int, ...]) -> tuple[int, ...]:
+        powers = {symbols.get(key): 1} | dict(zip(kept, rest, strict=True))
+        return tuple(powers.get(symbol, 0) for symbol in order)
+
+    polys = [space.ring.from_dict({monomial(*m): c for m, c in x.items()}) for x in expanded]
     others = form.definitions[2 * len(angles) :]
     return replace(
         form, space=space, M=tuple(polys[: len(form.M)]), h=tuple(polys[len(form.M) :]),
@@ -186,7 +180,7 @@ def _expanded(
     poly: Poly, pairs: Sequence[tuple[int, int]], taken: set[int]
 ) -> dict[tuple[Key, tuple[int, ...]], Any]:
     """Return coefficients by the cosine or sine of a sum and the powers of all else."""
-    result: dict[tuple[Key, tuple[int, ...]], Any] = {}
+    result: dict[tuple[Key, tuple[int, ...]], Any] = defaultdict(int)
     for powers, coefficient in poly.items():
         waves = {((0,) * len(pairs), False): coefficient}
         for angle, (c, s) in enumerate(pairs):
@@ -194,14 +188,13 @@ def _expanded(
                 waves = _times(waves, angle, odd)
         rest = tuple(power for k, power in enumerate(powers) if k not in taken)
         for key, value in waves.items():
-            total = result.get((key, rest), 0) + value
-            result[key, rest] = total
+            result[key, rest] += value
     return {key: value for key, value in result.items() if value}
 
 
 def _times(waves: dict[Key, Any], angle: int, odd: bool) -> dict[Key, Any]:
     """Multiply by the cosine (or, odd, the sine) of an angle: product-to-sum formulas."""
-    product: dict[Key, Any] = {}
+    product: dict[Key, Any] = defaultdict(int)
     for (multiple, sine), coefficient in waves.items():
         for step in (1, -1):
             moved = tuple(k + step * (i == angle) for i, k in enumerate(multiple))
@@ -209,9 +202,8 @@ def _times(waves: dict[Key, Any], angle: int, odd: bool) -> dict[Key, Any]:
             out = sine != odd
             if next((k for k in moved if k), 0) < 0:
                 moved, sign = tuple(-k for k in moved), -sign if out else sign
-            if out and not any(moved):
-                continue
-            product[moved, out] = product.get((moved, out), 0) + coefficient * sign / 2
+            if any(moved) or not out:
+                product[moved, out] += coefficient * sign / 2
     return product
 
 

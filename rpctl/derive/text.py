@@ -15,7 +15,7 @@ from rpctl.derive.codegen import rendered
 from rpctl.derive.equations import rational
 from rpctl.derive.law_program import LawSetting, LawSheet
 from rpctl.derive.short_form import readable
-from rpctl.derive.steps import Steps
+from rpctl.derive.steps import FUNCTIONS, Steps
 from rpctl.errors import printable
 
 
@@ -44,9 +44,7 @@ def legend(form: ClosedForm) -> Iterator[tuple[sp.Symbol, str]]:
         "vy": "speed of the root link along its y [m/s]",
         "omega": "turning rate of the base [rad/s]",
     }
-    for rate in form.rates:
-        if str(rate) in base:
-            yield rate, base[str(rate)]
+    yield from ((rate, base[str(rate)]) for rate in form.rates if str(rate) in base)
     for coordinate in form.coordinates:
         yield coordinate.symbol, f"position of {printable(coordinate.joint)} [{coordinate.unit}]"
 
@@ -76,60 +74,41 @@ LINE_WIDTH = 76  # of a line of a formula, in letters, about
 SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 SPECIAL |= {character: f"\\{character}" for character in "#$%&_{}"}
 
-PREAMBLE = r"""\documentclass[a4paper,fleqn]{article}
-\usepackage{amsmath}
-\setlength{\textwidth}{17cm}
-\setlength{\oddsidemargin}{-0.5cm}
-\setlength{\topmargin}{-1.5cm}
-\setlength{\textheight}{25cm}
-\setlength{\parindent}{0pt}
-\setcounter{MaxMatrixCols}{%(columns)d}
-\renewcommand{\arraystretch}{1.2}
-\allowdisplaybreaks
-\sloppy
-\begin{document}
-"""
-
-BODY = r"""\section*{%(robot)s}
-The reduced equations of motion $M \dot\nu + h = B \tau%(lost)s$ with $\nu = (%(rates)s)$ and
-$\tau$ the efforts of %(actuators)s.
-
-\medskip
-%(legend)s
-%(parts)s
-"""
-
 
 def to_latex(form: ClosedForm) -> str:
-    """Return a closed form as a complete LaTeX document."""
-    return PREAMBLE % {"columns": max(10, form.B.cols)} + equations_of(form) + "\\end{document}\n"
+    """Return a closed form as a complete LaTeX document that needs nothing but amsmath."""
+    context = {"columns": form.B.cols, "body": _equations(form)}
+    return rendered("document.tex.jinja", context)
 
 
-def equations_of(form: ClosedForm) -> str:
+def _equations(form: ClosedForm) -> str:
     """Return the section of a closed form."""
-    names = {symbol: _symbol(str(symbol)) for symbol in _all_symbols(form)}
-    rows = [f"${names[symbol]}$ & {escaped(what)}" for symbol, what in legend(form)]
-    rows += [
-        f"${names[p.symbol]}$ & {p.value:g} {_unit(p.unit)}, {escaped(p.of)}"
-        for p in form.parameters
-    ]
-    parts = []
-    if form.definitions:
-        parts.append(aligned([(names[s], value) for s, value in form.definitions], names))
-    lefts = [(" = ".join(f"M_{{{x}}}" for x in left), value) for left, value in inertia(form)]
-    parts += ["$M$ is symmetric:", aligned(lefts, names)]
-    parts.append(aligned([(f"h_{{{i + 1}}}", x) for i, x in enumerate(form.h)], names))
-    parts.append(f"\\[ B = {_latex(form.B, names)} \\]")
-    if any(form.losses):
-        parts.append(aligned([(f"\\ell_{{{i + 1}}}", x) for i, x in enumerate(form.losses)], names))
-    return BODY % {
-        "lost": r" + \ell" if any(form.losses) else "",
-        "robot": escaped(form.robot),
-        "rates": ", ".join(names[rate] for rate in form.rates),
-        "actuators": ", ".join(map(escaped, form.actuators)),
-        "legend": "\\begin{tabular}{lp{13cm}}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n",
-        "parts": "\n".join(parts),
+    names = {symbol: symbol_latex(str(symbol)) for symbol in _all_symbols(form)}
+    numbers = [(p.symbol, f"{p.value:g} {p.unit}, {p.of}") for p in form.parameters]
+    inertias = [(" = ".join(f"M_{{{x}}}" for x in left), value) for left, value in inertia(form)]
+    h, losses = (
+        aligned([(f"{letter}_{{{i}}}", x) for i, x in enumerate(column, start=1)], names)
+        for letter, column in (("h", form.h), (r"\ell", form.losses))
+    )
+    context = {
+        "form": form,
+        "lossy": r" + \ell" if any(form.losses) else "",
+        "rates": [names[rate] for rate in form.rates],
+        "rows": [(names[symbol], words) for symbol, words in (*legend(form), *numbers)],
+        "definitions": aligned([(names[s], x) for s, x in form.definitions], names)
+        if form.definitions
+        else "",
+        "inertia": aligned(inertias, names),
+        "h": h,
+        "losses": losses,
+        "B": _latex(form.B, names),
     }
+    return rendered("equations.tex.jinja", context, escaped=escaped, tabular=_tabular)
+
+
+def _tabular(rows: Sequence[tuple[str, str]]) -> str:
+    lines = " \\\\\n".join(f"${symbol}$ & {escaped(words)}" for symbol, words in rows)
+    return f"\\begin{{tabular}}{{lp{{13cm}}}}\n{lines}\n\\end{{tabular}}\n"
 
 
 def aligned(rows: Sequence[tuple[str, sp.Expr]], names: Mapping[sp.Symbol, str]) -> str:
@@ -177,35 +156,22 @@ def _latex(expression: sp.Expr, names: Mapping[sp.Symbol, str]) -> str:
     return str(sp.latex(readable(expression), symbol_names=dict(names)))
 
 
-def _symbol(name: str) -> str:
-    """Return theta1_dot as a dotted theta with index 1, C1m2 as a C with index 1-2."""
-    plain = name.removesuffix("_dot")
-    letters = ("theta", "eta", "phi", "rho", "Omega", "omega")
-    stem = next((letter for letter in letters if plain.startswith(letter)), plain[:1])
-    index = plain[len(stem) :].replace("m", "-")
-    head = f"\\{stem}" if stem in letters else stem
-    head = f"\\dot{{{head}}}" if plain != name else head
-    return f"{head}_{{{index}}}" if index else head
-
-
 def _all_symbols(form: ClosedForm) -> set[sp.Symbol]:
-    parts = [form.M, form.h, form.B, form.losses, sp.Tuple(*form.rates)]
-    parts += [sp.Tuple(symbol, value) for symbol, value in form.definitions]
-    parts += [coordinate.symbol for coordinate in form.coordinates]
-    return set().union(*(part.free_symbols for part in parts))
-
-
-def _unit(unit: str) -> str:
-    return re.sub(r"\^(\d)", r"$^\1$", unit)
+    parts = (form.M, form.h, form.B, form.losses, *form.rates, *form.definitions)
+    symbols = (coordinate.symbol for coordinate in form.coordinates)
+    return set(sp.Tuple(*parts, *symbols).free_symbols)
 
 
 def escaped(text: str) -> str:
-    """Return any text as LaTeX of plain ASCII; names come from any file."""
-    plain = "".join(c if " " <= c <= "~" else "?" for c in text)
-    return "".join(SPECIAL.get(c, c) for c in plain)
+    """Return any text as LaTeX of plain ASCII; names come from any file, units have powers."""
+    plain = "".join(SPECIAL.get(c, c) if " " <= c <= "~" else "?" for c in text)
+    return re.sub(r"\\textasciicircum\{\}(\d)", r"$^\1$", plain)
 
 
-GREEK = ("alpha", "beta", "eta", "kappa", "omega", "theta")
+GREEK = (
+    "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu",
+    "rho", "sigma", "tau", "phi", "omega", "Omega",
+)  # fmt: skip
 TOO_LONG = "M, h and B of this robot are too long to read; --format c and python compute them."
 
 
@@ -216,15 +182,13 @@ def law_text(law: LawSheet, form: ClosedForm | None) -> str:
         law: The law on a robot.
         form: The robot's equations in closed form, or None if they are too long to read.
     """
-    lossy = " - l(nu_d), l the losses in the joints" if law.robot.losses is not None else ""
     results = {"nu_d": law.nu_d, "nu_d_dot": law.nu_d_dot, "nu_dot": law.nu_dot}
     context = {
         "law": law,
         "settings": [(f"{s.symbol} = {s.value:g} {s.unit}", s.of) for s in _settings(law)],
         "inputs": [(name, printable(words)) for name, words in _inputs(law)],
-        "shown": [(name, expression(value)) for name, (_, value) in law.shown.items()],
+        "shown": [(name, expression(value)) for name, value in law.shown.items()],
         "results": [(name, [expression(x) for x in values]) for name, values in results.items()],
-        "lossy": lossy,
         "rest": f"\n{to_text(form)}" if form else f"{TOO_LONG}\n",
     }
     return rendered("law.txt.jinja", context, plain=plain, printable=printable, columns=columns)
@@ -238,29 +202,17 @@ def law_latex(law: LawSheet, form: ClosedForm | None) -> str:
         form: The robot's equations in closed form, or None if they are too long to read.
     """
     names = {sp.Symbol(name, real=True): symbol_latex(name) for name in law.read}
-    rows = [
-        f"${symbol_latex(str(s.symbol))}$ & {s.value:g} {escaped(s.unit)}, {escaped(s.of)}"
-        for s in _settings(law)
-    ]
-    rows += [f"${symbol_latex(name)}$ & {escaped(words)}" for name, words in _inputs(law)]
-    legend = "\\begin{tabular}{lp{13cm}}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n"
-    body = [f"\\section*{{{escaped(law.robot.name)}: the law}}", legend]
-    shown = [(symbol_latex(name), expression(value)) for name, (_, value) in law.shown.items()]
-    body.append(aligned(shown, names))
-    for name, values in (
-        (r"\nu_d", law.nu_d), (r"\dot\nu_d", law.nu_d_dot), (r"\dot\nu^*", law.nu_dot)
-    ):  # fmt: skip
-        listed = ",\\ ".join(_latex(expression(value), names) for value in values)
-        body.append(f"\\[ {name} = \\bigl({listed}\\bigr) \\]")
-    lossy = r" - \ell(\nu_d)$, $\ell$ the losses in the joints" if law.robot.losses else "$"
-    body.append(
-        r"$\tau$ is the effort, least relative to the limits, with $B\tau = M\dot\nu^* + h"
-        f"{lossy}."
-    )
-    body.append(equations_of(form) if form else escaped(TOO_LONG))
-    return PREAMBLE % {"columns": max(10, len(law.robot.actuators))} + "\n".join(
-        [*body, "\\end{document}", ""]
-    )
+    numbers = [(str(s.symbol), f"{s.value:g} {s.unit}, {s.of}") for s in _settings(law)]
+    parts = {r"\nu_d": law.nu_d, r"\dot\nu_d": law.nu_d_dot, r"\dot\nu^*": law.nu_dot}
+    context = {
+        "law": law,
+        "rows": [(symbol_latex(name), words) for name, words in (*numbers, *_inputs(law))],
+        "shown": aligned([(symbol_latex(k), expression(x)) for k, x in law.shown.items()], names),
+        "results": [(k, [_latex(expression(x), names) for x in v]) for k, v in parts.items()],
+        "rest": _equations(form) if form else escaped(TOO_LONG),
+    }
+    body = rendered("law.tex.jinja", context, escaped=escaped, tabular=_tabular)
+    return rendered("document.tex.jinja", {"columns": len(law.robot.actuators), "body": body})
 
 
 def expression(value: Any) -> sp.Expr:
@@ -285,17 +237,13 @@ def expression(value: Any) -> sp.Expr:
     return _number(found[last])
 
 
-def _difference(a: sp.Expr, *b: sp.Expr) -> sp.Expr:
-    return a - b[0] if b else -a
-
-
 ROLLING = "what rolling makes of nu at the present steering"
 TURNS = (0.5, 1.0, 2.0)  # times pi: numbers that are written so
 LOGIC = {"&&": sp.And, "||": sp.Or, "!": sp.Not}
 OPERATIONS: dict[str, Callable[..., Any]] = {
-    "+": sp.Add, "-": _difference, "*": sp.Mul, "/": lambda a, b: a / b, "<": sp.Lt, "<=": sp.Le,
-    "==": sp.Eq, "!=": sp.Ne, "sin": sp.sin, "cos": sp.cos, "sqrt": sp.sqrt, "tanh": sp.tanh,
-    "asin": sp.asin, "atan2": sp.atan2, "floor": sp.floor, "fabs": sp.Abs,
+    "+": sp.Add, "-": lambda a, *b: a - b[0] if b else -a, "*": sp.Mul, "/": lambda a, b: a / b,
+    "<": sp.Lt, "<=": sp.Le, "==": sp.Eq, "!=": sp.Ne,
+    **{name: getattr(sp, name, sp.Abs) for name in FUNCTIONS}, "pow": sp.Pow, "ceil": sp.ceiling,
 }  # fmt: skip
 
 
@@ -312,21 +260,22 @@ def _number(value: Any) -> Any:
 
 
 def symbol_latex(name: str) -> str:
-    """Return x1_dot as a dotted x with index 1, theta1_r_ddot as a twice dotted theta."""
-    stem, dots = name, ""
-    for ending, mark in (("_ddot", "\\ddot"), ("_dot", "\\dot")):
-        if name.endswith(ending):
-            stem, dots = name.removesuffix(ending), mark
+    """Return x1_dot as a dotted x with index 1, C1m2 as a C with index 1-2, vx as v with x."""
+    stem, *ends = re.split("_(?=d?dot$)", name)
     head, *indices = stem.split("_")
     letters, number = re.fullmatch(r"([A-Za-z]+)(\w*)", head).groups()  # type: ignore[union-attr]
-    stem = f"\\{letters}" if letters in GREEK else letters
-    stem = stem if len(letters) == 1 or letters in GREEK else f"\\mathit{{{letters}}}"
-    stem = f"{dots}{{{stem}}}" if dots else stem
-    words = [w if len(w) == 1 or w.isdigit() else _word(w) for w in [number, *indices] if w]
-    return f"{stem}_{{{','.join(words)}}}" if words else stem
+    if len(letters) == 2 and not number and letters not in GREEK:
+        letters, number = letters[0], letters[1]
+    stem = _word(letters) if letters in GREEK or len(letters) == 1 else f"\\mathit{{{letters}}}"
+    stem = f"\\{ends[0]}{{{stem}}}" if ends else stem
+    words = [number.replace("m", "-"), *map(_word, indices)]
+    return f"{stem}_{{{','.join(filter(None, words))}}}" if any(words) else stem
 
 
 def _word(word: str) -> str:
+    """Return a letter, a number, a Greek letter's name, or a word that is written upright."""
+    if len(word) == 1 or word.isdigit():
+        return word
     return f"\\{word}" if word in GREEK else f"\\mathrm{{{word}}}"
 
 
@@ -337,10 +286,9 @@ def _settings(law: LawSheet) -> list[LawSetting]:
 
 def _inputs(law: LawSheet) -> list[tuple[str, str]]:
     """Return the names of the inputs that a law reads, and what they are."""
-    given = [each for each in law.inputs if each.symbol.name() in law.read]
-    found = [(str(each.symbol), f"{each.of} {_bracketed(each.unit)}".strip()) for each in given]
+    found = [
+        (str(each.symbol), f"{each.of} [{each.unit}]".removesuffix(" []"))
+        for each in law.inputs
+        if each.symbol.name() in law.read
+    ]
     return found + [(name, ROLLING) for name in sorted(law.rolling & law.read)]
-
-
-def _bracketed(unit: str) -> str:
-    return f"[{unit}]" if unit else ""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, NamedTuple
 
-from rpctl.control.dynamic import USUAL_PERIOD, PaperDynamic
+from rpctl.control.bandwidth import USUAL_PERIOD
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.derive.closed_form import ClosedForm, closed_form
@@ -12,7 +14,7 @@ from rpctl.derive.codegen import c_law, c_source, python_law, python_source
 from rpctl.derive.law_program import law_program, law_sheet
 from rpctl.derive.steps import Operations
 from rpctl.derive.text import law_latex, law_text, to_latex, to_text
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.robot.model import Robot
 
 FORMATS = ("text", "latex", "python", "c")
@@ -31,8 +33,7 @@ def derive(robot: Robot, format: str = "text", parameters: bool = False) -> str:
         RpctlError: Nothing moves, or the closed form would be too long.
         UnknownNameError: The format is not known.
     """
-    if format not in FORMATS:
-        raise UnknownNameError("format", format, FORMATS)
+    require_known("format", [format], FORMATS)
     if format in ("python", "c"):
         if parameters:
             raise RpctlError(f"--format {format} has numbers only; leave --parameters out")
@@ -77,8 +78,8 @@ def derive_law(
 
     Args:
         robot: The robot.
-        kinematic: The name of a law that is a formula (``"unified"``, ``"paper"``,
-            ``"kanayama"``, ``"feedback-linearization"``), or such a law with settings of its own.
+        kinematic: The name of a law that is a formula (``"unified"``, ``"own.py:MyLaw"``), or
+            such a law with settings of its own.
         dynamic: ``"paper"``, or that law with settings of its own.
         format: ``"text"`` or ``"latex"`` to read; ``"python"`` or ``"c"``, code without
             dependencies, without loops and without memory.
@@ -89,9 +90,8 @@ def derive_law(
         RpctlError: The laws have no closed form, or nothing drives the robot.
         UnknownNameError: A law, the format or the precision is not known.
     """
-    for kind, value, known in (("format", format, FORMATS), ("precision", precision, PRECISIONS)):
-        if value not in known:
-            raise UnknownNameError(kind, value, known)
+    require_known("format", [format], FORMATS)
+    require_known("precision", [precision], PRECISIONS)
     if precision != "double" and format != "c":
         raise RpctlError(f"--format {format} has no precision to choose; take --format c")
     law = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
@@ -129,9 +129,6 @@ def _refusal(law: object) -> str:
 
 def _form(robot: Robot) -> ClosedForm | None:
     """Return a robot's closed form; None if it is too long to read."""
-    if robot.drive.swivels:
-        return None
-    try:
-        return closed_form(robot)
-    except RpctlError:
-        return None
+    with suppress(RpctlError):
+        return None if robot.drive.swivels else closed_form(robot)
+    return None

@@ -20,7 +20,7 @@ from rpctl.drive.wheels import (
     has_mecanum_rollers,
     parallel,
 )
-from rpctl.errors import DriveError, UnknownNameError
+from rpctl.errors import DriveError, require_known
 
 MAX_RADIUS_RATIO = 1.1  # of the wheels of a skid-steer drive, if nothing tells that it is one
 MECANUM, SKID_STEER = "mecanum", "skid-steer"
@@ -197,9 +197,7 @@ def _named(
         UnknownNameError: A joint is not known.
         DriveError: A joint cannot carry a wheel.
     """
-    for name in spec.wheels:
-        if name not in description.joint:
-            raise UnknownNameError("wheel joint", name, description.joint)
+    require_known("wheel joint", spec.wheels, description.joint)
     fit = {candidate.joint.name: candidate for candidate in candidates}
     for name in spec.wheels.keys() - fit.keys():
         joint = description.joint[name]

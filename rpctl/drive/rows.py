@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,17 +25,18 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Swivel
 
+Angle = TypeVar("Angle", float, Array)
 PLANAR = 3  # entries of a twist of the base
 
 
-def rolling_row(pivot: tuple[float, float], angle: float) -> Array:
-    """Return k (3,) of a wheel at ``pivot`` (m) that heads along ``angle`` (rad)."""
-    return np.array([math.cos(angle), math.sin(angle)]) @ _rolling(pivot)
+def rolling_row(pivot: tuple[float, float], angle: float | Array) -> Array:
+    """Return k (..., 3) of a wheel at ``pivot`` (m) that heads along angles (...), rad."""
+    return np.asarray(np.array([np.cos(angle), np.sin(angle)]).T @ _rolling(pivot))
 
 
-def lateral_row(pivot: tuple[float, float], angle: float) -> Array:
-    """Return l (3,) of a wheel at ``pivot`` (m) that heads along ``angle`` (rad)."""
-    return np.array([math.cos(angle), math.sin(angle)]) @ _lateral(pivot)
+def lateral_row(pivot: tuple[float, float], angle: float | Array) -> Array:
+    """Return l (..., 3) of a wheel at ``pivot`` (m) that heads along angles (...), rad."""
+    return np.asarray(np.array([np.cos(angle), np.sin(angle)]).T @ _lateral(pivot))
 
 
 def _rolling(pivot: tuple[float, float]) -> Array:
@@ -49,8 +51,8 @@ def _lateral(pivot: tuple[float, float]) -> Array:
     return np.array([[0.0, 1.0, x], [-1.0, 0.0, y]])
 
 
-def angle_of(swivel: Swivel, position: float) -> float:
-    """Return the rolling direction (rad) in the root link's frame at a joint position (rad)."""
+def angle_of(swivel: Swivel, position: Angle) -> Angle:
+    """Return the rolling direction (rad) in the root link's frame at joint positions (rad)."""
     return swivel.heading + swivel.sign * position
 
 
@@ -116,19 +118,6 @@ class TurningMatrix:
     def rate(self, u: Array, rates: Array) -> Array:
         """Return Ȧ (..., rows, columns) at rates (..., n) of the joints."""
         change: Array = (u * rates.dot(self._twice)).dot(self._flat[2])
-        return change.reshape(change.shape[:-1] + self.constant.shape)
-
-    def second_rate(self, u: Array, rates: Array, directions: Array) -> Array:
-        """Return the derivatives (..., rows, columns) of Ȧ at given rates by the positions.
-
-        Args:
-            u: Cosines and sines (..., 2m).
-            rates: Rates of the joints (..., n).
-            directions: Along which positions change (..., n).
-        """
-        change: Array = (-u * rates.dot(self._twice) * directions.dot(self._twice)).dot(
-            self._flat[1]
-        )
         return change.reshape(change.shape[:-1] + self.constant.shape)
 
     def map(self, linear: Callable[[Array], Array]) -> TurningMatrix:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -17,23 +16,24 @@ SOURCE = "scaled"  # of a radius that is not the file's
 LEAST_LATERAL_M = 1e-6  # m: a wheel nearer to the middle line stands on it
 
 
-def scale_radii(drive: Drive, tree: FrozenTree, scales: Mapping[str, float]) -> Drive:
+def with_radii(drive: Drive, tree: FrozenTree, radii: Array) -> Drive:
     """Return a drive whose wheels have other radii; their axles stay where they are on the body.
 
     Args:
-        scales: Of the radii, by wheel joint; those left out stay.
+        radii: Of the wheels (n_wheels,), m.
 
     Raises:
         RpctlError: A wheel would not reach the ground.
     """
-    changed = {name: scale for name, scale in scales.items() if scale != 1.0}
+    changed = {
+        wheel.joint for wheel, r in zip(drive.wheels, radii, strict=True) if r != wheel.radius
+    }
     if not changed:
         return drive
     wheels = tuple(
-        replace(w, radius=w.radius * changed[w.joint], source=SOURCE) if w.joint in changed else w
-        for w in drive.wheels
+        replace(wheel, radius=r, source=SOURCE) if wheel.joint in changed else wheel
+        for wheel, r in zip(drive.wheels, radii.tolist(), strict=True)
     )
-    radii = np.array([wheel.radius for wheel in wheels])
     lifted = lifted_wheels(drive, tree, radii)
     if lifted.any():
         name = wheels[int(lifted.argmax())].joint
@@ -42,7 +42,9 @@ def scale_radii(drive: Drive, tree: FrozenTree, scales: Mapping[str, float]) -> 
             "the radii of all wheels alike, or by less"
         )
     lower = float(np.mean(radii - [wheel.radius for wheel in drive.wheels]))
-    declared = dict.fromkeys((*drive.declared, *(f"radius of {name}" for name in changed)))
+    declared = dict.fromkeys(
+        (*drive.declared, *(f"radius of {w.joint}" for w in wheels if w.joint in changed))
+    )
     return replace(drive, wheels=wheels, ground=drive.ground - lower, declared=tuple(declared))
 
 

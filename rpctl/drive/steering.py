@@ -29,11 +29,14 @@ MAX_STEERING = 1.3  # rad; nearer to a right angle steering is not asked to go
 SINGULARITY_MARGIN = 0.1  # of 1: steering nearer to a singular one is not drawn at random
 
 
-def free_twist(drive: Drive, positions: Mapping[str, float]) -> Array:
-    """Return N (3,): the twist that the steering leaves, of no particular length.
+Positions = Mapping[str, Any]  # of joints by name, rad: numbers, or arrays (K,) of K instants
+
+
+def free_twist(drive: Drive, positions: Positions) -> Array:
+    """Return N (3, ...): the twist that the steering leaves, of no particular length.
 
     Args:
-        positions: Positions of the steered joints, rad; 0 for those left out.
+        positions: Positions of the steered joints, rad, numbers or arrays; 0 for those left out.
     """
     rows = {"": lateral_row(drive.point, drive.heading)} if drive.has_axle else {}
     for swivel in drive.swivels:
@@ -44,21 +47,26 @@ def free_twist(drive: Drive, positions: Mapping[str, float]) -> Array:
         position = swivel.ratio * positions.get(followed, 0.0) + swivel.offset
         row = lateral_row(swivel.pivot, angle_of(swivel, position))
         rows[leader] = rows[leader] + row if leader in rows else row
-    (a, b, c), (x, y, z) = (row.tolist() for row in rows.values())
+    (a, b, c), (x, y, z) = (row.T for row in rows.values())
     return np.array(
         [b * z - c * y, c * x - a * z, a * y - b * x]
     )  # NumPy's takes ten times as long
 
 
-def heading_along(swivel: Swivel, twist: Array) -> float:
-    """Return the joint position (rad), within ±π/2 of 0, at which a swivel heads along a twist."""
+def heading_along(swivel: Swivel, twist: Array) -> Any:
+    """Return the joint positions (rad), within ±π/2 of 0, along which a swivel heads by twists.
+
+    Args:
+        swivel: The swivel.
+        twist: Twists of the root link (3, ...), of any length.
+    """
     x, y = swivel.pivot
-    angle = numbers.atan2(twist[1] + twist[2] * x, twist[0] - twist[2] * y)
+    angle = np.arctan2(twist[1] + twist[2] * x, twist[0] - twist[2] * y)
     position = swivel.sign * (angle - swivel.heading)
-    return position - numbers.pi * round(position / numbers.pi)
+    return position - numbers.pi * np.rint(position / numbers.pi)
 
 
-def follower_positions(drive: Drive, positions: Mapping[str, float]) -> dict[str, float]:
+def follower_positions(drive: Drive, positions: Positions) -> dict[str, Any]:
     """Return the positions (rad) of the followers, given those of the steered joints."""
     if not drive.followers:
         return {}
@@ -88,21 +96,26 @@ def is_regular(drive: Drive, positions: Mapping[str, float]) -> bool:
 
 
 def steer(drive: Drive, direction: Array) -> Array:
-    """Return the steered joints' positions, rates and accelerations (3, n_steered) along a twist.
+    """Return the steered joints' positions, rates and accelerations along twists.
 
     Args:
         direction: A twist of the root link of any length but zero, and its first two derivatives
-            by time (3, 3).
+            by time (..., 3, 3).
 
     Returns:
-        Positions within ±π/2 of 0, for heading back is heading along; rad, rad/s, rad/s².
+        (..., 3, n_steered), positions within ±π/2 of 0, for heading back is heading along; rad,
+        rad/s, rad/s².
     """
-    (found,) = _steering_function(drive)(np.ravel(direction))
-    return found.reshape(3, len(drive.steered))
+    function, evaluator = _steering_function(drive)
+    if direction.ndim == 2:
+        (found,) = evaluator(direction.ravel())
+    else:
+        found = function(direction.reshape(-1, direction[0].size).T).full().T
+    return found.reshape(*direction.shape[:-1], len(drive.steered))
 
 
 @lru_cache(maxsize=64)
-def _steering_function(drive: Drive) -> Evaluator:
+def _steering_function(drive: Drive) -> tuple[Any, Evaluator]:
     sheet, column = Sheet(), math.SX.sym("direction", 9)
     twist, once, twice = math.vertsplit(column, [0, 3, 6, 9])
     for k in range(PLANAR):
@@ -111,7 +124,8 @@ def _steering_function(drive: Drive) -> Evaluator:
     positions = steered_angles(sheet, drive, math.vertsplit(twist), "d")
     rates = [sheet.rate(each) for each in positions]
     whole = math.vertcat(*positions, *rates, *(sheet.rate(each) for each in rates))
-    return Evaluator(math.Function("steer", [column], sheet.resolved([whole])))
+    function = math.Function("steer", [column], sheet.resolved([whole]))
+    return function, Evaluator(function)
 
 
 def steered_angles(sheet: Sheet, drive: Drive, twist: Sequence[Any], mark: str) -> list[Any]:

@@ -71,7 +71,7 @@ def wheel_forces(
     their motors' efforts decide.
     """
     drive, rolling = dynamics.robot.drive, dynamics.rolling
-    multipliers = dynamics.at(q).multipliers @ reactions.residual[0]
+    multipliers = reactions.multipliers[0]
     count = len(drive.wheels)
     place = stance_at(dynamics, contacts, q).statics[1:, :count].T  # (n_wheels, 2)
     ahead = _rolling_directions(dynamics, q)

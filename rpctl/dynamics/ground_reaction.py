@@ -19,9 +19,11 @@ from rpctl.dynamics.stance import (
     MIN_STANCE_WIDTH_M,
     Stance,
     Supports,
+    even_loads,
     find_supports,
     loads,
     make_stance,
+    margins,
     width,
 )
 from rpctl.errors import require_positive
@@ -169,7 +171,11 @@ def ground_reaction(
 
 
 def ground_reactions(
-    dynamics: ReducedDynamics, contacts: Contacts, q: Array, reactions: Reactions
+    dynamics: ReducedDynamics,
+    contacts: Contacts,
+    q: Array,
+    reactions: Reactions,
+    points: Array | None = None,
 ) -> GroundReaction:
     """Return the forces of the ground on a robot at K states.
 
@@ -184,12 +190,10 @@ def ground_reactions(
         contacts: Its contacts, from :func:`find_contacts`.
         q: Configurations (K, nq).
         reactions: Of these states.
+        points: Places of the contacts (K, n, 2) in the root link's frame, m, where they move; None
+            finds them.
     """
-    residual, wrench = reactions.residual, reactions.wrench
-    if dynamics.constant:
-        multipliers = residual @ dynamics.at(q[0]).multipliers.T
-    else:
-        multipliers = np.array([dynamics.at(q[k]).multipliers @ residual[k] for k in range(len(q))])
+    multipliers, wrench = reactions.multipliers, reactions.wrench
     along, lateral = multipliers @ contacts.along.T, multipliers @ contacts.across.T
     fx, fy, fz, nx, ny, _ = wrench.T
     z, floor = dynamics.robot.drive.ground, contacts.floor
@@ -199,7 +203,11 @@ def ground_reactions(
     if not contacts.balanced:
         none = np.empty((len(q), 0))
         return GroundReaction(force, along, lateral, none, zmp, none, None, none)
-    arms, margin, load = _split(dynamics, contacts, q, moments, local)
+    if contacts.stance is not None:
+        points = contacts.stance.statics[1:].T
+    elif points is None:
+        points = np.array([contact_points(dynamics, contacts.supports, each) for each in q])
+    arms, (margin, load) = points - local[:, None], _split(contacts, points, moments, local)
     slip = _slip_ratio(contacts, along, lateral, np.maximum(load[:, : along.shape[1]], floor))
     return GroundReaction(force, along, lateral, load, zmp, arms, margin, slip)
 
@@ -210,32 +218,26 @@ def _turned(q: Array, vectors: Array) -> Array:
     return np.column_stack([cos * x - sin * y, sin * x + cos * y])
 
 
-def _split(
-    dynamics: ReducedDynamics, contacts: Contacts, q: Array, moments: Array, local: Array
-) -> tuple[Array, Array, Array]:
-    """Return arms (K, n, 2), margins (K,) and loads (K, n) of a robot that is balanced.
+def _split(contacts: Contacts, points: Array, moments: Array, local: Array) -> tuple[Array, Array]:
+    """Return margins (K,) and loads (K, n) of a robot that is balanced.
 
     Args:
-        dynamics: The robot's dynamics.
         contacts: Its contacts.
-        q: Configurations (K, nq).
+        points: Their places (K, n, 2) in the root link's frame, m; (n, 2) where they keep them.
         moments: The load and its moments (K, 3) about the root link's axes, N, N·m.
         local: Zero-moment points (K, 2) in the root link's frame, m.
     """
-    if contacts.stance is None and len(q) != 1:  # contacts move: a stance a sample
-        rows = (slice(k, k + 1) for k in range(len(q)))
-        parts = [_split(dynamics, contacts, q[r], moments[r], local[r]) for r in rows]
-        arms, margin, load = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return arms, margin, load
-    stance = stance_at(dynamics, contacts, q[0])
-    arms = stance.statics[1:].T - local[:, None]
-    margin = (local @ stance.inward.T + stance.offset).min(axis=1)
+    stance = contacts.stance
+    if stance is None:
+        margin, load = margins(points, local), even_loads(points, moments)
+    else:
+        margin = (local @ stance.inward.T + stance.offset).min(axis=1)
+        load = moments @ stance.split.T
     pulls = moments[:, 0] < contacts.floor  # the ground would have to
     margin = np.where(pulls, -np.abs(margin), margin)
-    load = moments @ stance.split.T
     for k in np.flatnonzero((margin > 0.0) & (load.min(axis=1) < 0.0)):
-        load[k] = loads(stance, moments[k], margin[k])
-    return arms, margin, load
+        load[k] = loads(stance or make_stance(points[k]), moments[k], margin[k])
+    return margin, load
 
 
 def stance_at(dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> Stance:

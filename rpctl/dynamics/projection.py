@@ -86,19 +86,6 @@ def rows_to_solve(A: TurningMatrix, W: Array) -> NDArray[np.intp]:
     return np.sort(order[: constant.shape[1]])
 
 
-class BasisDerivatives(NamedTuple):
-    """Derivatives of S and of Ṡν by the positions p of the swivels, and of Ṡν by ν.
-
-    S depends on no other position.
-    """
-
-    entries: NDArray[np.intp]  # (n_swivels,) of p in v
-    S: Array  # (n_swivels, nv, dof)
-    v: Array  # (nv, n_swivels) of S ν
-    drift: Array  # (nv, n_swivels) of Ṡν
-    drift_nu: Array  # (nv, dof) of Ṡν by ν
-
-
 @dataclass(frozen=True, eq=False)
 class Projection:
     """What rolling makes of velocities and efforts at one configuration q.
@@ -146,49 +133,6 @@ class Projection:
         if self._core is None:
             return self.projector.still
         return self._solve(self._core, -self.projector.rolling.drift(self._u, self.S.dot(nu)))
-
-    def derivatives(self, nu: Array) -> BasisDerivatives | None:
-        """Return the derivatives of S and of Ṡν at ν (dof,); None where S is constant.
-
-        They follow from [A; W] S = [0; I] and [A; W] Ṡν = −[Ȧv; 0], differentiated: the same
-        equations with other right sides.
-        """
-        if self._core is None:
-            return None
-        rolling, u, S = self.projector.rolling, self._u, self.S
-        matrix, index = rolling.matrix, rolling.index
-        v, drift, each = S @ nu, self.drift(nu), np.eye(len(rolling.index))
-        A_p, A_dot = matrix.rate(u, each), matrix.rate(u, v[index])
-        S_p = -self._solved(self._core, A_p @ S)
-        v_p = S_p @ nu  # (n_swivels, nv)
-        A_dot_p = matrix.second_rate(u, v[index], each) + matrix.rate(u, v_p[:, index])
-        return BasisDerivatives(
-            entries=index,
-            S=S_p,
-            v=v_p.T,
-            drift=-self._solve(self._core, (A_p @ drift + A_dot_p @ v + v_p @ A_dot.T).T),
-            drift_nu=self.drift_by_nu(nu),
-        )
-
-    def drift_by_nu(self, nu: Array, count: int | None = None) -> Array:
-        """Return the derivatives (nv, count) of Ṡν by the first ν; 0 where S is constant.
-
-        Args:
-            nu: Quasi-velocities (dof,).
-            count: Number of columns; None: dof.
-        """
-        S = self.S[:, :count]
-        if self._core is None:
-            return np.zeros(S.shape)
-        rolling, u, v = self.projector.rolling, self._u, self.S @ nu
-        A_dot = rolling.matrix.rate(u, v[rolling.index])
-        A_dot_nu = rolling.matrix.rate(u, S[rolling.index].T)
-        return -self._solve(self._core, (A_dot_nu @ v).T + A_dot @ S)
-
-    def _solved(self, core: tuple[Array, Array, Array], right: Array) -> Array:
-        """Return :meth:`_solve` of a stack of right sides (n, rows, columns)."""
-        flat = self._solve(core, np.moveaxis(right, 0, 1).reshape(right.shape[1], -1))
-        return np.moveaxis(flat.reshape(len(flat), len(right), -1), 1, 0)
 
     def _solve(self, core: tuple[Array, Array, Array], right: Array) -> Array:
         """Return x (nv, ...) with A x = right (rows, ...) and W x = 0."""

@@ -34,9 +34,11 @@ class OutsideForce(NamedTuple):
 class Reactions(NamedTuple):
     """What the ground does to a robot at K states, as :meth:`ReducedDynamics.reaction` has it."""
 
+    v: Array  # (K, nv) S ν
     residual: Array  # (K, nv)
     wrench: Array  # (K, 6)
     energy: Array  # (K,) J, as :meth:`ReducedDynamics.energy`
+    multipliers: Array  # (K, rows) λ of least norm
 
 
 class ReducedDynamics:
@@ -67,6 +69,11 @@ class ReducedDynamics:
         return self._projector.constant is not None
 
     @property
+    def columns(self) -> Array:
+        """Map (nv, n_act) from the actuators' efforts to their generalised force."""
+        return self._columns
+
+    @property
     def data(self) -> pin.Data:
         """The thread's workspace of Pinocchio: what it holds, until the next call."""
         return self._workspace.data
@@ -94,6 +101,10 @@ class ReducedDynamics:
     def actuation(self, q: Array) -> Array:
         """Return B(q) (dof, n_act)."""
         return self.at(q).B
+
+    def integrate(self, q: Array, v: Array) -> Array:
+        """Return q (nq,) moved along v (nv,) for a time of 1."""
+        return np.asarray(pin.integrate(self._model, q, v))
 
     def twist(self, q: Array, nu: Array) -> Array:
         """Return the base's twist (3,) at ν: P's speed forward and left (m/s), turning rate."""
@@ -280,12 +291,15 @@ class ReducedDynamics:
             tau: Actuator efforts (K, n_act), N·m or N.
             outside: What pushes the robot besides, (K, nv) and (K, 6); None: nothing.
         """
-        count = len(q)
-        found = Reactions(np.empty((count, self.robot.nv)), np.empty((count, 6)), np.empty(count))
+        rows = len(self.rolling.matrix.constant)
+        sizes = ((self.robot.nv,), (self.robot.nv,), (6,), (), (rows,))
+        found = Reactions(*(np.empty((len(q), *size)) for size in sizes))
         for k, state in enumerate(zip(q, nu, tau, strict=True)):
             pushed = None if outside is None else OutsideForce(*(part[k] for part in outside))
-            found.residual[k], found.wrench[k] = self.reaction(*state, pushed)
-            found.energy[k] = self.energy(q[k], nu[k])
+            at, (residual, wrench) = self.at(q[k]), self.reaction(*state, pushed)
+            parts = at.S @ nu[k], residual, wrench, self.energy(q[k], nu[k])
+            for column, value in zip(found, (*parts, at.multipliers @ residual), strict=True):
+                column[k] = value
         return found
 
     def energy(self, q: Array, nu: Array) -> float:

@@ -50,11 +50,11 @@ class RollingConstraints:
     cosines_sines: NDArray[np.intp]
 
     def turn(self, q: Array) -> Array:
-        """Return the cosines and sines of which A is linear, at q (nq,)."""
-        positions = q.take(self.entry)
+        """Return the cosines and sines of which A is linear (..., 2m), at q (..., nq)."""
+        positions = q.take(self.entry, -1)
         if self.pairs.size:
-            cosines, sines = q.take(self.cosines_sines)
-            positions[self.pairs] = np.arctan2(sines, cosines)
+            cosines, sines = (q.take(place, -1) for place in self.cosines_sines)
+            positions[..., self.pairs] = np.arctan2(sines, cosines)
         return self.matrix.turn(positions)
 
     def drift(self, u: Array, v: Array) -> Array:
@@ -104,7 +104,7 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstrai
 
 
 def constraint(rolling: RollingConstraints, q: Array) -> Array:
-    """Return the constraint matrix A(q) (rows, nv); m/s per unit of v for wheels.
+    """Return the constraint matrix A(q) (..., rows, nv) at q (..., nq), m/s per unit of v.
 
     These are [MS21, Eq. 1-5]'s rolling conditions for any wheel: its material contact point stands
     still along the row's direction.

@@ -173,6 +173,8 @@ def _mesh_caster(robot: Robot, link: Link, chain: tuple[Joint, ...]) -> bool:
 
 
 MIN_STANCE_WIDTH_M = 5e-3  # m: contacts this near to one line do not hold a balance
+ON_EDGE_M = 1e-12  # m: a contact so near to a line is on it
+BLOCK_NUMBERS = 300_000  # that are held at once: they stay in the cache
 LOAD_RESOLUTION = 1e-9  # of the load: a smaller share is rounding
 
 
@@ -241,6 +243,49 @@ def _hull(points: Array) -> list[int]:
 
 def _turn(a: Array, b: Array, c: Array) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def margins(points: Array, at: Array) -> Array:
+    """Return how far inside their contacts' support polygons places are (K,), m; negative outside.
+
+    A line through two contacts is an edge if all others are to its left.
+
+    Args:
+        points: Contacts (K, n, 2), m.
+        at: Places (K, 2), m.
+    """
+    found = np.empty(len(points))
+    size = max(1, BLOCK_NUMBERS // points.shape[1] ** 3)
+    for first in range(0, len(points), size):
+        rows = slice(first, first + size)
+        start, places = points[rows, :, None], points[rows, None]
+        edge = places - start  # from contact to contact (K, n, n, 2)
+        length = np.hypot(edge[..., 0], edge[..., 1])
+        left = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
+        left /= np.where(length > ON_EDGE_M, length, np.inf)[..., None]
+        aside = np.einsum("kijx,klx->kijl", left, points[rows])
+        aside -= np.einsum("kijx,kix->kij", left, points[rows])[..., None]
+        edges = (aside.min(axis=-1) >= -ON_EDGE_M) & (length > ON_EDGE_M)
+        inside = np.einsum("kijx,kijx->kij", left, at[rows, None, None] - start)
+        found[rows] = np.where(edges, inside, np.inf).min(axis=(1, 2))
+    return found
+
+
+def even_loads(points: Array, moments: Array) -> Array:
+    """Return the loads (K, n) of least norm with given sums and moments, as a stance's ``split``.
+
+    They are those of a plane over the ground, N_i = W/n + (p_i − c)·g: with c the contacts' centre
+    g solves Σ (p_i − c)(p_i − c)ᵀ g = Σ N_i p_i − W c.
+
+    Args:
+        points: Contacts (K, n, 2), m.
+        moments: Σ N_i (1, x_i, y_i) (K, 3); N, N·m.
+    """
+    centre, weight = points.mean(axis=1), moments[:, :1]
+    arms = points - centre[:, None]
+    spread = np.swapaxes(arms, 1, 2) @ arms
+    slope = np.linalg.solve(spread, (moments[:, 1:] - weight * centre)[..., None])
+    return np.asarray(weight / points.shape[1] + (arms @ slope)[..., 0])
 
 
 def width(points: Array) -> float:

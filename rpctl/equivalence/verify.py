@@ -30,7 +30,7 @@ from rpctl.equivalence.gibbs_appell import (
 )
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.inspection import idealisations
 from rpctl.robot.model import Robot
@@ -288,9 +288,7 @@ def _engine(
     robot: Robot, reading: FileReading, engines: Sequence[str]
 ) -> tuple[mujoco_engine.MujocoEngine | None, tuple[Skipped, ...]]:
     """Return MuJoCo's view of the robot, or the row that says why there is none."""
-    for name in engines:
-        if name not in ENGINES:
-            raise UnknownNameError("engine", name, ENGINES)
+    require_known("engine", engines, ENGINES)
     if "mujoco" not in engines:
         return None, ()
     note = ABSENT

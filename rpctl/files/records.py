@@ -49,6 +49,7 @@ from typing import (
 
 from rpctl.errors import LARGEST, SMALLEST, RpctlError, UnknownNameError
 from rpctl.files import toml
+from rpctl.files.own_code import own_file
 
 Made = TypeVar("Made")
 Plain = dict[str, Any]
@@ -351,7 +352,7 @@ def read_choice(data: Any, choice: Choice, where: str, faults: list[str]) -> Any
         where: Place of the table in the file.
         faults: All that is wrong with the file so far.
     """
-    if hasattr(data, "named_table"):
+    if hasattr(data, "named_table") or own_file(type(data)):
         return data
     key = choice.key
     if not isinstance(data, Mapping) or not isinstance(data.get(key), str):
@@ -405,6 +406,8 @@ def choice_to_plain(thing: object, choice: Choice) -> Plain:
             return {choice.key: name, **to_plain(thing)}
     if hasattr(thing, "named_table"):
         return thing.named_table(choice.key)
+    if file := own_file(type(thing)):
+        return {choice.key: f"{file.path}:{type(thing).__name__}", **to_plain(thing)}
     raise RpctlError(
         f"{type(thing).__name__} is none of {', '.join(choice.factories)}; it has no name"
     )

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import casadi
 import numpy as np
 
+from rpctl import math
 from rpctl.arrays import Array
 from rpctl.kernels.scalars import Scalar, dot, is_zero, times, total
 
@@ -74,7 +74,7 @@ def reciprocal(value: Scalar) -> Scalar:
     CasADi turns each product with an inverse into a division, which takes several times as long;
     with the size of an inverse it does not.
     """
-    return 1.0 / value if isinstance(value, float) else casadi.fabs(1.0 / value)
+    return 1.0 / value if isinstance(value, float) else math.fabs(1.0 / value)
 
 
 class BlockSolver:
@@ -91,7 +91,7 @@ class BlockSolver:
 
     def __init__(self, M: Sequence[Sequence[Scalar]], bound: Array) -> None:
         filled = [[int(not is_zero(entry)) for entry in row] for row in M]
-        pattern = casadi.sparsify(casadi.DM(filled))
+        pattern = math.sparsify(math.DM(filled))
         count, rows, columns, row_ends, column_ends, *_ = pattern.sparsity().btf()
         self._M = M
         self._blocks = [
@@ -144,7 +144,7 @@ def determinant(M: Sequence[Sequence[Scalar]]) -> Scalar:
 
 def absolute(value: Scalar) -> Scalar:
     """Return |value|."""
-    return abs(value) if isinstance(value, float) else casadi.fabs(value)
+    return abs(value) if isinstance(value, float) else math.fabs(value)
 
 
 def least(values: Sequence[Scalar]) -> Scalar:
@@ -153,5 +153,5 @@ def least(values: Sequence[Scalar]) -> Scalar:
     found: Scalar = min(known, default=None)
     for value in values:
         if not isinstance(value, float):
-            found = value if found is None else casadi.fmin(found, value)
+            found = value if found is None else math.fmin(found, value)
     return found

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import count
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.kernels.cache import sources
 from rpctl.kernels.functions import ALIGNMENT, Functions, offsets
 from rpctl.kernels.program import Buffer, Program, Rows, RowStream, Write
 from rpctl.kernels.stepping import STREAM_FIELDS, StepLines
@@ -109,6 +111,14 @@ class MachineCode:
         start = self._block(workspace)
         return int(self._run(first, steps, start, table.ctypes.data))
 
+    def stepper(self, workspace: Mapping[Buffer, Array]) -> Callable[[], bool]:
+        """Return what does a step in a workspace, and returns whether it was done to its end.
+
+        It is for programs without streams; the workspace has to live as long as it is used.
+        """
+        start = self._block(workspace)
+        return lambda: bool(self._run(0, 1, start, None))
+
     def _block(self, workspace: Mapping[Buffer, Array]) -> int:
         """Return where the block of a workspace begins."""
         if not self._offsets:
@@ -174,6 +184,18 @@ def compiler_version() -> str:
 
     numbers = ".".join(str(x) for x in _binding().llvm_version_info)
     return f"llvmlite {llvmlite.__version__}, LLVM {numbers}, level {LEVEL}"
+
+
+def code_key(*parts: object) -> bytes:
+    """Return a hash of all that machine code depends on: compiler, sources of rpctl, and parts.
+
+    Args:
+        *parts: What else; their ``repr`` tells one from another.
+    """
+    import casadi
+
+    tools = casadi.CasadiMeta.version(), compiler_version(), this_processor()
+    return hashlib.sha256(repr((sources(), tools, parts)).encode()).digest()
 
 
 def object_code(module: str, processor: Processor) -> bytes:

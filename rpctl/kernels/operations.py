@@ -125,6 +125,8 @@ UNARY: dict[str, Callable[[Lanes, Value], Value]] = {
     "SIGN": _sign,
     "FLOOR": lambda b, x: b.floor(x),
     "ASIN": arcsine,
+    "ATAN": lambda b, x: arctangent_2(b, x, b.constant(1.0)),
+    "TAN": lambda b, x: b.div(*sine_cosine(b, x)),
     "TANH": hyperbolic_tangent,
 }
 BINARY: dict[str, Callable[[Lanes, Value, Value], Value]] = {

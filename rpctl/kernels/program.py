@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
-import casadi
-
+from rpctl import math
 from rpctl.arrays import Array
 
 
@@ -145,12 +145,12 @@ class Program:
         """Yield all statements, those of a body after what holds it."""
         yield from _walk(self.body)
 
-    @property
+    @cached_property
     def buffers(self) -> tuple[Buffer, ...]:
         """The buffers in the order in which they first appear."""
         return tuple(dict.fromkeys(x for s in self.statements() for x in _buffers(s)))
 
-    @property
+    @cached_property
     def streams(self) -> tuple[RowStream, ...]:
         """The streams in the order in which they first appear."""
         used = (s.stream for s in self.statements() if isinstance(s, Read | ReadBack | Write))
@@ -197,7 +197,7 @@ Place = tuple[Buffer, Any]  # a buffer, and the symbols or the expression that b
 
 def symbolic(buffer: Buffer) -> Place:
     """Return a buffer with symbols that stand for what is in it."""
-    return buffer, casadi.SX.sym(buffer.name, buffer.size)
+    return buffer, math.SX.sym(buffer.name, buffer.size)
 
 
 def statement(name: str, inputs: Sequence[Place], outputs: Sequence[Place]) -> Call:
@@ -220,5 +220,5 @@ def dense_function(name: str, inputs: Sequence[Any], outputs: Sequence[Any]) -> 
         inputs: Symbols.
         outputs: Columns of ``casadi.SX``.
     """
-    found = casadi.cse([casadi.densify(casadi.SX(x)) for x in outputs])
-    return casadi.Function(name, list(inputs), found)
+    found = math.cse([math.densify(math.SX(x)) for x in outputs])
+    return math.Function(name, list(inputs), found)

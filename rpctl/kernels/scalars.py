@@ -146,11 +146,11 @@ def rounded(value: Any) -> Any:
     return -casadi.sign(value) * casadi.floor(0.5 - casadi.fabs(value))
 
 
-def any_nonzero(values: Any) -> Any:
+def any_true(values: Any) -> Any:
     """Return whether any entry (n, 1) is not 0."""
     found = casadi.SX(0)
     for k in range(values.numel()):
-        found = casadi.logic_or(found, values[k] != 0)
+        found = casadi.logic_or(found, values[k])
     return found
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rpctl import math
 from rpctl.arrays import Array
@@ -92,7 +93,7 @@ class Evaluator(threading.local):
         for k, column in enumerate(self._outputs):
             self._buffer.set_res(k, column.data)
 
-    def __call__(self, *columns: Array) -> list[Array]:
+    def __call__(self, *columns: ArrayLike) -> list[Array]:
         """Return the outputs, a column each."""
         for place, column in zip(self._inputs, columns, strict=True):
             place[:] = column

@@ -5,22 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Swivel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import listed
 from rpctl.reference.motion import (
     Reference,
     ReferenceState,
-    configuration_along,
     configurations,
     reference_rates,
+    row_of,
+    state_of,
+    steering,
+    trailing,
 )
-from rpctl.reference.path_reference import PathReference, TimedPath, Waves, waves
+from rpctl.reference.path_reference import PathReference, TimedPath, Waves
+from rpctl.reference.sizing import pivot_speeds
 from rpctl.robot.model import Robot
 
 LIMIT_SHARE = 0.5  # of each limit: what a default reference takes; the rest corrects errors
@@ -65,28 +68,15 @@ class Usage(NamedTuple):
         return f"{self.joint}'s {self.limit:.3g} {units[self.quantity][straight]}"
 
 
-def sample(
-    robot: Robot, reference: Reference, times: Sequence[float] | Array
-) -> list[MotionSample]:
-    """Return the motion that a reference asks for.
-
-    Args:
-        times: When, s.
-    """
-    if len(times) > 1 and not (robot.drive.steered or robot.drive.powered_casters):
-        at_once: Any = reference
-        state: ReferenceState = at_once(np.array(times))
-        q = configurations(robot, state.pose, state.joints)
-        twists = state.twist @ robot.root_velocity.T
-        rows = zip(q, *reference_rates(robot, state), twists, strict=True)
-        return [MotionSample(*row) for row in rows]
-    found = []
-    for t in times:
-        state = reference(float(t))
-        q = configuration_along(robot, state)
-        twist = robot.root_velocity @ state.twist
-        found.append(MotionSample(q, *reference_rates(robot, state), twist))
-    return found
+def sample(robot: Robot, state: ReferenceState) -> list[MotionSample]:
+    """Return the motion that a reference asks for, at each row of its state's arrays."""
+    q = configurations(robot, state.pose, state.joints, steering(robot, state)[:, 0])
+    for swivel, positions in zip(
+        robot.drive.powered_casters, trailing(robot, state).T, strict=True
+    ):
+        robot.entries[swivel.joint].write_all(q, positions)
+    rows = zip(q, *reference_rates(robot, state), state.twist @ robot.root_velocity.T, strict=True)
+    return [MotionSample(*row) for row in rows]
 
 
 def rate_usage(
@@ -122,19 +112,13 @@ def _caster_rates(robot: Robot, twists: Array) -> dict[str, float]:
     """
     found = {}
     for swivel in robot.drive.idle_casters:
-        speed, turning = _pivot_speeds(swivel, twists), np.abs(twists[:, 2])
+        speed, turning = pivot_speeds(swivel, twists), np.abs(twists[:, 2])
         swing = speed / abs(swivel.trail)
         found[swivel.joint] = float((swing + turning).max())
         for wheel in (robot.drive.wheels[i] for i in robot.drive.carried(swivel)):
             rolling = (speed + abs(wheel.lateral) * swing) / wheel.radius
             found[wheel.joint] = float(rolling.max())
     return found
-
-
-def _pivot_speeds(swivel: Swivel, twists: Array) -> Array:
-    """Return the speeds (N,) of a swivel's pivot, m/s."""
-    x, y = swivel.pivot
-    return np.hypot(twists[:, 0] - twists[:, 2] * y, twists[:, 1] + twists[:, 2] * x)
 
 
 def effort_usage(
@@ -154,8 +138,7 @@ def effort_usage(
     limited = np.isfinite(robot.effort_limits)
     if not limited.any():
         return []
-    tau = [dynamics.efforts(at.q, dynamics.inverse(at.q, at.nu, at.nu_dot)) for at in samples]
-    dry = dry_friction(dynamics, samples)
+    tau, dry = efforts(dynamics, samples), dry_friction(dynamics, samples)
     left = robot.effort_limits - holding - np.abs(dry).max(axis=0)
     usable = limited & (left > 0.0)
     share = np.where(usable, (np.abs(tau - dry) - holding) / np.where(usable, left, 1.0), 0.0)
@@ -179,10 +162,16 @@ def dry_friction(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> 
     return np.array(found)
 
 
+def efforts(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
+    """Return the efforts (N, n_act) of the actuators that a motion takes at each sample."""
+    found = [dynamics.efforts(at.q, dynamics.inverse(at.q, at.nu, at.nu_dot)) for at in samples]
+    return np.array(found)
+
+
 def holding_efforts(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
     """Return the sizes of the efforts (N, n_act) that hold the robot still at each sample."""
     still = np.zeros(dynamics.robot.dof)
-    return np.abs([dynamics.efforts(at.q, dynamics.inverse(at.q, still, still)) for at in samples])
+    return np.abs(efforts(dynamics, [at._replace(nu=still, nu_dot=still) for at in samples]))
 
 
 def largest(usages: Iterable[Usage]) -> Usage | None:
@@ -205,7 +194,8 @@ def fit_arm(dynamics: ReducedDynamics, arm: Waves) -> tuple[Waves, str]:
     for step in range(MAX_STEPS + 1):
         factor = STEP**step if step < MAX_STEPS else 0.0
         arm = replace(arm, amplitude=factor * full)
-        worst = _arm_usage(dynamics, sample(robot, PathReference(None, 0.0, arm, 0.0), times))
+        state = PathReference(None, 0.0, arm, 0.0)(times)
+        worst = _arm_usage(dynamics, sample(robot, state))
         if worst is None or worst.ratio <= LIMIT_SHARE:
             break
         note = f"{STEP * 100.0 * factor:.0f} % of its swing for {worst.text(robot)}"
@@ -240,16 +230,18 @@ def too_weak(dynamics: ReducedDynamics, reference: Reference | None = None) -> s
         reference: Where it starts, the robot stands; None: at home.
     """
     robot = dynamics.robot
-    at_home = PathReference(None, 0.0, waves(robot), 0.0)
-    held = holding_efforts(dynamics, sample(robot, reference or at_home, [0.0]))[0]
+    none = np.zeros(len(robot.joints))
+    at_home = ReferenceState(*[*np.zeros((3, 3)), robot.home, none, none])
+    start = row_of(at_home if reference is None else reference(0.0))
+    held = holding_efforts(dynamics, sample(robot, state_of(start[None])))[0]
     weak = [
         Usage(name, "effort", float(limit), float(effort / limit))
         for name, limit, effort in zip(robot.actuators, robot.effort_limits, held, strict=True)
         if effort >= limit
     ]
-    if not weak:
+    worst = largest(weak)
+    if worst is None:
         return ""
-    worst = max(weak, key=lambda usage: usage.ratio)
     unit = "N" if robot.description.joint[worst.joint].kind == "prismatic" else "N m"
     place = "at home" if reference is None else "where the reference starts"
     return (
@@ -299,16 +291,14 @@ def _watched(robot: Robot, reference: PathReference | TimedPath) -> Sequence[str
 def _samples(robot: Robot, reference: PathReference | TimedPath) -> list[MotionSample]:
     """Return the motion of a planned reference, or along the soft start and a lap."""
     if isinstance(reference, TimedPath):
-        return sample(robot, reference, np.linspace(0.0, reference.duration, TIMED_SAMPLES))
+        return sample(robot, reference(np.linspace(0.0, reference.duration, TIMED_SAMPLES)))
     ramp, end = reference.ramp, 0.5 * reference.ramp + reference.lap / reference.rate
     start = np.linspace(0.0, ramp, RAMP_SAMPLES, endpoint=False)
-    return sample(robot, reference, np.append(start, np.linspace(ramp, end, LAP_SAMPLES)))
+    return sample(robot, reference(np.append(start, np.linspace(ramp, end, LAP_SAMPLES))))
 
 
 def _effort(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Usage | None:
     """Return the most that a motion takes of what holding leaves of the effort limits."""
-    if not np.isfinite(dynamics.robot.effort_limits).any():
-        return None
     return largest(effort_usage(dynamics, samples, _holding(dynamics, samples)))
 
 

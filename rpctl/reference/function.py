@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.polynomial import polyder, polyval
 
+from rpctl import math
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
-from rpctl.reference.motion import ReferenceState
-from rpctl.reference.paths import Numbers, entries, functions, split_rows, vector
+from rpctl.reference.formula import Along, Columns, Numbers
+from rpctl.reference.motion import RowReference
+from rpctl.reference.paths import posed
 
 STEP_S = 0.01  # s; error of the first derivative ~ STEP⁶, rounding in the second ~ 1e-16 / STEP²
+KNOWN = 8  # formulas that are kept
 REACH = 3  # steps to either side of the middle of a stencil
 NODES = np.arange(-REACH, REACH + 1.0)  # of a stencil, in steps
 TO_COEFFICIENTS = np.linalg.inv(np.vander(NODES, increasing=True))  # of the polynomial through them
@@ -47,7 +50,7 @@ def as_reference(
     return FunctionReference(function, joints, along_path, duration)
 
 
-class FunctionReference:
+class FunctionReference(RowReference):
     """A :data:`Reference` that a function describes; see :func:`as_reference` for the arguments."""
 
     def __init__(
@@ -67,56 +70,50 @@ class FunctionReference:
             self.duration = duration
         self._end = np.inf if duration is None else duration
         self._function = function
-        self._joints = None if joints is None else np.array(joints, dtype=float)
-        self._along_path = along_path
+        known = np.array([] if joints is None else joints, dtype=float)
+        self._arm = np.concatenate([known, np.zeros(2 * len(known))])
+        self._stays, self._along_path = joints is not None, along_path
         self.__name__ = str(getattr(function, "__name__", type(function).__name__))
 
-    def __call__(self, t: Numbers) -> ReferenceState:
-        """Return the reference at t (s), or at times (K,), a row each.
+    def row(self, t: Numbers) -> Array:
+        """Return its row (width,) at a time (s), or a row for each of the times (K,).
 
         Raises:
             RpctlError: The function returns something else than it has to.
         """
-        resting = t > self._end
-        values = self._derivatives(np.clip(t, 0.0, self._end))
-        heading = self._heading(values, t) if self._along_path else entries(values[..., :3, 2])
-        moving = 1.0 - resting
-        values[..., 1:, :] *= np.asarray(moving)[..., None, None]
-        place = _place(values, (heading[0], *(moving * rate for rate in heading[1:])))
-        if self._joints is None:
-            found = values[..., :3, 2 if self._along_path else 3 :]
-        else:
-            found = np.zeros((*np.shape(t), 3, len(self._joints)))
-            found[..., 0, :] = self._joints
-        positions, rates, accelerations = split_rows(found)
-        return ReferenceState(*place, positions, rates, accelerations)
-
-    def _derivatives(self, t: Numbers) -> Array:
-        """Return what the function describes and its first three derivatives (..., 4, n) at t."""
-        middle = np.clip(t, REACH * STEP_S, self._end - REACH * STEP_S)
-        times = np.asarray(middle)[..., None] + STEP_S * NODES
+        within = np.clip(t, 0.0, self._end)
+        middle = np.clip(within, REACH * STEP_S, self._end - REACH * STEP_S)
+        times = np.add.outer(middle, STEP_S * NODES)
         values = [self._sample(at) for at in times.ravel().tolist()]
-        if len({len(value) for value in values}) > 1:
+        count = len(values[0])
+        if any(len(value) != count for value in values):
             raise RpctlError(
                 f"the reference {self.__name__} returns now more and now fewer numbers; return as "
                 "many at all times"
             )
-        samples = np.array(values).reshape(*times.shape, -1)
-        if not self._along_path:
-            samples[..., 2] = np.unwrap(samples[..., 2])
-        coefficients = np.moveaxis(TO_COEFFICIENTS @ samples, -2, 0)
-        u = np.asarray((t - middle) / STEP_S)[..., None]
-        rows = [
-            polyval(u, polyder(coefficients, order), tensor=False) / STEP_S**order
-            for order in range(4)
-        ]
-        return np.stack(rows, axis=-2)
+        samples = np.reshape(values, (*np.shape(t), -1))
+        columns = _columns(count, self._along_path, self._stays)
+        found = columns(within - middle, np.less_equal(t, self._end), samples)
+        if self._along_path:
+            self._require_motion(found[..., -1], t)
+        arm = np.broadcast_to(self._arm, (*np.shape(t), len(self._arm)))
+        return np.concatenate([found[..., :9], arm, found[..., 9:-1]], axis=-1)
+
+    def _require_motion(self, speed: Array, t: Numbers) -> None:
+        """Refuse a path that stands still: it has no direction that could be a heading."""
+        stands = np.atleast_1d(speed < MIN_TANGENT_SPEED)
+        if stands.any():
+            first = np.atleast_1d(t)[int(stands.argmax())]
+            raise RpctlError(
+                f"the reference {self.__name__} stands still at t = {first:.4g} s, so it has no "
+                "direction of motion; return a heading, without along_path"
+            )
 
     def _sample(self, t: float) -> Array:
         """Return the function's values at one time, checked."""
         least = 2 if self._along_path else 3
         what = "x, y" if self._along_path else "x, y, heading"
-        what += ", then the arm's joints" if self._joints is None else ""
+        what += "" if self._stays else ", then the arm's joints"
         value = self._function(t)
         try:
             numbers = np.asarray(value, dtype=float)
@@ -129,33 +126,38 @@ class FunctionReference:
             )
         return numbers
 
-    def _heading(self, values: Array, t: Numbers) -> tuple[Any, Any, Any]:
-        """Return the direction of motion and its first two derivatives, rad."""
-        (x1, y1), (x2, y2), (x3, y3) = (entries(values[..., k, :2]) for k in (1, 2, 3))
-        square = x1 * x1 + y1 * y1
-        stands = np.atleast_1d(square < MIN_TANGENT_SPEED**2)
-        if stands.any():
-            first = np.atleast_1d(t)[int(stands.argmax())]
-            raise RpctlError(
-                f"the reference {self.__name__} stands still at t = {first:.4g} s, so it has no "
-                "direction of motion; return a heading, without along_path"
-            )
-        cross = x1 * y2 - y1 * x2
-        rate = cross / square
-        change = (x1 * y3 - y1 * x3 - 2.0 * rate * (x1 * x2 + y1 * y2)) / square
-        return functions(x1).atan2(y1, x1), rate, change
 
+@lru_cache(maxsize=KNOWN)
+def _columns(count: int, along_path: bool, stays: bool) -> Columns:
+    """Return the row, then the speed, by the time since the middle of a stencil.
 
-def _place(values: Array, heading: tuple[Any, Any, Any]) -> tuple[Array, Array, Array]:
-    """Return the pose of P (..., 3), its twist and the twist's derivative in the pose's axes.
+    Its other inputs are 1, or 0 of a reference that has ended, and the function's values (7 n,).
 
     Args:
-        values: x and y, and their derivatives (..., 4, n).
-        heading: The heading and its first two derivatives, rad.
+        count: Numbers n that the function returns.
+        along_path: Whether the heading is the direction of motion.
+        stays: Whether the row has no joints, as they are known.
     """
-    (x, y), (x1, y1), (x2, y2) = (entries(values[..., k, :2]) for k in range(3))
-    angle, rate, change = heading
-    cos, sin = functions(angle).cos(angle), functions(angle).sin(angle)
-    forward, left = cos * x1 + sin * y1, cos * y1 - sin * x1
-    twist_dot = cos * x2 + sin * y2 + rate * left, cos * y2 - sin * x2 - rate * forward, change
-    return vector(x, (x, y, angle)), vector(x, (forward, left, rate)), vector(x, twist_dot)
+    moving, samples = math.SX.sym("moving"), math.SX.sym("samples", len(NODES) * count)
+    at = Along(moving, samples)
+    given = [[samples[k] for k in range(i, len(NODES) * count, count)] for i in range(count)]
+    if not along_path:
+        heading = given[2]
+        for k in range(1, len(NODES)):
+            heading[k] = heading[k - 1] + math.remainder(heading[k] - heading[k - 1], 2.0 * np.pi)
+    x, y, *others = (_polynomial(at.x / STEP_S, each) for each in given)
+    heading = math.atan2(at.rate(y), at.rate(x)) if along_path else others.pop(0)
+    place = posed(at, (x, y, heading))
+    speeds = [moving * each for each in at.orders(place.twist, 2)]
+    arm = [] if stays else others
+    rates = [moving * each for each in at.orders(arm)[len(arm) :]]
+    row = [*place.pose, *speeds, *arm, *rates, *speeds, 0.0, 0.0, 0.0]
+    return at.columns([*row, math.sqrt(at.rate(x) ** 2 + at.rate(y) ** 2)])
+
+
+def _polynomial(u: Any, values: Sequence[Any]) -> Any:
+    """Return the polynomial of sixth degree through values (7,) at ``NODES``, at u steps."""
+    found = 0.0
+    for weights in TO_COEFFICIENTS[::-1].tolist():
+        found = found * u + sum(w * value for w, value in zip(weights, values, strict=True))
+    return found

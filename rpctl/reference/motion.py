@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,8 +13,9 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.drive.rows import angle_of, rolling_row
-from rpctl.drive.steering import steer, trailing_positions
+from rpctl.drive.steering import follower_positions, steer, trailing_positions
 from rpctl.errors import RpctlError
+from rpctl.reference.formula import Columns, Numbers
 from rpctl.robot.model import Robot
 
 MAX_SHOWN_CHARACTERS = 80  # of a value in a message
@@ -39,6 +42,44 @@ class ReferenceState(NamedTuple):
 
 
 Reference = Callable[[float], ReferenceState]
+
+
+def row_of(state: ReferenceState) -> Array:
+    """Return a state as one row (9 + 3 n_joints + 9,), in the order of its parts.
+
+    Where it has no direction, its twist, the twist's derivative and zeros stand for it.
+    """
+    *parts, toward = state
+    instead = state.twist, state.twist_dot, np.zeros(3)
+    return np.concatenate([*parts, *(instead if toward is None else toward)], dtype=float)
+
+
+def state_of(row: Array) -> ReferenceState:
+    """Return the state of a row, or that of rows (K, width): its arrays have a row each, then."""
+    n = row.shape[-1] // 3 - 6
+    ends = [0, 3, 6, 9, 9 + n, 9 + 2 * n, 9 + 3 * n]
+    parts = [row[..., first:last] for first, last in pairwise(ends)]
+    toward = row[..., ends[-1] :]
+    return ReferenceState(*[*parts, toward.reshape(*toward.shape[:-1], 3, 3)])
+
+
+class RowReference:
+    """A reference that tells the rows of its table; what it returns is cut from them.
+
+    Attributes:
+        row: Returns its row (width,) at a time (s), or a row for each of the times (K,).
+    """
+
+    row: Callable[[Numbers], Array]
+
+    def __call__(self, t: Numbers) -> ReferenceState:
+        """Return the reference at time ``t`` (s), or at times (K,), a row each."""
+        return state_of(self.row(t))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out the formulas, which each process makes for itself."""
+        known = vars(self).items()
+        return {name: value for name, value in known if not isinstance(value, Columns)}
 
 
 def end_effector_reference(robot: Robot, data: pin.Data, state: ReferenceState) -> pin.SE3:
@@ -122,16 +163,14 @@ def reference_rates(robot: Robot, state: ReferenceState) -> ReferenceRates:
     """Return ν and ν̇ of a reference.
 
     Args:
-        state: The reference. Where no wheel is steered its arrays may have a row an instant; so
-            have those returned, then.
+        state: The reference. Its arrays may have a row an instant; so have those returned, then.
     """
     drive = robot.drive
     speeds = np.stack([state.twist, state.twist_dot], axis=-2)  # (..., 2, 3)
-    if drive.has_axle and drive.steered:
-        base = np.hstack([speeds[:, :1], steering(robot, state)[1:]])
-    elif drive.steered:
+    if drive.steered:
         turned = steering(robot, state)
-        base = np.hstack([_rolling_speed(robot, speeds, turned)[:, None], turned[1:]])
+        own = speeds[..., :1] if drive.has_axle else _rolling_speed(robot, speeds, turned)
+        base = np.concatenate([own, turned[..., 1:, :]], axis=-1)
     else:
         count = len(drive.base_speeds)
         base = speeds[..., [0, 2]] if drive.has_axle else speeds[..., :count]
@@ -141,17 +180,16 @@ def reference_rates(robot: Robot, state: ReferenceState) -> ReferenceRates:
 
 
 def steering(robot: Robot, state: ReferenceState) -> Array:
-    """Return positions, rates and accelerations (3, n_steered) of a reference's steered joints."""
+    """Return positions, rates and accelerations (..., 3, n) of a reference's steered joints."""
     if not robot.drive.steered:
-        return np.zeros((3, 0))
+        return np.zeros((*state.twist.shape, 0))
     return steer(robot.drive, direction(state) @ robot.root_velocity.T)
 
 
 def trailing(robot: Robot, state: ReferenceState) -> Array:
-    """Return the positions (n_powered_casters,) at which a reference's casters trail, rad."""
-    if not robot.drive.powered_casters:
-        return np.zeros(0)
-    return trailing_positions(robot.drive, robot.root_velocity @ direction(state)[0])
+    """Return the positions (..., n_powered_casters) at which a reference's casters trail, rad."""
+    twists = direction(state)[..., 0, :] @ robot.root_velocity.T
+    return np.apply_along_axis(partial(trailing_positions, robot.drive), -1, twists)
 
 
 def configuration_along(robot: Robot, state: ReferenceState, pose: Array | None = None) -> Array:
@@ -168,47 +206,62 @@ def configuration_along(robot: Robot, state: ReferenceState, pose: Array | None 
     return q
 
 
+AHEAD = np.diag([1.0, 0.0, 0.0])
+AHEAD.setflags(write=False)
+
+
 def direction(state: ReferenceState) -> Array:
-    """Return a reference's direction of travel (3, 3); of one that gives none, its twist.
+    """Return a reference's direction of travel (..., 3, 3); of one that gives none, its twist.
 
     Where there is neither, wheels point ahead.
     """
-    if state.direction is not None and state.direction[0].any():
-        return state.direction
-    if state.twist.any():
-        return np.vstack([state.twist, state.twist_dot, np.zeros(3)])
-    return np.eye(3) * [[1.0], [0.0], [0.0]]
+    given, twist = state.direction, state.twist
+    if given is not None and given.ndim == 2 and given[0].any():
+        return given
+    moving = np.stack([twist, state.twist_dot, np.zeros_like(twist)], axis=-2)
+    found = np.where(moving[..., :1, :].any(axis=-1, keepdims=True), moving, AHEAD)
+    if given is None:
+        return found
+    return np.where(given[..., :1, :].any(axis=-1, keepdims=True), given, found)
 
 
 def _rolling_speed(robot: Robot, speeds: Array, turned: Array) -> Array:
-    """Return the rolling speed of the first steered swivel's wheels and its derivative (2,).
+    """Return the rolling speed of the first steered swivel's wheels and its derivative (..., 2, 1).
 
     k·T − y (ω + φ̇), with y the wheels' mean place beside the swivel; along the heading k̇·T = 0.
     """
     swivel = robot.drive.steered[0]
     beside = [robot.drive.wheels[wheel].lateral for wheel in robot.drive.carried(swivel)]
-    row = rolling_row(swivel.pivot, angle_of(swivel, turned[0, 0]))
-    turning = speeds[:, 2] + swivel.sign * turned[1:, 0]
-    return speeds @ robot.root_velocity.T @ row - np.mean(beside) * turning
+    row = rolling_row(swivel.pivot, angle_of(swivel, turned[..., 0, 0]))
+    turning = speeds[..., 2:] + swivel.sign * turned[..., 1:, :1]
+    return np.asarray(speeds @ robot.root_velocity.T @ row[..., None] - np.mean(beside) * turning)
 
 
-def configurations(robot: Robot, pose: Array, joints: Array) -> Array:
-    """Return q (K, nq) for poses of P and positions of the arm; wheels and swivels at 0.
+def configurations(robot: Robot, pose: Array, joints: Array, steered: Array | None = None) -> Array:
+    """Return q (K, nq) for poses of P and positions of the arm; wheels and casters at 0.
 
-    Joints that mimic one of the arm, and swivels that follow, are where those put them.
+    Joints that mimic others, and swivels that follow, are where those put them.
 
     Args:
         pose: Poses (K, 3), m and rad.
         joints: Positions (K, n_joints), rad or m.
+        steered: Positions of the steered joints (K, n_steered), rad; None for 0.
     """
-    if robot.mimics or robot.drive.followers:
-        rows = zip(pose, joints, strict=True)
-        return np.array([robot.configuration_at(*row) for row in rows]).reshape(-1, robot.nq)
     q = np.tile(pin.neutral(robot.model), (len(pose), 1))
     heading, (px, py) = pose[:, 2] - robot.drive.heading, robot.drive.point
     cos, sin = np.cos(heading), np.sin(heading)
     q[:, 0], q[:, 1] = pose[:, 0] - cos * px + sin * py, pose[:, 1] - sin * px - cos * py
     q[:, 2], q[:, 3] = cos, sin
-    for name, positions in zip(robot.joint_names, joints.T, strict=True):
-        robot.entries[name].write_all(q, positions)
+    positions: dict[str, Any] = dict(zip(robot.joint_names, joints.T, strict=True))
+    if steered is not None:
+        names = (swivel.joint for swivel in robot.drive.steered)
+        positions |= dict(zip(names, steered.T, strict=True))
+    known = {**robot.locked, **positions}
+    for joint in robot.mimics:
+        if joint.mimic is not None:
+            followed = known.get(joint.mimic.joint, 0.0)
+            positions[joint.name] = joint.mimic.multiplier * followed + joint.mimic.offset
+    positions |= follower_positions(robot.drive, known)
+    for name, each in positions.items():
+        robot.entries[name].write_all(q, each)
     return q

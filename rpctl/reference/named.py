@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.drive.steering import turning_radius
@@ -24,9 +23,11 @@ from rpctl.reference.fitting import (
     too_weak,
     usage_of,
 )
+from rpctl.reference.motion import configurations
 from rpctl.reference.path_reference import PathReference, Waves, waves
 from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, comfortable_radius, robot_length
 from rpctl.robot.collision import TOUCH_M, CollisionModel, collision_model
+from rpctl.robot.kept import kept
 from rpctl.robot.model import Robot
 from rpctl.robot.pair_motion import approach_rates, joint_motion, joint_travel
 
@@ -37,6 +38,7 @@ CURVATURE_SAMPLES = 101  # points at which a path's speed and curvature are eval
 LONGEST_DEFAULT = 120.0  # s; a longer lap is tracked so far unless the user says more
 SMALLEST_SHARE = 0.25  # of the robot's length: a path that shrinks for slow wheels stays larger
 
+KNOWN = 4  # answers that are kept: the references of a robot share its arm's motion
 WORTH_SHRINKING = 0.75  # of a lap's time: a path of half the size must take less
 
 
@@ -72,6 +74,7 @@ BASE_PATHS: dict[str, NamedPath] = {
 }
 
 
+@kept(KNOWN)
 def reference_by_name(
     robot: Robot, name: str, wish: SizingRequest | None = None, collisions: bool = True
 ) -> PathReference:
@@ -197,7 +200,7 @@ def _least_size(shape: NamedPath, radius: float) -> float:
 def _directions(path: paths.Path) -> Array:
     """Return the size of the direction of travel (CURVATURE_SAMPLES, 3) along a lap."""
     places = np.linspace(0.0, 2.0 * math.pi, CURVATURE_SAMPLES)
-    return np.abs(path(places).direction[:, 0])
+    return np.abs(path(places).twist[:, 0])
 
 
 MARGIN_M = 0.01  # m: what links keep where they would touch at the full swing
@@ -206,7 +209,6 @@ STEP = 0.8  # factor by which the swings are reduced until the links are clear
 MAX_STEPS = 24  # of these, to half a percent
 MEETING_PERIODS = 16  # of the slowest wave, after which the waves meet as at the start
 SAMPLES = 2001  # postures that are looked at in this time
-KNOWN = 4  # answers that are kept: the references of a robot share its arm's motion
 LOOK_M = 2e-3  # m: how far a pair may move on before it is looked at again, at least
 
 
@@ -249,13 +251,18 @@ def _clear_factor(model: CollisionModel, *shares: tuple[float, ...]) -> tuple[fl
 
 
 class _WaveScan:
-    """Follows the pairs of a model along a motion."""
+    """Follows the pairs of a model along a motion, until its waves meet again."""
 
     def __init__(self, arm: Waves, model: CollisionModel) -> None:
         self._arm, self._model, self._distances = arm, model, model.distances()
-        ends = np.array([self._configuration(sines) for sines in (0.0, 1.0)])
-        self._rates = approach_rates(model, joint_travel(model.robot, ends))
-        self._way = self._rates @ joint_motion(model.robot, ends)[0]  # (n,) m: at full swing
+        end = MEETING_PERIODS * 2.0 * math.pi / float(arm.rate.min())
+        self._sines = np.sin(np.linspace(0.0, end, SAMPLES)[:, None] * arm.rate)
+        ends = self._configurations(np.outer([0.0, 1.0], np.ones(len(arm.rate))))
+        rates = approach_rates(model, joint_travel(model.robot, ends))
+        self._way = rates @ joint_motion(model.robot, ends)[0]  # (n,) m: at full swing
+        moved = joint_motion(model.robot, self._configurations(self._sines))
+        # How much nearer pairs can have come at full swing (SAMPLES, n), m.
+        self._paths = np.pad(np.cumsum(moved, axis=0), ((1, 0), (0, 0))) @ rates.T
         self._distances.place(ends[0])
         home = np.array([self._distances.distance(pair) for pair in range(len(model.pairs))])
         self._home = home  # (n,) m
@@ -275,10 +282,10 @@ class _WaveScan:
         if not left.size:
             return None
         goal = slack[left]
-        for sines, gone in zip(self._sines, factor * self._paths(left), strict=True):
+        for sines, gone in zip(self._sines, factor * self._paths[:, left], strict=True):
             due = np.flatnonzero(gone >= goal)
             if due.size:
-                self._distances.place(self._configuration(factor * sines))
+                self._distances.place(self._configurations(factor * sines[None])[0])
             for row in due.tolist():
                 pair = int(left[row])
                 room = self._distances.distance(pair) - need[pair]
@@ -287,25 +294,7 @@ class _WaveScan:
                 goal[row] = gone[row] + max(room, LOOK_M)
         return None
 
-    @cached_property
-    def _sines(self) -> Array:
-        """The sines (SAMPLES, n_joints) of the joints' waves until they meet again."""
-        rate = self._arm.rate
-        end = MEETING_PERIODS * 2.0 * math.pi / float(rate.min())
-        return np.asarray(np.sin(np.linspace(0.0, end, SAMPLES)[:, None] * rate))
-
-    @cached_property
-    def _turned(self) -> Array:
-        """How far each joint went since the start (SAMPLES, columns) at the full swing."""
-        q = np.array([self._configuration(sines) for sines in self._sines])
-        moved = joint_motion(self._model.robot, q)
-        return np.vstack([np.zeros((1, moved.shape[1])), np.cumsum(moved, axis=0)])
-
-    def _paths(self, pairs: NDArray[np.intp]) -> Array:
-        """Return how much nearer (SAMPLES, n) pairs can have come at the full swing, m."""
-        return np.asarray(self._turned @ self._rates[pairs].T)
-
-    def _configuration(self, sines: Array | float) -> Array:
-        """Return q (nq,) where the waves have these sines (n_joints,)."""
+    def _configurations(self, sines: Array) -> Array:
+        """Return q (K, nq) where the waves have these sines (K, n_joints)."""
         joints = self._arm.centre + self._arm.amplitude * sines
-        return self._model.robot.configuration_at(np.zeros(3), joints)
+        return configurations(self._model.robot, np.zeros((len(sines), 3)), joints)

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline
 
+from rpctl import math as casadi
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
-from rpctl.reference import paths
-from rpctl.reference.motion import ReferenceState
-from rpctl.reference.paths import (
-    Curves,
-    Numbers,
-    Path,
-    PathTime,
-    factors,
-    split_rows,
-    stack_rows,
-)
+from rpctl.reference.formula import Along, Columns
+from rpctl.reference.motion import ReferenceState, RowReference, state_of
+from rpctl.reference.paths import Curve, Path, PathTime, line, placed, ramped_time
 from rpctl.reference.sizing import Sizing
 from rpctl.reference.time_law import TimeLaw
 from rpctl.robot.model import Robot
@@ -43,19 +36,10 @@ class Waves:
     amplitude: Array = field(repr=False)  # (n_joints,)
     rate: Array = field(repr=False)  # (n_joints,) rad/s
 
-    def __call__(self, path_time: PathTime) -> tuple[Array, Array, Array]:
-        """Return positions, rates and accelerations, (n_joints,) or (K, n_joints) each."""
-        s, rate, acceleration = map(factors, path_time)
-        phase = self.rate * s
-        sin, cos = np.sin(phase), np.cos(phase)
-        slope = self.amplitude * self.rate * cos
-        bend = -self.amplitude * self.rate**2 * sin
-        position = self.centre + self.amplitude * sin
-        return (
-            position,
-            slope * rate,
-            bend * rate**2 + slope * acceleration,
-        )
+    def __call__(self, at: Along) -> list[Any]:
+        """Return the positions where the sheet's x is s."""
+        rows = zip(self.centre.tolist(), self.amplitude.tolist(), self.rate.tolist(), strict=True)
+        return [centre + swing * casadi.sin(rate * at.x) for centre, swing, rate in rows]
 
 
 def waves(robot: Robot, length: float = 1.0) -> Waves:
@@ -91,8 +75,40 @@ def _room(joint: Joint, home: float, rate: float) -> float:
     return min(RANGE_FRACTION * room, SPEED_FRACTION * joint.velocity / rate)
 
 
+def row_along(
+    at: Along, path: Path | None, base: PathTime, arm: Curve, swing: PathTime
+) -> list[Any]:
+    """Return the row of a reference's table where base and arm are at parameters, as scalars.
+
+    Args:
+        path: The base's path; None: it stays.
+        base: Where on it the base is, and how fast.
+        arm: The arm's motion.
+        swing: Where in it the arm is.
+    """
+    place = [0.0] * 18 if path is None else at.values(path.columns, base.s)
+    pose, along, bend, toward, change, twice = (place[k : k + 3] for k in range(0, 18, 3))
+    sheet = Along()
+    joints = at.values(sheet.columns(sheet.orders(arm(sheet))), swing.s)
+    n = len(joints) // 3
+    return [
+        *pose,
+        *_by_time([], along, bend, base),
+        *_by_time(joints[:n], joints[n : 2 * n], joints[2 * n :], swing),
+        *_by_time(toward, change, twice, base),
+    ]
+
+
+def _by_time(values: list[Any], slope: list[Any], bend: list[Any], time: PathTime) -> list[Any]:
+    """Return values, and first and second derivatives by time of what has these by s."""
+    square = time.rate**2
+    pairs = zip(slope, bend, strict=True)
+    changes = [b * square + a * time.acceleration for a, b in pairs]
+    return [*values, *(a * time.rate for a in slope), *changes]
+
+
 @dataclass(frozen=True)
-class PathReference:
+class PathReference(RowReference):
     """A base path and an arm motion, both started softly from rest.
 
     Attributes:
@@ -105,7 +121,7 @@ class PathReference:
         sizing: How large and fast it is, and why; None where it has no name.
     """
 
-    path: paths.Path | None
+    path: Path | None
     rate: float
     arm: Waves
     ramp: float
@@ -117,41 +133,29 @@ class PathReference:
         """Return the reference with its path ``factor`` times slower."""
         return replace(self, rate=self.rate / factor)
 
-    def __call__(self, t: Numbers) -> ReferenceState:
-        """Return the reference at time ``t`` (s), or at times (K,), a row each."""
-        arm = self.arm(paths.ramped_time(t, 1.0, self.ramp))
-        if self.path is None:
-            pose, twist, twist_dot = np.zeros((3, *np.shape(t), 3))
-            return ReferenceState(pose, twist, twist_dot, *arm)
-        s, *rates = paths.ramped_time(t, self.rate, self.ramp)
-        point, (ds, dds) = self.path(s), map(factors, rates)
-        along, bend, twice = split_rows(point.direction)
-        return ReferenceState(
-            point.pose,
-            along * ds,
-            bend * ds**2 + along * dds,
-            *arm,
-            direction=stack_rows(along, bend * ds, twice * ds**2 + bend * dds),
-        )
+    @cached_property
+    def row(self) -> Columns:  # type: ignore[override]
+        """Its row by time, s."""
+        at = Along()
+        time = at.orders([ramped_time(at.x, self.ramp)])
+        base = PathTime(*(self.rate * each for each in time))
+        return at.columns(row_along(at, self.path, base, self.arm, PathTime(*time)))
 
 
 @dataclass(frozen=True)
-class TimedPath:
+class TimedPath(RowReference):
     """Base and arm as functions of one path parameter s, and a time law s(t).
 
     Attributes:
         path: The base's path.
         arm: Positions of the joints (n_joints,) by s.
         time_law: s(t).
-        travel_direction: Direction of travel by s, or by many, that does not vanish where the path
-            stands still; None takes the path's own.
         sizing: How large and fast it is, and why; None where a file says it.
     """
 
     path: Path = field(repr=False)
-    arm: Curves = field(repr=False)
+    arm: Curve = field(repr=False)
     time_law: TimeLaw = field(repr=False)
-    travel_direction: Callable[[Numbers], Array] | None = field(default=None, repr=False)
     sizing: Sizing | None = None
 
     @property
@@ -161,49 +165,29 @@ class TimedPath:
 
     def slowed(self, factor: float) -> TimedPath:
         """Return the reference ``factor`` times slower."""
-        law = self.time_law
-        return replace(self, time_law=law.lasting(factor * law.duration))
+        duration = factor * self.duration
+        return replace(self, time_law=self.time_law.lasting(duration))
 
-    def __call__(self, t: Numbers) -> ReferenceState:
-        """Return the reference at time ``t`` (s), or at times (K,), a row each."""
-        return self.at(self.time_law(t))
+    @cached_property
+    def row(self) -> Columns:  # type: ignore[override]
+        """Its row by time, s."""
+        at = Along()
+        time = at.values(self.time_law.columns, at.x)
+        return at.columns(at.values(self._along, *time))
+
+    @cached_property
+    def _along(self) -> Columns:
+        """The row by s, its rate and its acceleration."""
+        rates = [casadi.SX.sym(name) for name in ("rate", "acceleration")]
+        at = Along(*rates)
+        time = PathTime(at.x, *rates)
+        return at.columns(row_along(at, self.path, time, self.arm, time))
 
     def at(self, path_time: PathTime) -> ReferenceState:
         """Return the reference where the path parameter is s, with these derivatives by time."""
-        s, *rates = path_time
-        point, (ds, dds) = self.path(s), map(factors, rates)
-        along, bend, _ = split_rows(point.direction)
-        joints, slope, curve = self.arm(s)
-        toward, change, twice = split_rows(
-            point.direction if self.travel_direction is None else self.travel_direction(s)
-        )
-        return ReferenceState(
-            point.pose,
-            along * ds,
-            bend * ds**2 + along * dds,
-            joints,
-            slope * ds,
-            curve * ds**2 + slope * dds,
-            stack_rows(toward, change * ds, twice * ds**2 + change * dds),
-        )
+        return state_of(self._along(*path_time))
 
 
 def still(pose: Array) -> Path:
     """Return the path of a base that stays at a pose (3,)."""
-    return paths.placed(paths.line(0.0), pose)
-
-
-def constant(values: Array, start: float, end: float) -> Curves:
-    """Return constant curves.
-
-    Args:
-        values: Their values (n,).
-        start: First s.
-        end: Last s.
-    """
-    return Curves(BSpline(np.repeat([start, end], 3), np.tile(values, (3, 1)), 2))
-
-
-def along(path: Path, s: Array) -> Array:
-    """Return a path's direction and its first derivative by s at points (N,): (N, 2, 3)."""
-    return path(s).direction[:, :2]
+    return placed(line(0.0), pose)

@@ -6,27 +6,17 @@ import math
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BSpline
 
+from rpctl import math as casadi
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.reference.motion import ReferenceState
-from rpctl.reference.path_reference import TimedPath, along, constant, still
-from rpctl.reference.paths import (
-    Curves,
-    Numbers,
-    Path,
-    PathPoint,
-    choose,
-    functions,
-    line,
-    matrix,
-    placed,
-    spin,
-    vector,
-)
+from rpctl.reference.formula import Along, Columns
+from rpctl.reference.motion import RowReference
+from rpctl.reference.path_reference import TimedPath, still
+from rpctl.reference.paths import Curve, Path, Place, constant, line, placed, posed, spin
 from rpctl.reference.planned.curve import Waypoint, curve_through
 from rpctl.reference.sizing import SPEED_RISE_TIME, Limits
 from rpctl.reference.time_law import AT_REST, Bound, TimeLaw, time_law
@@ -86,22 +76,8 @@ def seen_from(start: Array, goal: Array) -> tuple[float, float, float]:
 
 
 def _straight(x: float, y: float, turn: float) -> Path:
-    """Return the straight way to a pose, turning evenly; s from 0 to 1.
-
-    In the axes of the base, the direction w turns against it: w' = −θ' J w, J the quarter turn.
-    """
-
-    def at(s: Numbers) -> PathPoint:
-        cos, sin = functions(s).cos(turn * s), functions(s).sin(turn * s)
-        forward, left = cos * x + sin * y, -sin * x + cos * y
-        direction = (
-            (forward, left, turn),
-            (turn * left, -turn * forward, 0.0),
-            (-(turn**2) * forward, -(turn**2) * left, 0.0),
-        )
-        return PathPoint(vector(s, (s * x, s * y, s * turn)), matrix(s, direction))
-
-    return at
+    """Return the straight way to a pose, turning evenly; s from 0 to 1."""
+    return Path(lambda at: posed(at, (at.x * x, at.x * y, at.x * turn)))
 
 
 def _turn_drive_turn(x: float, y: float, turn: float) -> list[Leg]:
@@ -117,7 +93,7 @@ def _turn_drive_turn(x: float, y: float, turn: float) -> list[Leg]:
     # Forwards unless backwards spares more than a quarter turn: a robot looks where it drives.
     _, sign, first, last = min(ways, key=lambda way: way[0] + (way[1] < 0.0) * 0.5 * HALF_TURN)
     legs = [
-        (placed(spin(math.copysign(1.0, first)), np.zeros(3)), abs(first)),
+        (spin(math.copysign(1.0, first)), abs(first)),
         (placed(line(sign), np.array([0.0, 0.0, first])), length),
         (placed(spin(math.copysign(1.0, last)), np.array([x, y, first])), abs(last)),
     ]
@@ -144,11 +120,11 @@ def _curve(robot: Robot, x: float, y: float, turn: float, limits: Limits) -> Leg
 def _back(path: Path) -> Path:
     """Return a path driven backwards: the robot faces against it."""
 
-    def at(s: Numbers) -> PathPoint:
-        pose, direction = path(s)
-        return PathPoint(pose - [0.0, 0.0, HALF_TURN], direction * [-1.0, -1.0, 1.0])
+    def formula(at: Along) -> Place:
+        (x, y, heading), (forward, left, turn), _ = path.formula(at)
+        return Place((x, y, heading - HALF_TURN), (-forward, -left, turn))
 
-    return at
+    return Path(formula)
 
 
 @dataclass(frozen=True)
@@ -170,28 +146,25 @@ class PoseGoal:
         return shlex.join([GOAL, *pose, *joints])
 
 
-class GoalMotion:
+class GoalMotion(RowReference):
     """A reference from rest to rest: the base's paths one after the other, the arm meanwhile."""
 
     def __init__(self, base: tuple[TimedPath, ...], arm: TimedPath) -> None:
         self._base, self._arm = base, arm
         self.duration = max(sum(leg.duration for leg in base), arm.duration)
 
-    def __call__(self, t: Numbers) -> ReferenceState:
-        """Return the reference at time ``t`` (s), or at times (K,), a row each."""
-        arm = self._arm(t)
-        return self._leg(0, t)._replace(
-            joints=arm.joints,
-            joint_rates=arm.joint_rates,
-            joint_accelerations=arm.joint_accelerations,
-        )
-
-    def _leg(self, number: int, t: Numbers) -> ReferenceState:
-        """Return the reference of the base at times from a leg's start on."""
-        leg, following = self._base[number], number + 1
-        if following == len(self._base):
-            return leg(t)
-        return choose(t < leg.duration, t, leg, lambda t: self._leg(following, t - leg.duration))
+    @cached_property
+    def row(self) -> Columns:  # type: ignore[override]
+        """Its row by time, s."""
+        at = Along()
+        arm = at.values(self._arm.row, at.x)
+        legs, number, t = [leg.row.function for leg in self._base], casadi.SX(0), at.x
+        for leg in self._base[:-1]:
+            done = t >= leg.duration
+            number, t = number + done, casadi.if_else(done, t - leg.duration, t)
+        which = casadi.Function.conditional("legs", legs, legs[-1])
+        base = at.call(which, which.numel_out(0), number, t)
+        return at.columns([*base[:9], *arm[9:-9], *base[-9:]])
 
 
 def is_goal(source: str) -> bool:
@@ -250,43 +223,47 @@ def to_goal(
         raise RpctlError(f"goal {goal.pose}: give finite numbers below {MAX_DISTANCE:g} m; {HOW}")
     limits = (limits or Limits()).steerable(robot)
     paths = legs_between(robot, start, pose, limits)
-    rest = constant(posture, 0.0, 1.0)
     legs = [_timed_leg(robot, leg, limits) for leg in paths]
-    legs = legs or [TimedPath(still(start), rest, AT_REST)]
-    line = Curves(BSpline(np.repeat([0.0, 1.0], 3), np.linspace(posture, there, 3), 2))
+    legs = legs or [TimedPath(still(start), constant(posture), AT_REST)]
     timing = _arm_timing(robot, there - posture, sum(leg.duration for leg in legs))
-    return GoalMotion(tuple(legs), TimedPath(still(start), line, timing))
+    arm = TimedPath(still(start), _straight_arm(posture, there), timing)
+    return GoalMotion(tuple(legs), arm)
+
+
+def _straight_arm(first: Array, last: Array) -> Curve:
+    """Return the straight way between positions of an arm (n_joints,); s from 0 to 1."""
+    ends = list(zip(first.tolist(), (last - first).tolist(), strict=True))
+    return lambda at: [start + at.x * change for start, change in ends]
 
 
 def _timed_leg(robot: Robot, leg: Leg, limits: Limits) -> TimedPath:
     path, end = leg
     s = np.linspace(0.0, end, POINTS)
-    timing = time_law(s, [*limits.base(robot, along(path, s)), *_steering_bounds(robot, path, s)])
-    return TimedPath(path, constant(robot.home, 0.0, end), timing)
+    timing = time_law(s, [*limits.base(robot, path(s).twist), *_steering_bounds(robot, path, s)])
+    return TimedPath(path, constant(robot.home), timing)
 
 
 def _steering_bounds(robot: Robot, path: Path, s: Array) -> list[Bound]:
     """Return the bounds that the joints which steer set to a path at points (N,).
 
-    A wheel heads along the velocity c of its pivot, φ = arg c; so φ' = Im(c̄ c') / |c|², and
-    φ'' = (Im(c̄ c'') − 2 φ' Re(c̄ c')) / |c|².
-
     Raises:
         RpctlError: A pivot would stand on the centre of rotation: its wheel turned in no time.
     """
-    drive = robot.drive
-    twists = path(s).direction @ robot.root_velocity.T  # (N, 3, 3)
+    steering = [each for each in robot.drive.swivels if each.role != "caster"]
+    if not robot.drive.steered:
+        return []
+    at = Along()
+    ahead, left, turn = casadi.vertsplit(
+        robot.root_velocity @ casadi.vertcat(*path.formula(at).twist)
+    )
+    angles = [
+        casadi.atan2(left + x * turn, ahead - y * turn)
+        for x, y in (swivel.pivot for swivel in steering)
+    ]
+    _, slopes, bends = np.split(at.columns(at.orders(angles))(s), 3, axis=1)
     bounds = []
-    for swivel in (each for each in drive.swivels if drive.steered and each.role != "caster"):
-        x, y = swivel.pivot
-        along = (twists[:, :, 0] - y * twists[:, :, 2]) + 1j * (
-            twists[:, :, 1] + x * twists[:, :, 2]
-        )
-        c, c1, c2 = along.T
-        square = np.maximum(np.abs(c) ** 2, np.finfo(float).tiny)
-        slope = (c.conj() * c1).imag / square
-        bend = ((c.conj() * c2).imag - 2.0 * slope * (c.conj() * c1).real) / square
-        if np.abs(slope).max() * s[-1] > MAX_STEERING_TURNS:
+    for swivel, slope, bend in zip(steering, slopes.T, bends.T, strict=True):
+        if not np.abs(slope).max() * s[-1] <= MAX_STEERING_TURNS:
             raise RpctlError(
                 f"on the way to the goal {robot.name} turns about {swivel.joint}, which would have "
                 "to steer in no time; set another heading, or go there and turn afterwards"

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.drive.drive import Swivel
 from rpctl.drive.steering import heading_radius, turning_radius
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, require_positive
@@ -262,12 +263,17 @@ def _wheel_bounds(robot: Robot, twist: Array) -> list[Bound]:
         limit = VELOCITY_LIMIT_FRACTION * robot.description.joint[wheel.joint].velocity
         rates = np.abs(twist @ rate)
         if wheel.swivel is not None:  # it heads along its pivot's velocity
-            x, y = next(s.pivot for s in robot.drive.swivels if s.joint == wheel.swivel)
-            place = np.hypot(root[:, 0] - root[:, 2] * y, root[:, 1] + root[:, 2] * x)
-            rates = place / wheel.radius
+            swivel = next(each for each in robot.drive.swivels if each.joint == wheel.swivel)
+            rates = pivot_speeds(swivel, root) / wheel.radius
         if math.isfinite(limit):
             bounds.append(Bound(rates, np.zeros(len(rates)), limit))
     return bounds
+
+
+def pivot_speeds(swivel: Swivel, twists: Array) -> Array:
+    """Return the speeds (N,) of a swivel's pivot under twists of the root link (N, 3), m/s."""
+    x, y = swivel.pivot
+    return np.hypot(twists[:, 0] - twists[:, 2] * y, twists[:, 1] + twists[:, 2] * x)
 
 
 def wheel_rates(robot: Robot) -> Array:

@@ -1,21 +1,28 @@
-"""A reference at many times at once: arrays with a row a time."""
+"""A reference at one time or at many: rows of numbers, side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math as numbers
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
+from rpctl import math
 from rpctl.arrays import Array
-from rpctl.errors import RpctlError
-from rpctl.reference.function import FunctionReference
-from rpctl.reference.motion import Reference, ReferenceState, configurations, require_state
-from rpctl.reference.path_reference import PathReference, TimedPath
-from rpctl.reference.pose_goal import GoalMotion
-from rpctl.robot.model import Robot
+from rpctl.reference.formula import Columns, Reader
+from rpctl.reference.motion import (
+    Reference,
+    ReferenceState,
+    RowReference,
+    configurations,
+    require_state,
+    row_of,
+    state_of,
+)
+from rpctl.robot.model import BASE_NV, Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,29 +32,20 @@ class ReferenceTable:
     Attributes:
         robot: The robot that follows.
         t: Times (K,), s.
-        pose: Poses of P (K, 3).
-        twist: Twists (K, 3).
-        twist_dot: Their derivatives (K, 3).
-        joints: Positions of the arm (K, n_joints).
-        joint_rates: Rates (K, n_joints).
-        joint_accelerations: Accelerations (K, n_joints).
-        direction: Directions of travel and their two derivatives (K, 3, 3); NaN where the
-            reference gives none.
     """
 
     robot: Robot = field(repr=False)
     t: Array
-    pose: Array
-    twist: Array
-    twist_dot: Array
-    joints: Array
-    joint_rates: Array
-    joint_accelerations: Array
-    direction: Array
+    _rows: Array = field(repr=False)
 
     def __len__(self) -> int:
         """Return the number of times."""
         return len(self.t)
+
+    @cached_property
+    def state(self) -> ReferenceState:
+        """All of it, the arrays with a row a time."""
+        return state_of(self._rows)
 
     @cached_property
     def end_effector(self) -> Array:
@@ -57,41 +55,37 @@ class ReferenceTable:
         """
         if self.robot.end_effector is None:
             return np.empty((len(self), 0))
-        q = configurations(self.robot, self.pose, self.joints)
+        q = configurations(self.robot, self.state.pose, self.state.joints)
         return self.robot.end_effector_poses(q)[:, :3, 3].copy()
 
-    @property
-    def state(self) -> Any:
-        """All of it as one ``ReferenceState``, whose arrays have a row a time."""
-        return ReferenceState(*(getattr(self, name) for name in ReferenceState._fields))
-
-    def states(self) -> Iterator[ReferenceState]:
-        """Yield the state at each time."""
-        for row in map(ReferenceState, *self.state):
-            known = row.direction is not None and not np.isnan(row.direction[0, 0])
-            yield row if known else row._replace(direction=None)
-
-    def at(self, chosen: slice) -> ReferenceTable:
-        """Return it at some of its times."""
-        return ReferenceTable(
-            self.robot, self.t[chosen], *(column[chosen] for column in self.state)
-        )
-
     def rows(self) -> Array:
-        """Return all of it side by side (K, 9 + 3 n_joints + 9), in the order of the attributes.
+        """Return all of it side by side (K, 9 + 3 n_joints + 9), in the order of the state.
 
         Where the reference gives no direction, its twist, the twist's derivative and zeros stand
         for it.
         """
-        twist = np.stack([self.twist, self.twist_dot, np.zeros_like(self.twist)], axis=1)
-        direction = np.where(np.isnan(self.direction[:, :1, :1]), twist, self.direction)
-        parts = self.pose, self.twist, self.twist_dot
-        arm = self.joints, self.joint_rates, self.joint_accelerations
-        return np.hstack([*parts, *arm, direction.reshape(len(self), 9)])
+        return self._rows
+
+    def states(self) -> Iterator[ReferenceState]:
+        """Yield the state at each time."""
+        return map(state_of, self._rows)
+
+    def at(self, chosen: slice) -> ReferenceTable:
+        """Return it at some of its times."""
+        return ReferenceTable(self.robot, self.t[chosen], self._rows[chosen])
 
 
-# What is called where these, or what inherits from them, are: it takes arrays of times.
-ARRAY_CALLS = {kind.__call__ for kind in (PathReference, TimedPath, GoalMotion, FunctionReference)}
+def row_sizes(robot: Robot) -> list[int]:
+    """Return how many numbers a row has of each of the table's arrays."""
+    return [BASE_NV] * 3 + [len(robot.joints)] * 3 + [BASE_NV] * 3
+
+
+def row_symbols(robot: Robot, row: Any) -> ReferenceState:
+    """Return the scalars of a row (n, 1)."""
+    ends = np.cumsum([0, *row_sizes(robot)]).tolist()
+    parts: list[Any] = [math.vertsplit(part) for part in math.vertsplit(row, ends)]
+    state = ReferenceState(*parts[:6])
+    return state._replace(direction=parts[6:])  # type: ignore[arg-type]
 
 
 def tabulate(robot: Robot, reference: Reference, times: Array) -> ReferenceTable:
@@ -104,41 +98,47 @@ def tabulate(robot: Robot, reference: Reference, times: Array) -> ReferenceTable
         WrongAnswerError: The reference returns something else than a state that fits the robot.
     """
     times = np.array(times, dtype=float)
-    found = _at_once(robot, reference, times)
-    if found is None:
-        states = [require_state(robot, reference(t), t) for t in times.tolist()]
-        found = table_of(robot, times, states)
-    return found
+    if len(times) and _tells_rows(reference):
+        rows = reference.row(times)
+        fits = np.isfinite(rows).all(axis=1) & (rows.shape[1] == sum(row_sizes(robot)))
+        for t, row in zip(times[~fits].tolist(), rows[~fits], strict=True):
+            require_state(robot, state_of(row), t)
+        return ReferenceTable(robot, times, rows)
+    states = [require_state(robot, reference(t), t) for t in times.tolist()]
+    return table_of(robot, times, states)
 
 
-def _at_once(robot: Robot, reference: Any, times: Array) -> ReferenceTable | None:
-    """Return the table of a reference that takes arrays; None where something is wrong with it.
+def row_reader(robot: Robot, reference: Reference) -> Callable[[float], Array]:
+    """Return a function that reads a reference at one time: a row of its table.
 
-    What is wrong, and at which time, shows when it is asked for one time after the other.
+    It returns the row (9 + 3 n_joints + 9,) of :meth:`ReferenceTable.rows` at a time (s), number by
+    number what :func:`tabulate` has there. The row is valid until the next one is read: it may be
+    the same array each time. A reader is for one thread.
+
+    Raises:
+        WrongAnswerError: When it is called: as of :func:`tabulate`.
     """
-    if type(reference).__call__ not in ARRAY_CALLS or not len(times):
-        return None
-    try:
-        state = reference(times)
-    except RpctlError:
-        return None
-    count, n = len(times), len(robot.joints)
-    direction = np.full((count, 3, 3), np.nan) if state.direction is None else state.direction
-    shapes = [column.shape for column in state[:6]]
-    if shapes != [(count, 3)] * 3 + [(count, n)] * 3 or not all(
-        np.isfinite(column).all() for column in state[:6]
-    ):
-        return None
-    return ReferenceTable(robot, times, *state._replace(direction=direction))
+    if not _tells_rows(reference):
+        return lambda t: row_of(require_state(robot, reference(t), t))
+    tell, width = reference.row, sum(row_sizes(robot))
+    if isinstance(tell, Columns):
+        tell = Reader(tell.function)
+
+    def read(t: float) -> Array:
+        row = tell(t)
+        if len(row) != width or not numbers.isfinite(row @ row):
+            require_state(robot, state_of(row), t)
+        return row
+
+    return read
+
+
+def _tells_rows(reference: Any) -> TypeGuard[RowReference]:
+    """Return whether what a reference returns when called is its row."""
+    return type(reference).__call__ is RowReference.__call__
 
 
 def table_of(robot: Robot, times: Array, states: Sequence[ReferenceState]) -> ReferenceTable:
     """Return the table of states, one for each time (K,)."""
-    count, n, none = len(states), len(robot.joints), np.full((3, 3), np.nan)
-    columns: list[Array] = [
-        np.array([state[k] for state in states], dtype=float).reshape(count, width)
-        for k, width in enumerate((3, 3, 3, n, n, n))
-    ]
-    given = [none if state.direction is None else state.direction for state in states]
-    columns.append(np.array(given, dtype=float).reshape(-1, 3, 3))
-    return ReferenceTable(robot, times, *columns)
+    rows = np.array([row_of(state) for state in states]).reshape(len(states), sum(row_sizes(robot)))
+    return ReferenceTable(robot, times, rows)

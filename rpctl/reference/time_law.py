@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BPoly, BSpline
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
+from rpctl import math as casadi
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.reference.paths import DEGREE, Numbers, PathTime, quintic, uniform_knots
+from rpctl.reference.formula import Along, Columns, Numbers
+from rpctl.reference.paths import DEGREE, PathTime, quintic, uniform_knots
 
 KNOT_SPACING = 0.15  # s; spacing of the time law's knots: accelerations change over about three
 SAMPLES_PER_KNOT = 4  # points a knot interval where the limits are checked again
@@ -36,33 +38,38 @@ class Bound(NamedTuple):
 
 
 class TimeLaw:
-    """s(t): a spline in time, at rest before it begins and after its end.
+    """s(t): at rest before it begins and after its end.
 
     Args:
-        s: By time (s), which begins at 0.
-        end: The spline's last time, s.
+        s: Returns s, a scalar on a sheet, at a time of its own, which begins at 0.
+        end: The last of these times, s.
         duration: How long it takes to run through it, s; None: as long as that.
     """
 
-    def __init__(self, s: BSpline | BPoly, end: float, duration: float | None = None) -> None:
-        self._orders, self._end = (s, s.derivative(1), s.derivative(2)), end
+    def __init__(
+        self, s: Callable[[Along, Any], Any], end: float, duration: float | None = None
+    ) -> None:
+        self._s, self._end = s, end
         self.duration = end if duration is None else duration
 
     def lasting(self, duration: float) -> TimeLaw:
         """Return the same motion in another time, s."""
-        return TimeLaw(self._orders[0], self._end, duration)
+        return TimeLaw(self._s, self._end, duration)
+
+    @cached_property
+    def columns(self) -> Columns:
+        """What it returns, (3,), by time."""
+        at, end = Along(), self.duration
+        within = casadi.if_else(at.x <= 0.0, 0.0, casadi.if_else(at.x >= end, end, at.x))
+        pace = self._end / end if end else 0.0
+        return at.columns(at.orders([self._s(at, pace * within)]))
 
     def __call__(self, t: Numbers) -> PathTime:
         """Return s and its derivatives by time at ``t`` (s), or at times (K,)."""
-        many, end = isinstance(t, np.ndarray), self.duration
-        moves = (t > 0.0) & (t < end)
-        within = np.clip(t, 0.0, end) if many else min(max(t, 0.0), end)
-        pace = self._end / end if end else 0.0
-        s, rate, acceleration = (order(pace * within)[()] for order in self._orders)
-        return PathTime(s, moves * pace * rate, moves * pace**2 * acceleration)
+        return PathTime(*self.columns(t).T)
 
 
-AT_REST = TimeLaw(BPoly(np.zeros((1, 1)), np.array([0.0, 1.0])), 0.0)
+AT_REST = TimeLaw(lambda at, t: casadi.SX(0.0), 0.0)
 
 
 def recorded_time(end: float, soft_start: bool, soft_end: bool) -> TimeLaw:
@@ -73,14 +80,28 @@ def recorded_time(end: float, soft_start: bool, soft_end: bool) -> TimeLaw:
     end in motion takes twice as long while the rate falls to zero. Every recorded pose is passed.
     """
     edge = min(EDGE_TIME, 0.4 * end)
-    times, places = [0.0, end], [[0.0, 1.0, 0.0, 0.0], [end, 1.0, 0.0, 0.0]]
-    if soft_start:
-        times.insert(1, edge)
-        places[:1] = [[0.0] * 4, [edge, 1.0, 0.0, 0.0]]
-    if soft_end:
-        times[-1:] = [end - edge, end + edge]
-        places[-1:] = [[end - edge, 1.0, 0.0, 0.0], [end, 0.0, 0.0, 0.0]]
-    return TimeLaw(BPoly.from_derivatives(times, places), times[-1])
+
+    def s(at: Along, t: Any) -> Any:
+        found = t
+        if soft_start:
+            found = casadi.if_else(t < edge, edge * _from_rest(t / edge, 1.0), found)
+        if soft_end:
+            left = end - edge * _from_rest(0.5 * (end + edge - t) / edge, 2.0)
+            found = casadi.if_else(t > end - edge, left, found)
+        return found
+
+    return TimeLaw(s, end + edge if soft_end else end)
+
+
+def _from_rest(u: Any, slope: float) -> Any:
+    """Return the polynomial from 0, with three zero derivatives, to 1 at u = 1.
+
+    Its slope is given there, its second and third derivatives are zero: u⁴ times the first terms of
+    the series of (1 - slope w) / (1 - w)⁴ in w = 1 - u.
+    """
+    w = 1.0 - u
+    series = (20.0 - 10.0 * slope) * w + 10.0 - 4.0 * slope
+    return u**4 * (1.0 + w * (4.0 - slope + w * series))
 
 
 def max_squared_rate(s: Array, bounds: Sequence[Bound]) -> Array:
@@ -161,7 +182,8 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> TimeLaw:
     ends = np.ones(DEGREE - 1)
     values = np.concatenate([s[0] * ends, samples, s[-1] * ends])
     knots = uniform_knots(len(values)) * times[-1] / count
-    law = TimeLaw(quintic(knots, values), float(knots[len(values)]))
+    spline = quintic(knots, values)
+    law = TimeLaw(lambda at, t: at.spline(spline, t)[0], float(knots[len(values)]))
     return law.lasting(law.duration * max(1.0, SLOWDOWN_GUARD * _slowdown(law, s, bounds)))
 
 

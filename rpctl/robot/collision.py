@@ -6,7 +6,6 @@ construction: the shapes are on neighbouring joints, touch at home, or touch in 
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -20,10 +19,10 @@ from rpctl.arrays import Array
 from rpctl.description.density import primitive
 from rpctl.description.meshes.paths import MeshError
 from rpctl.description.meshes.reading import Hull, Surface, convex_hull, read_shape
-from rpctl.description.meshes.service import start_hulls, start_reader
 from rpctl.description.records import Shape
 from rpctl.errors import listed
 from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.kept import kept
 from rpctl.robot.link_boxes import mass_box
 from rpctl.robot.model import Robot
 
@@ -33,7 +32,6 @@ SEED = 0
 GROUND = "ground"
 KEPT_MODELS = 2  # reference and run look at the same robot
 Pairs = NDArray[np.intp]
-_LAST: deque[CollisionModel] = deque(maxlen=KEPT_MODELS)
 WORLD = 0  # Pinocchio's index of what stands still
 THINNEST_M = 1e-3  # m: edge of a box that stands in for a mesh
 MOST_NEIGHBOURS = 250  # of a corner: coal takes 255
@@ -91,6 +89,8 @@ class CollisionModel:
         Args:
             against: Indices of the robot's shapes that each of them must not touch.
         """
+        if not obstacles:
+            return self
         first = len(self.shapes)
         pairs = [(shape, first + k) for k, row in enumerate(against) for shape in row]
         return _model(
@@ -112,8 +112,6 @@ class Distances:
     def __init__(self, model: CollisionModel) -> None:
         self._model, self._geometry = model.robot.model, model.geometry
         self._data, self._placed = self._model.createData(), pin.GeometryData(model.geometry)
-        for request in self._placed.distanceRequests:
-            request.enable_signed_distance = True
 
     @property
     def data(self) -> pin.Data:
@@ -139,20 +137,12 @@ class Distances:
         )
 
 
+@kept(KEPT_MODELS)
 def collision_model(robot: Robot) -> CollisionModel:
     """Return the shapes of a robot, with the ground, and the pairs that must not touch.
 
     Meshes are read now; whoever needs no collisions does not call this. The last models are kept.
     """
-    for known in tuple(_LAST):
-        if known.robot is robot:
-            return known
-    made = _collision_model(robot)
-    _LAST.append(made)
-    return made
-
-
-def _collision_model(robot: Robot) -> CollisionModel:
     shapes, notes = read_collision_shapes(robot)
     floor = np.eye(4)
     floor[2, 3] = robot.drive.ground
@@ -279,9 +269,6 @@ def read_collision_shapes(robot: Robot) -> tuple[tuple[CollisionShape, ...], tup
     links = robot.description.links
     drawn = not any(link.collisions for link in links)
     shapes_of = {link.name: link.visuals if drawn else link.collisions for link in links}
-    if any(shape.mesh for shapes in shapes_of.values() for shape in shapes):
-        start_hulls()
-        start_reader()
     found: list[CollisionShape] = []
     faults: dict[str, list[str]] = {}
     for link in links:

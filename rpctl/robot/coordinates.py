@@ -48,6 +48,12 @@ class JointEntry:
             return np.asarray(np.arctan2(q[:, self.index + 1], q[:, self.index]))
         return q[:, self.index]
 
+    def directions(self, q: Array) -> tuple[Array, Array]:
+        """Return cosines and sines (K,) of a turning joint's positions in q (K, nq)."""
+        if self.is_pair:
+            return q[:, self.index], q[:, self.index + 1]
+        return np.cos(q[:, self.index]), np.sin(q[:, self.index])
+
 
 def joint_entries(model: pin.Model) -> dict[str, JointEntry]:
     """Return the entries of all joints but the root, by name, in the model's order."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -16,8 +16,15 @@ from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
-from rpctl.errors import Finding, RpctlError, UnknownNameError
-from rpctl.robot.coordinates import JointEntry, joint_entries, read_root, write_root
+from rpctl.errors import Finding, RpctlError, UnknownNameError, require_known
+from rpctl.robot.coordinates import (
+    BASE_NQ,
+    ROOT_JOINT,
+    JointEntry,
+    joint_entries,
+    read_root,
+    write_root,
+)
 from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.losses import Losses
 
@@ -135,10 +142,45 @@ class Robot:
 
     def end_effector_poses(self, q: Array) -> Array:
         """Return the poses (K, 4, 4) of the end effector in the world at q (K, nq)."""
-        data, found = self.model.createData(), np.empty((len(q), 4, 4))
-        for k, configuration in enumerate(q):
-            found[k] = self.end_effector_pose(data, configuration).homogeneous
+        frame = self.model.frames[self.model.getFrameId(str(self.end_effector), pin.FrameType.BODY)]
+        pose = self.joint_poses(q, [frame.parentJoint])[frame.parentJoint]
+        found = np.tile(np.eye(4), (len(q), 1, 1))
+        found[:, :3] = np.einsum("ijk,jl->kil", pose[:, :3], frame.placement.homogeneous[:3])
+        found[:, :3, 3] += pose[:, 3].T
         return found
+
+    def joint_poses(self, q: Array, joints: Iterable[int]) -> dict[int, Array]:
+        """Return where joints of the model, and all above them, are in the world at q (K, nq).
+
+        Returns:
+            By index the axes of each and its origin, m, in the columns of (3, 4, K).
+        """
+        found = {0: np.repeat(np.eye(3, 4)[:, :, None], len(q), axis=2)}
+        for joint in sorted({above for below in joints for above in self.model.supports[below]}):
+            if joint:
+                placed = self.model.jointPlacements[joint].homogeneous[:3]
+                above = found[int(self.model.parents[joint])]
+                found[joint] = np.einsum("ijk,jl->ilk", above[:, :3], placed)
+                found[joint][:, 3] += above[:, 3]
+                self._move(found[joint], joint, q)
+        return found
+
+    def _move(self, pose: Array, joint: int, q: Array) -> None:
+        """Move poses (3, 4, K) in place as a joint moves at q (K, nq)."""
+        if joint == ROOT_JOINT:
+            x, y, cos, sin = q[:, :BASE_NQ].T
+            pose[:, 3] += pose[:, 0] * x + pose[:, 1] * y
+            axis = np.array([0.0, 0.0, 1.0])
+        else:
+            name = self.model.names[joint]
+            axis, entry = self.description.joint[name].axis, self.entries[name]
+            if self.description.joint[name].kind == "prismatic":
+                pose[:, 3] += np.einsum("ijk,j->ik", pose[:, :3], axis) * q[:, entry.index]
+                return
+            cos, sin = entry.directions(q)
+        skew = np.cross(np.eye(3), axis)
+        across = np.einsum("ijk,jl->ilk", pose[:, :3], skew)
+        pose[:, :3] += sin * across + (1.0 - cos) * np.einsum("ijk,jl->ilk", across, skew)
 
     @cached_property
     def effort_limits(self) -> Array:
@@ -220,8 +262,7 @@ class Robot:
             raise RpctlError(
                 f"the twist {tuple(twist)} has to be {', '.join(speeds) or 'empty'} of {self.name}"
             )
-        for name in rates.keys() - set(self.joint_names):
-            raise UnknownNameError("joint of the arm", name, self.joint_names)
+        require_known("joint of the arm", rates, self.joint_names)
         base = tuple(twist) or (0.0,) * len(speeds)
         nu = np.array([*base, *(rates.get(name, 0.0) for name in self.joint_names)])
         x, y, theta = pose

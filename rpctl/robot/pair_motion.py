@@ -1,12 +1,16 @@
-"""How fast the shapes of a pair can approach each other: a bound that holds in every posture.
+"""How near the shapes of a pair can be: bounds that cost less than their distance.
 
-Where the joints below the last common one of a pair move by Δ, no point of one shape moves against
-the other by more than Σ r |Δ|: r is 1 for a prismatic joint, and for one that turns the distance of
-the farthest point that it can carry round, with all joints between them stretched out.
+Each shape is within a ball, so a pair is no nearer than its balls. And where the joints below the
+last common one of a pair move by Δ, no point of one shape moves against the other by more than
+Σ r |Δ|: r is 1 for a prismatic joint, and for one that turns the distance of the farthest point
+that it can carry round, with all joints between them stretched out.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -45,8 +49,7 @@ def approach_rates(model: CollisionModel, travel: Array) -> Array:
             prismatic joints it counts, m.
     """
     shapes = model.shapes
-    rates = np.array([_carried(model.robot, shape, travel) for shape in shapes])
-    found = rates[model.pairs].sum(axis=1)
+    found = _carried(model.robot, shapes, travel)[model.pairs].sum(axis=1)
     joints = np.array([shape.joint for shape in shapes], dtype=np.intp)[model.pairs]
     for number, shape in enumerate(shapes):
         if shape.joint == WORLD:
@@ -56,6 +59,35 @@ def approach_rates(model: CollisionModel, travel: Array) -> Array:
         carried[list(model.robot.model.subtrees[above])] = True
         found[carried[joints].all(axis=1), _columns(above)] = 0.0
     return found
+
+
+def ball_gaps(model: CollisionModel, q: Array) -> Array:
+    """Return how far apart the balls about the shapes of each pair are (n, K), m.
+
+    Negative where they overlap. A half-space is itself, not a ball.
+
+    Args:
+        q: Configurations (K, nq).
+    """
+    shapes, (first, second) = model.shapes, model.pairs.T
+    poses = model.robot.joint_poses(q, {shape.joint for shape in shapes})
+    centres = np.empty((3, len(shapes), len(q)))
+    for number, shape in enumerate(shapes):
+        pose = poses[shape.joint]
+        centres[:, number] = np.einsum("ijk,j->ik", pose[:, :3], shape.centre) + pose[:, 3]
+    gaps = np.zeros((len(first), len(q)))
+    for places in centres:
+        gaps += np.square(places[first] - places[second])
+    radii = np.array([shape.radius for shape in shapes])
+    gaps = np.sqrt(gaps) - (radii[first] + radii[second])[:, None]
+    for number, shape in enumerate(shapes):
+        if isinstance(shape.geometry, coal.Halfspace):
+            rows = second == number
+            normal = shape.pose[:3, :3] @ shape.geometry.n
+            height = np.einsum("i,ijk->jk", normal, centres[:, first[rows]])
+            edge = shape.geometry.d + normal @ shape.pose[:3, 3]
+            gaps[rows] = height - edge - radii[first[rows], None]
+    return gaps
 
 
 def joint_travel(robot: Robot, q: Array) -> Array:
@@ -71,20 +103,27 @@ def joint_limits_travel(robot: Robot) -> Array:
     return np.array([0.0, np.pi, *(max(map(abs, span)) for span in spans)])
 
 
-def _carried(robot: Robot, shape: CollisionShape, travel: Array) -> Array:
-    """Return how far the farthest point of a shape moves per motion of each joint (columns,)."""
-    rates = np.zeros(ROOT_COLUMNS + robot.model.njoints - ROOT_JOINT - 1)
-    joint, reach = shape.joint, float(np.linalg.norm(shape.centre) + shape.radius)
-    while joint > ROOT_JOINT:
-        column = _columns(joint)
-        slides = _is_prismatic(robot.model, joint)
-        rates[column] = 1.0 if slides else reach
-        reach += float(np.linalg.norm(robot.model.jointPlacements[joint].translation))
-        reach += float(travel[column]) if slides else 0.0
-        joint = int(robot.model.parents[joint])
-    if joint == ROOT_JOINT:
-        rates[:ROOT_COLUMNS] = 1.0, reach
-    return rates
+def _carried(robot: Robot, shapes: Sequence[CollisionShape], travel: Array) -> Array:
+    """Return how far the farthest point of each shape moves per motion of each joint (n, columns).
+
+    Of a joint that turns that is how far the point is from it at most: from its own joint, and on
+    from that to those above it.
+    """
+    model = robot.model
+    way = np.zeros((model.njoints, ROOT_COLUMNS + model.njoints - ROOT_JOINT - 1))
+    turns = np.zeros(way.shape, dtype=bool)
+    way[ROOT_JOINT, 0], turns[ROOT_JOINT, 1] = 1.0, True
+    for joint in range(ROOT_JOINT + 1, model.njoints):
+        above, column = int(model.parents[joint]), _columns(joint)
+        slides = _is_prismatic(model, joint)
+        farther = float(np.linalg.norm(model.jointPlacements[joint].translation))
+        farther += float(travel[column]) if slides else 0.0
+        way[joint] = way[above] + farther * turns[above]
+        turns[joint] = turns[above]
+        way[joint, column], turns[joint, column] = float(slides), not slides
+    joints = [shape.joint for shape in shapes]
+    own = np.array([np.linalg.norm(shape.centre) + shape.radius for shape in shapes])
+    return way[joints] + np.where(turns[joints], own[:, None], 0.0)
 
 
 def _feels_base(world: CollisionShape) -> float:

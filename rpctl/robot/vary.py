@@ -14,7 +14,7 @@ import pinocchio as pin
 from lxml import etree
 
 from rpctl.arrays import Array
-from rpctl.description.density import inertial_element, write_inertials
+from rpctl.description.density import inertial_element
 from rpctl.description.records import Description, Joint, Link
 from rpctl.errors import RpctlError, UnknownNameError, require_positive
 from rpctl.robot.load_settings import Payload
@@ -103,65 +103,35 @@ def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:
     return replace(robot, model=model)
 
 
-def add_losses(robot: Robot, damping: Mapping[str, float], friction: Mapping[str, float]) -> Robot:
-    """Return a robot with more damping and dry friction in some of its joints.
-
-    Its description has them, too.
+def with_losses(robot: Robot, damping: Array, friction: Array) -> Robot:
+    """Return a robot whose joints have other damping and dry friction; its description, too.
 
     Args:
-        damping: What is added, N·m·s/rad or N·s/m, by the names of joints.
-        friction: What is added, N·m or N, likewise.
-
-    Raises:
-        UnknownNameError: No joint has such a name.
+        robot: The robot; itself if these are its own.
+        damping: Of its joints (nv,), N·m·s/rad or N·s/m.
+        friction: Likewise, N·m or N.
     """
-    for name in (*damping, *friction):
-        if name not in robot.entries:
-            raise UnknownNameError("joint", name, robot.entries)
-    if not (any(damping.values()) or any(friction.values())):
+    known = np.zeros((2, robot.nv))
+    if robot.losses is not None:
+        known = np.array([robot.losses.damping, robot.losses.friction])
+    if np.array_equal(known, [damping, friction]):
         return robot
-    known, changed = robot.losses, {}
+    joints = {}
     for name in robot.entries:
         index, joint = robot.velocity_index(name), robot.description.joint[name]
-        d, f = (0.0, 0.0) if known is None else (known.damping[index], known.friction[index])
-        changed[name] = replace(
-            joint,
-            damping=float(d + damping.get(name, 0.0)),
-            friction=float(f + friction.get(name, 0.0)),
-        )
-    description = with_joint_losses(robot.description, changed)
+        d, f = float(damping[index]), float(friction[index])
+        joints[name] = replace(joint, damping=d, friction=f)
+    description = robot.description.edited(
+        None,
+        lambda root: _write_losses(root, joints),
+        joints=tuple(joints.get(joint.name, joint) for joint in robot.description.joints),
+    )
     return replace(
         robot,
         description=description,
-        joints=tuple(changed.get(joint.name, joint) for joint in robot.joints),
+        joints=tuple(joints.get(joint.name, joint) for joint in robot.joints),
         losses=find_losses(description, robot.model),
         loaded_with=replace(robot.loaded_with, losses=True),
-    )
-
-
-def scale_losses(robot: Robot, scale: float) -> Robot:
-    """Return a robot whose joints have another's damping and dry friction, scaled.
-
-    Its description has them, too.
-
-    Args:
-        robot: The robot to start from; one that loses nothing stays as it is.
-        scale: Of all of them, 0 or more.
-
-    Raises:
-        RpctlError: The scale is negative.
-    """
-    if not scale >= 0.0:
-        raise RpctlError(f"the scale of losses is {scale:g}; give 0 or more")
-    known = robot.losses
-    if known is None or scale == 1.0:
-        return robot
-    entries = {name: robot.velocity_index(name) for name in robot.entries}
-    more = scale - 1.0
-    return add_losses(
-        robot,
-        {name: more * float(known.damping[index]) for name, index in entries.items()},
-        {name: more * float(known.friction[index]) for name, index in entries.items()},
     )
 
 
@@ -175,37 +145,6 @@ def _with_joints(robot: Robot, change: Callable[[Joint], Joint]) -> Robot:
     joints = tuple(map(change, robot.description.joints))
     description = replace(robot.description, joints=joints)
     return replace(robot, description=description, joints=tuple(map(change, robot.joints)))
-
-
-def with_links(description: Description, links: Mapping[str, Link]) -> Description:
-    """Return a description with other masses, centres and inertias of some links.
-
-    What was estimated stays an estimate, which the user's text does not have.
-
-    Args:
-        links: Their records, by name.
-    """
-    if not links:
-        return description
-    written = {name: link for name, link in links.items() if not link.estimated}
-    return description.edited(
-        lambda root: write_inertials(root, links),
-        lambda root: write_inertials(root, written),
-        links=tuple(links.get(link.name, link) for link in description.links),
-    )
-
-
-def with_joint_losses(description: Description, joints: Mapping[str, Joint]) -> Description:
-    """Return a description with other damping and friction of some joints.
-
-    Args:
-        joints: Their records, by name.
-    """
-    return description.edited(
-        None,
-        lambda root: _write_losses(root, joints),
-        joints=tuple(joints.get(joint.name, joint) for joint in description.joints),
-    )
 
 
 def _write_losses(root: Element, joints: Mapping[str, Joint]) -> None:

@@ -12,16 +12,15 @@ from typing import Annotated, Any
 
 import tomli_w
 
+from rpctl.control.bandwidth import at_bandwidth
 from rpctl.control.controller import default_laws
-from rpctl.control.dynamic import at_bandwidth
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.registry import (
     DYNAMIC_CHOICE,
-    DYNAMIC_LAWS,
     KINEMATIC_CHOICE,
-    KINEMATIC_LAWS,
     dynamic_by_name,
     kinematic_by_name,
+    read_own_laws,
 )
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import FRICTION
@@ -251,11 +250,12 @@ class Config:
             UnknownNameError: There is no such law.
         """
         laws: Table = {}
-        if kinematic is not None and type(self.kinematic) is not KINEMATIC_LAWS.get(kinematic):
+        if kinematic is not None:
             laws["kinematic"] = kinematic_by_name(kinematic)
-        if dynamic is not None and type(self.dynamic) is not DYNAMIC_LAWS.get(dynamic):
+        if dynamic is not None:
             laws["dynamic"] = dynamic_by_name(dynamic)
-        return dataclasses.replace(self, **laws)
+        others = {k: law for k, law in laws.items() if type(law) is not type(getattr(self, k))}
+        return dataclasses.replace(self, **others)
 
     def with_output(
         self, output: str | None, lag: float | None = None, dead_time: float | None = None
@@ -312,7 +312,10 @@ def read_config(path: str | Path) -> Config:
 
 
 def config_from_tables(data: Table, faults: list[str]) -> Config:
-    """Return the configuration of a file's tables; what is wrong is added to the faults."""
+    """Return the configuration of a file's tables; what is wrong is added to the faults.
+
+    A kinematic law of the user's own, ``law = "own.py:MyLaw"``, is run: the file is the user's.
+    """
     *first, last = CONFIG_TABLES
     known = f"{', '.join(first)} and {last}"
     faults += [
@@ -321,6 +324,11 @@ def config_from_tables(data: Table, faults: list[str]) -> Config:
         if key not in CONFIG_TABLES
     ]
     tables = {key: table for key, table in data.items() if key in CONFIG_TABLES}
+    count = len(faults)
+    if "kinematic" in tables:
+        tables["kinematic"] = read_own_laws(tables["kinematic"], "kinematic", faults)
+    if len(faults) > count:
+        del tables["kinematic"]
     return read_record(Config, tables, "", faults) or Config()
 
 

@@ -76,10 +76,8 @@ class Placement(NamedTuple):
 
 
 def placement(error: Error) -> Placement:
-    """Return where a robot with a tracking error stands; the inverse of ``Placement.error``."""
-    x1, x2, x3 = error
-    cos, sin = math.cos(x3), math.sin(x3)
-    return Placement(-cos * x1 - sin * x2, sin * x1 - cos * x2, -x3)
+    """Return where a robot with a tracking error stands: each is seen alike from the other."""
+    return Placement(*Placement(*error).error())
 
 
 def start_errors(count: int) -> list[Error]:

@@ -24,8 +24,8 @@ from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.track import simulate
-from rpctl.simulation.merits.measures import measures
-from rpctl.simulation.merits.outcome import ON_PATH_M, SUCCESSES
+from rpctl.simulation.merits.measures import fold, measures
+from rpctl.simulation.merits.outcome import SUCCESSES
 from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.run.run import Run
 from rpctl.simulation.run.table import FORMULA
@@ -167,20 +167,20 @@ class CellRunner:
 
     def __call__(self, cell: Cell) -> Figures:
         """Return what became of a cell; a run that was refused, or ended early, says why."""
-        ended: list[Run] = []
-        watch = Stopwatch()
+        ended, seconds = list[Run](), list[float]()
         try:
             config = cell.config(self.references)
             reference = self.references(config.run)
             if self.timed:
-                kinematic, dynamic = map(watch.time_law, (config.kinematic, config.dynamic))
+                kinematic: Any = TimedLaw(config.kinematic, seconds)  # type: ignore[arg-type]
+                dynamic: Any = TimedLaw(config.dynamic, seconds)  # type: ignore[arg-type]
                 config = replace(config, kinematic=kinematic, dynamic=dynamic)
             run = simulate(self.references.robot, config, reference, ended=ended.append)
         except RpctlError as error:
             if not ended and not isinstance(error, DivergedError):
                 return Figures(REFUSED, str(error))
             return Figures(ENDED, str(error), float(ended[0].t[-1]) if ended else 0.0)
-        return figures_of(run, watch.seconds)
+        return figures_of(run, seconds)
 
 
 def run_cells(
@@ -219,7 +219,7 @@ def figures_of(run: Run, call_seconds: Sequence[float] = ()) -> Figures:
         call_seconds: What each call of its two laws took, in turn, s; nothing: not measured.
     """
     summary, errors, kind = summarize(run), measures(run), run.config.plant.kind
-    late = slice(len(run.t) // 2, None)
+    late, settled = slice(len(run.t) // 2, None), int(fold(errors).settled)
     limits, wheels = np.array(run.robot.effort_limits), {w.joint for w in run.robot.drive.wheels}
     ratios = (run.tau / limits)[:, np.isfinite(limits)]
     arm = [each.ratio for each in summary.efforts if each.actuator in run.robot.joint_names]
@@ -233,7 +233,7 @@ def figures_of(run: Run, call_seconds: Sequence[float] = ()) -> Figures:
         late_base=_rms(errors.base[late]),
         final_base=summary.final_base_error,
         final_lateral=summary.final_lateral_error,
-        settled_at=_settled_at(run.t, np.hypot(*(run.log.e[:, :2]).T)),
+        settled_at=float(run.t[settled]) if settled < len(run.t) else None,
         rms_end_effector=summary.rms_end_effector_error,
         late_end_effector=None if run.robot.end_effector is None else _rms(errors.tip[late]),
         final_end_effector=summary.final_end_effector_error,
@@ -272,14 +272,6 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _settled_at(t: Array, away: Array) -> float | None:
-    """Return since when the distance from the reference stays below 5 cm; None if it does not."""
-    far = np.flatnonzero(~(away <= ON_PATH_M))
-    if not len(far):
-        return float(t[0])
-    return None if far[-1] == len(t) - 1 else float(t[far[-1] + 1])
-
-
 def largest_tilt(poses: Array) -> float:
     """Return the largest angle (rad) by which a body leant over from where it stood.
 
@@ -296,19 +288,15 @@ def largest_tilt(poses: Array) -> float:
 # ---- the time that laws take --------------------------------------------------------------
 
 
-class Stopwatch:
-    """Measures the processor time (thread time) of each call of a law, s."""
-
-    def __init__(self) -> None:
-        self.seconds: list[float] = []  # of each call, the laws in turn
-
-    def time_law(self, law: Any) -> Any:
-        """Return a law that is timed."""
-        return _TimedLaw(law, self.seconds)
-
-
 @dataclass(frozen=True)
-class _TimedLaw(Generic[Controller]):
+class TimedLaw(Generic[Controller]):
+    """A law whose calls are timed.
+
+    Attributes:
+        law: The law.
+        seconds: Gets the processor time (thread time) of each call, s.
+    """
+
     law: Law[Controller]
     seconds: list[float] = field(compare=False)
 

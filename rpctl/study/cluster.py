@@ -54,7 +54,6 @@ to be compiled.
 
 from __future__ import annotations
 
-import pickle
 import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -64,7 +63,15 @@ from typing import Any, NamedTuple
 
 from rpctl.errors import RpctlError
 from rpctl.libraries import library
-from rpctl.study.executor import Chunk, Executor, LostChunksError, Result, Work, run_pickled
+from rpctl.study.executor import (
+    Chunk,
+    Executor,
+    LostChunksError,
+    Result,
+    Work,
+    pickled,
+    run_pickled,
+)
 from rpctl.study.provenance import CODE, installed
 
 INSTALL = "pip install 'rpctl[cluster]'"
@@ -75,26 +82,20 @@ GOING = (OSError, RuntimeError, ValueError, CancelledError)  # of Dask, without 
 GONE = "the scheduler has gone, or has forgotten the study; what has ended is not lost"
 
 
-class RefusedWorker(NamedTuple):
-    """What a worker answers that has other versions than who asks."""
+class Answer(NamedTuple):
+    """What a worker answers.
 
-    address: str
-    differences: list[str]
+    Attributes:
+        result: Of the work, where it was done.
+        error: What it raised; None: nothing.
+        refused: In what the worker differs from who asks, which then does no work.
+        address: Of such a worker.
+    """
 
-
-class FailedChunk(NamedTuple):
-    """What a worker answers where the work has raised an error."""
-
-    error: Exception
-
-
-class DoneChunk(NamedTuple):
-    """What a worker answers where it has done the work."""
-
-    result: Any
-
-
-Answer = RefusedWorker | FailedChunk | DoneChunk
+    result: Any = None
+    error: Exception | None = None
+    refused: Sequence[str] = ()
+    address: str = ""
 
 
 class DaskExecutor(Executor):
@@ -133,12 +134,12 @@ class DaskExecutor(Executor):
     ) -> Iterator[tuple[Chunk, Result]]:
         """Yield each chunk and its result, as they end; see :class:`Executor`."""
         distributed, left = library("distributed"), deque(chunks)
-        data, given_out = pickle.dumps(work), dict[Any, Chunk]()
+        data, given_out = pickled(work), dict[Any, Chunk]()
         queue, lost = distributed.as_completed(loop=self._client.loop), list[Chunk]()
 
         def give_out() -> None:  # one a worker: what waits beside a chunk would die with it
             while left and len(given_out) < self.workers:
-                packed = pickle.dumps(left[0])
+                packed = pickled(left[0])
                 future = self._client.submit(run_asked, packed, installed(), data, pure=False)
                 given_out[future] = left.popleft()
                 queue.add(future)
@@ -148,20 +149,20 @@ class DaskExecutor(Executor):
                 give_out()
             for future in queue:
                 chunk = given_out.pop(future)
+                answer: Answer | None = None
                 try:
                     with _scheduler_there():
                         answer = future.result()
                 except distributed.KilledWorker:
-                    answer = None
                     lost.append(chunk)
-                if isinstance(answer, RefusedWorker):
+                if answer and answer.refused:
                     self._send_away(answer)
                     left.appendleft(chunk)
                 with _scheduler_there():
                     give_out()
-                if isinstance(answer, FailedChunk):
+                if answer and answer.error:
                     raise answer.error
-                if isinstance(answer, DoneChunk):
+                if answer and not answer.refused:
                     yield chunk, answer.result
         finally:
             with suppress(*GOING):
@@ -169,12 +170,12 @@ class DaskExecutor(Executor):
         if lost:
             raise LostChunksError(lost)
 
-    def _send_away(self, worker: RefusedWorker) -> None:
+    def _send_away(self, worker: Answer) -> None:
         """Have a worker leave that joined with other versions, and say so once."""
         if worker.address not in self._refused:  # it had another chunk before it left
             self._refused.add(worker.address)
             self._client.retire_workers([worker.address])
-            self._tell(f"{_worker_fault(*worker)}; it was sent away")
+            self._tell(f"{_worker_fault(worker.address, worker.refused)}; it was sent away")
 
 
 def run_asked(chunk: bytes, asked: Mapping[str, str], work: bytes) -> Answer:
@@ -189,11 +190,11 @@ def run_asked(chunk: bytes, asked: Mapping[str, str], work: bytes) -> Answer:
     """
     wrong = differences(installed(), asked)
     if wrong:
-        return RefusedWorker(library("distributed").get_worker().address, wrong)
+        return Answer(refused=wrong, address=library("distributed").get_worker().address)
     try:
-        return DoneChunk(run_pickled(work, chunk))
+        return Answer(run_pickled(work, chunk))
     except Exception as error:  # whatever it is, the process that asked is to raise it
-        return FailedChunk(error)
+        return Answer(error=error)
 
 
 def differences(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:

@@ -6,6 +6,7 @@ import glob
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.reference.motion import Reference, configuration_along
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
@@ -168,15 +169,14 @@ def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[La
     chosen: list[LawPair] = []
     for name in laws or KINEMATIC_LAWS:
         kinematic, _, own = name.partition("+")
-        if kinematic not in KINEMATIC_LAWS:
-            raise UnknownNameError("kinematic law", kinematic, KINEMATIC_LAWS)
+        require_known("kinematic law", [kinematic], KINEMATIC_LAWS)
         wanted = own or dynamic
-        if wanted is not None and wanted not in DYNAMIC_LAWS:
-            raise UnknownNameError("dynamic law", wanted, DYNAMIC_LAWS)
-        pairs = [pair for pair in LAW_PAIRS if pair.kinematic == kinematic]
         if wanted is not None:
-            pairs = [LawPair(kinematic, wanted)]
-        chosen += pairs or [LawPair(kinematic, "bounded")]
+            require_known("dynamic law", [wanted], DYNAMIC_LAWS)
+            chosen.append(LawPair(kinematic, wanted))
+        else:
+            pairs = [pair for pair in LAW_PAIRS if pair.kinematic == kinematic]
+            chosen += pairs or [LawPair(kinematic, "bounded")]
     order = {pair: place for place, pair in enumerate(LAW_PAIRS)}
     return sorted(dict.fromkeys(chosen), key=lambda pair: order.get(pair, len(LAW_PAIRS)))
 
@@ -298,10 +298,7 @@ def group_rows(rows: Iterable[CompareRow]) -> dict[tuple[str, str], list[Compare
 def best(rows: Sequence[CompareRow], measure: str) -> tuple[float, LawPair] | None:
     """Return the least error of the controllers that work, and whose it is."""
     errors = _errors(rows, measure)
-    if not errors:
-        return None
-    by = min(errors, key=lambda controller: errors[controller])
-    return errors[by], by
+    return min(((error, by) for by, error in errors.items()), key=itemgetter(0), default=None)
 
 
 def verdicts(rows: Sequence[CompareRow], proposed: LawPair) -> list[Verdict]:
@@ -322,7 +319,6 @@ def verdicts(rows: Sequence[CompareRow], proposed: LawPair) -> list[Verdict]:
 
 
 def _errors(rows: Sequence[CompareRow], measure: str) -> dict[LawPair, float]:
-    errors = {
-        row.cell.controller: getattr(row.figures, measure) for row in rows if row.figures.succeeded
-    }
-    return {controller: error for controller, error in errors.items() if error is not None}
+    figures = {row.cell.controller: row.figures for row in rows if row.figures.succeeded}
+    errors = {by: getattr(each, measure) for by, each in figures.items()}
+    return {by: error for by, error in errors.items() if error is not None}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import LARGEST, RpctlError, require_known
+from rpctl.files.records import Range, Record
 from rpctl.libraries import library
 
 MORRIS_LEVELS = 4  # of each parameter in a trajectory: SALib's default
@@ -35,8 +36,13 @@ def extra(module: str) -> Any:
 DESIGNS = ("monte-carlo", "grid", "latin-hypercube", "sobol", "morris")
 
 
+def whole(least: int) -> Range:
+    """Return the whole numbers from one on."""
+    return Range(least, LARGEST, f"a whole number, {least} or more")
+
+
 @dataclass(frozen=True)
-class Design:
+class Design(Record):
     """A set of points of the unit cube, one a run: quantiles of the scattered parameters.
 
     Attributes:
@@ -46,17 +52,13 @@ class Design:
     """
 
     kind: str = "monte-carlo"
-    count: int = 100
-    seed: int = 0
+    count: Annotated[int, whole(1)] = 100
+    seed: Annotated[int, whole(0)] = 0
 
     def __post_init__(self) -> None:
         """Refuse what is no design."""
-        if self.kind not in DESIGNS:
-            raise UnknownNameError("design", self.kind, DESIGNS)
-        for name, least in (("count", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                value = getattr(self, name)
-                raise RpctlError(f"{name} is {value}; give a whole number, {least} or more")
+        require_known("design", [self.kind], DESIGNS)
+        super().__post_init__()
 
     def size(self, parameters: int) -> int:
         """Return how many runs there are with so many parameters, without drawing them.

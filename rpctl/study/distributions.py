@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.errors import RpctlError, UnknownNameError, is_number
+from rpctl.errors import RpctlError, is_number, require_known
 from rpctl.libraries import library
 
 
@@ -22,14 +22,19 @@ class Distribution(Protocol):
         """Return the numbers below which the shares p (...,), from 0 to 1, of all draws lie."""
 
 
+class _Finite:
+    def __post_init__(self) -> None:
+        numbers = astuple(self)  # type: ignore[call-overload]
+        if not all(map(math.isfinite, numbers)):
+            given = ", ".join(f"{each:g}" for each in numbers)
+            raise RpctlError(f"{type(self).__name__}({given}); give finite numbers")
+
+
 @dataclass(frozen=True)
-class Fixed:
+class Fixed(_Finite):
     """The same number in all runs."""
 
     value: float
-
-    def __post_init__(self) -> None:
-        _require_finite(self)
 
     def quantile(self, p: Array) -> Array:
         """Return the number (...,)."""
@@ -37,14 +42,15 @@ class Fixed:
 
 
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(_Finite):
     """Evenly from ``low`` to ``high``."""
 
     low: float
     high: float
 
     def __post_init__(self) -> None:
-        _require_finite(self)
+        """Refuse what is no range."""
+        super().__post_init__()
         _require_order(self.low, self.high)
 
     def quantile(self, p: Array) -> Array:
@@ -53,15 +59,12 @@ class Uniform:
 
 
 @dataclass(frozen=True)
-class LogUniform:
+class LogUniform(Uniform):
     """From ``low`` to ``high``, both positive, its logarithm evenly."""
 
-    low: float
-    high: float
-
     def __post_init__(self) -> None:
-        _require_finite(self)
-        _require_order(self.low, self.high)
+        """Refuse what has no logarithm."""
+        super().__post_init__()
         if not self.low > 0.0:
             raise RpctlError(f"log-uniform from {self.low:g}; give a positive number")
 
@@ -127,6 +130,7 @@ DISTRIBUTIONS: dict[str, Any] = {
     "normal": Normal,
     "choice": AnyOf,
 }
+SIGNATURES = {"fixed": "[value]", "normal": "[mean, std] or [mean, std, low, high]"}
 
 
 def distribution_of(value: object, where: str) -> Distribution:
@@ -146,17 +150,15 @@ def distribution_of(value: object, where: str) -> Distribution:
     if not isinstance(value, Mapping) or len(value) != 1:
         raise RpctlError(f"{where} is {value!r}; give a number, or as {{ uniform = [0.9, 1.1] }}")
     ((name, numbers),) = value.items()
-    if name not in DISTRIBUTIONS:
-        raise UnknownNameError(f"{where}: distribution", str(name), DISTRIBUTIONS)
+    require_known(f"{where}: distribution", [str(name)], DISTRIBUTIONS)
     numbers = numbers if isinstance(numbers, list | tuple) else [numbers]
     if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers):
         raise RpctlError(f"{where}.{name} is {numbers!r}; give numbers")
     try:
         found: Distribution = DISTRIBUTIONS[name](*map(float, numbers))
     except TypeError:
-        raise RpctlError(
-            f"{where}.{name} has {len(numbers)} numbers; give {_signature(name)}"
-        ) from None
+        wanted = SIGNATURES.get(name, "[low, high]")
+        raise RpctlError(f"{where}.{name} has {len(numbers)} numbers; give {wanted}") from None
     except RpctlError as error:
         raise RpctlError(f"{where}: {error}") from None
     return found
@@ -170,25 +172,10 @@ def distribution_table(distribution: Distribution) -> dict[str, list[float]]:
     """
     for name, kind in DISTRIBUTIONS.items():
         if type(distribution) is kind:
-            if isinstance(distribution, AnyOf):
-                return {name: list(distribution.values)}
-            return {name: list(astuple(distribution))}  # type: ignore[call-overload]
+            return {name: list(getattr(distribution, "values", None) or astuple(distribution))}  # type: ignore[call-overload]
     raise RpctlError(
         f"{type(distribution).__name__} is none of {', '.join(DISTRIBUTIONS)}; no file can say it"
     )
-
-
-def _signature(name: str) -> str:
-    """Return the numbers that a distribution takes, in words."""
-    return {"fixed": "[value]", "normal": "[mean, std] or [mean, std, low, high]"}.get(
-        name, "[low, high]"
-    )
-
-
-def _require_finite(distribution: Any) -> None:
-    if not all(map(math.isfinite, astuple(distribution))):
-        numbers = ", ".join(f"{each:g}" for each in astuple(distribution))
-        raise RpctlError(f"{type(distribution).__name__}({numbers}); give finite numbers")
 
 
 def _require_order(low: float, high: float) -> None:

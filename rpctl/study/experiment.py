@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.errors import RpctlError, require_positive
+from rpctl.files.records import POSITIVE, Record
 from rpctl.reference.motion import Reference
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.backend import require_backend
 from rpctl.simulation.merits.outcome import ON_PATH_M
+from rpctl.study.design import whole
 from rpctl.study.scatter import key_path, with_entries
 
 # What is kept over time, m, by its name in ``simulation.merits.SampleMeasures``.
@@ -24,7 +26,7 @@ Progress = Callable[[int, int], object]
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Experiment(Record):
     """What all runs have in common; a pure value.
 
     Attributes:
@@ -40,21 +42,17 @@ class Experiment:
 
     config: Config
     names: tuple[str, ...] = ()
-    seed: int = 0
+    seed: Annotated[int, whole(0)] = 0
     merits: tuple[str, ...] | None = None
-    samples: int = 200
-    tolerance: float = ON_PATH_M
+    samples: Annotated[int, whole(2)] = 200
+    tolerance: Annotated[float, POSITIVE] = ON_PATH_M
     backend: str = "auto"
     reference: Reference | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is out of range."""
         require_backend(self.backend)
-        if self.samples < 2:
-            raise RpctlError(f"samples is {self.samples}; give a whole number, 2 or more")
-        if self.seed < 0:
-            raise RpctlError(f"seed is {self.seed}; give a whole number, 0 or more")
-        require_positive("tolerance", self.tolerance)
+        super().__post_init__()
 
     def config_of(self, values: Array, index: int) -> Config:
         """Return the configuration of the run of a number with its settings (n,).

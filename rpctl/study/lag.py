@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,8 +13,13 @@ from scipy.optimize import least_squares
 
 from rpctl.arrays import Array
 from rpctl.control.velocity_output import MAX_LAG, VelocityOutput
-from rpctl.errors import RpctlError, UnknownNameError, require_positive
-from rpctl.reference.recorded.table_file import TextRow, read_rows, refusal, separator_fault
+from rpctl.errors import RpctlError, require_known, require_positive
+from rpctl.reference.recorded.table_file import (
+    read_rows,
+    read_values,
+    refusal,
+    separator_fault,
+)
 from rpctl.simulation.run.run import Run
 
 MAX_DEAD_TIME = 1.0  # s, if not asked for another
@@ -71,9 +75,8 @@ class SpeedLog:
             ).all(),
             f"{len(names)} names for {count} channels; give the same": len(names) != count,
         }
-        found = [fault for fault, there in faults.items() if there]
-        if found:
-            raise RpctlError(found[0])
+        for fault in (fault for fault, there in faults.items() if there):
+            raise RpctlError(fault)
         for name, value in (("t", t), ("commanded", commanded), ("measured", measured)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
@@ -115,50 +118,23 @@ def read_speed_log(path: str | Path) -> SpeedLog:
         fault = f"no commanded speed has a measured one beside it; name the columns as {EXAMPLE}"
     if fault:
         raise refusal(path, [(header.line, fault)])
-    wanted = [names.index("t")] + [k for pair in channels.values() for k in pair]
-    read = [(row.line, _numbers(row, names, wanted)) for row in rows]
-    faults = [(line, numbers) for line, numbers in read if isinstance(numbers, str)]
+    wanted = ["t", *(name for pair in channels.values() for name in pair)]
+    table, _, faults = read_values(rows, names, wanted)
     if faults:
         raise refusal(path, faults)
-    table = np.array([numbers for _, numbers in read], float).reshape(-1, len(wanted))
     return SpeedLog(table[:, 0], table[:, 1::2], table[:, 2::2], tuple(channels))
 
 
-def _channels(names: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Return the columns of commanded and measured speeds by the channel's name."""
+def _channels(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """Return the names of the columns of commanded and measured speeds by the channel's name."""
     found = {}
     for commanded, measured in PAIRS:
-        for index, name in enumerate(names):
+        for name in names:
             other = name.replace(commanded, measured, 1)
             if commanded in name and other in names:
                 label = name.replace(commanded, "", 1).strip("_ .") or "speed"
-                found[label] = index, names.index(other)
+                found[label] = name, other
     return found
-
-
-def _numbers(row: TextRow, names: Sequence[str], wanted: Sequence[int]) -> list[float] | str:
-    """Return the numbers in some of a row's cells, or what is wrong with them.
-
-    Args:
-        row: The row.
-        names: Of all columns.
-        wanted: Indices of the cells.
-    """
-    if len(row.cells) != len(names):
-        return f"{len(row.cells)} entries where the header names {len(names)}"
-    found = [_number(row.cells[index]) for index in wanted]
-    for index, number in zip(wanted, found, strict=True):
-        if not math.isfinite(number):
-            return f'{names[index]} "{row.cells[index]}" is no number; leave the row out'
-    return found
-
-
-def _number(text: str) -> float:
-    """Return the number in a cell; NaN if there is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 @dataclass(frozen=True)
@@ -202,10 +178,9 @@ class ActuatorLag:
         Raises:
             UnknownNameError: There is none such.
         """
-        for channel in self.channels:
-            if channel.name == name:
-                return channel
-        raise UnknownNameError("channel", name, [each.name for each in self.channels])
+        channels = {channel.name: channel for channel in self.channels}
+        require_known("channel", [name], channels)
+        return channels[name]
 
     def output(self) -> VelocityOutput:
         """Return the output that compensates this lag and dead time."""
@@ -238,22 +213,18 @@ def lag_from(log: Run | SpeedLog | str | Path, max_dead_time: float = MAX_DEAD_T
     if isinstance(log, Run):
         log = log_of_run(log)
     longest = min(max_dead_time, 0.5 * float(log.t[-1] - log.t[0]))
-    channels: list[ChannelLag] = []
-    used: list[int] = []
-    left_out: dict[str, str] = {}
-    for index, name in enumerate(log.names):
-        found = _identify(log, index, longest)
-        if isinstance(found, str):
-            left_out[name] = found
-            continue
-        residual = found.residual * _size(log, index)
-        channels.append(ChannelLag(name, found.lag, found.dead_time, residual))
-        used.append(index)
-    if not channels:
+    found = [_identify(log, index, longest) for index in range(len(log.names))]
+    fits = {k: each for k, each in enumerate(found) if isinstance(each, _Fit)}
+    left_out = {log.names[k]: each for k, each in enumerate(found) if isinstance(each, str)}
+    if not fits:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
         raise RpctlError(f"no lag can be identified: {reasons}")
-    common = _Model(log, used, longest).fit()
-    return ActuatorLag(common.lag, common.dead_time, common.residual, tuple(channels), left_out)
+    channels = tuple(
+        ChannelLag(log.names[k], each.lag, each.dead_time, each.residual * _size(log, k))
+        for k, each in fits.items()
+    )
+    common = _Model(log, [*fits], longest).fit()
+    return ActuatorLag(common.lag, common.dead_time, common.residual, channels, left_out)
 
 
 class _Fit(NamedTuple):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpctl.errors import UnknownNameError
+from rpctl.errors import require_known
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.measures import Totals, fold, measures, merits_of, position_limits
 from rpctl.simulation.merits.outcome import DIVERGING, ON_PATH_M, TRACKED
@@ -112,9 +112,7 @@ def merits_for(robot: Robot, chosen: tuple[str, ...] | None = None) -> tuple[str
         "position limits": bool(np.isfinite(positions).any()),
     }
     names = tuple(name for name, merit in MERITS.items() if has[merit.needs])
-    for name in chosen or ():
-        if name not in names:
-            raise UnknownNameError(f"merit of {robot.name}", name, names)
+    require_known(f"merit of {robot.name}", chosen or (), names)
     return names if chosen is None else tuple(chosen)
 
 
@@ -159,6 +157,6 @@ def run_merits(run: Run, tolerance: float = ON_PATH_M) -> tuple[dict[str, float]
         tolerance: How far from its reference it may be in the end, m.
     """
     log, count = run.log, len(run.t)
-    totals = fold(measures(run), count)
+    totals = fold(measures(run))
     found = merits_of(totals, log.work[-1], log.lost[-1], count, run.config.run.control_period)
     return {name: float(value) for name, value in found.items()}, verdict(totals, count, tolerance)

@@ -84,7 +84,7 @@ def optimise(
 def start_point(config: Config, ranges: Scatter) -> Array | None:
     """Return the point (n,) of a configuration's own settings; None if one is out of its range."""
     brentq, point = library("scipy.optimize").brentq, []
-    for name, distribution in zip(ranges.names, ranges.distributions, strict=True):
+    for name, distribution in ranges.distributions.items():
         value = setting(config, name)
         low, high = distribution.quantile(np.array([0.0, 1.0])).tolist()
         if value is None or not low <= value <= high:
@@ -144,9 +144,8 @@ class _Search:
 
     def _ends(self) -> dict[str, list[float]]:
         """Return the ends of each setting's range, by its path."""
-        ranges, ends = self.study.ranges, np.array([0.0, 1.0])
-        found = [distribution.quantile(ends).tolist() for distribution in ranges.distributions]
-        return dict(zip(ranges.names, found, strict=True))
+        ends, ranges = np.array([0.0, 1.0]), self.study.ranges.distributions
+        return {name: each.quantile(ends).tolist() for name, each in ranges.items()}
 
     def walk(self) -> None:
         """Walk with differential evolution through the unit cube; all follows from the seed."""

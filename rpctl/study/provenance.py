@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from rpctl.control.registry import own_digests
 from rpctl.errors import RpctlError
 from rpctl.files.opening import read_input
 from rpctl.files.records import to_plain
@@ -66,12 +67,12 @@ def experiment_identity(experiment: Experiment, scatter: Scatter) -> dict[str, A
         for item in dataclasses.fields(experiment)
         if item.name not in ("config", "names", "reference")
     }
-    pairs = zip(scatter.names, scatter.distributions, strict=True)
     return {
         **own,
         "config": to_plain(experiment.config),
         "reference": reference_digest(experiment.config.run.reference),
-        "scatter": {name: distribution_table(each) for name, each in pairs},
+        "own laws": own_digests(experiment.config.kinematic),
+        "scatter": {n: distribution_table(each) for n, each in scatter.distributions.items()},
     }
 
 

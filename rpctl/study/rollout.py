@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
@@ -131,8 +131,7 @@ class Rollouts:
         return {**columns, **self.merits, "outcome": np.array(self.outcomes)}
 
     def _merit(self, name: str) -> Array:
-        if name not in self.merits:
-            raise UnknownNameError("merit", name, self.merits)
+        require_known("merit", [name], self.merits)
         return self.merits[name]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.errors import DivergedError, RpctlError
+from rpctl.errors import DiffersError, DivergedError, RpctlError
 from rpctl.files.opening import read_input
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
@@ -263,7 +263,6 @@ def _lanes(
     """
     reason = why_not(robot, experiment, count)
     if reason is None:
-        from rpctl.simulation.compiled.build import DiffersError
         from rpctl.study.lanes import Lanes
 
         try:

@@ -12,14 +12,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from dataclasses import dataclass, field
+from typing import Any, get_args, get_origin
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.errors import UnknownNameError
+from rpctl.files.records import fields_of
 from rpctl.simulation.config import Config
 from rpctl.study.distributions import Distribution, distribution_of
 
@@ -38,19 +38,19 @@ TAIL = 1e-3  # where a design asks for the end of a distribution that has none
 
 @dataclass(frozen=True)
 class Scatter:
-    """Distributions of settings, by path.
+    """Distributions of settings, by path."""
 
-    Attributes:
-        names: The paths.
-        distributions: One each.
-    """
+    distributions: Mapping[str, Distribution] = field(default_factory=dict)
 
-    names: tuple[str, ...] = ()
-    distributions: tuple[Distribution, ...] = ()
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The paths."""
+        return tuple(self.distributions)
 
     def values(self, points: Array) -> Array:
         """Return the settings (K, n) at points (K, n) of the unit cube."""
-        columns = [d.quantile(p) for d, p in zip(self.distributions, points.T, strict=True)]
+        pairs = zip(self.distributions.values(), points.T, strict=True)
+        columns = [distribution.quantile(p) for distribution, p in pairs]
         return np.column_stack(columns) if columns else np.empty((len(points), 0))
 
 
@@ -65,31 +65,23 @@ def scatter_of(given: Scatter | Mapping[str, Any] | None, config: Config) -> Sca
         UnknownNameError: A path is none of the configuration's; those that there are are listed.
         RpctlError: A distribution is none.
     """
-    if isinstance(given, Scatter):
-        scatter = given
-    else:
-        items = [(name, distribution_of(value, name)) for name, value in (given or {}).items()]
-        scatter = Scatter(tuple(name for name, _ in items), tuple(each for _, each in items))
+    scatter = given
+    if not isinstance(scatter, Scatter):
+        items = (scatter or {}).items()
+        scatter = Scatter({name: distribution_of(value, name) for name, value in items})
+    choices = scattered_paths(config)
     for name in scatter.names:
-        require_path(config, name)
+        if not any(_is_path(name, choice) for choice in choices):
+            raise UnknownNameError("scattered setting", name, choices)
     return scatter
 
 
-def require_path(config: Config, name: str) -> None:
-    """Refuse a path that is none of a configuration.
-
-    Raises:
-        UnknownNameError: Those that there are are listed.
-    """
-    choices = scattered_paths(config)
-    for choice in choices:
-        if name == choice:
-            return
-        head, pattern, tail = choice.partition(PATTERN)
-        long = len(name) > len(head) + len(tail)
-        if pattern and long and name.startswith(head) and name.endswith(tail):
-            return
-    raise UnknownNameError("scattered setting", name, choices)
+def _is_path(name: str, choice: str) -> bool:
+    """Return whether a path is one of the list of what there is."""
+    head, pattern, tail = choice.partition(PATTERN)
+    long = len(name) > len(head) + len(tail)
+    matches = pattern and long and name.startswith(head) and name.endswith(tail)
+    return name == choice or bool(matches)
 
 
 def scattered_paths(config: Config) -> tuple[str, ...]:
@@ -98,41 +90,35 @@ def scattered_paths(config: Config) -> tuple[str, ...]:
     Of ``run`` that is the start alone: the samples of all runs are at the same times, and of the
     same reference.
     """
-    found = [f"{table}.{path}" for table in TABLES for path in _paths(getattr(config, table))]
     return tuple(
         path
-        for path in found
+        for table in TABLES
+        for path in _paths(getattr(config, table), table)
         if path != "plant.computing_time"
         and (config.output is not None or not path.startswith(OF_SPEEDS))
         and (not path.startswith("run.") or path.startswith("run.initial_error."))
     )
 
 
-def _paths(record: Any) -> Iterator[str]:
+def _paths(record: Any, above: str) -> Iterator[str]:
     """Yield the paths of the numbers that a record holds, or may hold."""
-    if not dataclasses.is_dataclass(record):
-        return
-    hints = get_type_hints(type(record))
-    for item in dataclasses.fields(record):
-        name, value, hint = item.name, getattr(record, item.name), hints[item.name]
+    kind: Any = type(record)
+    for name, item in fields_of(kind).items() if dataclasses.is_dataclass(record) else ():
+        value, inner = getattr(record, name), get_args(item.type)
+        named = isinstance(item.default, Mapping)
+        pattern = f".{PATTERN}" if named else ""
         if dataclasses.is_dataclass(value):
-            yield from (f"{name}.{below}" for below in _paths(value))
+            yield from _paths(value, f"{above}.{name}")
         elif name in TUPLES:
-            middle = f"{PATTERN}." if get_origin(hint) is not tuple else ""
-            yield from (f"{name}.{middle}{entry}" for entry in TUPLES[name])
-        elif _is_mapping(hint):
-            yield f"{name}.{PATTERN}"
-        elif hint is float or (_is_optional(hint) and float in get_args(hint)) or name in WHOLE:
-            yield name
-
-
-def _is_mapping(hint: Any) -> bool:
-    origin = get_origin(hint)
-    return isinstance(origin, type) and issubclass(origin, Mapping) and get_args(hint)[1] is float
-
-
-def _is_optional(hint: Any) -> bool:
-    return get_origin(hint) in (Union, UnionType)
+            yield from (f"{above}.{name}{pattern}.{entry}" for entry in TUPLES[name])
+        elif named and inner[1] is float:
+            yield f"{above}.{name}{pattern}"
+        elif (
+            name in WHOLE
+            or item.type is float
+            or (float in inner and get_origin(item.type) is not tuple)
+        ):
+            yield f"{above}.{name}"
 
 
 def with_values(config: Config, names: tuple[str, ...], values: Array) -> Config:
@@ -186,12 +172,8 @@ def key_path(config: Config, name: str) -> list[str]:
         key, _, rest = rest.partition(".")
         keys.append(key)
         record = getattr(record, key, None)
-    if not rest:
-        return keys
-    if keys[-1] not in TUPLES:
-        return [*keys, rest]
-    pattern, _, entry = rest.rpartition(".")
-    return [*keys, pattern, entry]
+    named = rest.rsplit(".", 1) if keys[-1] in TUPLES else [rest]
+    return [*keys, *named] if rest else keys
 
 
 def _changed(value: Any, changes: Any, key: str = "") -> Any:
@@ -203,10 +185,5 @@ def _changed(value: Any, changes: Any, key: str = "") -> Any:
         return dataclasses.replace(value, **fields)  # type: ignore[type-var]
     if key in TUPLES and not isinstance(value, Mapping):
         entries = value if value is not None else (0.0,) * len(TUPLES[key])
-        return tuple(
-            changes.get(name, entry) for name, entry in zip(TUPLES[key], entries, strict=True)
-        )
-    found = dict(value)
-    for pattern, each in changes.items():
-        found[pattern] = _changed(found.get(pattern), each, key)
-    return found
+        return tuple({**dict(zip(TUPLES[key], entries, strict=True)), **changes}.values())
+    return {**value, **{k: _changed(value.get(k), each, key) for k, each in changes.items()}}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,19 +25,21 @@ from rpctl.control.registry import (
     kinematic_by_name,
 )
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import UnknownNameError
+from rpctl.errors import require_known
 from rpctl.files.records import to_plain
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
+from rpctl.robot.variation import CarriedLoad
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.plant import Plant
-from rpctl.simulation.plants.settings import CarriedLoad, Noise
+from rpctl.simulation.plants.settings import Noise
 from rpctl.study.cells import ROLLING, CellRunner, Figures, References, run_cells
 from rpctl.study.compare import PAPER, LawPair
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Progress, run_seed
 from rpctl.study.journal import Journal
 from rpctl.study.provenance import installed, reference_digest
+from rpctl.study.scatter import with_values
 
 JOURNAL_FILE = "cells.jsonl"
 DURATION = 10.0  # s: references start softly, for 3 s; the second half is what is judged
@@ -47,7 +49,6 @@ OTHERS = (PAPER, LawPair("kanayama", "paper"))  # that the robot's own laws are 
 LOCALISATION = Noise(
     position=0.01, heading=0.005, joints=0.0005, speed=0.01, turn_rate=0.01, joint_rates=0.005
 )
-Change = Callable[[Plant, Robot, float], Plant]
 Reason = Callable[[Robot], str | None]
 Levels = tuple[tuple[str, float], ...]  # names of stresses and their levels
 
@@ -62,7 +63,8 @@ class Stress:
         levels: From one end to the other, the nominal one among them.
         nominal: The level of a run that nothing stresses.
         summary: What a level is, in words.
-        change: Returns the plant of a robot at a level; None: the level is the ground's friction.
+        changes: Paths of settings, see :mod:`rpctl.study.scatter`, each with what it is at level 0
+            and by how much it grows with the level.
         why_not: Returns why a robot has no such stress, a clause; None where it has.
         drawn: Ends of what combinations draw from; None: those of the levels.
         whole: Whether only whole numbers are drawn.
@@ -74,17 +76,16 @@ class Stress:
     levels: tuple[float, ...]
     nominal: float
     summary: str
-    change: Change | None
+    changes: Mapping[str, tuple[float, float]]
     why_not: Reason = lambda robot: None
     drawn: tuple[float, float] | None = None
     whole: bool = False
     needs_slip: bool = False
 
-    def apply(self, config: Config, robot: Robot, level: float) -> Config:
-        """Return the configuration of a run of a robot at a level, in the unit of the stress."""
-        if self.change is None:
-            return config.with_run(friction=level)
-        return replace(config, plant=self.change(config.plant, robot, level))
+    def apply(self, config: Config, level: float) -> Config:
+        """Return a configuration with the stress at a level, in its own unit."""
+        values = [first + slope * level for first, slope in self.changes.values()]
+        return with_values(config, tuple(self.changes), np.array(values))
 
     def draw(self, share: float) -> float:
         """Return the level at a share (0 to 1) of the way from one end to the other."""
@@ -109,19 +110,6 @@ class Stress:
         return {name: getattr(self, name) for name in names}
 
 
-def _payload(plant: Plant, robot: Robot, level: float) -> Plant:
-    link = "" if robot.end_effector is not None else robot.description.root
-    return replace(plant, payload=CarriedLoad(link, level)) if level else plant
-
-
-def _radii(plant: Plant, robot: Robot, level: float) -> Plant:
-    return replace(plant, radii={"*": 1.0 + 0.01 * level}) if level else plant
-
-
-def _noise(plant: Plant, robot: Robot, level: float) -> Plant:
-    return replace(plant, noise=Noise(*(level * each for each in astuple(LOCALISATION))))
-
-
 def _no_effort_limits(robot: Robot) -> str | None:
     limited = bool(np.isfinite(robot.effort_limits).any())
     return None if limited else "its file has no effort limits"
@@ -143,48 +131,50 @@ STRESSES = {
         Stress(
             "payload", "kg", (0.0, 0.5, 1.0, 2.0, 5.0), 0.0,
             "a mass at the end effector, or in the root link's origin of a robot without one",
-            _payload,
+            {"plant.payload.mass": (0.0, 1.0)},
         ),
         Stress(
             "friction", "", (1.0, 0.7, 0.5, 0.35, 0.2), FRICTION,
-            "coefficient between wheels and ground", None, _no_wheels, needs_slip=True,
+            "coefficient between wheels and ground", {"run.friction": (0.0, 1.0)}, _no_wheels,
+            needs_slip=True,
         ),
         Stress(
             "delay", "ms", (0.0, 5.0, 10.0, 20.0, 50.0), 0.0,
             "from a measurement to the efforts it leads to",
-            lambda plant, robot, level: replace(plant, delay=1e-3 * level),
+            {"plant.delay": (0.0, 1e-3)},
         ),
         Stress(
             RADIUS, "%", (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 0.0,
-            "that all wheels' radii differ from their description", _radii, _no_wheels,
+            "that all wheels' radii differ from their description",
+            {"plant.radii.*": (1.0, 0.01)}, _no_wheels,
         ),
         Stress(
             "encoders", "bits", (0.0, 16.0, 14.0, 12.0, 10.0), 0.0,
             "a turn of wheels and revolute joints, whose rates are differences",
-            lambda plant, robot, level: replace(plant, encoder_bits=round(level)),
+            {"plant.encoder_bits": (0.0, 1.0)},
             drawn=(10.0, 16.0), whole=True,
         ),
         Stress(
             "noise", "x", (0.0, 1.0, 2.0, 4.0), 0.0,
             "times 1 cm, 5 mrad, 1 cm/s and 10 mrad/s of the base, .5 and 5 mrad(/s) of joints",
-            _noise,
+            {f"plant.noise.{name}": (0.0, size) for name, size in asdict(LOCALISATION).items()},
         ),
         Stress(
             "effort", "x", (1.0, 0.75, 0.5), 1.0,
             "times the effort limits, at which the actuators saturate",
-            lambda plant, robot, level: replace(plant, effort=level), _no_effort_limits,
+            {"plant.effort": (0.0, 1.0)}, _no_effort_limits,
         ),
         Stress(
             "slope", "deg", (0.0, 2.0, 5.0, 8.0), 0.0, "up along the reference's x axis",
-            lambda plant, robot, level: replace(plant, slope=(math.radians(level), 0.0)),
+            {"plant.slope.along_x": (0.0, math.radians(1.0))},
         ),
         Stress(
             "slope-across", "deg", (0.0, 2.0, 5.0, 8.0), 0.0, "up along the reference's y axis",
-            lambda plant, robot, level: replace(plant, slope=(0.0, math.radians(level))),
+            {"plant.slope.along_y": (0.0, math.radians(1.0))},
         ),
         Stress(
             "losses", "x", (0.0, 1.0, 2.0, 3.0), 1.0, "times the file's damping and friction",
-            lambda plant, robot, level: replace(plant, losses=level), _no_losses,
+            {"plant.losses": (0.0, 1.0)}, _no_losses,
         ),
     )
 }  # fmt: skip
@@ -196,9 +186,7 @@ def stresses_by_name(names: Sequence[str]) -> tuple[Stress, ...]:
     Raises:
         UnknownNameError: There is no such stress.
     """
-    for name in names:
-        if name not in STRESSES:
-            raise UnknownNameError("stress", name, STRESSES)
+    require_known("stress", names, STRESSES)
     return tuple(STRESSES[name] for name in dict.fromkeys(names or STRESSES))
 
 
@@ -240,10 +228,11 @@ class StressCell:
     def config(self, references: References) -> Config:
         """Return the run's configuration, which ``rpctl track --config`` replays."""
         robot = references.robot
-        plant = Plant(kind=self.plant, seed=self.seed)
+        carrier = CarriedLoad("" if robot.end_effector is not None else robot.description.root)
+        plant = Plant(kind=self.plant, seed=self.seed, payload=carrier)
         config = Config(*laws_of(robot, self.law), run=self.run, plant=plant)
         for name, level in self.levels:
-            config = STRESSES[name].apply(config, robot, level)
+            config = STRESSES[name].apply(config, level)
         return config
 
 

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.errors import LARGEST, RpctlError
+from rpctl.errors import RpctlError
 from rpctl.files.records import NOT_NEGATIVE, POSITIVE, OneOf, Range, Record, Setting
 from rpctl.files.writing import write_atomically
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.merits.outcome import ON_PATH_M, TRACKED
-from rpctl.study.design import DESIGNS, Design, extra
+from rpctl.study.design import DESIGNS, Design, extra, whole
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Experiment, Progress, RunTable, join_tables
 from rpctl.study.journal import Journal
@@ -36,11 +36,6 @@ STUDY_FILE, JOURNAL_FILE = "study.toml", "runs.jsonl"
 STATISTICS = ("mean", "quantile", "worst")
 METHODS = ("differential-evolution",)
 MERIT = "rms_base_error"  # that runs are compared by, unless the study names another
-
-
-def whole(least: int) -> Range:
-    """Return the whole numbers from one on."""
-    return Range(least, LARGEST, f"a whole number, {least} or more")
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from rpctl.files.records import fields_of, read_record
 from rpctl.files.toml import Table
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import CONFIG_TABLES, Config, config_from_tables
-from rpctl.study.distributions import DISTRIBUTIONS, Fixed
+from rpctl.study.distributions import DISTRIBUTIONS, Distribution, Fixed
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import MERITS, merits_for
 from rpctl.study.scatter import Scatter, scatter_of, scattered_paths, with_values
@@ -119,12 +119,11 @@ def _scatter(table: Table, where: str, config: Config, faults: list[str]) -> Sca
         config: What it is of.
         faults: All that is wrong with the file so far.
     """
-    found = Scatter()
+    found: dict[str, Distribution] = {}
     for name, value in _flat(table):
         with _told(faults, f'{where}."{name}"'):
-            one = scatter_of({name: value}, config)
-            found = Scatter(found.names + one.names, found.distributions + one.distributions)
-    return found
+            found |= scatter_of({name: value}, config).distributions
+    return Scatter(found)
 
 
 def _flat(table: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
@@ -180,11 +179,10 @@ def _optimisation(
 
 def _with_fixed(config: Config, scatter: Scatter) -> tuple[Config, Scatter]:
     """Return a configuration with what is the same in all runs, and what differs."""
-    pairs = dict(zip(scatter.names, scatter.distributions, strict=True))
-    fixed = {name: each.value for name, each in pairs.items() if isinstance(each, Fixed)}
+    given = scatter.distributions
+    fixed = {name: each.value for name, each in given.items() if isinstance(each, Fixed)}
     config = with_values(config, tuple(fixed), np.array([*fixed.values()]))
-    left = tuple(name for name in pairs if name not in fixed)
-    return config, Scatter(left, tuple(pairs[name] for name in left))
+    return config, Scatter({name: each for name, each in given.items() if name not in fixed})
 
 
 def _require_fit(robot: Robot, config: Config, scatter: Scatter) -> None:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from rpctl.control.bandwidth import gains_of, joint_gains
 from rpctl.control.controller import default_laws
-from rpctl.control.dynamic import gains_of, joint_gains
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot

@@ -25,6 +25,7 @@ SHOWN = (
     Shown("forward step in Python", "tiago: `ReducedDynamics.forward`", "NumPy projection"),
     Shown("forward step, machine code", "tiago: machine code, 1 lane", "in Python"),
     Shown("forward step, 8 side by side, each", "tiago: machine code, 8 lanes", "in Python"),
+    Shown("`Controller.step`, default laws", "tiago, effort: a step", "CasADi's virtual machine"),
     Shown(
         "closed loop at 2 ms with its log",
         "the loop with its log, compiled",
@@ -41,7 +42,10 @@ SHOWN = (
     ),
     Shown("sample of the horizon law, N = 20", "a sample, whole"),
     Shown("`rpctl verify tiago`, whole process", "`rpctl verify tiago`"),
-    Shown("`rpctl track tiago --duration 10`, whole process", "`rpctl track tiago --duration 10`"),
+    Shown(
+        "`rpctl track tiago --reference line --duration 40`, whole process",
+        "`rpctl track tiago --reference line --duration 40`",
+    ),
 )
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from tests.bench.rows import Section, markdown
 
-SECTIONS = ("forward", "closed_loop", "rollouts", "horizon", "startup")
+SECTIONS = ("forward", "controller", "closed_loop", "rollouts", "horizon", "startup")
 PEERS = ("pin", "casadi", "numpy", "mujoco")  # packages
 OUT = Path("runs/bench")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -60,6 +62,27 @@ def test_strict_takes_warnings_as_errors(tmp_path: Path) -> None:
         code, out, err = run(command, str(path), "--strict")
         assert (code, out) == (2, "")
         assert err.startswith(f"{path}:") and ": error: axis of joint" in err
+
+
+ASKED = """
+import os, sys
+from rpctl.__main__ import main
+sys.argv = ["rpctl", "robots"]
+try:
+    main()
+finally:
+    print("threads", os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"])
+"""
+
+
+def test_libraries_compute_in_one_thread_unless_the_user_says_otherwise() -> None:
+    """Threads for small matrices wait for each other, and that took half of a run's time."""
+    given = {**os.environ, "OMP_NUM_THREADS": "3"}
+    given.pop("OPENBLAS_NUM_THREADS", None)
+    done = subprocess.run(
+        [sys.executable, "-c", ASKED], env=given, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.splitlines()[-1] == "threads 1 3", done.stderr
 
 
 def test_verify_fails_with_1(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,12 +19,7 @@ from rpctl import (
     Robot,
     UnifiedKinematic,
 )
-from rpctl.control.dynamic import (
-    LINEAR_ERROR,
-    at_bandwidth,
-    gains_of,
-    joint_gains,
-)
+from rpctl.control.bandwidth import LINEAR_ERROR, at_bandwidth, gains_of, joint_gains
 from rpctl.control.registry import law_sentences
 from rpctl.reference.named import reference_by_name
 from rpctl.robot.vary import without_losses
@@ -108,7 +103,7 @@ def test_an_error_of_a_tenth_takes_no_more_than_a_weak_joint_has(tiago: Robot) -
         dynamics, lambda _: state, 0.0, q, np.zeros(robot.dof)
     )
     law = PaperDynamic(joint_horizon_dyn=float(gains.horizon_dyn[index]))
-    tau = law.start(dynamics, 0.002)(dynamics, q, np.zeros(robot.dof), command)
+    tau = law.start(dynamics, 0.002)(dynamics, q, np.zeros(robot.dof), command).tau
     assert abs(tau[robot.actuators.index("arm_2_joint")]) == pytest.approx(abs(weight) + 3.0)
 
 

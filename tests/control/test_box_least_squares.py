@@ -6,22 +6,17 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from rpctl import math
 from rpctl.arrays import Array
-from rpctl.control.end_effector import MIN_KAPPA, Box, WithRate, nearest
+from rpctl.control.end_effector import MIN_KAPPA, Nearest, Task, nearest, nearest_rate
+from rpctl.kernels.sheet import Evaluator
 
 STEP = 1e-6
 
 
-def still(value: Array) -> WithRate:
-    return WithRate(value, np.zeros_like(value))
-
-
-def box(size: float) -> Box:
-    return Box(still(np.full(7, -size)), still(np.full(7, size)))
-
-
 def solve(G: Array, y: Array, posture: Array, size: float, strongest: float) -> Array:
-    return nearest(still(G), still(y), still(posture), box(size), strongest).value
+    bounds = np.full(7, -size), np.full(7, size)
+    return nearest(Task(G, y, posture, *bounds), strongest).z
 
 
 @pytest.mark.parametrize("size", [np.inf, 0.5, 0.2])
@@ -90,11 +85,13 @@ def test_the_derivative(
         "upper": (np.full(7, size), 0.1 * rng.normal(size=7)),
     }
 
-    def at(time: float) -> WithRate:
-        now = {key: WithRate(value + time * rate, rate) for key, (value, rate) in data.items()}
-        limits = Box(now["lower"], now["upper"])
-        return nearest(now["G"], now["y"], now["posture"], limits, strongest)
+    def at(time: float) -> Nearest:
+        return nearest(Task(*(value + time * rate for value, rate in data.values())), strongest)
 
-    slope = (at(STEP).value - at(-STEP).value) / (2 * STEP)
-    rate = at(0.0).rate
+    t = math.SX.sym("t")
+    task = Task(*(math.DM(value) + t * math.DM(rate) for value, rate in data.values()))
+    symbols, formula = nearest_rate(task, t, math.SX(1))
+    slope, now = (at(STEP).z - at(-STEP).z) / (2 * STEP), at(0.0)
+    held = now.at_lower, now.at_upper, now.kappa, now.bounded
+    (rate,) = Evaluator(math.Function("rate", [t, *symbols], [math.densify(formula)]))(0.0, *held)
     np.testing.assert_allclose(rate, slope, atol=1e-5 * (1 + np.abs(rate).max()))

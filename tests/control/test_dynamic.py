@@ -93,7 +93,7 @@ def test_efforts_for_the_middle_of_a_period_are_exact_to_second_order(
     gaps = []
     for period in (0.004, 0.002):
         law = PaperDynamic(midpoint=midpoint).start(dynamics, period)
-        tau = law(dynamics, q, nu, Command(nu, nu_dot))
+        tau = law(dynamics, q, nu, Command(nu, nu_dot)).tau
         later = advance(dynamics, q, nu, tau, period, period / 4).nu
         gaps.append(np.abs((later - nu) / period - nu_dot).max())
     assert (3.5 < gaps[0] / gaps[1] < 4.5) if midpoint else (1.8 < gaps[0] / gaps[1] < 2.3)

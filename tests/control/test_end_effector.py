@@ -19,15 +19,8 @@ from rpctl import (
     RpctlError,
 )
 from rpctl.arrays import Array
-from rpctl.control.end_effector import (
-    Box,
-    EndEffector,
-    EndEffectorLaw,
-    WithRate,
-    end_effector_frame,
-    jacobian,
-    reference_motion,
-)
+from rpctl.control import end_effector
+from rpctl.control.end_effector import EndEffector, Nearest, Task, nearest
 from rpctl.control.error import tracking_error
 from rpctl.control.law import Command, KinematicLaw, as_law
 from rpctl.reference.motion import Reference, ReferenceState, end_effector_reference
@@ -89,25 +82,6 @@ def errors(robot: Robot, reference: Reference, times: Array, path: Array) -> tup
     return distance, angle
 
 
-def test_the_reference_moves_as_it_says(any_robot: Robot) -> None:
-    dynamics, reference = ReducedDynamics(any_robot), reference_by_name(any_robot, "eight")
-    frame, data = end_effector_frame(any_robot), any_robot.model.createData()
-    arm = dynamics.basis(pin.neutral(any_robot.model))[:, -len(any_robot.joints) :]
-    for t in (2.0, 5.0, 9.0):
-        motion = reference_motion(dynamics, reference(t), arm, frame)
-        behind, ahead = (
-            end_effector_reference(any_robot, data, reference(t + s)) for s in (-STEP, STEP)
-        )
-        velocity = np.concatenate(
-            [ahead.translation - behind.translation, pin.log3(ahead.rotation @ behind.rotation.T)]
-        ) / (2 * STEP)
-        np.testing.assert_allclose(motion.velocity, velocity, atol=1e-8)
-        slow, fast = (
-            reference_motion(dynamics, reference(t + s), arm, frame).velocity for s in (-STEP, STEP)
-        )
-        np.testing.assert_allclose(motion.acceleration, (fast - slow) / (2 * STEP), atol=1e-8)
-
-
 @pytest.mark.parametrize("orientation", [False, True])
 def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
     any_robot: Robot, rng: np.random.Generator, orientation: bool
@@ -142,9 +116,9 @@ def test_the_error_decays_at_the_horizon_while_the_base_converges(tiago: Robot) 
     assert distance[-1] < 0.02 * distance[0]
 
 
-def unbounded(_: EndEffectorLaw, robot: Robot, *others: Array) -> Box:
-    wide = np.full(len(robot.joints), np.inf)
-    return Box(WithRate(-wide, 0.0 * robot.home), WithRate(wide, 0.0 * robot.home))
+def unbounded(task: Task, strongest: float) -> Nearest:
+    wide = np.full(len(task.posture), np.inf)
+    return nearest(task._replace(lower=-wide, upper=wide), strongest)
 
 
 @pytest.mark.slow
@@ -168,7 +142,7 @@ def test_limits_hold_where_the_end_effector_would_break_them(
     beyond, share = worst()
     assert beyond <= 0.0
     assert share <= 1.0 + 1e-12
-    monkeypatch.setattr(EndEffectorLaw, "_box", unbounded)
+    monkeypatch.setattr(end_effector, "nearest", unbounded)
     beyond, share = worst()
     assert beyond > 0.1
     assert share > 1.1
@@ -180,16 +154,15 @@ def test_rates_stay_bounded_near_a_stretched_arm(monkeypatch: pytest.MonkeyPatch
     robot = rpctl.load("ur5")
     dynamics = ReducedDynamics(robot)
     law = EndEffector(SLOW).start(dynamics, 0.01)
-    monkeypatch.setattr(EndEffectorLaw, "_box", unbounded)
+    monkeypatch.setattr(end_effector, "nearest", unbounded)
     reference = reference_by_name(robot, "eight")
     goal = reference(0.0)._replace(joints=np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]))
-    frame = end_effector_frame(robot)
     for bend in np.logspace(-9, -1, 17):
         joints = np.array([0.0, 0.0, bend, -0.5 * math.pi, 0.0, 0.0])
         q = robot.configuration_at(goal.pose, joints)
         rates = law(dynamics, lambda _: goal, 0.0, q, np.zeros(6)).nu_d
         assert np.abs(rates - (goal.joints - joints) / 0.8).max() < 10.0
-    J = jacobian(dynamics, q, np.zeros(robot.nv), frame)[1][:3, 3:]  # at the largest bend
+    J = dynamics.jacobian(q, str(robot.end_effector))[:3]  # at the largest bend
     assert np.linalg.svd(J)[1][-1] < 0.05  # without damping the rates would go with 1/bend
 
 
@@ -286,17 +259,18 @@ def test_the_lever_weighs_turning_against_travelling(boomed: Robot, lever: float
 def test_the_derivative_knows_that_steering_turns_the_basis(
     tmp_path: Path, kind: str, orientation: bool, rng: np.random.Generator
 ) -> None:
-    """The base does what it is asked to, so d/dt of S(q) ν_d is S ν̇_d + Ṡ ν."""
+    """The rates of S(q) ν_d, whatever the base does by now."""
     text = vehicle(kind).replace("</robot>", HAND)
     robot = rpctl.load(write(tmp_path, text), end_effector="hand")
     dynamics, reference = ReducedDynamics(robot), reference_by_name(robot, "eight")
+    drifts = []
     for _ in range(3):
-        nu, change = 0.3 * rng.normal(size=(2, robot.dof))
-        law = EndEffector(asks(change, nu), orientation=orientation).start(dynamics, 0.01)
+        nu, nu_d, change = 0.3 * rng.normal(size=(3, robot.dof))
+        law = EndEffector(asks(change, nu_d), orientation=orientation).start(dynamics, 0.01)
         steered = {s.joint: a for s, a in zip(robot.drive.steered, (0.4, -0.3), strict=False)}
         q = robot.configuration(0.1, -0.2, 0.3, {**steered, "arm_joint": 0.2})
         v = dynamics.basis(q) @ nu
-        assert np.abs(dynamics.basis_drift(q, nu)[:3]).max() > 0.01
+        drifts.append(np.abs(dynamics.basis_drift(q, nu)[:3]).max())
 
         def asked(s: float) -> Array:
             at = pin.integrate(robot.model, q, s * v)  # noqa: B023 - called in this turn only
@@ -305,3 +279,4 @@ def test_the_derivative_knows_that_steering_turns_the_basis(
         slope = (asked(STEP) - asked(-STEP)) / (2 * STEP)
         rate = law(dynamics, reference, NOW, q, nu).nu_d_dot
         np.testing.assert_allclose(rate, slope, atol=1e-6 * (1 + np.abs(slope).max()))
+    assert max(drifts) > 0.01

@@ -10,7 +10,9 @@ import pytest
 import rpctl
 from rpctl import Limit, ReducedDynamics, Robot, scale_limits, set_limits
 from rpctl.arrays import Array
-from rpctl.control.joint_limits import Actuation, SpeedLimits, Speeds
+from rpctl.control.law import Command, Speeds
+from rpctl.control.law_kernel import running_laws
+from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.motion import follow, travel
 from rpctl.errors import UnknownNameError
 
@@ -28,8 +30,12 @@ def limited(
     dynamics = ReducedDynamics(robot)
     q = robot.configuration_at(np.zeros(3), robot.home) if q is None else q
     nu = np.zeros(robot.dof) if nu is None else nu
-    at = Actuation(q, nu, nu, period, np.full(robot.dof, lag))
-    return SpeedLimits(dynamics, accelerations or {}, 1.0)(dynamics, wanted, at)
+    output = VelocityOutput(lag, accelerations=accelerations or {}, effort_ratio=1.0)
+    running = running_laws(None, output, dynamics, period, None)
+    running.model_nu[:] = nu
+    # c = ν_d + (T + ½ T_s) ν̇_d
+    assert running.follow(q, nu, Command(wanted, np.zeros(robot.dof)))
+    return Speeds(running.answer.copy(), running.limits())
 
 
 def strong(robot: Robot) -> Robot:
@@ -105,11 +111,10 @@ def test_a_joint_comes_to_its_position_limit_and_not_beyond(
     joint = robot.joints[1]
     limit = joint.upper if sign > 0.0 else joint.lower
     dynamics, lags = ReducedDynamics(robot), np.full(robot.dof, lag)
-    limits = SpeedLimits(dynamics, {}, 1.0)
     q, nu = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
     wanted, reached, kinds = np.array([0.0, 0.0, 0.0, 9.0 * sign]), list[float](), set[Limit]()
     for _ in range(200):
-        speeds = limits(dynamics, wanted, Actuation(q, nu, nu, period, lags))
+        speeds = limited(robot, wanted, nu, None, period, lag, q)
         nu, (stretch,) = follow(nu, speeds.nu[None], np.array([period]), lags)
         q = travel(dynamics, q, stretch)
         reached.append(float(robot.joint_positions(q)[1]))
@@ -155,4 +160,4 @@ def test_the_base_comes_before_the_arm(paper: Robot) -> None:
 
 def test_an_acceleration_of_nothing_is_refused(paper: Robot) -> None:
     with pytest.raises(UnknownNameError, match="quasi-velocity 'omgea' is not known; did you mean"):
-        SpeedLimits(ReducedDynamics(paper), {"omgea": 1.0}, 1.0)
+        limited(paper, np.zeros(4), accelerations={"omgea": 1.0})

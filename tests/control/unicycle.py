@@ -34,7 +34,7 @@ def along(path: Path, rate: float) -> StateOverTime:
 
     def at(t: float) -> ReferenceState:
         point = path(rate * t)
-        twist, bend, _ = point.direction
+        twist, bend = point.twist
         return ReferenceState(
             point.pose, twist * rate, bend * rate**2, NO_JOINTS, NO_JOINTS, NO_JOINTS
         )

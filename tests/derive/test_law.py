@@ -27,6 +27,7 @@ from rpctl import (
     ReducedDynamics,
     ReferenceState,
     Robot,
+    Samson,
     UnifiedKinematic,
 )
 from rpctl.arrays import Array
@@ -54,10 +55,16 @@ LAWS = {
     "leashed": LEASHED,
     "kanayama": Kanayama(),
     "linearizing": FeedbackLinearization(),
+    "samson": Samson(),
 }
 ROBOTS = ["paper", "platform", "mecanum", "skid-steer", "tiago", "panda", "mixed_chain", *KINDS]
 GRID = [(robot, law) for robot in ROBOTS for law in LAWS]
-QUICK = {("paper", "linearizing"), ("mecanum", "leashed"), ("bicycle", "unified")}
+QUICK = {
+    ("paper", "linearizing"),
+    ("paper", "samson"),
+    ("mecanum", "leashed"),
+    ("bicycle", "unified"),
+}
 SLOW = {
     ("paper", "kanayama"),
     ("paper", "leashed"),

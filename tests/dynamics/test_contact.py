@@ -19,7 +19,7 @@ from rpctl.dynamics.ground_reaction import (
     ground_reaction,
     stance_at,
 )
-from rpctl.dynamics.stance import loads, make_stance, width
+from rpctl.dynamics.stance import even_loads, loads, make_stance, margins, width
 from rpctl.robot.vary import without_losses
 from tests.joint_losses import joint_losses
 from tests.robots import SET_A, ball, four_wheels, platform, write
@@ -349,6 +349,19 @@ def test_many_contacts_only_push_and_balance(rng: np.random.Generator) -> None:
         plane = np.linalg.lstsq(stance.statics[:, pressed].T, load[pressed], rcond=None)[0]
         np.testing.assert_allclose(stance.statics[:, pressed].T @ plane, load[pressed], atol=1e-9)
         assert (stance.statics[:, ~pressed].T @ plane).max(initial=0.0) < 1e-8
+
+
+def test_stances_that_move_have_the_margins_and_loads_of_each(rng: np.random.Generator) -> None:
+    """Also of contacts on an edge, of two in one place, and outside of the polygon."""
+    hexagon = np.array([[np.cos(a), np.sin(a)] for a in np.arange(6.0) * np.pi / 3.0])
+    askew = rng.normal(size=(200, 6, 2))
+    askew[50:, 1] = askew[50:, 0]
+    points = np.concatenate([SQUARE[None], hexagon[None], askew])
+    at = rng.normal(size=(len(points), 2))
+    moments = np.column_stack([np.ones(len(points)), at]) * rng.uniform(1.0, 90.0, (len(at), 1))
+    np.testing.assert_allclose(margins(points, at), list(map(margin, points, at)), atol=1e-12)
+    expected = [make_stance(p).split @ m for p, m in zip(points, moments, strict=True)]
+    np.testing.assert_allclose(even_loads(points, moments), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_outside_the_polygon_some_contact_pulls() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,7 @@ from scipy.linalg import expm
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.dynamics.derivatives import (
-    forward_derivatives,
-    inverse_derivatives,
-    linear_model,
-    linearize,
-)
+from rpctl.dynamics.derivatives import LinearDynamics, linearize
 from rpctl.dynamics.motion import rk4_step
 from rpctl.robot.losses import Losses
 from tests import random_vehicles
@@ -64,33 +60,25 @@ def assert_near(found: Array, truth: Array, what: str) -> None:
 
 
 def check(robot: Robot, rng: np.random.Generator, states: int = 2) -> None:
-    dynamics, model = ReducedDynamics(robot), robot.model
+    """By central differences of Pinocchio's reduced dynamics; the bracket is tested by a motion."""
+    dynamics, linear = ReducedDynamics(robot), LinearDynamics(robot)
+    sizes = robot.nv, robot.dof, len(robot.actuators)
     for _ in range(states):
         q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
-        tau = 5.0 * rng.normal(size=len(robot.actuators))
-        found = forward_derivatives(dynamics, q, nu, tau)
-        nu_dot = rng.normal(size=robot.dof)
-        force = inverse_derivatives(dynamics, q, nu, nu_dot, tau)
+        tau = 5.0 * rng.normal(size=sizes[2])
+        A, B = linear(q, nu, tau)
+        vx, vy, turn = (dynamics.basis(q) @ nu)[:3]
+        A[:2, :3] -= [[0.0, turn, -vy], [-turn, 0.0, vx]]
+        rates = partial(rates_beside, dynamics, q, nu, tau)
+        assert_near(np.hstack([A, B]), slopes(rates, sum(sizes)), "A, B")
 
-        def differences(function: Callable[..., Array], place: int, *at: Array) -> Array:
-            """Of a function of q and other vectors by the one in this place."""
 
-            def moved(x: Array) -> Array:
-                arguments = list(at)
-                arguments[place] = at[place] + x if place else pin.integrate(model, at[0], x)
-                return function(*arguments)
-
-            return slopes(moved, robot.nv if place == 0 else len(at[place]))
-
-        forward, inverse = dynamics.forward, dynamics.inverse
-        assert_near(found.q, differences(forward, 0, q, nu, tau), "q")
-        assert_near(found.nu, differences(forward, 1, q, nu, tau), "nu")
-        assert_near(found.tau, differences(forward, 2, q, nu, tau), "tau")
-        assert_near(force.q, differences(inverse, 0, q, nu, nu_dot), "force by q")
-        assert_near(force.nu, differences(inverse, 1, q, nu, nu_dot), "force by nu")
-        assert_near(force.nu_dot, dynamics.inertia(q), "M")
-        pushed = differences(lambda q, tau: dynamics.actuation(q) @ tau, 0, q, tau)
-        assert_near(force.efforts, pushed, "B tau by q")
+def rates_beside(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, x: Array) -> Array:
+    """Return v and the derivatives of ν beside a state, x = (δ, δν, δτ)."""
+    delta, ahead, more = np.split(x, np.cumsum([dynamics.robot.nv, len(nu)]))
+    beside = pin.integrate(dynamics.robot.model, q, delta)
+    nu_dot = dynamics.forward(beside, nu + ahead, tau + more)
+    return np.append(dynamics.basis(beside) @ (nu + ahead), nu_dot)
 
 
 @pytest.mark.parametrize("kind", DRIVES)
@@ -150,7 +138,7 @@ def test_a_motion_beside_another_is_where_the_linear_model_puts_it(
     q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
     tau, x = rng.normal(size=len(robot.actuators)), rng.normal(size=robot.nv + robot.dof)
     middle = rk4_step(dynamics, q, nu, tau, 0.5 * time)
-    A, _ = linear_model(dynamics, middle.q, middle.nu, tau)
+    A, _ = linearize(robot, middle.q, middle.nu, tau)
     here = rk4_step(dynamics, q, nu, tau, time)
     beside = [
         rk4_step(dynamics, pin.integrate(robot.model, q, h * x[: robot.nv]), nu + h * x[robot.nv :],

@@ -11,7 +11,6 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.dynamics.derivatives import linear_model
 from rpctl.dynamics.motion import Step, braked, imex_step, rk4_step
 from rpctl.robot.losses import Losses
 from rpctl.robot.vary import without_losses
@@ -87,22 +86,6 @@ def test_a_mimic_joint_loses_at_its_own_rate(tmp_path: Path) -> None:
     np.testing.assert_allclose(dynamics.losses(q, np.array([0.1])), [-0.1 * (5.0 + 9.0 * 2.0)])
     np.testing.assert_allclose(dynamics.inertia(q), [[0.1 + 9.0 * (0.1 + 0.5)]])
     assert rpctl.verify(robot, samples=1, engines=()).passed
-
-
-@pytest.mark.parametrize("kind", ["casters", "car-like"])
-def test_the_linear_model_has_them(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
-    robot = lossy(tmp_path, vehicle(kind))
-    dynamics = ReducedDynamics(robot)
-    q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
-    tau = rng.normal(size=len(robot.actuators))
-    A = linear_model(dynamics, q, nu, tau).A[robot.nv :, robot.nv :]
-    step = 1e-5
-    for column in range(robot.dof):
-        ahead = step * np.eye(robot.dof)[column]
-        up, down = (dynamics.forward(q, nu + s * ahead, tau) for s in (1.0, -1.0))
-        np.testing.assert_allclose(
-            A[:, column], (up - down) / (2.0 * step), atol=1e-6 * np.abs(A).max()
-        )
 
 
 def followed(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, steps: int) -> Step:

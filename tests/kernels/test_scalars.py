@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rpctl.kernels.scalars import (
-    any_nonzero,
+    any_true,
     cleaned,
     clipped,
     column,
@@ -75,5 +75,5 @@ def test_infinite_bounds_are_left_out() -> None:
 
 
 def test_any_entry_that_is_not_zero_counts() -> None:
-    function = casadi.Function("f", [X, Y], [any_nonzero(casadi.vertcat(X, Y))])
+    function = casadi.Function("f", [X, Y], [any_true(casadi.vertcat(X, Y))])
     assert [float(function(*at)) for at in ((0.0, 0.0), (0.0, -1.0), (2.0, 0.0))] == [0.0, 1.0, 1.0]

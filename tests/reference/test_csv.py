@@ -8,6 +8,7 @@ import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -266,7 +267,8 @@ def test_dry_friction_takes_of_a_limit_and_not_of_a_motion(tmp_path: Path) -> No
     shares = []
     for each in (bare, dry):
         dynamics = ReducedDynamics(each)
-        samples = sample(each, load_reference(each, "circle"), np.linspace(1.0, 5.0, 9))
+        reference: Any = load_reference(each, "circle")
+        samples = sample(each, reference(np.linspace(1.0, 5.0, 9)))
         usages = effort_usage(dynamics, samples, np.zeros(len(each.actuators)))
         shares.append(next(u.ratio for u in usages if u.joint == "wheel_left_joint"))
     assert shares[0] == pytest.approx(shares[1], rel=1e-6)

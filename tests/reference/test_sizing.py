@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Robot
+from rpctl import ReducedDynamics, ReferenceState, Robot
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
+from rpctl.reference.fitting import too_weak
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, steering
 from rpctl.reference.named import (
@@ -180,6 +181,20 @@ def test_what_is_too_weak_to_hold_still_is_told_and_stops_nothing(tmp_path: Path
     assert told in sizing(reference).sentence
     assert reference.arm.amplitude[0] > 0.3
     assert sizing(reference).speed == pytest.approx(LAP_RATE)
+
+
+def test_what_is_too_weak_where_a_function_starts_is_told(tmp_path: Path) -> None:
+    """Of a function of the user's, which takes one time and no array of them."""
+    robot = arm_on_wheels(tmp_path, 1.0, effort=5.0)
+
+    def start(t: float) -> ReferenceState:
+        assert isinstance(t, float)
+        return ReferenceState(*[*np.zeros((3, 3)), np.array([math.pi / 3.0]), *np.zeros((2, 1))])
+
+    assert too_weak(ReducedDynamics(robot), start) == ""  # half of what it takes held out level
+    told = too_weak(ReducedDynamics(set_limits(robot, {"arm_joint": 4.0})), start)
+    assert told.startswith("gravity where the reference starts exceeds the effort limit of arm_")
+    assert "arm_joint: 4.91 of 4 N m" in told
 
 
 @pytest.mark.parametrize(("name", "kind"), cells(DRIVEN, DRIVEN[::5]))

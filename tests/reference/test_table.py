@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from rpctl.reference.motion import NotFiniteError, Reference, WrongAnswerError
 from rpctl.reference.named import reference_by_name
 from rpctl.reference.path_reference import PathReference
 from rpctl.reference.pose_goal import PoseGoal, to_goal
-from rpctl.reference.table import ReferenceTable, tabulate
+from rpctl.reference.table import ReferenceTable, row_reader, tabulate
 from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle
 
@@ -49,13 +50,15 @@ def check(robot: Robot, reference: Reference, monkeypatch: pytest.MonkeyPatch) -
         found = tabulate(robot, reference, TIMES)
     for k, state in enumerate(one_by_one):
         for name, value in state._asdict().items():
-            row = getattr(found, name)[k]
-            if value is None:
-                assert np.isnan(row).all()
-                continue
+            row = getattr(found.state, name)[k]
             scale = max(1.0, float(np.abs(value).max(initial=0.0)))
             np.testing.assert_allclose(row, value, rtol=0.0, atol=ROUNDING * scale, err_msg=name)
-    assert np.ptp(found.pose, axis=0).max() + np.ptp(found.joints, axis=0).max(initial=0.0) > 0.05
+    read, rows = row_reader(robot, reference), found.rows()
+    assert np.array_equal([read(t).copy() for t in TIMES.tolist()], rows)
+    assert (
+        np.ptp(found.state.pose, axis=0).max() + np.ptp(found.state.joints, axis=0).max(initial=0.0)
+        > 0.05
+    )
     return found
 
 
@@ -143,16 +146,15 @@ def test_a_plain_function_is_called_at_each_time(paper: Robot) -> None:
     times = list[float]()
     found = tabulate(paper, plain(paper, times), np.array([0.5, 2.0]))
     assert times == [0.5, 2.0]
-    np.testing.assert_array_equal(found.pose[:, 0], times)
-    assert np.isnan(found.direction[0]).all()
-    np.testing.assert_array_equal(found.direction[1], np.eye(3))
+    np.testing.assert_array_equal(found.state.pose[:, 0], times)
     rows = found.rows()
     assert rows.shape == (2, 9 + 3 * 2 + 9)
     # Without a direction, the twist stands for it.
     np.testing.assert_array_equal(rows[0], [0.5, 0, 0, 1, 0, 0, 0, 0, 0, 0.5, 0.5, 1, 1, 0, 0,
                                             1, 0, 0, 0, 0, 0, 0, 0, 0])  # fmt: skip
     np.testing.assert_array_equal(rows[1, -9:], np.eye(3).ravel())
-    assert len(tabulate(paper, plain(paper, times), np.empty(0))) == 0
+    for each in (plain(paper, times), rpctl.as_reference(turning_with_two_joints)):
+        assert len(tabulate(paper, each, np.empty(0))) == 0
 
 
 def faults(robot: Robot) -> Iterator[tuple[Reference, type[RpctlError], str]]:
@@ -171,6 +173,10 @@ def test_faults_are_told_as_of_one_time(paper: Robot) -> None:
     for reference, kind, told in faults(paper):
         with pytest.raises(kind, match=told):
             tabulate(paper, reference, np.array([0.0, 1.0, 2.0, 3.0]))
+        read = row_reader(paper, reference)
+        assert read(1.0)[0] == 1.0
+        with pytest.raises(kind, match=told):
+            read(2.0)
 
 
 def test_a_function_that_fails_is_told_with_its_time(paper: Robot) -> None:
@@ -194,8 +200,23 @@ def test_a_function_that_fails_is_told_with_its_time(paper: Robot) -> None:
 def test_the_end_effector(tiago: Robot, tmp_path: Path) -> None:
     found = tabulate(tiago, reference_by_name(tiago, "eight", collisions=False), TIMES[:20])
     data = tiago.model.createData()
-    for pose, joints, place in zip(found.pose, found.joints, found.end_effector, strict=True):
+    for pose, joints, place in zip(*found.state[:4:3], found.end_effector, strict=True):
         wanted = tiago.end_effector_pose(data, tiago.configuration_at(pose, joints)).translation
         np.testing.assert_allclose(place, wanted, rtol=0.0, atol=1e-14)
     bare = rpctl.load(write(tmp_path, platform(SET_A)))
     assert tabulate(bare, reference_by_name(bare, "circle"), TIMES[:2]).end_effector.shape == (2, 0)
+
+
+def test_references_of_a_function_and_of_a_fixed_base_go_to_other_processes() -> None:
+    panda = rpctl.load("panda")
+    for robot, reference in (
+        (panda, reference_by_name(panda, "eight", collisions=False)),
+        (rpctl.load("paper"), rpctl.as_reference(turning_with_two_joints)),
+    ):
+        before = row_reader(robot, reference)(1.0)
+        there = pickle.loads(pickle.dumps(reference))
+        np.testing.assert_array_equal(row_reader(robot, there)(1.0), before)
+
+
+def turning_with_two_joints(t: float) -> Array:
+    return turning(t)[[0, 1, 2, 3, 3]]

@@ -73,7 +73,8 @@ def test_a_clock_is_slowed_by_the_root_of_its_acceleration() -> None:
     speeds are 2 and accelerations 12."""
     duration = S[-1] / 2.0
     straight = BSpline(np.repeat([0.0, duration], 3), np.array([0.0, 0.5, 1.0]) * S[-1], 2)
-    timing, bend = TimeLaw(straight, duration), FLAT - 3.0
+    timing = TimeLaw(lambda at, t: at.spline(straight, t)[0], duration)
+    bend = FLAT - 3.0
     for speed, acceleration, expected in ((0.5, math.inf, 4.0), (math.inf, 0.75, 4.0),
                                           (4.0, 48.0, 0.5), (1.0, 3.0, 2.0)):  # fmt: skip
         bounds = [Bound(FLAT + 1.0, bend, speed, acceleration), Bound(FLAT + 1.0, FLAT, 1e3)]

@@ -12,7 +12,7 @@ import rpctl
 from rpctl import Robot, summarize
 from rpctl.errors import DescriptionError, RpctlError
 from rpctl.reference.load import load_reference
-from rpctl.reference.path_reference import TimedPath, along
+from rpctl.reference.path_reference import TimedPath
 from rpctl.reference.paths import basis, basis_at, clamped_knots
 from rpctl.reference.planned.arm import Arm
 from rpctl.reference.planned.curve import Goal, Waypoint, curve_through, polyline
@@ -39,7 +39,7 @@ def test_the_curve_meets_waypoints_and_headings() -> None:
 @pytest.mark.parametrize("radius", [0.3, 0.45])
 def test_the_curve_is_no_sharper_than_allowed(radius: float) -> None:
     path, end = curve_through(POINTS, radius)
-    twist = along(path, np.linspace(0.0, end, 3000))[:, 0]
+    twist = path(np.linspace(0.0, end, 3000)).twist[:, 0]
     assert twist[:, 0].min() > 0.1
     assert not twist[:, 1].any()
     assert np.abs(twist[:, 2] / twist[:, 0]).max() < 1.01 / radius
@@ -207,7 +207,7 @@ def test_a_turning_radius_is_kept(tiago: Robot, side: float) -> None:
     goal = polyline([[0.8, 0, 0.8], [3, 0, 0.8], [3, side, 0.8]], 0.15)
     radius = 0.9
     path, _ = plan_reach(tiago, goal, Limits(turning_radius=radius))
-    twist = along(path, np.linspace(goal.start, goal.end, 500))[:, 0]
+    twist = path(np.linspace(goal.start, goal.end, 500)).twist[:, 0]
     assert twist[:, 0].min() > 0.0
     assert np.abs(twist[:, 2] / twist[:, 0]).max() <= 1.0 / radius
     assert np.abs(twist[:, 2] / twist[:, 0]).max() > 0.5 / radius
@@ -217,7 +217,7 @@ def test_a_turning_radius_is_kept(tiago: Robot, side: float) -> None:
 def test_the_base_stays_where_the_arm_alone_reaches(tiago: Robot) -> None:
     reference = along_goal(tiago, polyline([[5, 5, 0.8], [5, 5.3, 0.9]], 0.1), Limits())
     poses = np.array([reference(t).pose for t in np.linspace(0, reference.duration, 20)])
-    assert not np.ptp(poses, axis=0).any()
+    assert np.ptp(poses, axis=0).max() < 1e-14  # a polynomial of one value rounds
     assert 0.2 < math.hypot(5 - poses[0, 0], 5 - poses[0, 1]) < 1.2
 
 

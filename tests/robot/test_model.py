@@ -33,6 +33,21 @@ def test_configurations_hold_the_root_and_the_pose_is_of_p(
     np.testing.assert_allclose(middle[:2], pose[:2], atol=1e-12)
 
 
+def test_poses_at_once_are_those_of_pinocchio(robot: Robot, rng: np.random.Generator) -> None:
+    q = np.array([robot.random_configuration(rng) for _ in range(9)])
+    data, tip = robot.model.createData(), robot.model.njoints - 1
+    found = robot.joint_poses(q, [tip])
+    assert set(found) == set(robot.model.supports[tip])
+    for k, each in enumerate(q):
+        pin.forwardKinematics(robot.model, data, each)
+        for joint, poses in found.items():
+            expected = data.oMi[joint].homogeneous[:3]
+            np.testing.assert_allclose(poses[:, :, k], expected, atol=1e-13)
+    if robot.end_effector is not None:
+        expected = [robot.end_effector_pose(data, each).homogeneous for each in q]
+        np.testing.assert_allclose(robot.end_effector_poses(q), expected, atol=1e-13)
+
+
 def test_random_configurations_respect_limits(robot: Robot, rng: np.random.Generator) -> None:
     for _ in range(20):
         q = robot.random_configuration(rng)

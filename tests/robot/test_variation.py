@@ -14,7 +14,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.robot.build import build
 from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.variation import LinkInertias, Variation, pseudo_inertia, vary
+from rpctl.robot.variation import LINK, BuiltNumbers, Variation, pseudo_inertia, vary
 from tests import closed_form, urdf
 from tests.robots import SET_A, cargo, platform, write
 
@@ -90,25 +90,24 @@ def test_masses_radii_and_track_are_those_on_paper(
 
 
 def test_many_robots_at_once_are_each_alone(mixed_chain: Robot, rng: np.random.Generator) -> None:
-    found = LinkInertias(mixed_chain)
-    shape = (3, len(found.names))
-    masses, inertias = rng.uniform(0.5, 2.0, shape), rng.uniform(0.5, 2.0, shape)
-    centres = rng.normal(size=(*shape, 3))
-    pseudo = found.bodies(masses, centres, inertias)
-    for k in range(3):
-        alone = vary(
-            mixed_chain,
-            Variation(
-                dict(zip(found.names, masses[k].tolist(), strict=True)),
-                dict(zip(found.names, map(tuple, centres[k].tolist()), strict=True)),
-                dict(zip(found.names, inertias[k].tolist(), strict=True)),
-            ),
+    names = BuiltNumbers(mixed_chain, [Variation()]).names[LINK]
+    others = [
+        Variation(
+            dict(zip(names, rng.uniform(0.5, 2.0, len(names)).tolist(), strict=True)),
+            {name: tuple(rng.normal(size=3).tolist()) for name in names},
+            dict(zip(names, rng.uniform(0.5, 2.0, len(names)).tolist(), strict=True)),
         )
+        for _ in range(3)
+    ]
+    built = BuiltNumbers(mixed_chain, others)
+    for k, other in enumerate(others):
+        np.testing.assert_array_equal(BuiltNumbers(mixed_chain, [other]).bodies[0], built.bodies[k])
+        alone = vary(mixed_chain, other)
         bodies = [pseudo_inertia(each) for each in list(alone.model.inertias)[ROOT_JOINT:]]
-        np.testing.assert_allclose(pseudo[k], bodies, rtol=1e-12, atol=1e-12)
-        built = build(alone.tree)
+        np.testing.assert_allclose(built.bodies[k], bodies, rtol=1e-12, atol=1e-12)
+        of_file = build(alone.tree)
         q = alone.random_configuration(rng)
-        M, files = (pin.crba(each, each.createData(), q) for each in (alone.model, built))
+        M, files = (pin.crba(each, each.createData(), q) for each in (alone.model, of_file))
         np.testing.assert_allclose(M, files, rtol=1e-12, atol=1e-10)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -55,8 +56,7 @@ def test_what_is_written_comes_back(config: Config, tmp_path: Path) -> None:
 
 
 def test_every_law_comes_back(tmp_path: Path) -> None:
-    pairs = zip(KINEMATIC_LAWS, [*DYNAMIC_LAWS] * 2, strict=True)
-    for kinematic, dynamic in pairs:
+    for kinematic, dynamic in zip(KINEMATIC_LAWS, cycle(DYNAMIC_LAWS), strict=False):
         config = Config().with_laws(kinematic, dynamic)
         path = write_config(config, tmp_path / "config.toml")
         assert f'law = "{kinematic}"' in path.read_text()

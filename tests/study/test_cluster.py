@@ -17,7 +17,7 @@ import pytest
 from rpctl import load
 from rpctl.errors import RpctlError
 from rpctl.study import cluster
-from rpctl.study.cluster import DaskExecutor, FailedChunk, check_workers, run_asked
+from rpctl.study.cluster import DaskExecutor, check_workers, run_asked
 from rpctl.study.executor import LostChunksError
 from rpctl.study.provenance import CODE, installed
 from rpctl.study.study import run_study
@@ -47,9 +47,8 @@ def test_a_worker_of_other_versions_unpickles_nothing(monkeypatch: pytest.Monkey
     dask = SimpleNamespace(get_worker=lambda: SimpleNamespace(address="tcp://c:3"))
     monkeypatch.setattr(cluster, "library", lambda name: dask)
     refused = run_asked(b"no pickle", installed() | {"numpy": "9"}, b"no pickle")
-    assert refused == ("tcp://c:3", [f"numpy {np.__version__}, here 9"])
+    assert refused == (None, None, [f"numpy {np.__version__}, here 9"], "tcp://c:3")
     answer = run_asked(b"no pickle", installed(), b"no pickle")
-    assert isinstance(answer, FailedChunk)
     assert isinstance(answer.error, pickle.UnpicklingError)
 
 

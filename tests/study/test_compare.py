@@ -25,7 +25,7 @@ from rpctl.errors import UnknownNameError
 from rpctl.reference.load import load_reference
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.study.cells import CellRunner, Figures, References, Row, Stopwatch, run_cells
+from rpctl.study.cells import CellRunner, Figures, References, Row, TimedLaw, run_cells
 from rpctl.study.compare import (
     INITIAL_ERROR,
     LAW_PAIRS,
@@ -129,7 +129,7 @@ def test_controllers_by_name() -> None:
 
 
 def test_a_timed_law_does_as_the_law_does(paper: Robot) -> None:
-    watch = Stopwatch()
+    seconds: list[float] = []
     laws = (UnifiedKinematic(), rpctl.IntegralDynamic())
     config = rpctl.Config(*laws)
     plain = rpctl.track(paper, "eight", config, duration=0.1, initial_error=(0.1, 0.1, 0.1))
@@ -138,12 +138,12 @@ def test_a_timed_law_does_as_the_law_does(paper: Robot) -> None:
         "eight",
         duration=0.1,
         initial_error=(0.1, 0.1, 0.1),
-        kinematic=watch.time_law(laws[0]),
-        dynamic=watch.time_law(laws[1]),
+        kinematic=TimedLaw(laws[0], seconds),
+        dynamic=TimedLaw(laws[1], seconds),
     )
     np.testing.assert_array_equal(plain.tau, timed.tau)
-    assert len(watch.seconds) == 2 * len(timed.t)
-    assert min(watch.seconds) >= 0.0 < sum(watch.seconds)
+    assert len(seconds) == 2 * len(timed.t)
+    assert min(seconds) >= 0.0 < sum(seconds)
 
 
 def row(

@@ -169,8 +169,8 @@ def test_the_command_line_prints_what_to_set(tmp_path: Path) -> None:
         ("a,commanded,measured\n", ":1: error: no column t"),
         ("t,commanded,v\n", ":1: error: no commanded speed has a measured one beside it"),
         ("t,commanded,measured\n0,1\n", ":2: error: 2 entries where the header names 3"),
-        ("t,commanded,measured\n0,x,1\n", ':2: error: commanded "x" is no number'),
-        ("t,commanded,measured\n0,1,nan\n", ':2: error: measured "nan" is no number'),
+        ("t,commanded,measured\n0,x,1\n", ':2: error: commanded "x" is not a number'),
+        ("t,commanded,measured\n0,1,nan\n", ':2: error: measured "nan" is not finite'),
         ("t;commanded;measured\n", "separated by semicolons"),
     ],
 )

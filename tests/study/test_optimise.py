@@ -163,10 +163,10 @@ def test_a_search_without_any_end_is_told(
 
 def test_the_start_is_what_the_configuration_has() -> None:
     config = Config()
-    ranges = Scatter((KNOWN, "kinematic.horizon"), (LogUniform(1.5, 150.0), Uniform(0.0, 1.3)))
+    ranges = Scatter({KNOWN: LogUniform(1.5, 150.0), "kinematic.horizon": Uniform(0.0, 1.3)})
     assert start_point(config, ranges) == pytest.approx([0.5, 0.5])
-    assert start_point(config, Scatter((KNOWN,), (Uniform(16.0, 17.0),))) is None
-    assert start_point(config, Scatter(("dynamic.joint_gain",), (Uniform(1.0, 12.0),))) is None
+    assert start_point(config, Scatter({KNOWN: Uniform(16.0, 17.0)})) is None
+    assert start_point(config, Scatter({"dynamic.joint_gain": Uniform(1.0, 12.0)})) is None
 
 
 def test_the_statistics_are_those_of_their_names() -> None:

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from rpctl import PaperDynamic, Robot, RpctlError
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.simulation.compiled import rollouts as compiled_rollouts
 from rpctl.simulation.config import Config, RunSettings, read_config, write_config
 from rpctl.simulation.loop.track import simulate
-from rpctl.study.distributions import Normal, Uniform
+from rpctl.study.distributions import AnyOf, Normal, Uniform
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import run_merits
 from rpctl.study.rollout import Rollouts, draw, rollout
@@ -57,7 +59,7 @@ def test_a_row_is_replayed_by_its_configuration_file(
     assert verdict == (runs.outcomes[2], runs.results.reasons[2])
     away = np.hypot(run.log.e[:, 0], run.log.e[:, 1])
     assert runs.t.tolist() == run.t[::3].tolist()
-    assert runs.base_error[2].tolist() == away[::3].tolist()
+    np.testing.assert_allclose(runs.base_error[2], away[::3], rtol=1e-14)
     assert runs.lateral_error[2].tolist() == np.abs(run.log.e[::3, 1]).tolist()
     reach = np.linalg.norm(run.log.ee - run.log.ee_ref, axis=1)
     assert runs.end_effector_error[2].tolist() == reach[::3].tolist()
@@ -188,3 +190,32 @@ def test_the_table_has_a_column_of_each(runs: Rollouts) -> None:
     assert table["kinematic.horizon"].tolist() == runs.parameters[:, 1].tolist()
     assert table["work"].tolist() == runs.merits["work"].tolist()
     assert table["outcome"].tolist() == list(runs.outcomes)
+
+
+def test_runs_without_losses_among_those_with_some_are_python_s(paper: Robot) -> None:
+    """They step otherwise; here all are such runs."""
+    scatter = {"plant.joint_friction.*": AnyOf(0.0), "run.initial_error.y": Uniform(0.0, 0.1)}
+    found = rollout(paper, "eight", scatter, 2, backend="compiled", **SHORT)
+    plain = rollout(paper, "eight", scatter, 2, backend="pinocchio", **SHORT)
+    np.testing.assert_array_equal(found.base_error, plain.base_error)
+
+
+def test_a_rollout_whose_loop_is_kept_builds_no_graph(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In this process, and in another one, which has what is on disk only."""
+    scatter = {"plant.masses.*": Uniform(0.9, 1.1), "run.initial_error.y": Normal(0.0, 0.05)}
+    settings: dict[str, Any] = {**SHORT, "backend": "compiled"}
+    first = rollout(paper, "eight", scatter, 8, **settings)
+
+    def refused(*_: object) -> None:
+        raise AssertionError("a graph is built")
+
+    monkeypatch.setattr(SymbolicDynamics, "p", property(refused))
+    monkeypatch.setattr(SymbolicDynamics, "_known", property(refused))
+    for kept in (compiled_rollouts._kept, {}):
+        monkeypatch.setattr(compiled_rollouts, "_kept", kept)
+        again = rollout(paper, "eight", scatter, 8, **settings)
+        np.testing.assert_array_equal(again.base_error, first.base_error)
+    with pytest.raises(AssertionError, match="a graph is built"):
+        rollout(paper, "eight", {"plant.inertias.*": Uniform(0.9, 1.1)}, 8, **settings)

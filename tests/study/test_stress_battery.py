@@ -12,20 +12,21 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl.robot.vary import add_losses
-from rpctl.simulation.config import Config, read_config, write_config
+from rpctl.simulation.config import Config, RunSettings, read_config, write_config
 from rpctl.study.cells import CellRunner, References
 from rpctl.study.compare import PAPER, LawPair
 from rpctl.study.stress_battery import (
     LOCALISATION,
     STRESSES,
     Battery,
+    StressCell,
     default_pairs,
     laws_of,
 )
+from tests.robots import add_losses
 from tests.study.stress_samples import battery
 
-PAYLOAD, DELAY = STRESSES["payload"], STRESSES["delay"]
+DELAY = STRESSES["delay"]
 
 
 def test_the_cells_are_each_level_once_and_pairs() -> None:
@@ -75,7 +76,7 @@ def test_a_level_changes_what_it_says_alone() -> None:
     robot, plant = found.robot, nominal.plant
 
     def changed(name: str, level: float) -> Config:
-        return STRESSES[name].apply(nominal, robot, level)
+        return STRESSES[name].apply(nominal, level)
 
     for name, level, expected in (
         ("delay", 20.0, {"delay": 0.02}),
@@ -94,13 +95,16 @@ def test_a_level_changes_what_it_says_alone() -> None:
     assert (load.mass, load.link_of(robot)) == (2.0, robot.end_effector)
     for stress in STRESSES.values():
         assert stress.nominal in stress.levels
-        assert stress.apply(nominal, robot, stress.nominal) == nominal, stress.name
+        same = stress.apply(nominal, stress.nominal)
+        assert replace(same, plant=replace(same.plant, radii={})) == nominal, stress.name
+    assert changed("radius", 0.0).plant.simulated_robot(robot) is robot
 
 
 def test_a_robot_without_an_arm_carries_its_payload_itself() -> None:
     robot = rpctl.load("bicycle")
-    load = PAYLOAD.apply(Config(), robot, 2.0).plant.payload
-    assert load.link_of(robot) == robot.description.root
+    cell = StressCell("rolling", PAPER, (("payload", 2.0),), 0, RunSettings())
+    load = cell.config(References(robot)).plant.payload
+    assert (load.mass, load.link_of(robot)) == (2.0, robot.description.root)
 
 
 @pytest.mark.slow

@@ -76,7 +76,7 @@ def test_a_file_says_it_all(paper: Robot, tmp_path: Path) -> None:
     assert (config.plant.delay, config.plant.dropped) == (0.02, 0.25)  # what differs in no run
     assert study.scatter.names == study.experiment.names == (
         "run.initial_error.y", "kinematic.horizon")  # fmt: skip
-    assert study.scatter.distributions == (Normal(0.0, 0.1), Uniform(0.2, 0.4))
+    assert [*study.scatter.distributions.values()] == [Normal(0.0, 0.1), Uniform(0.2, 0.4)]
     assert (study.design.kind, study.design.count, study.design.seed) == ("latin-hypercube", 20, 5)
     assert (study.experiment.seed, study.experiment.samples) == (5, 11)
     assert (study.experiment.tolerance, study.settings.chunk, study.settings.worst) == (0.02, 4, 2)

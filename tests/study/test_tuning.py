@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.cli.app import app
-from rpctl.control.dynamic import gains_of, joint_gains
+from rpctl.control.bandwidth import gains_of, joint_gains
 from rpctl.simulation.config import RunSettings
 from rpctl.study.cells import CellRunner, References, Row
 from rpctl.study.tuning import RATIOS, row_dict, tune_cells, tuning_bandwidths

@@ -16,7 +16,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.control.horizon.constraints import SoftBound, every_nth_stage
 from rpctl.control.horizon.prediction import Model
-from rpctl.control.horizon.qp import LinearisedConstraint, RowBlock, StageValues
+from rpctl.control.horizon.qp import LinearRows
 from rpctl.control.horizon.target import Sample
 from rpctl.control.obstacles import Disc, HalfPlane, Obstacle, links_among
 from rpctl.robot.collision import WORLD, CollisionModel, Nearest
@@ -33,7 +33,7 @@ TIE_M = 0.003  # m: of two pairs whose distances differ by no more either may ha
 FAR = -1.0  # m: value of a row that asks nothing
 
 
-class BodyClearance(SoftBound):
+class BodyClearance:
     """Distances of the links at some stages; slack in m.
 
     A pair's distance is computed only where it may be within reach: since it was computed last,
@@ -61,6 +61,8 @@ class BodyClearance(SoftBound):
         keys = np.column_stack([self._joints, obstacles])
         self._group = np.unique(keys, axis=0, return_inverse=True)[1].ravel().tolist()
         home = robot.configuration_at(np.zeros(BASE_NV), robot.home)
+        self._by_joints = model.dynamics.basis(home)[:, model.base :].copy()  # v by their rates
+        self._by_joints[:BASE_NV] = 0.0
         self._distances.place(home)
         known = np.array([self._distances.distance(pair) for pair in range(len(own))])
         self._margin = np.where(own, np.minimum(margin, HOME_SHARE * known), margin)
@@ -69,15 +71,10 @@ class BodyClearance(SoftBound):
         self._known = np.tile(known, (len(self.stages), 1))
         self._where = np.tile(self._state(home), (len(self.stages), len(own), 1))
 
-    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
-        """Return one block, on pose and joints."""
-        unknowns = np.hstack([indices.pose[self.stages], indices.joints[self.stages]])
-        return [RowBlock(unknowns, ROWS)]
-
-    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
-        """Return the values of the block."""
+    def __call__(self, sample: Sample) -> list[LinearRows]:
+        """Return the rows, on pose and joints."""
         motion, model = sample.motion, self._model
-        columns = (BASE_NV if model.base else 0) + len(model.joints)
+        columns = BASE_NV + len(model.joints)
         value = np.full((len(self.stages), ROWS), FAR)
         jacobian = np.zeros((len(self.stages), ROWS, columns))
         for stage, k in enumerate(self.stages):
@@ -90,7 +87,7 @@ class BodyClearance(SoftBound):
             for row, (pair, nearest) in enumerate(found):
                 value[stage, row] = self._margin[pair] - nearest.distance
                 jacobian[stage, row] = -self._gradient(pair, nearest, pose)
-        return [LinearisedConstraint(value, jacobian)]
+        return [LinearRows(model.pose_and_joints(self.stages), value, jacobian)]
 
     def _state(self, q: Array) -> Array:
         """Return x, y, heading and the joints' positions: what distances change with."""
@@ -131,8 +128,7 @@ class BodyClearance(SoftBound):
             by_v += sign * (normal @ J[:3] + pin.skew(arm) @ normal @ J[3:])
             x, y = point[:2] - pose[:2]
             by_pose += sign * np.array([normal[0], normal[1], x * normal[1] - y * normal[0]])
-        by_joints = by_v @ self._model.joint_columns
-        return np.concatenate([by_pose, by_joints]) if self._model.base else by_joints
+        return np.concatenate([by_pose, by_v @ self._by_joints])
 
 
 def body_clearance(

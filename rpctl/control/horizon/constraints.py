@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Protocol
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.forces import ForceModel, stack
-from rpctl.control.horizon.prediction import Model
-from rpctl.control.horizon.qp import (
-    LinearisedConstraint,
-    RowBlock,
-    StageValues,
-)
+from rpctl.control.horizon.forces import KEPT_LOAD_SPLITS, ForceModel
+from rpctl.control.horizon.prediction import Model, StageValues
+from rpctl.control.horizon.qp import LinearRows
 from rpctl.control.horizon.settings import Bounds, is_turning
 from rpctl.control.horizon.target import Sample
 from rpctl.control.obstacles import Obstacle
 from rpctl.dynamics.ground_reaction import Contacts
-from rpctl.robot.model import Robot
+from rpctl.robot.model import BASE_NV, Robot
 
 GROUND_STRIDE = 3  # steps between the stages with constraints on the ground's reactions
-KEPT_LOAD_SPLITS = 3  # last load splits that bound the first step
 BRAKING_ROOM = 1e-9  # rad or m: room left to a joint that can only just brake
 
 
@@ -65,21 +61,14 @@ class HardBounds:
             np.linalg.norm(reference_nu, axis=1, keepdims=True) + self._catch_up
         )
         fastest = np.maximum(fastest, np.abs(braked_nu) + BRAKING_ROOM)
-        nu, free = motion.nu[1:], np.full((len(braked_nu), 3 if base else 0), np.inf)
+        nu, free = motion.nu[1:], np.full((len(braked_nu), BASE_NV), np.inf)
         return (
             StageValues(-self._max_acceleration - motion.nu_dot, -free, lower, -fastest - nu),
             StageValues(self._max_acceleration - motion.nu_dot, free, upper, fastest - nu),
         )
 
 
-class SoftBound(Protocol):
-    """Soft constraints of one kind."""
-
-    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
-        """Return the structure of the rows, in the order of :meth:`linearise`."""
-
-    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
-        """Return the values of the rows about a motion."""
+SoftBound = Callable[[Sample], list[LinearRows]]
 
 
 class WheelSpeeds:
@@ -95,7 +84,7 @@ class WheelSpeeds:
         wheels = [i for i, k in enumerate(limited) if model.robot.actuators[k] not in joints]
         self._limited, self._limits = limited[wheels], limits[wheels]
         self._model, self._constant_rates = model, None
-        if not model.steered and not len(model.casters):  # other casters have no actuators
+        if not model.steered and not model.casters:  # other casters have no actuators
             self._constant_rates = self._rates(np.zeros(len(model.joints)), np.empty(0))
 
     def _rates(self, joints: Array, casters: Array) -> Array:
@@ -104,31 +93,19 @@ class WheelSpeeds:
         B = self._model.dynamics.actuation(q)
         return B.T[self._limited] / self._limits[:, None]
 
-    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
-        """Return one block, on ν after each step."""
+    def __call__(self, sample: Sample) -> list[LinearRows]:
+        """Return the rows, on ν after each step; none of wheels without limits."""
         if not len(self._limited):
             return []
-        return [RowBlock(indices.nu[:, : self._model.base_columns], 2 * len(self._limited))]
-
-    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
-        """Return the values of the block."""
-        if not len(self._limited):
-            return []
-        motion = sample.motion
+        motion, moving = sample.motion, self._model.base_columns
         if self._constant_rates is not None:
-            rates = np.broadcast_to(
-                self._constant_rates, (len(motion.nu_dot), *self._constant_rates.shape)
-            )
+            rates = np.tile(self._constant_rates, (len(motion.nu_dot), 1, 1))
         else:
             postures = zip(motion.joints[1:], motion.casters[:-1], strict=True)
             rates = np.array([self._rates(*posture) for posture in postures])
-        value = np.einsum("kij,kj->ki", rates, motion.nu[1:])
-        jacobian = rates[:, :, : self._model.base_columns]
-        return [
-            LinearisedConstraint(
-                np.hstack([value, -value]) - 1.0, np.concatenate([jacobian, -jacobian], axis=1)
-            )
-        ]
+        both = np.concatenate([rates, -rates], axis=1)
+        value = np.einsum("kij,kj->ki", both, motion.nu[1:]) - 1.0
+        return [LinearRows(self._model.indices.nu[:, :moving], value, both[:, :, :moving])]
 
 
 class ForceBounds:
@@ -143,112 +120,67 @@ class ForceBounds:
     bounded by the last three load splits met.
     """
 
-    def __init__(self, model: Model, bounds: Bounds, forces: ForceModel) -> None:
-        self._limited, self._limits = bounds.efforts(model.robot)
-        self._model, self._forces, self._ground = model, forces, forces.ground
+    def __init__(self, model: Model, forces: ForceModel) -> None:
+        self._model, self._forces = model, forces
         self._load_splits: deque[Array] = deque(maxlen=KEPT_LOAD_SPLITS)
-        self._ground_stages = every_nth_stage(model.steps, GROUND_STRIDE)
+        self._stages = every_nth_stage(model.steps, GROUND_STRIDE) if forces.ground else []
 
-    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
-        """Return the blocks of the efforts, of the ground at once, and of the ground later."""
-        efforts = RowBlock(indices.nu_dot[:1], 2 * len(self._limited))
-        if self._ground is None:
-            return [efforts]
-        base, now = self._model.base_columns, KEPT_LOAD_SPLITS * self._ground.grip_rows
-        before = [k - 1 for k in self._ground_stages]
-        later = np.hstack([indices.nu_dot[self._ground_stages, :base], indices.nu[before, :base]])
-        at_once = RowBlock(indices.nu_dot[:1], self._ground.edges + now)
-        return [efforts, at_once, RowBlock(later, self._ground.rows)]
-
-    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
-        """Return the values of the blocks."""
-        motion, model = sample.motion, self._model
-        base, dof = model.base_columns, model.robot.dof
-        now = self._forces.at(motion.start, motion.nu[0], motion.nu_dot[0], dof, 0, model.dynamics)
-        tau = self._forces.efforts(now)[self._limited] / self._limits[:, None]
-        both = np.concatenate([tau, -tau])[None]
-        efforts = LinearisedConstraint(both[:, :, 0] - 1.0, both[:, :, 1:])
-        if self._ground is None:
-            return [efforts]
-        self._remember(self._ground.load_split(now))
-        grips = self._ground.grip(now, np.array(self._load_splits))
-        forces = []
-        for k in self._ground_stages:
-            q = model.configuration(motion.joints[k], casters=motion.casters[k])
-            forces.append(self._forces.at(q, motion.nu[k], motion.nu_dot[k], base, base))
-        margins = np.vstack([self._ground.tip(now), *grips])[None], self._ground(stack(forces))
-        rows = [LinearisedConstraint(-each[:, :, 0], -each[:, :, 1:]) for each in margins]
-        return [efforts, *rows]
-
-    def _remember(self, load_split: Array) -> None:
-        """Remember a load split; the first stands for the others as well."""
-        if not self._load_splits:
-            self._load_splits.extend([load_split] * KEPT_LOAD_SPLITS)
-        elif not np.array_equal(load_split, self._load_splits[-1]):
-            self._load_splits.append(load_split)
+    def __call__(self, sample: Sample) -> list[LinearRows]:
+        """Return the rows of the efforts, of the ground at once, and of the ground later."""
+        motion, forces, count = sample.motion, self._forces, self._forces.efforts
+        at, moving = self._model.indices, self._model.base_columns
+        now = forces.measured(motion.start, motion.nu[0], motion.nu_dot[0], self._load_splits)[None]
+        found = [(at.nu_dot[:1], now[:, :count])]
+        if forces.ground is not None:
+            later, before = [], [k - 1 for k in self._stages]
+            for k in self._stages:
+                q = self._model.configuration(motion.joints[k], casters=motion.casters[k])
+                later.append(forces.foreseen(q, motion.nu[k], motion.nu_dot[k])[count:])
+            by = np.hstack([at.nu_dot[self._stages, :moving], at.nu[before, :moving]])
+            found += [(at.nu_dot[:1], now[:, count:]), (by, np.array(later))]
+        return [LinearRows(by, rows[:, :, 0], rows[:, :, 1:]) for by, rows in found]
 
 
-class BaseClearance:
-    """Clearance of the base, a disc of ``radius`` (m) about P, after each step; slack in m."""
-
-    def __init__(self, obstacles: tuple[Obstacle, ...], radius: float) -> None:
-        self._obstacles, self._radius = obstacles, radius
-
-    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
-        """Return one block, on the position of P."""
-        return [RowBlock(indices.pose[:, :2], len(self._obstacles))]
-
-    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
-        """Return the values of the block."""
-        points = sample.motion.pose[1:, :2]
-        stride = float(np.linalg.norm(np.diff(sample.motion.pose[:, :2], axis=0), axis=1).max())
-        jacobian = np.broadcast_to(np.eye(2), (len(points), 2, 2))
-        return [_clear(self._obstacles, self._radius, points, jacobian, stride)]
+def base_clearance(
+    model: Model, obstacles: tuple[Obstacle, ...], radius: float, sample: Sample
+) -> list[LinearRows]:
+    """Return the clearance of the base, a disc of ``radius`` (m) about P, after each step."""
+    points = sample.motion.pose[1:, :2]
+    stride = float(np.linalg.norm(np.diff(sample.motion.pose[:, :2], axis=0), axis=1).max())
+    jacobian = np.tile(np.eye(2), (len(points), 1, 1))
+    rows = LinearRows(model.indices.pose[:, :2], points, jacobian)
+    return [_clear(obstacles, radius, rows, stride)]
 
 
-class ArmClearance:
-    """Clearance of the end effector at some stages; slack in m.
-
-    Args:
-        obstacles: Obstacles of the end effector.
-        radius: Radius of the end effector, m.
-        stages: Stages with this constraint; the first two are one step apart.
-    """
-
-    def __init__(self, obstacles: tuple[Obstacle, ...], radius: float, stages: list[int]) -> None:
-        self._obstacles, self._radius, self._stages = obstacles, radius, stages
-
-    def row_blocks(self, indices: StageValues) -> list[RowBlock]:
-        """Return one block, on pose and joints."""
-        unknowns = np.hstack([indices.pose[self._stages], indices.joints[self._stages]])
-        return [RowBlock(unknowns, len(self._obstacles))]
-
-    def linearise(self, sample: Sample) -> list[LinearisedConstraint]:
-        """Return the values of the block."""
-        end_effector = sample.end_effector
-        if end_effector is None:
-            raise ValueError("a robot without an end effector has no clearance of it")
-        points, jacobian = end_effector.positions[:, :2], end_effector.jacobian[:, :2]
-        stride = float(np.linalg.norm(points[1] - points[0]))  # the first stages are one step apart
-        return [_clear(self._obstacles, self._radius, points, jacobian, stride)]
+def arm_clearance(
+    obstacles: tuple[Obstacle, ...], radius: float, sample: Sample
+) -> list[LinearRows]:
+    """Return the clearance of the end effectors, discs of ``radius`` (m), at their stages."""
+    places = [
+        LinearRows(each.unknowns, each.value[:, :2], each.jacobian[:, :2])
+        for each in sample.end_effector
+    ]
+    # The first stages are one step apart.
+    strides = (float(np.linalg.norm(each.value[1] - each.value[0])) for each in places)
+    return list(map(partial(_clear, obstacles, radius), places, strides))
 
 
 def _clear(
-    obstacles: tuple[Obstacle, ...], radius: float, points: Array, jacobian: Array, stride: float
-) -> LinearisedConstraint:
-    """Return level − normal · p ≤ slack, linearised.
+    obstacles: tuple[Obstacle, ...], radius: float, points: LinearRows, stride: float
+) -> LinearRows:
+    """Return level − normal · p, linearised; slack in m.
 
     Args:
         obstacles: Obstacles to keep clear of.
         radius: Radius about each point, m.
         points: Points p (K, 2), m.
-        jacobian: Their derivatives (K, 2, unknowns).
         stride: Distance between successive points, m.
     """
-    lines = [obstacle.linearise(points, radius, stride) for obstacle in obstacles]
-    values = [line.level - (line.normal * points).sum(axis=1) for line in lines]
-    by = [-np.einsum("ki,kij->kj", line.normal, jacobian) for line in lines]
-    return LinearisedConstraint(np.column_stack(values), np.stack(by, axis=1))
+    places = points.value
+    lines = [obstacle.linearise(places, radius, stride) for obstacle in obstacles]
+    values = [line.level - (line.normal * places).sum(axis=1) for line in lines]
+    by = [-np.einsum("ki,kij->kj", line.normal, points.jacobian) for line in lines]
+    return LinearRows(points.unknowns, np.column_stack(values), np.stack(by, axis=1))
 
 
 def contact_radius(robot: Robot, contacts: Contacts | None) -> float:

@@ -1,23 +1,17 @@
-"""The cost of the horizon law, its gradient, and its QP from another initial state.
-
-The difference of the initial states runs on along the linearised prediction. What is left to the
-accelerations are deviations from there: the QP keeps its Hessian and its rows, and gets other
-values ([DBS05], initial value embedding).
-"""
+"""The cost of the horizon law: weights, and the errors that they are of."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.prediction import Model, PoseJacobian
-from rpctl.control.horizon.qp import CondensedStructure, LeastSquares, Linearisation, StageValues
+from rpctl.control.horizon.prediction import Model, StageValues
+from rpctl.control.horizon.qp import LinearRows
 from rpctl.control.horizon.settings import Weights
-from rpctl.control.horizon.target import EndEffectorPoints, Sample
+from rpctl.control.horizon.target import Sample
 from rpctl.errors import SolverError
 
 
@@ -33,10 +27,10 @@ class Cost:
     """
 
     def __init__(self, weights: Weights, model: Model, stage_count: int) -> None:
-        self._model = model
+        self._dt = model.dt
         self._end_effector = weights.end_effector * model.steps / stage_count
         base = model.base
-        position = [weights.position, weights.position, weights.heading][: 3 if base else 0]
+        position = [weights.position, weights.position, weights.heading]
         pose = np.tile(position, (model.steps, 1))
         of_joints = np.full(len(model.joints), weights.joints)
         of_joints[: model.steered] = weights.steering
@@ -52,29 +46,21 @@ class Cost:
         continuous = (i for i, joint in enumerate(model.joints) if joint.kind == "continuous")
         self._continuous = [i for i in continuous if i >= model.steered]  # the arm's
 
-    def gradient(self, sample: Sample) -> StageValues:
-        """Return the gradient of the cost without the end effector's."""
-        motion, target, model = sample.motion, sample.target, self._model
+    def errors(self, sample: Sample) -> StageValues:
+        """Return what a motion is off its target by; of ν̇ off the target's."""
+        motion, target = sample.motion, sample.target
         pose = motion.pose[1:] - target.pose[1:]
         pose[:, 2] = wrap_angles(pose[:, 2])
         joints = motion.joints[1:] - target.joints[1:]
         joints[:, self._continuous] = wrap_angles(joints[:, self._continuous])
-        nu = motion.nu[1:] - target.nu[1:]
-        nu_dot = motion.nu_dot - np.diff(target.nu, axis=0) / model.dt
-        hessian = self.hessian
-        of_joints, of_nu = hessian.joints * joints, hessian.nu * nu
-        of_joints[-1] += self.cross * nu[-1, model.base :]
-        of_nu[-1, model.base :] += self.cross * joints[-1]
-        of_pose = hessian.pose * pose[:, : hessian.pose.shape[1]]
-        return StageValues(hessian.nu_dot * nu_dot, of_pose, of_joints, of_nu)
+        nu_dot = motion.nu_dot - np.diff(target.nu, axis=0) / self._dt
+        return StageValues(nu_dot, pose, joints, motion.nu[1:] - target.nu[1:])
 
-    def end_effector_cost(self, end_effector: EndEffectorPoints | None) -> list[LeastSquares]:
-        """Return the cost of the end effector's error at its stages; empty without one."""
-        if end_effector is None:
-            return []
+    def end_effector_errors(self, positions: LinearRows, goals: Array) -> LinearRows:
+        """Return the end effector's errors, weighted."""
         root = math.sqrt(self._end_effector)
-        errors = root * (end_effector.positions - end_effector.goals)
-        return list(map(LeastSquares, root * end_effector.jacobian, errors))
+        errors = root * (positions.value - goals)
+        return LinearRows(positions.unknowns, errors, root * positions.jacobian)
 
 
 def _cost_to_go(weight: float, weights: Weights, dt: float) -> Array:
@@ -94,59 +80,3 @@ def _cost_to_go(weight: float, weights: Weights, dt: float) -> Array:
 def wrap_angles(angles: Array) -> Array:
     """Return angles (rad) wrapped into (−π, π]."""
     return math.pi - (math.pi - angles) % (2.0 * math.pi)
-
-
-class StateDifference(NamedTuple):
-    """Initial state less that of the motion that a QP is linearised about."""
-
-    pose: Array  # (3,) m, m, rad
-    joints: Array  # (n_joints,)
-    nu: Array  # (dof,)
-
-
-def from_another_start(
-    structure: CondensedStructure, values: Linearisation, start: StateDifference
-) -> Linearisation:
-    """Return the QP for deviations from what a difference of the initial states leads to."""
-    free = _free_response(structure, values.jacobian, start)
-    hessian, base = structure.hessian, structure.model.base
-    g_joints = values.gradient.joints + hessian.joints * free.joints
-    g_nu = values.gradient.nu + hessian.nu * free.nu
-    g_joints[-1] += structure.cross * free.nu[-1, base:]
-    g_nu[-1, base:] += structure.cross * free.joints[-1]
-    gradient = StageValues(
-        values.gradient.nu_dot, values.gradient.pose + hessian.pose * free.pose, g_joints, g_nu
-    )
-    x = np.hstack(free).ravel()
-    costs = zip(structure.extra_unknowns, values.extra_cost, strict=True)
-    rows = zip(structure.soft, values.soft, strict=True)
-    return Linearisation(
-        values.jacobian,
-        gradient,
-        [cost._replace(residual=cost.residual + cost.jacobian @ x[at]) for at, cost in costs],
-        [
-            soft._replace(value=soft.value + (soft.jacobian @ x[block.unknowns, None])[..., 0])
-            for block, soft in rows
-        ],
-        StageValues(*(bound - part for bound, part in zip(values.lower, free, strict=True))),
-        StageValues(*(bound - part for bound, part in zip(values.upper, free, strict=True))),
-    )
-
-
-def _free_response(
-    structure: CondensedStructure, jacobian: PoseJacobian, start: StateDifference
-) -> StageValues:
-    """Return the deviations that an initial difference leads to under the same accelerations."""
-    model, n = structure.model, structure.model.steps
-    nu, rates = np.tile(start.nu, (n, 1)), start.nu[model.base :]
-    joints = start.joints + model.dt * np.outer(np.arange(n + 1), rates)
-    pose = np.empty((n, 0))
-    if model.base:
-        angles = joints[:-1, : model.steered, None]
-        turned = jacobian.nu @ start.nu[: model.base_columns]
-        turned += (jacobian.steering @ angles)[:, :, 0]
-        first = np.append(start.pose[:2], wrap_angles(start.pose[2:]))
-        heading = first[2] + np.concatenate([[0.0], np.cumsum(turned[:, 2])])
-        moved = turned[:, :2] + jacobian.heading * heading[:-1, None]
-        pose = np.column_stack([first[:2] + np.cumsum(moved, axis=0), heading[1:]])
-    return StageValues(np.zeros_like(nu), pose, joints[1:], nu)

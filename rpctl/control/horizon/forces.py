@@ -1,273 +1,236 @@
-"""Efforts and ground reactions along a predicted motion, linear in accelerations and speeds."""
+"""Efforts and ground reactions at the states of a predicted motion, as rows within their bounds."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import NamedTuple
+import math as numbers
+from collections import deque
+from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
+from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.horizon.prediction import Model
+from rpctl.control.horizon.settings import Bounds
 from rpctl.dynamics.ground_reaction import Contacts, stance_at
 from rpctl.dynamics.projection import Projection
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.stance import Stance, pressed_loads
-from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.kernels.sheet import Evaluator
 
 ROOT_AT_ORIGIN = (0.0, 0.0, 1.0, 0.0)  # the planar root's part of q at the origin
 GRIP_POLYGON_FACES = 8  # of the polygon inside each wheel's circle of grip
+KEPT_LOAD_SPLITS = 3  # last load splits that bound the first step
 
 
-class ForceMaps(NamedTuple):
-    """What the tree's force means at one configuration, or at K of them."""
+class Ground:
+    """What keeps a robot from tipping and slipping, in scalars; and the numbers of a posture.
 
-    efforts: Array  # (..., n_act, nv)
-    horizontal: Array  # (..., n_wheels + n_axles, nv): along the wheels, then across the axles
+    Rows are ≤ 0 where it does neither. First one for each edge of the support polygon (some twice
+    if their number changes): what the moment about it lacks of the margin, divided by the weight
+    (m). Then, for each wheel and split of the load, one for each face of a polygon inside the
+    circle of its grip: grip that is missing, divided by the grip under the robot's whole weight.
+    The contacts are those of the posture last given to :meth:`update`.
 
+    Args:
+        q: The first posture (nq,).
 
-class Forces(NamedTuple):
-    """The whole tree's force and the ground's wrench at a state, with their derivatives.
-
-    Columns: the value, its derivatives by ν̇, then by the ν that move the base; or the value alone.
-    At K states all arrays have a leading axis, but for maps that are the same at all of them.
+    Attributes:
+        edges: Number of rows about tipping.
+        grip_rows: Number of rows about slipping for each split of the load.
     """
 
-    maps: ForceMaps
-    force: Array  # (..., nv, columns)
-    wrench: Array  # (..., 6, columns) at the root link's origin, in its axes
+    def __init__(
+        self, dynamics: ReducedDynamics, contacts: Contacts, q: Array, bounds: Bounds
+    ) -> None:
+        self._dynamics, self._contacts, self._tip_margin = dynamics, contacts, bounds.tip_margin
+        robot, self._friction = dynamics.robot, bounds.grip * contacts.friction
+        self._friction *= numbers.cos(numbers.pi / GRIP_POLYGON_FACES)
+        self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+        z = robot.drive.ground  # Σ N, Σ N x, Σ N y of the loads N at points (x, y) of the ground
+        self._moments_by_wrench = np.zeros((3, 6))
+        self._moments_by_wrench[[0, 1, 1, 2, 2], [2, 0, 4, 1, 3]] = 1.0, z, -1.0, z, 1.0
+        self._by_multipliers = np.vstack([contacts.along, contacts.across])
+        self._cached: tuple[Projection, Array] | None = None
+        self.update(q)
+        # One row a contact about tipping if the polygon changes with the posture.
+        steady = contacts.stance is not None
+        self.edges = len(self.stance.inward) if steady else len(contacts.points)
+        self.grip_rows = GRIP_POLYGON_FACES * len(contacts.along)
+
+    def update(self, q: Array) -> None:
+        """Update the contacts to those at q (nq,)."""
+        self.stance: Stance = stance_at(self._dynamics, self._contacts, q)
+
+    def moments(self, wrench: Any) -> Any:
+        """Return Σ N (1, x, y) of the loads (3, 1) that make up a wrench (6, 1)."""
+        return math.DM(self._moments_by_wrench) @ wrench
+
+    def symbols(self, splits: int) -> list[Any]:
+        """Return the symbols that stand for :meth:`numbers` of so many splits of the load."""
+        wheels, nv = len(self._contacts.along), self._dynamics.robot.nv
+        shapes = (self.edges, 3), (len(self._by_multipliers), nv), (wheels, 3 * splits)
+        return [math.SX.sym(f"ground{k}", *shape) for k, shape in enumerate(shapes)]
+
+    def numbers(self, at: Projection, splits: list[Array]) -> list[Array]:
+        """Return the maps to tipping, to the wheels' forces and to their loads, as columns.
+
+        Args:
+            at: The projection at the state.
+            splits: Maps from moments to the contacts' loads (n_contacts, 3) that apply.
+        """
+        if self._cached is None or self._cached[0] is not at:
+            self._cached = at, (self._by_multipliers @ at.multipliers).T.ravel()
+        stance, wheels = self.stance, len(self._contacts.along)
+        edges = np.arange(self.edges) % len(stance.inward)
+        tips = np.column_stack([stance.offset - self._tip_margin, stance.inward])[edges]
+        loads = np.concatenate([split[:wheels].T.ravel() for split in splits])
+        return [tips.T.ravel(), self._cached[1], loads]
+
+    def rows(self, force: Any, wrench: Any, symbols: list[Any]) -> Any:
+        """Return the rows.
+
+        Args:
+            force: The constraints' generalised force (nv, 1).
+            wrench: The ground's (6, 1).
+            symbols: Those of :meth:`symbols`.
+        """
+        contacts, (tips, horizontal, splits) = self._contacts, symbols
+        wheels, usable, moments = len(contacts.along), self._friction, self.moments(wrench)
+        along, lateral = math.vertsplit(horizontal @ force, [0, wheels, horizontal.shape[0]])
+        found, incidence = [-(tips @ moments) / self._weight], math.DM(contacts.incidence)
+        for split in math.horzsplit(splits, 3):
+            load = split @ moments
+            # Wheels share their axle's force in proportion to their loads.
+            bearing = math.fmax(load, contacts.floor)
+            across = bearing * (incidence @ (lateral / (incidence.T @ bearing)))
+            for face in range(GRIP_POLYGON_FACES):
+                angle = 2.0 * numbers.pi * (face + 0.5) / GRIP_POLYGON_FACES
+                pull = numbers.cos(angle) * along + numbers.sin(angle) * across
+                found.append((pull - usable * load) / (usable * self._weight))
+        return math.vertcat(*found)
+
+    def load_split(self, moments: Array) -> Array:
+        """Return the map (n_contacts, 3) from moments to the contacts' loads at moments (3,).
+
+        If all bear load, or the robot tips, it is the stance's; contacts that lift off have none.
+        """
+        stance = self.stance
+        least = stance.split @ moments
+        if least.min() >= 0.0 or len(least) == 3:
+            return stance.split
+        margin = float((stance.inward @ (moments[1:] / moments[0]) + stance.offset).min())
+        found = pressed_loads(stance, moments, least) if margin > 0.0 else None
+        return stance.split if found is None else found.slope
+
+
+class ForceRows:
+    """Rows of efforts, then of the ground, of one model of a robot; with derivatives.
+
+    Efforts τ are within their limits where τ/limit − 1 and −τ/limit − 1 are ≤ 0.
+
+    Args:
+        dynamics: The model.
+        symbols: It in scalars.
+        bounds: Those of the efforts.
+        ground: The ground; None leaves it out.
+        splits: Number of splits of the load.
+        by: By how many ν̇, and by how many ν, there are derivatives.
+    """
+
+    def __init__(
+        self,
+        dynamics: ReducedDynamics,
+        symbols: SymbolicDynamics,
+        bounds: Bounds,
+        ground: Ground | None,
+        splits: int,
+        by: tuple[int, int],
+    ) -> None:
+        robot, dof, given = dynamics.robot, dynamics.robot.dof, list[Any]()
+        self._dynamics, self._ground, self._splits = dynamics, ground, splits
+        joints = math.SX.sym("q", robot.nq - len(ROOT_AT_ORIGIN))
+        nu, nu_dot = math.SX.sym("nu", dof), math.SX.sym("nu_dot", dof)
+        state, q = [joints, nu, nu_dot], math.vertcat(math.SX(math.DM(ROOT_AT_ORIGIN)), joints)
+        force, wrench = symbols.tree_force(q, nu, nu_dot)
+        tau = symbols.efforts(q, symbols.at(q).S.T @ force)
+        limited, limits = bounds.efforts(robot)
+        share = tau[limited.tolist()] / math.DM(limits)
+        rows = math.vertcat(share - 1.0, -share - 1.0)
+        if ground is not None:
+            given = ground.symbols(splits)
+            moments = math.densify(ground.moments(wrench))
+            self._moments = Evaluator(math.Function("moments", state, [moments]))
+            for column, name in enumerate(robot.actuators):
+                force[robot.velocity_index(name)] -= tau[column]
+            rows = math.vertcat(rows, ground.rows(force, wrench, given))
+        jacobian = math.jacobian(rows, math.vertcat(nu_dot[: by[0]], nu[: by[1]]))
+        found = math.densify(math.horzcat(rows, jacobian).T)
+        self._shape = found.shape[::-1]
+        self._run = Evaluator(math.Function("rows", [*state, *given], [found]))
+
+    def __call__(
+        self, q: Array, nu: Array, nu_dot: Array, splits: deque[Array] | None = None
+    ) -> Array:
+        """Return the rows (rows, 1 + columns): values, derivatives by ν̇, then by ν.
+
+        Args:
+            splits: The last splits of the load, to which the present one is added if it is another
+                one; it stands for all of those that are missing. None: it applies alone.
+
+        Raises:
+            SingularBasisError: The steering at q is singular.
+        """
+        state, given = (q[len(ROOT_AT_ORIGIN) :], nu, nu_dot), list[Array]()
+        at = self._dynamics.at(q)
+        if self._ground is not None:
+            split, count = self._ground.load_split(self._moments(*state)[0]), self._splits
+            splits = deque(maxlen=count) if splits is None else splits
+            if not splits:
+                splits.extend([split] * count)
+            elif not np.array_equal(split, splits[-1]):
+                splits.append(split)
+            given = self._ground.numbers(at, list(splits))
+        return self._run(*state, *given)[0].reshape(self._shape)
 
 
 class ForceModel:
-    """Forces of one robot at measured or predicted states; holds Pinocchio's workspace.
+    """Forces of one robot at measured and at predicted states.
 
     The prediction does not know the angles of casters that nothing drives: at predicted states they
     glide. Guessed angles would produce rates and forces many times too large.
 
     Args:
         contacts: Contacts with the ground; None leaves the ground's reactions out.
-        tip_margin: Least distance of the zero-moment point to the polygon's edge, m.
-        grip: Largest fraction of its grip that a wheel may use.
 
     Attributes:
-        ground: The ground's reactions; None of a robot that is not known to stand.
+        ground: The ground; None of a robot that is not known to stand.
+        efforts: Number of rows of the efforts.
+        measured: Rows at a measured state, by all of ν̇.
+        foreseen: Rows at a predicted one, by the ν̇ and ν that move the base.
     """
 
-    def __init__(
-        self, model: Model, contacts: Contacts | None, tip_margin: float, grip: float
-    ) -> None:
-        robot = model.robot
-        self._robot, self._data, self._foreseen = robot, robot.model.createData(), model.dynamics
+    def __init__(self, model: Model, contacts: Contacts | None, bounds: Bounds) -> None:
+        robot, own = model.robot, model.dynamics
         idle = [swivel.joint for swivel in robot.drive.idle_casters]
+        foreseen, ahead = own, model.symbolic
         if idle:
-            self._foreseen = ReducedDynamics(robot, gliding=idle)
-        self._cached_maps: tuple[Projection, ForceMaps] | None = None
-        self.ground: GroundMargins | None = None
+            foreseen = ReducedDynamics(robot, gliding=idle)
+            ahead = SymbolicDynamics(robot, gliding=idle)
+        q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
+        self.ground: Ground | None = None
         if contacts is not None and contacts.balanced:
-            q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
-            self.ground = GroundMargins(model.dynamics, contacts, q, tip_margin, grip)
-            if self.ground(self.at(q, still, still)).min() < 0.0:
-                self.ground = None  # it tips at rest: there is no balance to keep
-                self._cached_maps = None
-
-    def at(
-        self,
-        q: Array,
-        nu: Array,
-        nu_dot: Array,
-        accelerations: int = 0,
-        speeds: int = 0,
-        measured: ReducedDynamics | None = None,
-    ) -> Forces:
-        """Return the forces at a state and their derivatives by the first of ν̇ and of ν.
-
-        Args:
-            accelerations: By how many of ν̇.
-            speeds: By how many of ν.
-            measured: The robot's own dynamics, at a measured state; None at a predicted one.
-        """
-        losses = self._robot.losses
-        # At the origin the world's axes are the root link's.
-        q = np.concatenate([ROOT_AT_ORIGIN, q[len(ROOT_AT_ORIGIN) :]])
-        here = (measured or self._foreseen).at(q)
-        S, nv = here.S, len(here.S)
-        v = S @ nu
-        columns = [self._tree(q, v, S @ nu_dot + here.drift(nu))]
-        if losses is not None:
-            columns[0][:nv] -= losses.force(v)
-        if accelerations:
-            columns += self._by_acceleration(q, S[:, :accelerations])
-        if speeds:
-            drift_by_nu = here.drift_by_nu(nu, speeds)
-            # But for losses forces are quadratic in v = Sν, linear in Ṡν: differences are exact.
-            for step, change in zip(S.T, drift_by_nu.T, strict=False):
-                ahead, behind = self._tree(q, v + step, change), self._tree(q, v - step, -change)
-                column = 0.5 * (ahead - behind)
-                if losses is not None:
-                    column[:nv] += losses.slope(v) * step
-                columns.append(column)
-        whole = np.array(columns).T
-        return Forces(self._maps(here), whole[:nv], whole[nv:])
-
-    def _tree(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the tree's force, then the ground's wrench (nv + 6,) of a motion."""
-        force = pin.rnea(self._robot.model, self._data, q, v, a)
-        return np.concatenate([force, self._data.f[ROOT_JOINT].vector])
-
-    def _by_acceleration(self, q: Array, a: Array) -> list[Array]:
-        """Return the derivatives (nv + 6,) by accelerations, whose v̇ are the columns of a."""
-        model, data = self._robot.model, self._data
-        force = pin.crba(model, data, q) @ a
-        momentum = pin.computeCentroidalMap(model, data, q) @ a
-        momentum[3:] += pin.skew(data.com[0]) @ momentum[:3]
-        return list(np.vstack([force, momentum]).T)
-
-    def efforts(self, forces: Forces) -> Array:
-        """Return τ (..., n_act, columns)."""
-        return np.asarray(forces.maps.efforts @ forces.force)
-
-    def _maps(self, at: Projection) -> ForceMaps:
-        """Return the maps from the tree's force to the efforts and to the wheels' forces."""
-        if self._cached_maps is None or self._cached_maps[0] is not at:
-            allocation = at.allocation @ at.S.T
-            columns = at.projector.columns
-            horizontal = np.empty((0, len(columns)))
-            if self.ground is not None:
-                forces = self.ground.by_multipliers @ at.multipliers
-                horizontal = forces @ (np.eye(len(columns)) - columns @ allocation)
-            self._cached_maps = at, ForceMaps(allocation, horizontal)
-        return self._cached_maps[1]
-
-
-class GroundMargins:
-    """Margins (..., rows, columns) of a robot's forces, ≥ 0 where it neither tips nor slips.
-
-    First one row for each edge of the support polygon (some twice if their number changes): the
-    moment about it beyond the margin, divided by the weight (m). Then, for each wheel, one row
-    for each face of a polygon inside the circle of its grip: remaining grip, divided by the
-    grip under the robot's whole weight. The contacts are those of the posture last given to
-    :meth:`update`.
-
-    Args:
-        q: The first posture (nq,).
-        tip_margin: As of :class:`ForceModel`.
-        grip: Likewise.
-    """
-
-    def __init__(
-        self,
-        dynamics: ReducedDynamics,
-        contacts: Contacts,
-        q: Array,
-        tip_margin: float,
-        grip: float,
-    ) -> None:
-        self._dynamics, self._contacts, self._tip_margin = dynamics, contacts, tip_margin
-        robot = dynamics.robot
-        self._weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
-        faces = 2.0 * math.pi * (np.arange(GRIP_POLYGON_FACES) + 0.5) / GRIP_POLYGON_FACES
-        self._cos, self._sin = np.cos(faces)[:, None, None], np.sin(faces)[:, None, None]
-        self._usable_friction = grip * math.cos(math.pi / GRIP_POLYGON_FACES) * contacts.friction
-        z = robot.drive.ground  # Σ N, Σ N x, Σ N y of the loads N at points (x, y) of the ground
-        self._moments_by_wrench = np.zeros((3, 6))
-        self._moments_by_wrench[[0, 1, 1, 2, 2], [2, 0, 4, 1, 3]] = 1.0, z, -1.0, z, 1.0
-        self.by_multipliers = np.vstack([contacts.along, contacts.across])
-        self.update(q)
-        # One row a contact about tipping if the polygon changes with the posture.
-        steady = contacts.stance is not None
-        self.edges = len(self._stance.inward) if steady else len(contacts.points)
-        self.grip_rows = GRIP_POLYGON_FACES * len(contacts.along)
-        self.rows = self.edges + self.grip_rows
+            self.ground = Ground(own, contacts, q, bounds)
+        self.efforts, moving = 2 * len(bounds.efforts(robot)[0]), (model.base_columns,) * 2
+        self.foreseen = ForceRows(foreseen, ahead, bounds, self.ground, 1, moving)
+        if self.ground and self.foreseen(q, still, still)[self.efforts :, 0].max() > 0.0:
+            self.ground = None  # it tips at rest: there is no balance to keep
+            self.foreseen = ForceRows(foreseen, ahead, bounds, None, 1, moving)
+        splits, whole = KEPT_LOAD_SPLITS, (robot.dof, 0)
+        self.measured = ForceRows(own, model.symbolic, bounds, self.ground, splits, whole)
 
     def update(self, q: Array) -> None:
         """Update the contacts to those at q (nq,)."""
-        self._stance = stance_at(self._dynamics, self._contacts, q)
-
-    def __call__(self, forces: Forces) -> Array:
-        """Return the margins."""
-        grips = self.grip(forces, self.load_split(forces))
-        return np.concatenate([self.tip(forces), grips], axis=-2)
-
-    def load_split(self, forces: Forces) -> Array:
-        """Return the map (..., n_contacts, 3) from moments to the contacts' loads there."""
-        stance, moments = self._stance, self._moments(forces)[..., 0]
-        least = moments @ stance.split.T
-        if least.min() >= 0.0:
-            return stance.split
-        found = np.array([_load_split(stance, each) for each in moments.reshape(-1, 3)])
-        return found.reshape(*moments.shape[:-1], *stance.split.shape)
-
-    def _moments(self, forces: Forces) -> Array:
-        return np.asarray(self._moments_by_wrench @ forces.wrench)
-
-    def tip(self, forces: Forces) -> Array:
-        """Return the rows about tipping."""
-        stance = self._stance
-        edges = np.arange(self.edges) % len(stance.inward)
-        by_moments = np.column_stack([stance.offset - self._tip_margin, stance.inward])[edges]
-        return np.asarray((by_moments @ self._moments_by_wrench / self._weight) @ forces.wrench)
-
-    def grip(self, forces: Forces, load_split: Array) -> Array:
-        """Return the rows about slipping.
-
-        Args:
-            load_split: Map from moments to loads (..., n_contacts, 3) that applies.
-        """
-        wheels, usable = len(self._contacts.along), self._usable_friction
-        horizontal = forces.maps.horizontal @ forces.force
-        along, lateral = horizontal[..., :wheels, :], horizontal[..., wheels:, :]
-        load = load_split[..., :wheels, :] @ self._moments(forces)
-        across = _across(self._contacts, lateral, load)
-        along, across, load = (part[..., None, :, :] for part in (along, across, usable * load))
-        slack = (load - self._cos * along - self._sin * across) / (usable * self._weight)
-        return slack.reshape(*slack.shape[:-3], -1, slack.shape[-1])
-
-
-def stack(forces: Sequence[Forces]) -> Forces:
-    """Return the forces at several states as one record."""
-    maps = forces[0].maps
-    if any(each.maps is not maps for each in forces):
-        maps = ForceMaps(*(np.array(part) for part in zip(*(f.maps for f in forces), strict=True)))
-    return Forces(
-        maps, np.array([each.force for each in forces]), np.array([each.wrench for each in forces])
-    )
-
-
-def _across(contacts: Contacts, lateral: Array, load: Array) -> Array:
-    """Return the wheels' lateral forces (..., n_wheels, columns), columns as those of ``Forces``.
-
-    Wheels share their axle's force F in proportion to their loads N: F_w = N_w F / Σ N. So with
-    f = F / Σ N the derivative is that of N_w f + N_w (F′ − f Σ N′) / Σ N, f held in the first term.
-
-    Args:
-        contacts: Contacts with the ground.
-        lateral: The axles' lateral forces (..., n_axles, columns).
-        load: The wheels' loads (..., n_wheels, columns).
-    """
-    bearing = np.maximum(load[..., 0], contacts.floor)
-    on_axle = bearing @ contacts.incidence
-    share = bearing[..., None] * contacts.incidence / on_axle[..., None, :]
-    across: Array = share @ lateral
-    change = load[..., 1:] * (load[..., :1] > contacts.floor)
-    ratio = lateral[..., 0] / on_axle
-    across[..., 1:] += (ratio @ contacts.incidence.T)[..., None] * change
-    across[..., 1:] -= share @ (ratio[..., None] * (contacts.incidence.T @ change))
-    return across
-
-
-def _load_split(stance: Stance, moments: Array) -> Array:
-    """Return the map (n, 3) from moments to the loads of the contacts that bear load.
-
-    If all do, or the robot tips, it is the stance's split; contacts that lift off have no load.
-
-    Args:
-        moments: Vertical force (N) and the two tilting moments (N·m) on the ground (3,).
-    """
-    least = stance.split @ moments
-    if least.min() >= 0.0 or len(least) == 3:
-        return stance.split
-    margin = float((stance.inward @ (moments[1:] / moments[0]) + stance.offset).min())
-    found = pressed_loads(stance, moments, least) if margin > 0.0 else None
-    return stance.split if found is None else found.slope
+        if self.ground is not None:
+            self.ground.update(q)

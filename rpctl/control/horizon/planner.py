@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -10,19 +11,25 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.control.horizon.body_clearance import body_clearance
 from rpctl.control.horizon.constraints import (
-    ArmClearance,
-    BaseClearance,
     ForceBounds,
     HardBounds,
     SoftBound,
     WheelSpeeds,
+    arm_clearance,
+    base_clearance,
     contact_radius,
     every_nth_stage,
 )
-from rpctl.control.horizon.cost import Cost, StateDifference, from_another_start
+from rpctl.control.horizon.cost import Cost, wrap_angles
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion
-from rpctl.control.horizon.qp import CondensedQp, CondensedStructure, Linearisation, stage_indices
+from rpctl.control.horizon.qp import (
+    CondensedQp,
+    CondensedStructure,
+    Linearisation,
+    LinearRows,
+    StateDifference,
+)
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.horizon.target import (
     EndEffectorKinematics,
@@ -120,22 +127,15 @@ class Planner:
         )
         self._hard_bounds = HardBounds(self.model, law.bounds)
         self._radius = law.base_radius or contact_radius(robot, contacts)
-        self._forces = ForceModel(self.model, contacts, law.bounds.tip_margin, law.bounds.grip)
+        self._forces = ForceModel(self.model, contacts, law.bounds)
         self._preview = Preview(robot)
         self._pace_limits = PaceLimits(self.model, self._forces, law.bounds, self._preview)
         self._time_scaler = TimeScaler(
             self.model, self._pace_limits, law.bounds.base_acceleration, law.leash
         )
-        self._soft = _soft_bounds(law, self.model, self._forces, end_effector_stages, self._radius)
+        self._soft = _soft_bounds(law, self.model, self._forces, self._radius)
         self.cost = Cost(law.weights, self.model, len(end_effector_stages))
-        indices = stage_indices(self.model)
-        self.structure = CondensedStructure(
-            self.model,
-            self.cost.hessian,
-            self.cost.cross,
-            end_effector_stages if self._kinematics else [],
-            [block for bound in self._soft for block in bound.row_blocks(indices)],
-        )
+        self.structure = CondensedStructure(self.model, self.cost.hessian, self.cost.cross)
         self._active: Indices = np.empty(0, dtype=np.intp)  # bounds that held the last solution
 
     def plan(
@@ -151,9 +151,7 @@ class Planner:
             start = nu if last is None else last.start_of_next(t, nu)
             nu_dot = np.zeros((self.model.steps, len(nu))) if last is None else last.shifted(t)
             for _ in range(FIRST_SQP_STEPS if last is None else 1):
-                motion = self.model.predict(q, start, nu_dot)
-                values = self.linearise(motion, target)
-                found = self._solved(t, start, nu_dot, values, CondensedQp(self.structure, values))
+                found = self._solved(self._about(t, q, start, nu_dot, target))
                 if found.plan is None:
                     break
                 nu_dot = found.plan.nu_dot
@@ -174,10 +172,14 @@ class Planner:
             last: The plan that leads there.
         """
         try:
-            motion = self.model.predict(q, nu, last.shifted(t))
-            values = self.linearise(motion, self._target(reference, t, q))
+            return self._about(t, q, nu, last.shifted(t), self._target(reference, t, q))
         except SingularBasisError:
             return None
+
+    def _about(self, t: float, q: Array, nu: Array, nu_dot: Array, target: Target) -> Prepared:
+        """Return the QP about the motion from a state on, under given accelerations."""
+        motion = self.model.predict(q, nu, nu_dot)
+        values = self.linearise(motion, target)
         return Prepared(t, motion, values, CondensedQp(self.structure, values))
 
     def feed_back(self, prepared: Prepared, q: Array, nu: Array, last: HorizonPlan) -> Planned:
@@ -186,15 +188,12 @@ class Planner:
         Args:
             prepared: The QP, about the motion from the state that was expected.
         """
-        start, model = last.start_of_next(prepared.t, nu), self.model
-        motion = prepared.motion
-        difference = StateDifference(
-            model.robot.base_pose(q) - motion.pose[0],
-            model.joint_positions(q) - motion.joints[0],
-            start - motion.nu[0],
-        )
-        values = from_another_start(self.structure, prepared.values, difference)
-        return self._solved(prepared.t, start, motion.nu_dot, values, prepared.qp)
+        model, motion = self.model, prepared.motion
+        off = model.robot.base_pose(q) - motion.pose[0]
+        off[2:] = wrap_angles(off[2:])
+        joints = model.joint_positions(q) - motion.joints[0]
+        nu = last.start_of_next(prepared.t, nu) - motion.nu[0]
+        return self._solved(prepared, StateDifference(off[:, None], joints[:, None], nu[:, None]))
 
     def advanced(self, q: Array, nu: Array, nu_dot: Array, duration: float) -> tuple[Array, Array]:
         """Return q and ν after a time under constant acceleration.
@@ -217,22 +216,17 @@ class Planner:
                 self._radius,
                 turns=not model.robot.drive.omnidirectional,
             )
-        end_effector = None
+        places, extra = list[LinearRows](), list[LinearRows]()
         if self._kinematics:
-            end_effector = self._kinematics.end_effector(motion, target)
-            end_effector = arm_detour(
-                end_effector, law.end_effector_obstacles, law.end_effector_radius
-            )
-        sample = Sample(motion, target, end_effector)
+            places = [self._kinematics(motion)]
+            goals, obstacles = self._kinematics(target).value, law.end_effector_obstacles
+            goals = arm_detour(goals, places[0].value[0], obstacles, law.end_effector_radius)
+            extra = [self.cost.end_effector_errors(places[0], goals)]
+        sample = Sample(motion, target, places)
         lower, upper = self._hard_bounds.linearise(sample)
-        return Linearisation(
-            model.jacobian(motion),
-            self.cost.gradient(sample),
-            self.cost.end_effector_cost(end_effector),
-            [soft for bound in self._soft for soft in bound.linearise(sample)],
-            lower,
-            upper,
-        )
+        soft = [rows for bound in self._soft for rows in bound(sample)]
+        errors = self.cost.errors(sample)
+        return Linearisation(motion.jacobian, errors, extra, soft, lower, upper)
 
     def _target(self, reference: Reference, t: float, q: Array) -> Target:
         """Return the reference ahead, in scaled time."""
@@ -240,37 +234,32 @@ class Planner:
         if self._preview.follow(reference):
             self._pace_limits.forget()
         time_scaling = self._time_scaler(self._preview, t, model.robot.base_pose(q))
-        if self._forces.ground is not None:
-            self._forces.ground.update(q)  # the scaler looked at those of the reference's postures
+        self._forces.update(q)  # the scaler looked at those of the reference's postures
         return look_ahead(model, self._preview, time_scaling, model.joint_positions(q))
 
-    def _solved(
-        self, t: float, nu: Array, nu_dot: Array, values: Linearisation, qp: CondensedQp
-    ) -> Planned:
-        found, lag = qp.solve(values, self._active), self._time_scaler.largest_lag
-        self._active, x = found.active, found.x
+    def _solved(self, prepared: Prepared, start: StateDifference | None = None) -> Planned:
+        """Return the plan of a QP, from its motion's start or from beside it."""
+        found = prepared.qp.solve(prepared.values, self._active, start)
+        self._active, x, lag = found.active, found.x, self._time_scaler.largest_lag
         if not found.solved or not np.isfinite(x).all():
             return Planned(None, 0.0, lag)
-        plan = HorizonPlan(t, self.model.dt, nu, nu_dot + x[self.structure.indices.nu_dot])
-        return Planned(plan, float(x[self.structure.deviations :].max(initial=0.0)), lag)
+        motion, structure = prepared.motion, self.structure
+        nu = motion.nu[0] if start is None else motion.nu[0] + start.nu[:, 0]
+        nu_dot = motion.nu_dot + x[structure.indices.nu_dot]
+        slack = float(x[structure.deviations :].max(initial=0.0))
+        return Planned(HorizonPlan(prepared.t, self.model.dt, nu, nu_dot), slack, lag)
 
 
 def _soft_bounds(
-    law: PlannerSettings,
-    model: Model,
-    forces: ForceModel,
-    end_effector_stages: list[int],
-    radius: float,
+    law: PlannerSettings, model: Model, forces: ForceModel, radius: float
 ) -> list[SoftBound]:
     """Return the soft constraints that apply to a robot."""
-    bounds = law.bounds
-    found: list[SoftBound] = [WheelSpeeds(model, bounds), ForceBounds(model, bounds, forces)]
+    found: list[SoftBound] = [WheelSpeeds(model, law.bounds), ForceBounds(model, forces)]
     if law.base_obstacles and model.base:
-        found.append(BaseClearance(law.base_obstacles, radius))
-    if law.end_effector_obstacles and model.robot.end_effector:
-        found.append(
-            ArmClearance(law.end_effector_obstacles, law.end_effector_radius, end_effector_stages)
-        )
+        found.append(partial(base_clearance, model, law.base_obstacles, radius))
+    if law.end_effector_obstacles:
+        tip = law.end_effector_obstacles, law.end_effector_radius
+        found.append(partial(arm_clearance, *tip))
     if law.body_clearance is not None:
         obstacles = law.base_obstacles, law.end_effector_obstacles
         found += body_clearance(model, law.body_clearance, *obstacles)

@@ -15,172 +15,56 @@ with s² = |a|² − ω²/4; divided by cosh st where s is real.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
+from rpctl import math
 from rpctl.arrays import Array
-from rpctl.dynamics.projection import eliminate
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import RANK_MARGIN, find_rolling, selection
+from rpctl.dynamics.rolling import RANK_MARGIN
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import SingularBasisError
-from rpctl.robot.coordinates import write_root
-from rpctl.robot.model import BASE_NV, Robot
+from rpctl.kernels.sheet import Evaluator
+from rpctl.robot.model import BASE_NV
 
 LARGEST_TANH = 1.0 - 1e-9  # of the step's decay: a caster that heads backwards stays determinate
 STILL = 1e-9  # 1/s: with a smaller s a caster turns as if s were 0
 Indices = NDArray[np.intp]
 
 
-class Casters:
-    """The powered casters of one robot."""
+class StageValues(NamedTuple):
+    """One number, or the index in x, of each deviation from a motion at the N stages.
 
-    def __init__(self, robot: Robot) -> None:
-        casters = robot.drive.powered_casters
-        self._root_velocity = robot.root_velocity
-        self._pivots = np.array([complex(*swivel.pivot) for swivel in casters], dtype=complex)
-        self._behind = np.array([-swivel.trail for swivel in casters])  # k, m
-        self._headings = np.array([swivel.heading for swivel in casters])
-        self._signs = np.array([swivel.sign for swivel in casters])
-        self._entries = tuple(robot.entries[swivel.joint] for swivel in casters)
+    Stage k holds ν̇ of step k, and pose, joints and ν after it.
+    """
 
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return len(self._entries)
+    nu_dot: Any  # (N, dof)
+    pose: Any  # (N, 3)
+    joints: Any  # (N, n_joints)
+    nu: Any  # (N, dof)
 
-    def read(self, q: Array) -> Array:
-        """Return the positions (n,) in q, rad."""
-        return np.array([entry.read(q) for entry in self._entries])
-
-    def write(self, q: Array, positions: Array) -> None:
-        """Set positions (n,), rad, in q."""
-        for entry, position in zip(self._entries, positions.tolist(), strict=True):
-            entry.write(q, position)
-
-    def follow(self, positions: Array, twists: Array, dt: float) -> Array:
-        """Return the positions (N + 1, n) along a motion, rad.
-
-        Args:
-            twists: P's twists (N, 3), constant in each step.
-            dt: Length of a step, s.
-        """
-        if not len(self):
-            return np.empty((len(twists) + 1, 0))
-        z = np.exp(1j * (self._headings + self._signs * positions))
-        found = [z]
-        for x, y, turn in (twists @ self._root_velocity.T).tolist():
-            z = self._turned(z, complex(x, y) + 1j * turn * self._pivots, turn, dt)
-            found.append(z)
-        turned = np.angle(np.array(found) * np.exp(-1j * self._headings))
-        return np.asarray(self._signs * turned)
-
-    def _turned(self, z: Array, V: Array, turn: float, dt: float) -> Array:
-        """Return the headings (n,) after a step; V (n,) are the pivots' velocities, m/s."""
-        a = V / (2.0 * self._behind)
-        square = np.abs(a) ** 2 - 0.25 * turn**2
-        s = np.maximum(np.sqrt(np.abs(square)), STILL)
-        decays = square > 0.0
-        c = np.where(decays, 1.0, np.cos(s * dt))
-        sigma = np.where(decays, np.minimum(np.tanh(s * dt), LARGEST_TANH), np.sin(s * dt)) / s
-        swing = 0.5j * turn
-        moved = c * z + sigma * (a - swing * z)
-        moved /= c + sigma * (a.conj() * z + swing)
-        return np.asarray(moved / np.abs(moved))
+    def flat(self) -> Array:
+        """Return them in the order of x."""
+        return np.hstack(self).ravel()
 
 
 class PredictedMotion(NamedTuple):
-    """A predicted motion over N steps of constant accelerations."""
+    """A predicted motion over N steps of constant accelerations.
+
+    ``jacobian`` holds the derivatives of the base's move in each step, x, y and heading: by the
+    heading before it, the steering angles before it, and the ν before it and the ν̇ that move it.
+    """
 
     start: Array  # (nq,) initial configuration
     pose: Array  # (N + 1, 3) of P: m, m, rad
     joints: Array  # (N + 1, n_joints)
     nu: Array  # (N + 1, dof)
     nu_dot: Array  # (N, dof)
-    twist: Array  # (N, 3) of the base at the middle of each step
-    twist_map: Array  # (N, 3, dof) or (1, 3, dof): twist = twist_map ν, at the middle of each step
     casters: Array  # (N + 1, n_powered_casters) rad
-
-
-class PoseJacobian(NamedTuple):
-    """Derivatives of the base's pose after each step by the state and acceleration before it.
-
-    The derivative by the pose itself is the identity plus ``heading``.
-    """
-
-    heading: Array  # (N, 2) of x, y
-    nu: Array  # (N, 3, base_columns)
-    nu_dot: Array  # (N, 3, base_columns)
-    steering: Array  # (N, 3, n_steered)
-
-
-class Steering:
-    """The twist of P as a linear function of the base's speed and the steering rates.
-
-    Its maps are the base's rows of S at many steering angles δ at a time. Casters and followers do
-    not determine them, so they glide here. With M(δ) y = R ν and T = X(δ) y + C ν from
-    :func:`rpctl.dynamics.projection.eliminate`,
-
-        ∂T/∂δ_i = (∂X/∂δ_i) y − X M⁻¹ (∂M/∂δ_i) y   at given ν.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        drive = robot.drive
-        gliding = [s.joint for s in drive.swivels if s.role in ("caster", "follower")]
-        rolling = find_rolling(robot, gliding)
-        core, _, _, R, C = eliminate(rolling.matrix, selection(robot, rolling))
-        speeds = len(drive.base_speeds)
-        self._R, self._C = R[:, :speeds], C[:BASE_NV, :speeds]
-        self._point_velocity = robot.point_velocity
-        leaders = [swivel.joint for swivel in drive.steered]
-        spread, offset = np.zeros((len(drive.swivels), len(leaders))), np.zeros(len(drive.swivels))
-        for i, swivel in enumerate(drive.swivels):
-            if swivel.role == "steered":
-                spread[i, leaders.index(swivel.joint)] = 1.0
-            elif swivel.role == "mimic":
-                spread[i, leaders.index(str(swivel.shares))] = swivel.ratio
-                offset[i] = swivel.offset
-        base = core.map(lambda part: part[..., : len(R) + BASE_NV, :])
-        self._matrix = base.following(spread, offset)
-
-    def maps(self, angles: Array) -> Array:
-        """Return the maps (K, 3, 1 + n_steered) at steering angles (K, n_steered), rad.
-
-        Raises:
-            SingularBasisError: Some steering angles are singular.
-        """
-        inverse, X = self._solve(self._matrix.turn(angles))
-        return np.asarray(self._point_velocity @ (X @ (inverse @ self._R) + self._C))
-
-    def jacobian(self, angles: Array, speeds: Array) -> Array:
-        """Return the derivatives (K, 3, n_steered) of the twists by the angles.
-
-        Args:
-            angles: Steering angles (K, n_steered), rad.
-            speeds: The base's speed and the steering rates (K, 1 + n_steered).
-        """
-        u = self._matrix.turn(angles)
-        inverse, X = self._solve(u)
-        y = inverse @ (speeds @ self._R.T)[:, :, None]  # (K, n, 1)
-        change = self._matrix.rate(u[:, None], np.eye(angles.shape[1])) @ y[:, None]
-        change = np.swapaxes(change[..., 0], 1, 2)  # (K, n + 3, n_steered)
-        count = len(self._R)
-        jacobian = change[:, count:] - X @ (inverse @ change[:, :count])
-        return np.asarray(self._point_velocity @ jacobian)
-
-    def _solve(self, u: Array) -> tuple[Array, Array]:
-        """Return M⁻¹ (K, n, n) and X (K, 3, n) at each set of angles."""
-        found, count = self._matrix.at(u), len(self._R)
-        M = found[:, :count]
-        try:
-            inverse = np.asarray(np.linalg.inv(M), dtype=float)
-        except np.linalg.LinAlgError:
-            inverse = np.full(M.shape, np.inf)
-        size = np.abs(M).max(axis=(1, 2)) * np.abs(inverse).max(axis=(1, 2))
-        if not (size * RANK_MARGIN < 1.0).all():
-            raise SingularBasisError("the steered wheels fix no one motion ahead")
-        return inverse, found[:, count:]
+    jacobian: Array  # (N, 3, 1 + n_steered + 2 base_columns)
 
 
 class Model:
@@ -198,31 +82,30 @@ class Model:
         base: Number of quasi-velocities of the base that are no joints' rates; 0 if it is fixed.
         joints: The steered joints, then the arm's.
         steered: Number of steered joints: the base's twist at given ν depends on them.
-        steering: The steered joints' effect on the twist, None without them.
-        twist_map: Map (3, dof) from ν to the twist; its columns of the arm alone with ``steering``.
-        joint_columns: Map (nv, n_joints) from the joints' rates to v, mimic joints included.
-        entries: The entry in q of each joint.
-        casters: The powered casters, whose angles the base's motion fixes.
+        base_columns: Number of quasi-velocities that move the base, the steered joints' rates too.
+        casters: Joints of the powered casters, whose angles the base's motion fixes.
+        symbolic: The robot's dynamics in scalars.
+        indices: Index in x of each stage's deviations.
     """
 
     def __init__(self, dynamics: ReducedDynamics, steps: int, dt: float) -> None:
         self.dynamics, self.steps, self.dt = dynamics, steps, dt
         self.robot, steered = dynamics.robot, dynamics.robot.drive.steered
         joint, self.steered = self.robot.description.joint, len(steered)
-        self.base = len(self.robot.drive.base_speeds) - self.steered
+        self.base_columns = len(self.robot.drive.base_speeds)
+        self.base = self.base_columns - self.steered
         self.joints = tuple(joint[swivel.joint] for swivel in steered) + self.robot.joints
-        self.entries = tuple(self.robot.entries[each.name] for each in self.joints)
-        self.steering = Steering(self.robot) if steered else None
-        self.casters = Casters(self.robot)
-        q = self.robot.configuration_at(np.zeros(BASE_NV), self.robot.home)
-        self.twist_map = np.asarray(dynamics.twist(q, np.eye(self.robot.dof)))
-        self.joint_columns = dynamics.basis(q)[:, self.base :].copy()
-        self.joint_columns[:BASE_NV] = 0.0
+        self.casters = [swivel.joint for swivel in self.robot.drive.powered_casters]
+        self.symbolic = SymbolicDynamics(self.robot)
+        dof = self.robot.dof
+        ends = np.cumsum([dof, BASE_NV, len(self.joints), dof])
+        every = np.arange(steps * ends[-1]).reshape(steps, -1)
+        self.indices = StageValues(*np.split(every, ends[:-1], axis=1))
+        self._moves = Evaluator(self._step().mapaccum(steps))
 
-    @property
-    def base_columns(self) -> int:
-        """Number of quasi-velocities that move the base, the steered joints' rates among them."""
-        return self.base + self.steered
+    def pose_and_joints(self, stages: Sequence[int]) -> Indices:
+        """Return the indices in x (K, 3 + n_joints) of pose and joints at some stages."""
+        return np.hstack([self.indices.pose[stages], self.indices.joints[stages]])
 
     def joint_positions(self, q: Array) -> Array:
         """Return the joints' positions (n_joints,) in q."""
@@ -240,86 +123,93 @@ class Model:
             pose: Pose of P (3,); None puts the root link at the origin.
             casters: Positions of the powered casters (n_powered_casters,), rad; None for 0.
         """
-        if self.robot.mimics or self.robot.drive.followers:
-            q = self._configuration_by_name(joints, pose)
-        else:
-            q = self._configuration_by_entry(joints, pose)
-        if casters is not None:
-            self.casters.write(q, casters)
-        return q
-
-    def _configuration_by_entry(self, joints: Array, pose: Array | None) -> Array:
-        q: Array = pin.neutral(self.robot.model)
-        for entry, position in zip(self.entries, joints.tolist(), strict=True):
-            entry.write(q, position)
-        if pose is not None:
-            write_root(q, *self.robot.root_pose(pose))
-        return q
-
-    def _configuration_by_name(self, joints: Array, pose: Array | None) -> Array:
-        if pose is not None:
-            return self.robot.configuration_at(pose, joints[self.steered :], joints[: self.steered])
+        root = (0.0, 0.0, 0.0) if pose is None else self.robot.root_pose(pose)
         names = (joint.name for joint in self.joints)
-        return self.robot.configuration(joints=dict(zip(names, joints.tolist(), strict=True)))
+        positions = dict(zip(names, joints.tolist(), strict=True))
+        if casters is not None:
+            positions |= dict(zip(self.casters, casters.tolist(), strict=True))
+        return self.robot.configuration(*root, positions)
+
+    def named(self, joints: Any) -> dict[str, Any]:
+        """Return positions of the model's joints, or of the first of them, by name."""
+        names = (joint.name for joint in self.joints)
+        return dict(zip(names, math.vertsplit(joints), strict=False))
 
     def predict(self, q: Array, nu: Array, nu_dot: Array) -> PredictedMotion:
         """Return the motion under accelerations that are constant in each step.
 
         ν and the joints are exact; the base moves with the twist at the middle of each step in the
         heading there, which is exact to second order.
+
+        Raises:
+            SingularBasisError: Steering angles on the way are singular.
         """
-        dt, pose, joints = self.dt, self.robot.base_pose(q), self.joint_positions(q)
+        dt, n, moving = self.dt, self.steps, self.base_columns
         speeds = np.vstack([nu, nu + dt * np.cumsum(nu_dot, axis=0)])
-        mid_speeds = speeds[:-1] + 0.5 * dt * nu_dot
-        joint_change = dt * np.cumsum(mid_speeds[:, self.base :], axis=0)
-        arm = np.vstack([joints, joints + joint_change])
-        twist_map = self._twist_maps(arm[:-1], speeds[:-1], nu_dot)
-        twist = (twist_map @ mid_speeds[:, :, None])[:, :, 0]
-        poses = np.empty((self.steps + 1, BASE_NV))
-        poses[0] = pose
-        poses[1:, 2] = pose[2] + dt * np.cumsum(twist[:, 2])
-        middle = poses[:-1, 2] + 0.5 * dt * twist[:, 2]
-        cos, sin = np.cos(middle), np.sin(middle)
-        poses[1:, 0] = pose[0] + dt * np.cumsum(cos * twist[:, 0] - sin * twist[:, 1])
-        poses[1:, 1] = pose[1] + dt * np.cumsum(sin * twist[:, 0] + cos * twist[:, 1])
-        casters = self.casters.follow(self.casters.read(q), twist, dt)
-        return PredictedMotion(q, poses, arm, speeds, nu_dot, twist, twist_map, casters)
-
-    def _twist_maps(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
-        if self.steering is None:
-            return self.twist_map[None]
-        found = np.tile(self.twist_map, (self.steps, 1, 1))
-        found[:, :, : self.base_columns] = self.steering.maps(self._angles(joints, nu, nu_dot))
-        return found
-
-    def _angles(self, joints: Array, nu: Array, nu_dot: Array) -> Array:
-        """Return the steering angles (N, n_steered) at the middle of each step."""
-        joints, rates, accelerations = (
-            part[:, first : first + self.steered]
-            for part, first in ((joints, 0), (nu, self.base), (nu_dot, self.base))
+        middle = speeds[:-1] + 0.5 * dt * nu_dot
+        joints = self.joint_positions(q) + np.vstack(
+            [np.zeros(len(self.joints)), dt * np.cumsum(middle[:, self.base :], axis=0)]
         )
-        return joints + 0.5 * self.dt * rates + 0.125 * self.dt**2 * accelerations
+        start = [*self.robot.base_pose(q), *(self.robot.joint_position(q, c) for c in self.casters)]
+        beside = np.hstack([joints[:-1, : self.steered], speeds[:-1, :moving], nu_dot[:, :moving]])
+        ends, jacobian, margins = self._moves(start, beside.ravel())
+        if not (margins > RANK_MARGIN).all():
+            raise SingularBasisError("the steered wheels fix no one motion ahead")
+        poses, casters = np.hsplit(np.vstack([start, ends.reshape(n, -1)]), [BASE_NV])
+        jacobian = jacobian.reshape(n, BASE_NV, -1)
+        return PredictedMotion(q, poses, joints, speeds, nu_dot, casters, jacobian)
 
-    def jacobian(self, motion: PredictedMotion) -> PoseJacobian:
-        """Return the derivatives of the poses by the state and acceleration before each."""
-        dt, n = self.dt, self.steps
-        middle = motion.pose[:-1, 2] + 0.5 * dt * motion.twist[:, 2]
-        cos, sin = np.cos(middle), np.sin(middle)
-        rotation = np.zeros((n, 3, 3))
-        rotation[:, 0, 0], rotation[:, 0, 1] = cos, -sin
-        rotation[:, 1, 0], rotation[:, 1, 1] = sin, cos
-        rotation[:, 2, 2] = 1.0
-        twist_by_heading = np.empty((n, 2))  # d/dθ of R(θ) (vx, vy)
-        twist_by_heading[:, 0] = -sin * motion.twist[:, 0] - cos * motion.twist[:, 1]
-        twist_by_heading[:, 1] = cos * motion.twist[:, 0] - sin * motion.twist[:, 1]
-        rotation[:, :2, 2] += 0.5 * dt * twist_by_heading
-        by_nu = dt * rotation @ motion.twist_map[:, :, : self.base_columns]
-        by_nu_dot = 0.5 * dt * by_nu
-        by_steering = np.zeros((n, 3, self.steered))
-        if self.steering is not None:
-            angles = self._angles(motion.joints[:-1], motion.nu[:-1], motion.nu_dot)
-            speeds = (motion.nu[:-1] + 0.5 * dt * motion.nu_dot)[:, : self.base_columns]
-            by_steering = dt * rotation @ self.steering.jacobian(angles, speeds)
-            by_nu[:, :, self.base :] += 0.5 * dt * by_steering
-            by_nu_dot[:, :, self.base :] += 0.125 * dt**2 * by_steering
-        return PoseJacobian(dt * twist_by_heading, by_nu, by_nu_dot, by_steering)
+    def _step(self) -> Any:
+        """Return the function of a step: (pose, casters) and (angles, ν, ν̇) to the next ones.
+
+        Beside them it has the derivatives of the pose's move, row by row, and how far the steering
+        is from a singular one.
+        """
+        dt, first, SX = self.dt, self.base, math.SX
+        pose, angles = SX.sym("pose", BASE_NV), SX.sym("angles", self.steered)
+        nu, nu_dot = (SX.sym(name, self.base_columns) for name in ("nu", "nu_dot"))
+        middle = angles + 0.5 * dt * nu[first:] + 0.125 * dt**2 * nu_dot[first:]
+        twist, margin = self._twist(middle, nu + 0.5 * dt * nu_dot)
+        theta = pose[2] + 0.5 * dt * twist[2]
+        cos, sin = math.cos(theta), math.sin(theta)
+        x, y = cos * twist[0] - sin * twist[1], sin * twist[0] + cos * twist[1]
+        move, beside = dt * math.vertcat(x, y, twist[2]), math.vertcat(angles, nu, nu_dot)
+        jacobian = math.jacobian(move, math.vertcat(pose[2], beside))
+        casters = math.SX.sym("casters", len(self.casters))
+        ends = math.vertcat(pose + move, self._turned(casters, twist))
+        found = [ends, math.densify(jacobian.T), margin]
+        return math.Function("step", [math.vertcat(pose, casters), beside], math.cse(found))
+
+    def _twist(self, angles: Any, nu: Any) -> tuple[Any, Any]:
+        """Return P's twist (3, 1) at steering angles and ν of the base, and the margin there.
+
+        Casters and followers do not determine it, so they glide here.
+        """
+        symbols, swivels = self.symbolic, self.robot.drive.swivels
+        gliding = [s.joint for s in swivels if s.role in ("caster", "follower")]
+        if gliding:
+            symbols = SymbolicDynamics(self.robot, gliding=gliding)
+        q = symbols.configuration(math.SX.zeros(BASE_NV), self.named(angles))
+        nu = math.vertcat(nu, math.SX.zeros(self.robot.dof - self.base_columns))
+        return symbols.twist(q, nu), symbols.rank_margin(q)
+
+    def _turned(self, positions: Any, twist: Any) -> Any:
+        """Return the powered casters' positions (n, 1) after a step of P's twist (3, 1)."""
+        swivels, dt = self.robot.drive.powered_casters, self.dt
+        if not swivels:
+            return positions
+        heading, sign, behind, px, py = math.horzsplit(
+            math.DM([[s.heading, s.sign, -2.0 * s.trail, *s.pivot] for s in swivels])
+        )
+        vx, vy, turn = math.vertsplit(math.DM(self.robot.root_velocity) @ twist)
+        ax, ay, half = (vx - turn * py) / behind, (vy + turn * px) / behind, 0.5 * turn
+        x, y = math.cos(heading + sign * positions), math.sin(heading + sign * positions)
+        square = ax * ax + ay * ay - half * half
+        s, decays = math.fmax(math.sqrt(math.fabs(square)), STILL), square > 0.0
+        c = math.if_else(decays, 1.0, math.cos(s * dt))
+        tanh = math.fmin(math.tanh(s * dt), LARGEST_TANH)
+        sigma = math.if_else(decays, tanh, math.sin(s * dt)) / s
+        above = math.atan2(c * y + sigma * (ay - half * x), c * x + sigma * (ax + half * y))
+        below = math.atan2(sigma * (ax * y - ay * x + half), c + sigma * (ax * x + ay * y))
+        turned = above - below - heading
+        return sign * math.atan2(math.sin(turned), math.cos(turned))

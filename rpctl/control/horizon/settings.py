@@ -17,7 +17,7 @@ from rpctl.robot.model import Robot
 
 # Of a weight: beyond, the costs of a horizon differ by more than rounding leaves of the smaller.
 WEIGHT = Range(1e-6, 1e6, SIGNED)
-MAX_STEPS = 500  # memory grows with their square: .1 GB for a mobile manipulator
+MAX_STEPS = 200  # memory grows with their square: .3 GB for a mobile manipulator
 
 
 @dataclass(frozen=True)

@@ -6,19 +6,21 @@ slowly, and the lag is made up later.
 
 from __future__ import annotations
 
-import math
+import math as numbers
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
+from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.prediction import Model, PredictedMotion
+from rpctl.control.horizon.qp import LinearRows
 from rpctl.control.horizon.settings import Bounds
 from rpctl.control.obstacles import Obstacle
 from rpctl.drive.steering import trailing_positions
+from rpctl.kernels.sheet import Evaluator
 from rpctl.reference.motion import (
     Reference,
     ReferenceState,
@@ -27,7 +29,7 @@ from rpctl.reference.motion import (
     steering,
     trailing,
 )
-from rpctl.robot.model import Robot
+from rpctl.robot.model import BASE_NV, Robot
 
 TIME_DIGITS = 11  # of a time in s: two sums that mean the same instant differ by rounding
 MAX_REMEMBERED = 4000  # instants: 20 steps of .1 s at a period of .5 ms
@@ -95,7 +97,7 @@ class PaceLimits:
 
     def __init__(self, model: Model, forces: ForceModel, bounds: Bounds, preview: Preview) -> None:
         self._model, self._forces, self._preview = model, forces, preview
-        self._efforts, self._rates = bounds.efforts(model.robot), bounds.rates(model.robot)
+        self._rates = bounds.rates(model.robot)
         self._limits = lru_cache(MAX_REMEMBERED)(self._limit)
 
     def forget(self) -> None:
@@ -110,18 +112,17 @@ class PaceLimits:
         point, model = self._preview(index * self._model.dt), self._model
         posture = np.concatenate([point.angles, point.state.joints])
         q = model.configuration(posture, casters=trailing(model.robot, point.state))
-        if self._forces.ground is not None:
-            self._forces.ground.update(self._with_idle_casters(q, point))
+        self._forces.update(self._with_idle_casters(q, point))
         still = np.zeros_like(point.nu)
-        rest = self._margins(q, still, still)
-        used = rest - self._margins(q, point.nu, point.nu_dot)
+        rest = -self._forces.foreseen(q, still, still)[:, 0]  # margins, of each limit
+        used = rest + self._forces.foreseen(q, point.nu, point.nu_dot)[:, 0]
         limiting = (rest > 0.0) & (used > 0.0)
         square = (LIMIT_FRACTION * rest[limiting] / used[limiting]).min(initial=MAX_PACE**2)
         B = model.dynamics.actuation(q)
         limited, limit_values = self._rates
         speed = (np.abs(B.T[limited] @ point.nu) / limit_values).max(initial=1.0 / MAX_PACE)
         return PaceLimit(
-            min(math.sqrt(square), 1.0 / float(speed)), math.hypot(*point.state.twist[:2])
+            min(numbers.sqrt(square), 1.0 / float(speed)), numbers.hypot(*point.state.twist[:2])
         )
 
     def _with_idle_casters(self, q: Array, point: ReferencePoint) -> Array:
@@ -135,16 +136,6 @@ class PaceLimits:
         for swivel, position in zip(idle, positions, strict=True):
             robot.set_joint(q, swivel.joint, position)
         return q
-
-    def _margins(self, q: Array, nu: Array, nu_dot: Array) -> Array:
-        """Return the margins of efforts, tipping and slipping, each as a fraction of its limit."""
-        forces = self._forces.at(q, nu, nu_dot)
-        limited, limit_values = self._efforts
-        tau = self._forces.efforts(forces)[limited, 0] / limit_values
-        margins = [1.0 - tau, 1.0 + tau]
-        if self._forces.ground is not None:
-            margins.append(self._forces.ground(forces)[:, 0])
-        return np.concatenate(margins)
 
 
 NO_LAG_S = 1e-6  # s: a lag below it is rounding
@@ -167,20 +158,12 @@ class Target(NamedTuple):
     nu: Array  # (N + 1, dof)
 
 
-class EndEffectorPoints(NamedTuple):
-    """The end effector after some steps, with its derivatives by pose and joints."""
-
-    positions: Array  # (K, 3) m
-    goals: Array  # (K, 3) m, where it should be
-    jacobian: Array  # (K, 3, 3 + n_joints), or (K, 3, n_joints) for a fixed base
-
-
 class Sample(NamedTuple):
     """The predicted motion and its target, about which a QP is linearised."""
 
     motion: PredictedMotion
     target: Target
-    end_effector: EndEffectorPoints | None
+    end_effector: list[LinearRows]  # its positions at some stages, m; none without one
 
 
 class TimeScaler:
@@ -218,7 +201,7 @@ class TimeScaler:
             self._time_within_leash(read, pose, latest), self._reference_time
         )
         self.largest_lag = max(self.largest_lag, t - self._reference_time)
-        first = math.floor(self._reference_time / model.dt)
+        first = numbers.floor(self._reference_time / model.dt)
         ahead = self._limits.between(first, first + model.steps + 1)
         fastest = max(SLOW_REFERENCE_SPEED, max(each.speed for each in ahead))
         change = 0.5 * self._base_acceleration / fastest  # 1/s: rate at which the pace may change
@@ -252,7 +235,7 @@ class TimeScaler:
             since = min(max(at / model.dt - first, 0.0), len(squares) - 1.0)
             j = min(int(since), len(squares) - 2)
             square = squares[j] + (since - j) * (squares[j + 1] - squares[j])
-            pace = min(pace, math.sqrt(square))
+            pace = min(pace, numbers.sqrt(square))
             times[k], paces[k] = at, pace
             at, pace = at + pace * model.dt, pace + change * model.dt
         self._pace = float(paces[0])
@@ -263,9 +246,9 @@ class TimeScaler:
         at = latest
         for _ in range(NEWTON_STEPS):
             state = read(at).state
-            cos, sin = math.cos(state.pose[2]), math.sin(state.pose[2])
+            cos, sin = numbers.cos(state.pose[2]), numbers.sin(state.pose[2])
             vx, vy, _ = state.twist
-            speed = math.hypot(vx, vy)
+            speed = numbers.hypot(vx, vy)
             if speed < SLOW_REFERENCE_SPEED:
                 break
             x, y = state.pose[0] - pose[0], state.pose[1] - pose[1]
@@ -290,50 +273,37 @@ def look_ahead(model: Model, read: Preview, time_scaling: TimeScaling, joints: A
     if not count:
         return Target(pose, arm, nu)
     angles = np.array([point.angles for point in points])
-    near = np.unwrap(np.vstack([joints[:count], angles]), axis=0, period=math.pi)[1:]
+    near = np.unwrap(np.vstack([joints[:count], angles]), axis=0, period=numbers.pi)[1:]
     if not model.robot.drive.has_axle:  # the base's speed is the first wheel's, along its heading
-        nu[:, 0] *= np.where(np.rint((near[:, 0] - angles[:, 0]) / math.pi) % 2.0, -1.0, 1.0)
+        nu[:, 0] *= np.where(np.rint((near[:, 0] - angles[:, 0]) / numbers.pi) % 2.0, -1.0, 1.0)
     return Target(pose, np.hstack([near, arm]), nu)
 
 
 class EndEffectorKinematics:
-    """The end effector along predicted motions; holds Pinocchio's workspace.
+    """The end effector along predicted motions.
 
     Args:
         stages: Stages at which the end effector is computed.
     """
 
     def __init__(self, model: Model, stages: list[int]) -> None:
-        robot = model.robot
-        self._model, self._data = model, robot.model.createData()
-        self._frame = robot.model.getFrameId(robot.end_effector, pin.FrameType.BODY)
-        self._after = [k + 1 for k in stages]
+        pose, joints = math.SX.sym("pose", BASE_NV), math.SX.sym("joints", len(model.joints))
+        symbols, at = model.symbolic, math.vertcat(pose, joints)
+        q = symbols.configuration(pose, model.named(joints))
+        _, position = symbols.placement(q, str(model.robot.end_effector))
+        jacobian = math.densify(math.jacobian(position, at).T)
+        function = math.Function("end_effector", [at], math.cse([position, jacobian]))
+        self._after, self._run = [k + 1 for k in stages], Evaluator(function.map(len(stages)))
+        self._unknowns = model.pose_and_joints(stages)
 
-    def end_effector(self, motion: PredictedMotion, target: Target) -> EndEffectorPoints:
-        """Return the end effector along a motion and where its target has it."""
-        found = [self.jacobian(motion.pose[k], motion.joints[k]) for k in self._after]
-        goals = [self.position(target.pose[k], target.joints[k]) for k in self._after]
-        positions, jacobian = zip(*found, strict=True)
-        return EndEffectorPoints(np.array(positions), np.array(goals), np.array(jacobian))
-
-    def position(self, pose: Array, joints: Array) -> Array:
-        """Return its position (3,), m, at a pose of P (3,) and joints (n_joints,)."""
-        model = self._model.robot.model
-        pin.forwardKinematics(model, self._data, self._model.configuration(joints, pose))
-        return pin.updateFramePlacement(model, self._data, self._frame).translation.copy()
-
-    def jacobian(self, pose: Array, joints: Array) -> tuple[Array, Array]:
-        """Return its position (3,), m, and the derivatives by pose and joints (3, 3 + n_joints)."""
-        model, data = self._model.robot.model, self._data
-        pin.computeJointJacobians(model, data, self._model.configuration(joints, pose))
-        position = pin.updateFramePlacement(model, data, self._frame).translation.copy()
-        J = pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
-        by_joints = J[:3] @ self._model.joint_columns
-        if not self._model.base:
-            return position, by_joints
-        by_pose = np.eye(3)
-        by_pose[:, 2] = pose[1] - position[1], position[0] - pose[0], 0.0
-        return position, np.hstack([by_pose, by_joints])
+    def __call__(self, motion: PredictedMotion | Target) -> LinearRows:
+        """Return the positions (K, 3), m, along a motion, and their derivatives."""
+        at = np.hstack([motion.pose[self._after], motion.joints[self._after]])
+        positions, jacobian = self._run(at.ravel())
+        count = len(at)
+        return LinearRows(
+            self._unknowns, positions.reshape(count, 3), jacobian.reshape(count, 3, -1)
+        )
 
 
 def base_detour(
@@ -356,22 +326,20 @@ def base_detour(
     pose[:, :2] = goals
     if turns:
         ahead = goals - start
-        back = np.where(target.nu[:, 0] < 0.0, math.pi, 0.0)
+        back = np.where(target.nu[:, 0] < 0.0, numbers.pi, 0.0)
         pose[:, 2] = np.where(changed, np.arctan2(ahead[:, 1], ahead[:, 0]) + back, pose[:, 2])
     return target._replace(pose=pose)
 
 
-def arm_detour(
-    end_effector: EndEffectorPoints, obstacles: tuple[Obstacle, ...], radius: float
-) -> EndEffectorPoints:
-    """Return the end effector with goals behind an obstacle replaced by a detour around it.
+def arm_detour(goals: Array, start: Array, obstacles: tuple[Obstacle, ...], radius: float) -> Array:
+    """Return the end effector's goals (K, 3) with those behind an obstacle replaced by a detour.
 
     Args:
-        end_effector: The end effector and its goals.
+        start: Present position of the end effector, m.
         obstacles: Obstacles of the end effector.
         radius: Radius of the end effector, m.
     """
-    goals = end_effector.goals.copy()
+    goals = goals.copy()
     for obstacle in obstacles:
-        goals[:, :2] = obstacle.around(end_effector.positions[0, :2], goals[:, :2], radius)
-    return end_effector._replace(goals=goals)
+        goals[:, :2] = obstacle.around(start[:2], goals[:, :2], radius)
+    return goals

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import atexit
+import hashlib
 import os
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 from rpctl.description.meshes.paths import MeshError
@@ -15,6 +15,7 @@ from rpctl.description.urdf.findings import excerpt
 from rpctl.files.array_messages import pack, unpack
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.worker import Worker, WorkerError
+from rpctl.kernels.cache import cached, sources
 
 MODULES = {  # which process does a job
     "read": "rpctl.description.meshes.worker",
@@ -50,27 +51,27 @@ class MeshService:
         self._worker: Worker | None = None
         self._asked = 0.0  # when it was last asked, s
 
-    def ask(self, job: str, head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
-        """Return the answer to a job.
+    def ask(self, request: bytes) -> bytes:
+        """Return the answer to a message, which is one, too.
 
         Raises:
             StalledMeshError: It took too long, or ended the process.
             MeshError: The mesh is refused, or there is no process to read it.
         """
-        request = pack({"job": job, **head}, arrays)
         most = cap("MAX_MESH_TRIANGLES") * TRIANGLE_BYTES + MORE_BYTES
         with self._lock:
             try:
-                answer, rest = unpack(self._ask(request, most))
+                answer = self._ask(request, most)
+                head, _ = unpack(answer)
             except ValueError:
                 self.close()
                 raise StalledMeshError("not readable: its reader broke off") from None
             except BaseException:
                 self.close()  # half of an answer may be under way
                 raise
-        if "fault" in answer:
-            raise MeshError(_one_line(answer["fault"]))
-        return answer, rest
+        if "fault" in head:
+            raise MeshError(_one_line(head["fault"]))
+        return answer
 
     def _ask(self, request: bytes, most: int) -> bytes:
         """Return the process's answer; one that was idle may have ended, and is replaced."""
@@ -114,14 +115,6 @@ class MeshService:
         except WorkerError as error:
             raise MeshError(f"not read: {excerpt(str(error))}; meshes need a process") from None
 
-    def start(self) -> None:
-        """Start the process if there is none, for it is soon asked; do not wait for it."""
-        with self._lock:
-            if self._worker is None:
-                with suppress(MeshError):  # who asks it will be told
-                    self._worker = self._start()
-                    self._worker.grant(IDLE_S)
-
     def close(self) -> None:
         """End the process, if there is one."""
         worker, self._worker = self._worker, None
@@ -142,25 +135,18 @@ SERVICES = _services()
 
 
 def ask(job: str, head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
-    """Return the answer to a job of the process that does it (:meth:`MeshService.ask`).
+    """Return the answer to a job: of the process that does it, or from disk where it ever was.
 
     Args:
         job: One of ``MODULES``.
 
     Raises:
-        MeshError: There is none.
+        MeshError: There is none, as of :meth:`MeshService.ask`.
     """
-    return SERVICES[MODULES[job]].ask(job, head, arrays)
-
-
-def start_reader() -> None:
-    """Start the process that reads meshes, while there is something else to do."""
-    SERVICES[MODULES["read"]].start()
-
-
-def start_hulls() -> None:
-    """Start the process that computes hulls, which takes a second, while something else is done."""
-    SERVICES[MODULES["hull"]].start()
+    request, service = pack({"job": job, **head}, arrays), SERVICES[MODULES[job]]
+    key = hashlib.sha256(sources().encode())
+    key.update(request)
+    return unpack(cached(key.digest(), lambda: service.ask(request)))
 
 
 def close_all() -> None:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-import casadi
 import numpy as np
 
+from rpctl import math as casadi  # imported when a function is asked for
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projector
 from rpctl.kernels.linear import BlockSolver, solve_positive
@@ -167,6 +167,11 @@ class SymbolicBasis:
             )
             for r in rows
         ]
+        return self.answer(slip)
+
+    def answer(self, slip: list[Scalar]) -> list[Scalar]:
+        """Return x (nv,) with A x = ``slip`` (rows,) and W x = 0, where wheels swivel."""
+        assert self._solver is not None
         y = self._solver.solve(product(self._numbers["N"], slip))
         rest = product(self._numbers["P"], slip)
         return [total((dot(x, y), other)) for x, other in zip(self._X, rest, strict=True)]
@@ -196,15 +201,14 @@ class SymbolicProjection:
     Args:
         projector: That of the robot.
         basis: S at the configuration.
-        varied: Whether S is not the same in all robots of the graph.
 
     Attributes:
         rows: Rows of S.
         columns: Its columns.
     """
 
-    def __init__(self, projector: Projector, basis: SymbolicBasis, varied: bool) -> None:
-        self._projector, self._basis, self._varied = projector, basis, varied
+    def __init__(self, projector: Projector, basis: SymbolicBasis) -> None:
+        self._projector, self._basis = projector, basis
         self.rows = basis.S
         self.columns = transposed(basis.S)
 
@@ -242,7 +246,8 @@ class SymbolicProjection:
             ActuationError: Actuators do not drive all quasi-velocities.
         """
         projector = self._projector
-        if projector.constant is not None and not self._varied:
+        known = all(isinstance(entry, float) for row in self.rows for entry in row)
+        if projector.constant is not None and known:  # S is the same in all robots of the graph
             return product(projector.constant.allocation.tolist(), force)
         regular = projector.robot.random_configuration(np.random.default_rng(0))
         _ = projector.at(regular).allocation  # refuses what nothing drives
@@ -252,6 +257,14 @@ class SymbolicProjection:
         weighted = [[times(b, square) for b, square in zip(row, squares, strict=True)] for row in B]
         gram = [[dot(a, b) for b in B] for a in weighted]
         return product(transposed(weighted), solve_positive(gram, force))
+
+    def multipliers(self, force: Any) -> Any:
+        """Return λ (rows, 1), the shortest with Aᵀ λ = ``force`` (nv, 1)."""
+        constant = self._projector.constant
+        if constant is not None:
+            return column(product(constant.multipliers.tolist(), entries(force)))
+        slip = casadi.SX.sym("slip", len(self._projector.rolling.matrix.constant))
+        return casadi.jtimes(column(self._basis.answer(entries(slip))), slip, force, True)
 
     def drift(self, nu: Any) -> Any:
         """Return Ṡν (nv, 1)."""

@@ -241,12 +241,13 @@ def inertias_of(robot: Robot) -> Array:
     return np.array([pseudo_inertia(each) for each in list(robot.model.inertias)[ROOT_JOINT:]])
 
 
-def felt(bodies: Sequence[MovingBody], inertias: Array) -> Array:
+def felt(bodies: Sequence[MovingBody], inertias: Array, grounded: bool = False) -> Array:
     """Return the ten numbers of each body (..., n, 10) that motion and forces tell apart.
 
     Args:
         bodies: The bodies.
         inertias: Pseudo-inertias (..., n, 4, 4) in the axes of Pinocchio's joints.
+        grounded: Whether what the planar root hides counts, too: what holds it upright.
     """
     from_frames = np.linalg.inv([body.frame for body in bodies])
     found = from_frames @ inertias @ np.swapaxes(from_frames, 1, 2)
@@ -261,7 +262,8 @@ def felt(bodies: Sequence[MovingBody], inertias: Array) -> Array:
         found[..., i, :, :] = own - unfelt
         found[..., body.parent, :, :] += body.pose @ unfelt @ body.pose.T
     numbers = _ten_numbers(found)
-    numbers[..., 0, UNFELT_BY_ROOT] = 0.0
+    if not grounded:
+        numbers[..., 0, UNFELT_BY_ROOT] = 0.0
     return numbers
 
 

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import casadi
 import numpy as np
 import pinocchio as pin
 
+from rpctl import math as casadi  # imported when a function is asked for
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.dynamics.symbols.basis import (
+    SINGULAR,
     SymbolicBasis,
     SymbolicConfiguration,
     SymbolicProjection,
     integrated,
 )
-from rpctl.dynamics.symbols.bodies import moving_bodies
-from rpctl.dynamics.symbols.numbers import NOTHING, Parameters, RobotNumbers, Varied
+from rpctl.dynamics.symbols.bodies import felt, inertias_of, moving_bodies
+from rpctl.dynamics.symbols.numbers import RobotNumbers
 from rpctl.dynamics.symbols.rigid_body import (
     MovingTree,
     crba,
+    first_moment,
     joint_motions,
     moving_tree,
     rnea,
@@ -47,8 +49,7 @@ from rpctl.kernels.scalars import (
 )
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import BASE_NV, Robot
-
-NO_NUMBERS: Mapping[str, Array] = MappingProxyType({})
+from rpctl.robot.variation import BuiltNumbers
 
 
 class _AtConfiguration(NamedTuple):
@@ -59,6 +60,15 @@ class _AtConfiguration(NamedTuple):
     tree: MovingTree
 
 
+class SymbolicReaction(NamedTuple):
+    """What :class:`rpctl.dynamics.reduced.Reactions` has of a state, but for the multipliers."""
+
+    v: Any  # (nv, 1)
+    residual: Any  # (nv, 1)
+    wrench: Any  # (6, 1)
+    energy: Any  # (1, 1)
+
+
 class SymbolicDynamics:
     """``ReducedDynamics`` over ``casadi.SX`` columns: the same names, quantities and orders.
 
@@ -67,20 +77,21 @@ class SymbolicDynamics:
 
     Args:
         robot: The robot.
-        varied: What is an entry of ``p`` instead of a constant.
+        others: Robots that the graph is for, too; in what they differ, from each other and from
+            more of their kind, there is an entry of ``p`` instead of a constant.
+        gliding: Joints of swivels that glide, as of :class:`ReducedDynamics`.
 
     Attributes:
-        p: The symbols of what is varied, ``casadi.SX`` (n_p, 1).
+        varies: Whether there are others.
     """
 
-    def __init__(self, robot: Robot, varied: Varied = NOTHING) -> None:
-        self.robot, self.varied = robot, varied
-        self._projector = Projector(robot, find_rolling(robot))
+    def __init__(
+        self, robot: Robot, others: BuiltNumbers | None = None, gliding: Collection[str] = ()
+    ) -> None:
+        self.robot, self.varies = robot, others is not None
+        self._projector = Projector(robot, find_rolling(robot, gliding))
         self._bodies = moving_bodies(robot)
-        self._numbers = RobotNumbers(robot, self._bodies)
-        self._parameters = Parameters(self._numbers.nominal, self._numbers.varied(varied))
-        self.p = self._parameters.symbols
-        self._known = self._parameters.scalars()
+        self._numbers = RobotNumbers(robot, self._bodies, others, gliding)
         self._swivels = [robot.entries[swivel.joint] for swivel in robot.drive.swivels]
         self._last: _AtConfiguration | None = None
 
@@ -90,29 +101,37 @@ class SymbolicDynamics:
         Raises:
             RpctlError: It differs in more than what is varied.
         """
-        return self._parameters.values(self._numbers.of(variant))
+        return self._numbers.values(self._numbers.of(variant))
 
-    def parameters(
-        self, variant: Robot, inertias: Array, numbers: Mapping[str, Array] = NO_NUMBERS
-    ) -> Array:
-        """Return the numbers (..., n_p) for robots that differ from a variant in inertias.
-
-        Args:
-            variant: What they have in common.
-            inertias: Pseudo-inertias of the bodies (..., n, 4, 4), as of
-                :meth:`rpctl.robot.variation.LinkInertias.bodies`.
-            numbers: What else they differ in, in stacks: ``damping`` and ``friction`` (..., nv),
-                and what :func:`rolling_numbers` names.
+    def parameters(self, others: BuiltNumbers) -> Array:
+        """Return the numbers (K, n_p) that stand for ``p`` in K robots.
 
         Raises:
             RpctlError: They differ in more than what is varied.
         """
-        return self._parameters.values({**self._numbers.of(variant, inertias), **numbers})
+        return self._numbers.values(self._numbers.built(others))
+
+    @property
+    def varied(self) -> dict[str, bytes]:
+        """Which numbers are entries of ``p``, by name: a byte each, 1 of those that are."""
+        return {name: mask.tobytes() for name, mask in self._numbers.varied.items()}
+
+    @cached_property
+    def p(self) -> Any:
+        """The symbols of what is varied, ``casadi.SX`` (n_p, 1)."""
+        return self._numbers.symbols
+
+    @cached_property
+    def _known(self) -> dict[str, Any]:
+        return self._numbers.scalars()
 
     @property
     def lossy(self) -> bool:
         """Whether joints have damping or friction."""
-        return self.robot.losses is not None or bool(self.varied.losses)
+        varied = self._numbers.varied
+        return self.robot.losses is not None or bool(
+            varied["damping"].any() or varied["friction"].any()
+        )
 
     def at(self, q: Any) -> SymbolicProjection:
         """Return the projection at q (nq, 1)."""
@@ -122,7 +141,7 @@ class SymbolicDynamics:
         if self._last is None or self._last.configuration.q is not q:
             at = SymbolicConfiguration(q)
             basis = SymbolicBasis(self._projector, self._known, at, self._swivels)
-            projection = SymbolicProjection(self._projector, basis, self.varied.rolling)
+            projection = SymbolicProjection(self._projector, basis)
             tree = moving_tree(self._bodies, self._known["inertia"], self._known["lift"], at)
             self._last = _AtConfiguration(at, projection, tree)
         return self._last
@@ -130,6 +149,10 @@ class SymbolicDynamics:
     def rank_margin(self, q: Any) -> Any:
         """Return how far the steering at q (nq, 1) is from a singular one; 1 where none can be."""
         return self.at(q).margin
+
+    def regular(self, q: Any) -> Any:
+        """Return whether the steering at q (nq, 1) fixes one motion, (1, 1)."""
+        return self.rank_margin(q) > SINGULAR
 
     def basis(self, q: Any) -> Any:
         """Return S (nv, dof) at q (nq, 1)."""
@@ -183,7 +206,24 @@ class SymbolicDynamics:
         v, a = product(projection.rows, nu), projection.drifting(nu)
         if nu_dot is not None:
             a = plus(a, product(projection.rows, nu_dot))
-        return product(projection.columns, rnea(tree, v, a))
+        return product(projection.columns, rnea(tree, v, a)[0])
+
+    def tree_force(self, q: Any, nu: Any, nu_dot: Any) -> tuple[Any, Any]:
+        """Return the tree's force (nv, 1) less its losses, and the ground's wrench (6, 1).
+
+        The wrench is force and moment at the root link's origin, in its axes.
+
+        Args:
+            q: Configuration (nq, 1).
+            nu: Quasi-velocities (dof, 1).
+            nu_dot: Their derivatives (dof, 1).
+        """
+        _, projection, tree = self._at(q)
+        v, drift = product(projection.rows, entries(nu)), projection.drifting(entries(nu))
+        a = plus(drift, product(projection.rows, entries(nu_dot)))
+        parts = rnea(replace(tree, numbers=self._whole), v, a)
+        force, wrench = (column(part) for part in parts)
+        return force - self.loss_force(column(v)) if self.lossy else force, wrench
 
     def lossless(self, q: Any, nu: Any, tau: Any) -> tuple[Any, Any]:
         """Return M (dof, dof) and B τ − h (dof, 1).
@@ -214,6 +254,37 @@ class SymbolicDynamics:
         M, push = self.lossless(q, nu, tau)
         return self.solve_positive(M, push + self.losses(q, nu))
 
+    def reaction(self, q: Any, nu: Any, push: Any) -> SymbolicReaction:
+        """Return what the ground does to the robot; see :meth:`ReducedDynamics.reaction`.
+
+        Args:
+            q: Configuration (nq, 1).
+            nu: Quasi-velocities (dof, 1).
+            push: Generalised force of the actuators and of what pushes besides (nv, 1).
+        """
+        _, projection, tree = self._at(q)
+        v, drift = product(projection.rows, entries(nu)), projection.drifting(entries(nu))
+        given = push + self.loss_force(column(v)) if self.lossy else push
+        free = entries(given - column(rnea(tree, v, drift)[0]))
+        M = self._inertia(q)
+        nu_dot = solve_positive(M, product(projection.columns, free))
+        whole = replace(tree, numbers=self._whole)
+        force, wrench = rnea(whole, v, plus(drift, product(projection.rows, nu_dot)))
+        residual = column(force) - given
+        mass, moment = first_moment(whole)
+        x, y = entries(q)[:2]
+        height = (dot(tree.lift, moment), times(mass, dot(self._known["lift"], (x, y, 0.0))))
+        energy = total((0.5 * dot(entries(nu), product(M, entries(nu))), *height))
+        return SymbolicReaction(column(v), residual, column(wrench), casadi.SX(energy))
+
+    @cached_property
+    def _whole(self) -> list[list[float]]:
+        """The ten numbers of each body of the robot, with those that a planar root hides."""
+        numbers: list[list[float]] = cleaned(
+            felt(self._bodies, inertias_of(self.robot), grounded=True)
+        ).tolist()
+        return numbers
+
     def solve_positive(self, M: Any, b: Any) -> Any:
         """Return M⁻¹ b (n, 1) of a symmetric positive definite M (n, n), without pivots."""
         n = M.shape[0]
@@ -228,6 +299,34 @@ class SymbolicDynamics:
         """Return q (nq, 1) moved along v (nv, 1) for a time of 1, as ``pinocchio.integrate``."""
         moving = {body.index: body.entry for body in self._bodies if body.entry is not None}
         return integrated(q, v, moving)
+
+    def configuration_rate(self, q: Any, v: Any) -> Any:
+        """Return q̇ (nq, 1) at velocities v (nv, 1)."""
+        step = casadi.SX.sym("step", self.robot.nv)
+        by_step = casadi.jacobian(self.integrate(q, step), step)
+        return casadi.substitute(by_step, step, casadi.SX.zeros(self.robot.nv)) @ v
+
+    def configuration(self, pose: Any, joints: Mapping[str, Any]) -> Any:
+        """Return q (nq, 1); mimic joints follow, swivels that follow others do not.
+
+        Args:
+            pose: Of P (3, 1).
+            joints: Positions by name; 0 for those left out.
+        """
+        robot = self.robot
+        q, theta = pin.neutral(robot.model).tolist(), pose[2] - robot.drive.heading
+        (px, py), cos, sin = robot.drive.point, casadi.cos(theta), casadi.sin(theta)
+        q[:4] = pose[0] - cos * px + sin * py, pose[1] - sin * px - cos * py, cos, sin
+        given, known = dict(joints), {**robot.locked, **joints}
+        for joint in robot.mimics:
+            if joint.mimic is not None:
+                followed = known.get(joint.mimic.joint, 0.0)
+                given[joint.name] = joint.mimic.multiplier * followed + joint.mimic.offset
+        for name, position in given.items():
+            entry = robot.entries[name]
+            pair = [casadi.cos(position), casadi.sin(position)]
+            q[entry.index : entry.index + 1 + entry.is_pair] = pair if entry.is_pair else [position]
+        return column(q)
 
     def base_pose(self, q: Any) -> Any:
         """Return the pose (x, y, θ) (3, 1) of P in the world; m, rad."""
@@ -252,18 +351,35 @@ class SymbolicDynamics:
         if not model.existBodyName(frame):
             raise UnknownNameError("link", frame, self.robot.description.link)
         found = model.frames[model.getFrameId(frame, pin.FrameType.BODY)]
-        body = found.parentJoint - ROOT_JOINT
-        pose = np.linalg.inv(self._bodies[body].frame) @ found.placement.homogeneous
-        R, p = cleaned(pose[:3, :3].T).tolist(), cleaned(pose[:3, 3]).tolist()
-        tree = MovingTree(
-            joint_motions(self._bodies, self._at(q).configuration), (), (0.0, 0.0, 0.0)
-        )
-        for joint in tree.before(tree.joints[body - 1]) if body else ():
-            R, p = [joint.inwards(x) for x in R], plus(joint.inwards(p), joint.p)
+        R, p = self._in_root(q, found.parentJoint, found.placement.homogeneous)
         x, y, cos, sin = entries(q)[:4]
         to_world = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
         R, p = [product(to_world, x) for x in R], plus(product(to_world, p), [x, y, 0.0])
         return matrix(transposed(R), dense=True), column(p)
+
+    def place(self, q: Any, joint: int, point: Array) -> Any:
+        """Return where a point (3,) of a joint's frame is (3, 1), in the root link's frame, m.
+
+        Args:
+            q: Configuration (nq, 1).
+            joint: Pinocchio's index of the joint.
+            point: In its frame, m.
+        """
+        pose = np.eye(4)
+        pose[:3, 3] = point
+        return column(self._in_root(q, joint, pose)[1])
+
+    def _in_root(self, q: Any, joint: int, pose: Array) -> tuple[list[list[Scalar]], list[Scalar]]:
+        """Return the axes, each as a row, and the origin of a pose (4, 4) in a joint's frame."""
+        body = joint - ROOT_JOINT
+        pose = np.linalg.inv(self._bodies[body].frame) @ pose
+        R, p = cleaned(pose[:3, :3].T).tolist(), cleaned(pose[:3, 3]).tolist()
+        tree = MovingTree(
+            joint_motions(self._bodies, self._at(q).configuration), (), (0.0, 0.0, 0.0)
+        )
+        for each in tree.before(tree.joints[body - 1]) if body else ():
+            R, p = [each.inwards(x) for x in R], plus(each.inwards(p), each.p)
+        return R, p
 
     def loss_force(self, v: Any) -> Any:
         """Return the generalised force (nv, 1) of damping and friction at v (nv, 1)."""

@@ -267,8 +267,20 @@ def _motion(spin: Vector, turn: Vector, lift: Vector) -> BodyMotion:
     return BodyMotion(spin, turn, lift, U, squares)
 
 
-def rnea(tree: MovingTree, v: Vector, a: Vector) -> list[Scalar]:
-    """Return the generalised forces (nv,) of a motion, gravity included.
+def first_moment(tree: MovingTree) -> tuple[Scalar, Vector]:
+    """Return the mass of all bodies, and its first moment (3,) about the first one's origin."""
+    parts = [(numbers[M], numbers[MX : MZ + 1]) for numbers in tree.numbers]
+    for i, joint in reversed(list(enumerate(tree.joints, start=1))):
+        (m, mc), (mass, moment) = parts[i], parts[joint.body.parent]
+        moved = plus(moment, joint.inwards(mc), [times(m, p) for p in joint.p])
+        parts[joint.body.parent] = total((mass, m)), moved
+    return parts[0]
+
+
+def rnea(tree: MovingTree, v: Vector, a: Vector) -> tuple[list[Scalar], Vector]:
+    """Return the generalised forces (nv,) of a motion, and the wrench (6,) on the first body.
+
+    Gravity is included; the wrench is force and moment about the body's origin, in its axes.
 
     Args:
         tree: The bodies.
@@ -293,7 +305,7 @@ def rnea(tree: MovingTree, v: Vector, a: Vector) -> list[Scalar]:
         wrenches[body.parent] = plus(before[0], force), plus(before[1], moment)
     force, moment = wrenches[0]
     forces[:3] = force[0], force[1], moment[2]
-    return forces
+    return forces, [*force, *moment]
 
 
 def _next(joint: JointMotion, before: BodyMotion, rate: Scalar, change: Scalar) -> BodyMotion:

@@ -18,13 +18,10 @@ from scipy.spatial.transform import Rotation
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.paths import (
-    Numbers,
     Path,
-    PathPoint,
     basis_at,
     clamped_knots,
-    entries,
-    planar,
+    driven,
     quintic,
     uniform_knots,
 )
@@ -92,7 +89,7 @@ def curve_through(waypoints: Sequence[Waypoint], radius: float = 0.0) -> tuple[P
             f"{max(radius, 0.0):.3g} m is the least; set the waypoints farther apart, leave a "
             "heading open, or lower turning_radius"
         )
-    return _path(spline), float(s[-1])
+    return driven(lambda at: at.spline(spline)), float(s[-1])
 
 
 def _fit(
@@ -143,16 +140,6 @@ def _conditions(
         *values,
         *((math.cos(angle), math.sin(angle)) for _, angle in headings),
     ]
-
-
-def _path(spline: BSpline) -> Path:
-    orders = [spline, *(spline.derivative(order) for order in (1, 2, 3, 4))]
-
-    def at(s: Numbers) -> PathPoint:
-        position, d1, d2, d3, d4 = (tuple(entries(order(s))) for order in orders)
-        return planar(position, d1, d2, d3, d4)
-
-    return at
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,10 @@ from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
 
+from rpctl import math as casadi
 from rpctl.arrays import Array
-from rpctl.reference.paths import Numbers, Path, PathPoint, basis, quintic, stack_rows, vector
+from rpctl.reference.formula import Along
+from rpctl.reference.paths import Path, Place, basis, quintic
 from rpctl.reference.planned.arm import Arm, error_rows
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.sizing import VELOCITY_LIMIT_FRACTION, Limits, wheel_rates
@@ -122,33 +124,36 @@ class DrivingBase:
 
     def path(self, z: Array) -> Path:
         """Return the path: poses by quadrature from the nearest point before."""
-        return _TwistPath(self._s, self.poses(z)[0], quintic(self.knots, self.twist(z)))
+        return _twist_path(self._s, self.poses(z)[0], quintic(self.knots, self.twist(z)))
 
 
-class _TwistPath:
-    """A path of known twist: its poses are the twist's integral, to rounding."""
+def _twist_path(s: Array, poses: Array, twist: BSpline) -> Path:
+    """Return the path of a twist: its poses are the twist's integral, to rounding.
 
-    def __init__(self, s: Array, poses: Array, twist: BSpline) -> None:
-        self._s, self._poses, self._twist = s, poses, twist
-        self._first, self._second = twist.derivative(1), twist.derivative(2)
-        self._whole = quintic(twist.t, np.ascontiguousarray(twist.c[:, 2])).antiderivative()
+    Args:
+        s: Points (N,), uniform.
+        poses: Poses there (N, 3).
+        twist: By s, with values (3,).
+    """
+    whole = quintic(twist.t, np.ascontiguousarray(twist.c[:, 2])).antiderivative()
+    known = BSpline(np.array([s[0], *s, s[-1]]), poses, 1)
+    first, step, most = float(s[0]), float(s[1] - s[0]), len(s) - 1
 
-    def __call__(self, s: Numbers) -> PathPoint:
-        """Return the point at s, or the points at many."""
-        node = np.searchsorted(self._s, s, side="right") - 1
-        node = np.clip(node, 0, len(self._s) - 1)
-        start, pose = self._s[node], self._poses[node]
-        at = start[..., None] + (0.5 * (s - start))[..., None] * (1.0 + GAUSS_NODES)
-        turned, end = (self._whole(x) for x in (at, s))
-        before = self._whole(start)
-        forward = self._twist(at)
-        heading = pose[..., 2] - before
-        velocity = np.exp(1j * (heading[..., None] + turned)) * (
-            forward[..., 0] + 1j * forward[..., 1]
-        )
-        step = 0.5 * (s - start) * (velocity @ GAUSS_WEIGHTS)
-        direction = stack_rows(self._twist(s), self._first(s), self._second(s))
-        return PathPoint(pose + vector(s, (step.real, step.imag, end - before)), direction)
+    def formula(at: Along) -> Place:
+        number = casadi.fmin(casadi.fmax(casadi.floor((at.x - first) / step), 0.0), most)
+        start = first + step * number
+        x, y, heading = at.spline(known, start)
+        half, (before,), (after,) = 0.5 * (at.x - start), at.spline(whole, start), at.spline(whole)
+        for node, weight in zip(GAUSS_NODES.tolist(), GAUSS_WEIGHTS.tolist(), strict=True):
+            between = start + half * (1.0 + node)
+            forward, left, _ = at.spline(twist, between)
+            angle = heading - before + at.spline(whole, between)[0]
+            cos, sin = casadi.cos(angle), casadi.sin(angle)
+            x += half * weight * (cos * forward - sin * left)
+            y += half * weight * (sin * forward + cos * left)
+        return Place((x, y, heading - before + after), at.spline(twist))
+
+    return Path(formula)
 
 
 @dataclass(frozen=True)

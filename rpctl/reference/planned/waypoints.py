@@ -13,8 +13,8 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.reference import paths
 from rpctl.reference.fitting import assumptions, reason, slow_down, too_weak, usage_of
-from rpctl.reference.path_reference import TimedPath, along, constant
-from rpctl.reference.paths import Curves, Path
+from rpctl.reference.path_reference import TimedPath
+from rpctl.reference.paths import Path, constant, spline_curve
 from rpctl.reference.planned.arm import Arm
 from rpctl.reference.planned.curve import DEFAULT_CORNER, Goal, Waypoint, curve_through, polyline
 from rpctl.reference.planned.reach import plan_reach
@@ -62,10 +62,7 @@ def slalom(robot: Robot, wish: SizingRequest) -> TimedPath:
     path = paths.scaled(path, scale)
     found = _driven(robot, path, end, limits)
 
-    def speed(at: float) -> float:
-        return float(np.hypot(*path(at).direction[0, :2]))
-
-    return _sized(robot, "waypoints", found, size, wish, speed)
+    return _sized(robot, "waypoints", found, size, wish, lambda s: path(s).twist[:, 0, :2])
 
 
 def ee_square(robot: Robot, wish: SizingRequest) -> TimedPath:
@@ -90,12 +87,7 @@ def ee_square(robot: Robot, wish: SizingRequest) -> TimedPath:
     goal = polyline((start + corners).tolist(), min(DEFAULT_CORNER, 0.5 * size))
     ratio = None if wish.speed is None else wish.speed / Limits.end_effector_speed * Limits.speed
     found = along_goal(robot, goal, _paced(Limits(), length, ratio))
-    slope = goal.position.derivative()
-
-    def speed(at: float) -> float:
-        return float(np.linalg.norm(slope(at)))
-
-    return _sized(robot, "ee-square", found, size, wish, speed)
+    return _sized(robot, "ee-square", found, size, wish, goal.position.derivative())
 
 
 def _paced(limits: Limits, scale: float, speed: float | None) -> Limits:
@@ -124,22 +116,21 @@ def _sized(
     found: TimedPath,
     size: float,
     wish: SizingRequest,
-    speed: Callable[[float], float],
+    velocity: Callable[[Array], Array],
 ) -> TimedPath:
     """Return a reference slowed down to its share of the limits, unless its speed is given.
 
     Args:
         size: m.
-        speed: Returns the speed by s, m.
+        velocity: Returns velocities (K, n) by s, m.
     """
     dynamics = ReducedDynamics(robot)
     if wish.speed is None:
         found, usage = slow_down(dynamics, found)
     else:
         usage = usage_of(dynamics, found)
-    times = np.linspace(0.0, found.duration, SPEED_SAMPLES)
-    instants = [found.time_law(float(t)) for t in times]
-    top = max(speed(at.s) * abs(at.rate) for at in instants)
+    s, rate, _ = found.time_law(np.linspace(0.0, found.duration, SPEED_SAMPLES))
+    top = float((np.linalg.norm(velocity(s), axis=1) * np.abs(rate)).max())
     why, weak = reason(usage, robot, given=wish.speed is not None), too_weak(dynamics, found)
     sizing = Sizing(name, size, top, None, found.duration, why, weak, assumptions(robot))
     return replace(found, sizing=sizing)
@@ -160,8 +151,8 @@ def along_waypoints(robot: Robot, waypoints: Sequence[Waypoint], limits: Limits)
 def _driven(robot: Robot, path: Path, end: float, limits: Limits) -> TimedPath:
     """Return the reference along a path as fast as limits allow, the arm at home."""
     s = _grid(0.0, end)
-    timing = time_law(s, limits.base(robot, along(path, s)))
-    return TimedPath(path, constant(robot.home, 0.0, end), timing)
+    timing = time_law(s, limits.base(robot, path(s).twist))
+    return TimedPath(path, constant(robot.home), timing)
 
 
 def along_goal(robot: Robot, goal: Goal, limits: Limits) -> TimedPath:
@@ -175,11 +166,11 @@ def along_goal(robot: Robot, goal: Goal, limits: Limits) -> TimedPath:
     s = _grid(goal.start, goal.end)
     place = goal.position
     bounds = [
-        *limits.base(robot, along(path, s)),
+        *limits.base(robot, path(s).twist),
         *limits.end_effector(place(s, 1), place(s, 2)),
         *arm_bounds(robot, spline(s, 1), spline(s, 2)),
     ]
-    return TimedPath(path, Curves(spline), time_law(s, bounds))
+    return TimedPath(path, spline_curve(spline), time_law(s, bounds))
 
 
 def _require_base(robot: Robot) -> None:

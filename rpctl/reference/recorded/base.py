@@ -12,30 +12,17 @@ is of the sideways speed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.sparse import block_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
+from rpctl import math as casadi
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
-from rpctl.reference.paths import (
-    Curves,
-    Numbers,
-    Path,
-    PathPoint,
-    basis_at,
-    entries,
-    factors,
-    functions,
-    matrix,
-    stack_rows,
-    through,
-    vector,
-)
+from rpctl.reference.formula import Along
+from rpctl.reference.paths import Path, Place, basis_at, posed, through
 from rpctl.reference.recorded.row_fit import (
     METRES_PER_RADIAN,
     FittedSpline,
@@ -348,42 +335,14 @@ def headings(rate: Array, slow: float, sure: float = 0.0) -> Array:
     return np.interp(np.arange(len(rate)), moving, angles)
 
 
-def spline_path(spline: BSpline) -> Path:
-    """Return the base's path of a pose spline by time."""
-    orders = [spline.derivative(order) if order else spline for order in range(4)]
+def rolled_path(robot: Robot, found: FittedSpline, t: Array) -> Path:
+    """Return the base's path of a pose spline by time.
 
-    def at(s: Numbers) -> PathPoint:
-        pose, *derivatives = (order(s) for order in orders)
-        (vx, vy, omega), (ax, ay, alpha), (jx, jy, jerk) = map(entries, derivatives)
-        heading = entries(pose)[2]
-        cos, sin = functions(heading).cos(heading), functions(heading).sin(heading)
-        # In the base's axes, u = e^(-iθ) ż: they turn, so u' = e^(-iθ) (z̈ - iω ż), and so on.
-        square = omega * omega
-        world = (
-            (vx, vy, omega),
-            (ax + omega * vy, ay - omega * vx, alpha),
-            (
-                jx + 2.0 * omega * ay + alpha * vy - square * vx,
-                jy - 2.0 * omega * ax - alpha * vx - square * vy,
-                jerk,
-            ),
-        )
-        rows = [(cos * x + sin * y, cos * y - sin * x, turn) for x, y, turn in world]
-        return PathPoint(pose, matrix(s, rows))
-
-    return at
-
-
-def travel_direction(
-    robot: Robot, found: FittedSpline, t: Array
-) -> Callable[[Numbers], Array] | None:
-    """Return a direction of travel that does not vanish where the data stand still.
-
-    A base that cannot slide moves along (cos φ, 0, sin φ / ℓ): φ is a spline through the rows
-    that move, modulo π, held between them.
+    A base that cannot slide moves along (cos φ, 0, sin φ / ℓ), which does not vanish where the data
+    stand still: φ is a spline through the rows (K,) that move, modulo π, held between them.
     """
     if not robot.drive.has_axle:
-        return None
+        return Path(lambda at: posed(at, at.spline(found.spline)))
     spline = found.spline
     rate, heading = spline(t, 1), spline(t)[:, 2]
     speed = rate[:, 0] * np.cos(heading) + rate[:, 1] * np.sin(heading)
@@ -393,16 +352,13 @@ def travel_direction(
     moving = np.flatnonzero(pace > min(slow, 0.5 * pace.max()))
     angle = np.zeros(len(t))
     if len(moving):
-        found = np.unwrap(np.arctan2(turning[moving], speed[moving]), period=math.pi)
-        angle = np.interp(np.arange(len(t)), moving, found)
-    orders = Curves(through(t, angle[:, None]))
+        turned = np.unwrap(np.arctan2(turning[moving], speed[moving]), period=math.pi)
+        angle = np.interp(np.arange(len(t)), moving, turned)
+    angles = through(t, angle)
 
-    def at(s: Numbers) -> Array:
-        (phi,), (slope,), (bend,) = map(entries, orders(s))
-        cos, sin = functions(s).cos(phi), functions(s).sin(phi)
-        lean = vector(s, (cos, 0.0, sin / METRES_PER_RADIAN))
-        across = vector(s, (-sin, 0.0, cos / METRES_PER_RADIAN))
-        slope, bend = factors(slope), factors(bend)
-        return stack_rows(lean, across * slope, across * bend - lean * slope**2)
+    def formula(at: Along) -> Place:
+        (phi,) = at.spline(angles)
+        toward = casadi.cos(phi), 0.0, casadi.sin(phi) / METRES_PER_RADIAN
+        return posed(at, at.spline(spline), toward)
 
-    return at
+    return Path(formula)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError
-from rpctl.reference.fitting import MotionSample, dry_friction
-from rpctl.reference.motion import configuration_along, reference_rates, steering
+from rpctl.reference.fitting import dry_friction, efforts, sample
+from rpctl.reference.motion import steering
 from rpctl.reference.path_reference import TimedPath
 from rpctl.reference.paths import PathTime
 from rpctl.reference.recorded.table_file import Table
@@ -115,8 +115,8 @@ def find_demands(dynamics: ReducedDynamics, reference: TimedPath, table: Table) 
     """
     count = int(np.clip(SAMPLES_PER_ROW * len(table.t), MIN_SAMPLES, MAX_SAMPLES))
     times, asked = _asked(dynamics, reference, np.linspace(0.0, reference.duration, count + 1))
-    at = np.array([reference.time_law(t).s for t in times.tolist()])
-    rows = np.clip(np.searchsorted(table.t, at + 1e-9, side="right") - 1, 0, len(table.t) - 1)
+    at = reference.time_law(times).s + 1e-9
+    rows = np.clip(np.searchsorted(table.t, at, side="right") - 1, 0, len(table.t) - 1)
     lines = np.array(table.lines)[rows]
     found = [_demand(dynamics, each, times, lines) for each in asked]
     beyond = [each for each in found if each is not None]
@@ -127,22 +127,18 @@ def _asked(
     dynamics: ReducedDynamics, reference: TimedPath, times: Array
 ) -> tuple[Array, list[_Asked]]:
     """Return the times that were looked at, and what is asked at them."""
-    robot = dynamics.robot
-    seen, rates, efforts, joints, angles = [], [], [], [], []
-    for t in times.tolist():
-        state = reference(t)
+    robot, state = dynamics.robot, reference(times)
+    seen, rates, taken = [], [], []
+    for number, at in enumerate(sample(robot, state)):
         with suppress(SingularBasisError):
-            q = configuration_along(robot, state)
-            nu, nu_dot = reference_rates(robot, state)
-            rates.append(dynamics.basis(q) @ nu)
-            efforts.append(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot)))
-            joints.append(state.joints)
-            angles.append(steering(robot, state)[0])
-            seen.append(t)
+            taken.append(efforts(dynamics, [at])[0])
+            rates.append(dynamics.basis(at.q) @ at.nu)
+            seen.append(number)
     if not seen:
         return np.empty(0), []
-    series = _series(dynamics, *(np.array(part) for part in (rates, efforts, joints, angles)))
-    return np.array(seen), [each for each in series if math.isfinite(each.upper - each.lower)]
+    angles = steering(robot, state)[seen, 0]
+    series = _series(dynamics, np.array(rates), np.array(taken), state.joints[seen], angles)
+    return times[seen], [each for each in series if math.isfinite(each.upper - each.lower)]
 
 
 def _series(
@@ -266,10 +262,17 @@ def limits_along(
     Args:
         s: Points of it (N,).
     """
-    robot = dynamics.robot
-    points = [_point(dynamics, reference, float(x)) for x in s]
-    rates, held, by_square, by_acceleration = (np.array(part) for part in zip(*points, strict=True))
-    none, idle = np.zeros(len(s)), idle_joints(robot)
+    robot, none = dynamics.robot, np.zeros(len(s))
+    steady, starting = (
+        sample(robot, reference.at(PathTime(s, *rates)))
+        for rates in ((none + 1.0, none), (none, none + 1.0))
+    )
+    rates = np.array([dynamics.basis(at.q) @ at.nu for at in steady])
+    still, dry = np.zeros(robot.dof), dry_friction(dynamics, steady)
+    holding = efforts(dynamics, [at._replace(nu=still, nu_dot=still) for at in steady])
+    held, by_square = np.abs(holding) + np.abs(dry), efforts(dynamics, steady) - holding - dry
+    by_acceleration = efforts(dynamics, starting) - holding
+    idle = idle_joints(robot)
     for name in robot.moving_joint_names:
         limit = VELOCITY_LIMIT_FRACTION * robot.description.joint[name].velocity
         if np.isfinite(limit) and name not in idle:
@@ -280,23 +283,6 @@ def limits_along(
         most = np.where(left > 0.0, EFFORT_SHARE * left, np.inf)
         bound = Bound(by_acceleration[:, k], by_square[:, k], np.inf, most)
         yield bound, f"the effort of {name}"
-
-
-def _point(dynamics: ReducedDynamics, reference: TimedPath, s: float) -> tuple[Array, ...]:
-    """Return, at a point of the path, velocities (nv,) by ṡ; sizes of the efforts at any pace, to
-    hold the robot and against dry friction; and those by ṡ² and by s̈, (n_act,) each."""
-    robot, still = dynamics.robot, np.zeros(dynamics.robot.dof)
-    steady, starting = (reference.at(PathTime(s, *rates)) for rates in ((1.0, 0.0), (0.0, 1.0)))
-    q = configuration_along(robot, steady)
-    nu, nu_dot = reference_rates(robot, steady)
-    _, push = reference_rates(robot, starting)
-    held, moving, pushed = (
-        dynamics.efforts(q, dynamics.inverse(q, *motion))
-        for motion in ((still, still), (nu, nu_dot), (still, push))
-    )
-    (dry,) = dry_friction(dynamics, [MotionSample(q, nu, nu_dot, steady.twist)])
-    always = np.abs(held) + np.abs(dry)
-    return dynamics.basis(q) @ nu, always, moving - held - dry, pushed - held
 
 
 def _reason(limits: Sequence[tuple[Bound, str]], s: Array, at: PathTime) -> str:

@@ -13,10 +13,10 @@ from scipy.ndimage import median_filter
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.path_reference import TimedPath, still
-from rpctl.reference.paths import Curves, Path
+from rpctl.reference.paths import Path, constant, spline_curve
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach import plan_reach
-from rpctl.reference.recorded.base import fit_base, spline_path, travel_direction
+from rpctl.reference.recorded.base import fit_base, rolled_path
 from rpctl.reference.recorded.demands import Demand, Retimed, find_demands, retimed
 from rpctl.reference.recorded.row_fit import (
     METRES_PER_RADIAN,
@@ -176,11 +176,10 @@ def reference_from_table(
     if smooth is None:
         _check_rows(robot, table)
     path: Path | None = None if robot.drive.base_speeds else still(np.zeros(3))
-    direction = goal = joints = None
+    goal = joints = None
     if BASE_COLUMNS[0] in table.columns:
         fits.append(fit_base(robot, rows))
-        path = spline_path(fits[-1].spline)
-        direction = travel_direction(robot, fits[-1], table.t)
+        path = rolled_path(robot, fits[-1], table.t)
     if EE_COLUMNS[0] in table.columns:
         goal, found = _goal(rows)
     else:
@@ -194,7 +193,9 @@ def reference_from_table(
     end = float(table.t[-1])
     starts, ends = any(k.starts_moving for k in fits), any(k.ends_moving for k in fits)
     law = recorded_time(end, starts, ends)
-    reference = TimedPath(path or still(np.zeros(3)), Curves(joints), law, direction)
+    moves = goal is not None or any(name in table.columns for name in robot.joint_names)
+    arm = spline_curve(joints) if moves else constant(robot.home)
+    reference = TimedPath(path or still(np.zeros(3)), arm, law)
     return _with_recording(robot, reference, rows, retime)
 
 
@@ -210,13 +211,7 @@ def _with_recording(robot: Robot, reference: TimedPath, rows: RowFit, retime: bo
         tuple(find_jumps(robot, rows.table)),
         tuple(find_demands(dynamics, reference, rows.table)),
     )
-    return RecordedPath(
-        reference.path,
-        reference.arm,
-        reference.time_law,
-        reference.travel_direction,
-        recording=recording,
-    )
+    return RecordedPath(reference.path, reference.arm, reference.time_law, recording=recording)
 
 
 def _check_columns(robot: Robot, table: Table) -> None:

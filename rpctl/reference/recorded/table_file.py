@@ -222,7 +222,7 @@ def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
     faults = header_faults(names, joints)
     if faults:
         raise refusal(path, [(header, fault) for fault in faults])
-    values, lines, bad = _values(rows, names)
+    values, lines, bad = read_values(rows, names, names)
     bad += _time_faults(values, lines, names.index("t"))
     if set(QUATERNION) <= set(names):
         bad += _quaternion_faults(values, lines, [names.index(name) for name in QUATERNION])
@@ -235,11 +235,16 @@ def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
     return Table(str(path), tuple(lines), header, t - t[0], columns)
 
 
-def _values(
-    rows: Iterable[TextRow], names: list[str]
+def read_values(
+    rows: Iterable[TextRow], names: list[str], wanted: Sequence[str]
 ) -> tuple[Array, list[int], list[tuple[int, str]]]:
-    """Return the numbers (K, n) of good rows, their lines, and the faults of the others."""
-    values = array("d")
+    """Return some numbers (K, n) of good rows, their lines, and the faults of the others.
+
+    Args:
+        names: Of all columns.
+        wanted: Of those that are read, in this order.
+    """
+    values, places = array("d"), [names.index(name) for name in wanted]
     lines: list[int] = []
     faults: list[tuple[int, str]] = []
     for line, row in rows:
@@ -248,9 +253,9 @@ def _values(
             faults.append((line, wrong))
             continue
         numbers = []
-        for name, text in zip(names, row, strict=True):
+        for name, index in zip(wanted, places, strict=True):
             try:
-                number = _number(name, text)
+                number = _number(name, row[index])
             except Fault as fault:
                 faults.append((line, str(fault)))
                 continue
@@ -258,7 +263,7 @@ def _values(
         if len(faults) == found:
             values.extend(numbers)
             lines.append(line)
-    return np.array(values).reshape(-1, len(names)), lines, faults
+    return np.array(values).reshape(-1, len(wanted)), lines, faults
 
 
 def _length_fault(row: list[str], names: list[str]) -> str:

@@ -1,6 +1,7 @@
-"""The closed loop as machine code: the same laws and the same plant as `simulation/`, in lanes.
+"""The closed loop as machine code: the laws and the plant of a run, in lanes.
 
-`symbols/` has the dynamics in CasADi's symbols, `laws/` and `plant/` make statements of them,
-`loop.py` joins these to a program, and `build.py` has `rpctl/kernels/` compile it. `lanes.py` runs
-it, for one run with its log (`tracking_loop.py`) and for many side by side (`rollouts.py`).
+`rpctl/dynamics/symbols/` has the dynamics over scalars, and the laws of `rpctl/control/` make
+statements of them; `plant.py` and `implicit_step.py` are the robot's motion. `loop.py` joins these
+to a program, and `build.py` has `rpctl/kernels/` compile it. `lanes.py` runs it, for one run with
+its log (`tracking_loop.py`) and for many side by side (`rollouts.py`).
 """

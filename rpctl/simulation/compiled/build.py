@@ -1,45 +1,28 @@
-"""Closed loops as machine code: built once, kept on disk, and checked against Python's.
-
-Building a graph takes as long as a thousand seconds of simulation. A loop that was built before for
-the same robots, structure of laws and sources is read with its code in a few milliseconds.
-"""
+"""Closed loops as machine code: built once, kept on disk, and checked against Pinocchio's."""
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
-import io
-import pickle
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 from typing import Any
 
-import casadi
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.law import Rest, as_efforts, as_law
-from rpctl.control.twist_law import BaseLaw, formula
+from rpctl.control.fragment import law_fragment
+from rpctl.control.law import LawSample, Rest, as_law
+from rpctl.control.law_kernel import laws_key, require_same
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
-from rpctl.errors import RpctlError
-from rpctl.kernels.cache import cached
-from rpctl.kernels.machine_code import (
-    MachineCode,
-    compile_program,
-    compiler_version,
-    this_processor,
-)
-from rpctl.kernels.program import Buffer, Rows
+from rpctl.kernels.machine_code import code_key
+from rpctl.kernels.program import Buffer, Program, Rows
+from rpctl.kernels.stored import stored
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.table import tabulate
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.lanes import Lanes, same_inputs
-from rpctl.simulation.compiled.laws.supported import law_fragment
 from rpctl.simulation.compiled.loop import CompiledLoop, LoopProgram, LoopShape, loop_program
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods
@@ -47,17 +30,10 @@ from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.rolling import advance
 
 MOST_KEPT = 8  # loops of a process: each takes some MB
-EQUAL = 1e-10  # of a quantity's largest entry, or of 1; rounding leaves 1e-13
 STATES, SEED = 3, 20210601
 SPREAD = 0.05  # of positions about home and of speeds, m, rad and their rates
-# Of what a stored loop consists of.
-OWN_MODULES = "rpctl.simulation.compiled.", "rpctl.kernels.", "rpctl.control.law"
 
 _kept: deque[tuple[Robot, Robot, str, CompiledLoop]] = deque(maxlen=MOST_KEPT)
-
-
-class DiffersError(RpctlError):
-    """A compiled loop does not compute what Python's does."""
 
 
 def compiled_loop(
@@ -127,24 +103,14 @@ def build_loop(
     """
     laws: tuple[Any, Any] = config.kinematic, config.dynamic
 
-    def make() -> bytes:
+    def make() -> tuple[LoopProgram, list[Program]]:
         law = law_fragment(*laws, SymbolicDynamics(known), shape.period)
         program = loop_program(law, simulated, shape)
-        codes = [compile_program(each, lanes).code for each in (program.start, program.sample)]
-        file = io.BytesIO()
-        _Pickler(file).dump((program, *codes))
-        return file.getvalue()
+        return program, [program.start, program.sample]
 
     key = loop_key((known, simulated.robot), simulated.varied, laws, shape, lanes)
-    loop: tuple[LoopProgram, bytes, bytes] = _Unpickler(io.BytesIO(cached(key, make))).load()
-    program, start, sample = loop
-    return CompiledLoop(
-        simulated.robot,
-        simulated.parameters_of(simulated.robot),
-        program,
-        MachineCode(program.start, lanes, start),
-        MachineCode(program.sample, lanes, sample),
-    )
+    program, codes = stored(key, make, lanes)
+    return CompiledLoop(simulated.robot, simulated.parameters_of(simulated.robot), program, *codes)
 
 
 def loop_key(
@@ -159,63 +125,8 @@ def loop_key(
         shape: What else is compiled in.
         lanes: How many runs go side by side.
     """
-    parts = (
-        (_sources(), casadi.CasadiMeta.version(), compiler_version(), this_processor()),
-        [robot_identity(robot) for robot in robots],
-        (varied, _structure(laws), _own_formula(laws[0], robots[0]), shape, lanes),
-    )
-    return hashlib.sha256(repr(parts).encode()).digest()
-
-
-def _own_formula(law: BaseLaw, robot: Robot) -> str:
-    """Return what a law of a user's own says, whose source is none of rpctl's."""
-    if type(law).__module__.startswith("rpctl."):
-        return ""
-    symbols = {name: casadi.SX.sym(name) for name in law.numbers()}
-    horizons = casadi.vertsplit(casadi.SX.sym("horizons", len(robot.joints)))
-    found = formula(law.with_numbers(symbols), robot, horizons, allow_free=True)
-    return str(found.serialize())
-
-
-def _structure(setting: Any) -> object:
-    """Return what is compiled in of a law: its numbers are inputs, all but whether one is 0."""
-    if isinstance(setting, tuple):
-        return [_structure(each) for each in setting]
-    if dataclasses.is_dataclass(setting):
-        return type(setting).__name__, {k: _structure(x) for k, x in vars(setting).items()}
-    if isinstance(setting, float | int):
-        return bool(setting)
-    return () if isinstance(setting, Mapping) else setting
-
-
-@cache
-def _sources() -> str:
-    """Return what tells the sources of this rpctl from others: sizes and times of its files."""
-    folder = Path(__file__).parents[2]
-    stats = ((file, file.stat()) for file in sorted(folder.rglob("*.py")))
-    told = [(str(f.relative_to(folder)), s.st_size, s.st_mtime_ns) for f, s in stats]
-    return repr((str(folder), told))
-
-
-class _Pickler(pickle.Pickler):
-    """Leaves out CasADi's functions: the machine code does what they say."""
-
-    def persistent_id(self, thing: Any) -> str | None:
-        """Return a mark for a function."""
-        return "function" if type(thing).__module__.startswith("casadi") else None
-
-
-class _Unpickler(pickle.Unpickler):
-    """Makes nothing but what a loop consists of."""
-
-    def persistent_load(self, mark: Any) -> None:
-        """Return nothing in the place of a function."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Return a class that a loop has."""
-        if not module.startswith(OWN_MODULES):
-            raise pickle.UnpicklingError(f"a loop has no {module}.{name}")
-        return super().find_class(module, name)
+    identities = [robot_identity(robot) for robot in robots]
+    return code_key(identities, varied, laws_key(*laws, robots[0]), shape, lanes)
 
 
 def require_equal(
@@ -238,18 +149,13 @@ def require_equal(
     near = replace(config, kinematic=law, plant=Plant())
     rng = np.random.default_rng(SEED)
     for _ in range(STATES):
-        rest, nu, state = _random_sample(known.robot, simulated, rng)
-        expected = _by_python(known, simulated, near, rest, nu, state)
-        computed = _by_machine(compiled, known, near, rest, nu, state)
+        sample = _random_sample(known.robot, simulated, rng)
+        computed = _by_machine(compiled, known, near, *sample)
         if computed is None:  # the laws' own business: Python is asked there
             continue
+        expected = _by_pinocchio(known, simulated, near, sample, computed)
         for name, value in expected.items():
-            residual = np.abs(computed[name] - value).max(initial=0.0)
-            if not residual <= EQUAL * np.abs(value).max(initial=1.0):
-                raise DiffersError(
-                    f"machine code of {known.robot.name} gives other {name} than Pinocchio, "
-                    f"by {residual:.2g}"
-                )
+            require_same(known.robot, name, computed[name], value)
 
 
 def _random_sample(
@@ -274,21 +180,26 @@ def _random_sample(
     return rest, near(still), state
 
 
-def _by_python(
+def _by_pinocchio(
     known: ReducedDynamics,
     simulated: ReducedDynamics,
     config: Config,
-    rest: Rest,
-    nu: Array,
-    state: ReferenceState,
+    sample: tuple[Rest, Array, ReferenceState],
+    computed: Mapping[str, Array],
 ) -> dict[str, Array]:
-    """Return what the laws ask for, and where the robot is a period later."""
-    period = config.run.control_period
-    kinematic = as_law(config.kinematic).start(known, period, rest)
+    """Return what the laws ask for, and where the robot is a period later.
+
+    Where a limit binds, the efforts are those computed: the law has others without it.
+    """
+    (rest, nu, state), run = sample, config.run
+    kinematic = as_law(config.kinematic).start(known, run.control_period, rest)
     command = kinematic(known, lambda t: state, 0.0, rest.q, nu)
-    dynamic = as_law(config.dynamic).start(known, period, rest)
-    tau = as_efforts(dynamic(known, rest.q, nu, command)).tau
-    step = advance(simulated, rest.q, nu, tau, period, config.run.plant_step)
+    tau = computed["efforts"]
+    if not computed["limits"].any():
+        law: Any = config.dynamic
+        wanted = LawSample(rest.q, nu, *command)
+        tau = law.free_efforts(known, run.control_period, wanted, rest)
+    step = advance(simulated, rest.q, nu, tau, run.control_period, run.plant_step)
     return {"desired speeds": command.nu_d, "efforts": tau, "positions": step.q, "speeds": step.nu}
 
 
@@ -315,6 +226,7 @@ def _by_machine(
     taken: dict[str, Buffer] = {
         "desired speeds": loop.law.nu_d,
         "efforts": loop.law.tau,
+        "limits": loop.law.limits,
         "positions": loop.plant.q,
         "speeds": loop.plant.nu,
     }

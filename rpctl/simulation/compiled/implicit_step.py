@@ -29,7 +29,8 @@ class ImplicitStep:
         dt: Length of the step, s.
 
     Attributes:
-        inertia: M at the state (n_M,), which the end of a step leaves for the next.
+        memory: What the end of a step leaves for the next: M at the state (n_M,), and by how much
+            the speeds changed (dof,).
     """
 
     def __init__(self, dynamics: SymbolicDynamics, at: PlantBuffers, dt: float) -> None:
@@ -39,15 +40,18 @@ class ImplicitStep:
         self._plant = plant_places(dynamics, at)
         size = self._layout.size
         self._parts = places(
-            "ars", place=nq, v=nv, a=n, power=1, M=size, free=n, found=n, impulse=nv
+            "ars", place=nq, v=nv, a=n, power=1, M=size, free=n, found=n, impulse=nv, change=n
         )
-        self.inertia = self._parts["M"][0]
+        self.memory = self._parts["M"][0], self._parts["change"][0]
 
     def start(self) -> tuple[Statement, ...]:
         """Return what is done before the first step."""
         plant = self._plant
-        inertia = (self.inertia, self._inertia(plant["q"][1]))
-        return (statement("inertia", [plant["q"], plant["p"]], [inertia]),)
+        found = {
+            "M": self._inertia(plant["q"][1]),
+            "change": casadi.SX(self._dynamics.robot.dof, 1),
+        }
+        return (statement("inertia", [plant["q"], plant["p"]], self._outputs(found)),)
 
     def statements(self) -> tuple[Statement, ...]:
         """Return the statements of a step."""
@@ -90,9 +94,9 @@ class ImplicitStep:
             "place": place,
             "M": self._inertia(place),
             "free": nu + own * a,
-            "found": nu,
+            "found": nu + GAMMA * self._parts["change"][1],  # as if it went on
         }
-        inputs = [plant["q"], plant["nu"], plant["tau"], plant["p"], *self._inputs("M")]
+        inputs = [plant["q"], plant["nu"], plant["tau"], plant["p"], *self._inputs("M", "change")]
         return statement("explicit", inputs, self._outputs(found))
 
     def _middle(self) -> Statement:
@@ -110,6 +114,7 @@ class ImplicitStep:
             "place": end,
             "M": self._inertia(end),
             "free": plant["nu"][1] + dt * (DELTA * a + self._solved(right)),
+            "found": plant["nu"][1] + (middle - plant["nu"][1]) / GAMMA,
             "impulse": dt * (1.0 - GAMMA) * brake,
         }
         inputs = [plant["q"], plant["nu"], plant["tau"], plant["p"]]
@@ -129,9 +134,10 @@ class ImplicitStep:
         results = [
             (plant["q"][0], place),
             (plant["nu"][0], after),
+            (self._parts["change"][0], after - plant["nu"][1]),
             (plant["energy"][0], plant["energy"][1] + casadi.vertcat(work, lost)),
         ]
-        inputs = [plant["tau"], plant["p"], plant["energy"], *self._inputs(*names)]
+        inputs = [plant["nu"], plant["tau"], plant["p"], plant["energy"], *self._inputs(*names)]
         return statement("finish", inputs, results)
 
 

@@ -7,19 +7,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import casadi
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.control.approach import RETRY_S, ApproachStage, WayToReference
+from rpctl.control.fragment import settings_of
 from rpctl.control.law import Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Rows, RowStream
 from rpctl.reference.motion import Reference
 from rpctl.reference.table import tabulate
-from rpctl.simulation.compiled.laws.tracking import settings_of
 from rpctl.simulation.compiled.loop import CompiledLoop
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods
@@ -80,7 +78,7 @@ def same_inputs(
         "rest": rest.tau,
         "bias": plant.bias(compiled.robot),
         "p": compiled.p,
-        "settings": settings_of(kinematic, dynamic, known, period)[1],
+        "settings": settings_of(kinematic, dynamic, known, period),
         "most": plant.saturation(compiled.robot),
         "back": delay_periods(plant.delay, period),
         "deviations": sensors.row(plant.noise),
@@ -222,11 +220,3 @@ def _search_from(stage: ApproachStage | None, period: float) -> float:
     if stage is None or stage.searched_at < 0.0:
         return 0.0
     return float(math.ceil(RETRY_S / period - 1e-9))
-
-
-def holding(dynamics: SymbolicDynamics) -> Any:
-    """Return the ``casadi.Function`` of q and p that gives the efforts (n_act, 1) at a stand."""
-    q = casadi.SX.sym("q", dynamics.robot.nq)
-    force = dynamics.bias(q, casadi.SX(dynamics.robot.dof, 1))
-    efforts = casadi.densify(casadi.SX(dynamics.efforts(q, force)))
-    return casadi.Function("holding", [q, dynamics.p], [efforts])

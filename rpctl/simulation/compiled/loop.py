@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 import casadi
 
 from rpctl.arrays import Array
+from rpctl.control.fragment import LawFragment
+from rpctl.control.twist_law import symbolic_error
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import MachineCode
 from rpctl.kernels.program import (
@@ -25,8 +27,6 @@ from rpctl.kernels.program import (
 )
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.implicit_step import PlantBuffers
-from rpctl.simulation.compiled.laws.fragment import LawFragment
-from rpctl.simulation.compiled.laws.tracking import symbolic_error
 from rpctl.simulation.compiled.merit_fold import MeritFold, merit_fold
 from rpctl.simulation.compiled.plant import PlantFragment, plant_fragment
 from rpctl.simulation.loop.closed_loop import DIVERGED_SPEED
@@ -148,7 +148,8 @@ def loop_program(law: LawFragment, simulated: SymbolicDynamics, shape: LoopShape
     moving = plant_fragment(simulated, plant, shape.period / steps, steps)
     body = (
         *_measured(found, Sensors(simulated.robot), shape),
-        *law.body,
+        *law.command,
+        *law.answer,
         *law.remember,
         *_judged(found, shape),
         *_acting(found, simulated, shape),

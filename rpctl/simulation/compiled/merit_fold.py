@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,6 @@ from typing import Any
 import casadi
 import numpy as np
 
-from rpctl.arrays import Array
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import (
     Buffer,
@@ -18,12 +16,16 @@ from rpctl.kernels.program import (
     Read,
     RowStream,
     Statement,
-    dense_function,
     statement,
     symbolic,
 )
-from rpctl.simulation.merits.measures import START, SampleMeasures, Totals, position_limits
-from rpctl.simulation.merits.outcome import ON_PATH_M
+from rpctl.simulation.merits.measures import (
+    START,
+    SampleMeasures,
+    folding,
+    position_limits,
+    sample_measures,
+)
 from rpctl.simulation.run.facts import steered_joints
 
 TIP = 3  # numbers of a place
@@ -50,11 +52,6 @@ class MeritFold:
 
 
 FIRST = np.array(START)
-
-
-def spans_of(count: int) -> Array:
-    """Return what the buffer of spans holds in a run of so many samples."""
-    return np.array([count // 2, 3 * count // 4], dtype=float)
 
 
 def merit_fold(
@@ -97,75 +94,16 @@ def _measured(dynamics: SymbolicDynamics, sample: Sequence[Any], wanted: Any) ->
         wanted: Where the end effector should be (3, 1), or None.
     """
     robot, (q, nu, e, tau, limits) = dynamics.robot, sample
-    rates = dynamics.at(q).B.T @ nu
-    names = (*robot.joint_names, *steered_joints(robot))
-    beyond = [
-        each
-        for name, (lower, upper) in zip(names, position_limits(robot), strict=True)
-        for each in _beyond(dynamics.position(q, name), lower, upper)
-    ]
-    found: dict[str, Any] = {
-        "base": _length(e[:2]),
-        "lateral": casadi.fabs(e[1]),
-        "tip": 0.0,
-        "joint": _largest([casadi.fabs(e[k]) for k in range(3, e.numel())], 0.0),
-        "effort": _largest(_ratios(tau, robot.effort_limits), 0.0),
-        "speed": _largest(_ratios(rates, robot.velocity_limits), 0.0),
-        "excess": _largest(beyond, -math.inf),
-        "limited": _largest([limits[k] != 0.0 for k in range(limits.numel())], 0.0),
-    }
+    gap, rates = casadi.SX(0, 1), dynamics.at(q).B.T @ nu
     if wanted is not None:
-        found["tip"] = _length(dynamics.placement(q, str(robot.end_effector))[1] - wanted)
-    return casadi.vertcat(*(found[name] for name in SampleMeasures._fields))
-
-
-def folding() -> Any:
-    """Return the ``casadi.Function`` of totals, measures, count of samples and spans."""
-    totals = casadi.SX.sym("totals", len(Totals._fields))
-    measured = casadi.SX.sym("measures", len(SampleMeasures._fields))
-    t = dict(zip(Totals._fields, casadi.vertsplit(totals), strict=True))
-    m = dict(zip(SampleMeasures._fields, casadi.vertsplit(measured), strict=True))
-    count, spans = casadi.SX.sym("count"), casadi.SX.sym("spans", 2)
-    number, base, square = count - 1.0, m["base"], m["base"] * m["base"]
-    late, last = number >= spans[0], number >= spans[1]
-    away = casadi.logic_not(base <= ON_PATH_M)
-    folded: dict[str, Any] = {
-        "base_squares": t["base_squares"] + square,
-        "late_squares": t["late_squares"] + casadi.if_else(late, square, 0.0),
-        "base_last": t["base_last"] + casadi.if_else(last, base, 0.0),
-        "base_final": base,
-        "lateral_final": m["lateral"],
-        "tip_squares": t["tip_squares"] + m["tip"] * m["tip"],
-        "tip_last": t["tip_last"] + casadi.if_else(last, m["tip"], 0.0),
-        "tip_final": m["tip"],
-        "limited": t["limited"] + m["limited"],
-        "settled": casadi.if_else(away, count, t["settled"]),
-    }
-    for name in ("base", "joint", "effort", "speed", "excess"):
-        folded[f"{name}_max"] = casadi.fmax(t[f"{name}_max"], m[name])
-    after = casadi.vertcat(*(folded[name] for name in Totals._fields))
-    return dense_function("fold", [totals, measured, count, spans], [after])
-
-
-def _length(vector: Any) -> Any:
-    return casadi.sqrt(casadi.sumsqr(vector))
-
-
-def _ratios(values: Any, limits: Array) -> list[Any]:
-    """Return the sizes of values over their limits, where there are any."""
-    sizes = enumerate(limits.tolist())
-    return [casadi.fabs(values[k]) / limit for k, limit in sizes if math.isfinite(limit)]
-
-
-def _beyond(position: Any, lower: float, upper: float) -> list[Any]:
-    """Return how far a position is beyond those of its limits that are finite."""
-    found = [lower - position] if math.isfinite(lower) else []
-    return [*found, position - upper] if math.isfinite(upper) else found
-
-
-def _largest(values: Sequence[Any], least: float) -> Any:
-    """Return the largest of values, or what stands for none."""
-    found = casadi.SX(least) if not values else casadi.SX(values[0])
-    for value in values[1:]:
-        found = casadi.fmax(found, value)
-    return found
+        gap = dynamics.placement(q, str(robot.end_effector))[1] - wanted
+    names = (*robot.joint_names, *steered_joints(robot))
+    found = sample_measures(
+        casadi.vertsplit(e),
+        casadi.vertsplit(gap),
+        zip(casadi.vertsplit(tau), robot.effort_limits.tolist(), strict=True),
+        zip(casadi.vertsplit(rates), robot.velocity_limits.tolist(), strict=True),
+        zip([dynamics.position(q, name) for name in names], position_limits(robot), strict=True),
+        casadi.vertsplit(limits),
+    )
+    return casadi.vertcat(*found)

@@ -110,4 +110,4 @@ def plant_fragment(
     if not dynamics.lossy:
         return PlantFragment((), (Repeat(steps, explicit_step(dynamics, at, dt)),), ())
     step = ImplicitStep(dynamics, at, dt)
-    return PlantFragment(step.start(), (Repeat(steps, step.statements()),), (step.inertia,))
+    return PlantFragment(step.start(), (Repeat(steps, step.statements()),), step.memory)

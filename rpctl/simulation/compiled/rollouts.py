@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import casadi
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.kernels.cache import cached
 from rpctl.kernels.machine_code import native_lanes
 from rpctl.kernels.program import Rows
 from rpctl.reference.motion import Reference
 from rpctl.reference.table import tabulate
 from rpctl.robot.model import Robot
-from rpctl.simulation.compiled.build import build_loop, require_equal, shape_of
+from rpctl.simulation.compiled.build import MOST_KEPT, build_loop, loop_key, require_equal, shape_of
 from rpctl.simulation.compiled.lanes import CHUNK, LaneInputs, Lanes, fill
-from rpctl.simulation.compiled.merit_fold import FIRST, MeritFold, spans_of
+from rpctl.simulation.compiled.loop import CompiledLoop, LoopShape
+from rpctl.simulation.compiled.merit_fold import FIRST, MeritFold
 from rpctl.simulation.config import Config
+from rpctl.simulation.merits.measures import spans_of
+
+_kept: dict[tuple[bytes, str], tuple[CompiledLoop, Any]] = {}  # by key, and numbers of the laws
 
 
 class LaneResults(NamedTuple):
@@ -50,6 +57,9 @@ class LaneRunner:
         reference: What they track.
         count: Number of samples of a run.
 
+    Attributes:
+        holding: Of :func:`holding`, for many runs at a time.
+
     Raises:
         DiffersError: The loop's numbers are not Python's.
     """
@@ -64,10 +74,9 @@ class LaneRunner:
         count: int,
     ) -> None:
         self._known, self._config, self._reference = ReducedDynamics(known), config, reference
-        self.dynamics, self._lanes = dynamics, native_lanes()
+        self._lanes = native_lanes()
         shape = shape_of(self._known, config, scattered, folded=True)
-        self._loop = build_loop(known, dynamics, config, shape, self._lanes)
-        require_equal(self._loop, self._known, ReducedDynamics(dynamics.robot), config)
+        self._loop, self.holding = _loop_and_holding(self._known, dynamics, config, shape)
         self._times = config.run.control_period * np.arange(count, dtype=float)
         table = tabulate(known, reference, self._times)
         self._rows, self._tips = table.rows(), table.end_effector
@@ -111,3 +120,32 @@ class LaneRunner:
         energy = at[program.energy_before].T.copy()
         shown = np.moveaxis(measures, 2, 0)
         return LaneResults(at[fold.totals].T.copy(), energy, shown, trouble, trouble_at)
+
+
+def _loop_and_holding(
+    known: ReducedDynamics, dynamics: SymbolicDynamics, config: Config, shape: LoopShape
+) -> tuple[CompiledLoop, Any]:
+    """Return a checked loop and what holds its robots; a graph is built if neither ever was."""
+    laws: tuple[Any, Any] = config.kinematic, config.dynamic
+    robots, lanes = (known.robot, dynamics.robot), native_lanes()
+    key = loop_key(robots, dynamics.varied, laws, shape, lanes)
+    checked = key, repr(laws)
+    if checked not in _kept:
+        loop = build_loop(known.robot, dynamics, config, shape, lanes)
+        require_equal(loop, known, ReducedDynamics(dynamics.robot), config)
+        hold = cached(
+            hashlib.sha256(key + b"holding").digest(),
+            lambda: holding(dynamics).serialize().encode(),
+        )
+        while len(_kept) >= MOST_KEPT:
+            del _kept[next(iter(_kept))]
+        _kept[checked] = loop, casadi.Function.deserialize(hold.decode())
+    return _kept[checked]
+
+
+def holding(dynamics: SymbolicDynamics) -> Any:
+    """Return the ``casadi.Function`` of q and p that gives the efforts (n_act, 1) at a stand."""
+    q = casadi.SX.sym("q", dynamics.robot.nq)
+    force = dynamics.bias(q, casadi.SX(dynamics.robot.dof, 1))
+    efforts = casadi.densify(casadi.SX(dynamics.efforts(q, force)))
+    return casadi.Function("holding", [q, dynamics.p], [efforts])

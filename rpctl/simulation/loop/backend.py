@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable
 
-from rpctl.errors import UnknownNameError
+from rpctl.control.registry import name_of
+from rpctl.errors import DiffersError, UnknownNameError
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.closed_loop import Loop, close_loop
@@ -46,7 +47,8 @@ def run_loop(loop: Loop, recorder: Recorder, backend: str = "auto") -> None:
     if backend == "pinocchio" or (backend == "auto" and not pays(robot, loop.steps)):
         return close_loop(loop, recorder.add)
     reason, recorded = refusal(robot, loop.config, loop.watch is not None), 0
-    expected = reason is not None and backend == "auto"  # which knows what has no machine code
+    # That which has no machine code is known to "auto", but for a law of the user's own.
+    expected = reason is not None and backend == "auto" and not _own(loop.config, reason)
     if reason is None:
         reason, recorded = _compiled(loop, recorder)
         if reason is None:
@@ -62,9 +64,15 @@ def run_loop(loop: Loop, recorder: Recorder, backend: str = "auto") -> None:
     return close_loop(loop, take)
 
 
+def _own(config: Config, reason: str) -> bool:
+    """Return whether a reason is about a law, and one of them is the user's own."""
+    laws = config.kinematic, config.dynamic
+    own = [law for law in laws if not type(law).__module__.startswith("rpctl.")]
+    return any(name_of(law) in reason for law in own)
+
+
 def _compiled(loop: Loop, recorder: Recorder) -> tuple[str | None, int]:
     """Close a loop as machine code; return why not to the end, and the samples recorded."""
-    from rpctl.simulation.compiled.build import DiffersError
     from rpctl.simulation.compiled.tracking_loop import NeedsPython, close_compiled_loop
 
     try:
@@ -104,7 +112,7 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
         config: Laws and plant.
         watched: Whether somebody sees every sample when it is computed.
     """
-    from rpctl.simulation.compiled.laws.supported import unsupported
+    from rpctl.control.closed_form import no_machine_code, unsupported
 
     plant = config.plant
     reasons = {
@@ -121,7 +129,8 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
         ),
     }
     known = next((reason for reason, holds in reasons.items() if holds), None)
-    return known or unsupported(config.kinematic, config.dynamic, robot)
+    laws = config.kinematic, config.dynamic
+    return known or unsupported(*laws) or no_machine_code(laws[0], robot)
 
 
 def plant_refusal(plant: Plant, scattered: Iterable[str] = ()) -> str | None:

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpctl import math as casadi  # imported when a function is asked for
 from rpctl.arrays import Array
 from rpctl.control.law import Limit
+from rpctl.dynamics.symbols.basis import SINGULAR
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.kernels.program import dense_function
+from rpctl.kernels.rows import RowFunction
 from rpctl.reference.motion import ReferenceState, reference_rates, steering
 from rpctl.reference.table import ReferenceTable, table_of
+from rpctl.robot.inspection import robot_identity
+from rpctl.robot.model import Robot
 from rpctl.simulation.run.derived import TURN, Derivation, left, reference_configurations
 from rpctl.simulation.run.facts import reference_wheels
 from rpctl.simulation.run.log import Log
@@ -107,13 +115,14 @@ class _Reference:
         reference, headings = samples.reference, self._headings_of(samples)
         jumps = np.diff(headings, axis=0, prepend=self._headings[None])
         turns = self._turns + np.cumsum(-np.round(jumps / TURN), axis=0)
-        nu, steered = self._speeds(reference)
+        nu = reference_rates(self._robot, reference.state).nu
+        steered = steering(self._robot, reference.state)[:, 0]
         wheels = np.hstack([steered, self._rolled(reference, nu, steered)])
         self._headings, self._turns, self._t = headings[-1], turns[-1], float(reference.t[-1])
         return {
             "nu_ref": nu,
-            "base_ref": reference.pose + TURN * turns[:, 1:] * [0.0, 0.0, 1.0],
-            "joints_ref": reference.joints,
+            "base_ref": reference.state.pose + TURN * turns[:, 1:] * [0.0, 0.0, 1.0],
+            "joints_ref": reference.state.joints,
             "wheels_ref": wheels,
             "turns": turns[:, 0],
         }
@@ -122,18 +131,7 @@ class _Reference:
         """Return the headings (K, 2) of the base and of its reference, rad."""
         q = samples.columns["q"]
         base = np.arctan2(q[:, 3], q[:, 2]) + self._robot.drive.heading
-        return np.column_stack([base, samples.reference.pose[:, 2]])
-
-    def _speeds(self, reference: ReferenceTable) -> tuple[Array, Array]:
-        """Return ν (K, dof) of the reference, and positions (K, n_steered) of steered joints."""
-        robot = self._robot
-        if not self._steered:
-            return reference_rates(robot, reference.state).nu, np.empty((len(reference), 0))
-        states = list(reference.states())
-        return (
-            np.array([reference_rates(robot, state).nu for state in states]),
-            np.array([steering(robot, state)[0] for state in states]),
-        )
+        return np.column_stack([base, samples.reference.state.pose[:, 2]])
 
     def _rolled(self, reference: ReferenceTable, nu: Array, steered: Array) -> Array:
         """Return the angles (K, n) of the reference's wheels and casters, integrated from ν.
@@ -150,16 +148,50 @@ class _Reference:
             rolled = np.cumsum(np.vstack([self._angles, steps[:, None] * before]), axis=0)[1:]
             self._angles, self._rates = rolled[-1], rates[-1]
             return rolled
-        angles = np.empty((len(nu), len(self._turning)))
-        standing = np.hstack([steered, np.zeros_like(angles)])
-        q = reference_configurations(self._robot, reference.pose, reference.joints, standing)
-        entries = [self._robot.entries[name] for name in self._turning]
-        for k, (row, now, step) in enumerate(zip(q, nu, steps, strict=True)):
-            self._angles = angles[k] = self._angles + step * self._rates
-            for entry, angle in zip(entries, self._angles.tolist(), strict=True):
-                entry.write(row, angle)
-            self._rates = (self._dynamics.basis(row) @ now)[self._indices]
+        standing = np.hstack([steered, np.zeros((len(nu), len(self._turning)))])
+        state = reference.state
+        q = reference_configurations(self._robot, state.pose, state.joints, standing)
+        given = q, nu, steps[:, None]
+        angles, margin = self._rolling(*given, kept=(self._angles, self._rates))
+        for k in np.flatnonzero(~(margin[:, 0] > SINGULAR)):
+            self._dynamics.basis(q[k])  # refuses steering that fixes no one motion
         return angles
+
+    @cached_property
+    def _rolling(self) -> RowFunction:
+        """Returns angles of wheels and casters by q of the robot without them, ν and time steps."""
+        robot, count = self._robot, len(self._turning)
+        return RowFunction(
+            ((robot.nq, robot.dof, 1), (count, 1)),
+            ("rolling", robot_identity(robot)),
+            lambda: rolling_step(robot, self._turning),
+            (count, count),
+        )
+
+
+def rolling_step(robot: Robot, joints: tuple[str, ...]) -> Any:
+    """Return the ``casadi.Function`` of a step in which joints roll, by Euler's method.
+
+    Its inputs are q (nq, 1), in which it puts the angles, ν (dof, 1), the time since the step
+    before, s, and the angles and rates then (n, 1), rad and rad/s; its outputs are the angles,
+    how far the steering is from a singular one, and again the angles and their rates.
+
+    Args:
+        robot: The robot.
+        joints: The joints.
+    """
+    sizes = robot.nq, robot.dof, 1, len(joints), len(joints)
+    q, nu, step, angles, rates = symbols = [casadi.SX.sym(f"x{k}", n) for k, n in enumerate(sizes)]
+    angles, place = angles + step * rates, casadi.vertsplit(q)
+    for k, name in enumerate(joints):
+        i, is_pair = robot.entries[name].index, robot.entries[name].is_pair
+        place[i : i + 1 + is_pair] = (
+            [casadi.cos(angles[k]), casadi.sin(angles[k])] if is_pair else [angles[k]]
+        )
+    at = SymbolicDynamics(robot).at(casadi.vertcat(*place))
+    v = at.S @ nu
+    rates = casadi.vertcat(*(v[robot.velocity_index(name)] for name in joints))
+    return dense_function("roll", symbols, [angles, at.margin, angles, rates])
 
 
 class Recorder:

@@ -1,13 +1,12 @@
 """Distances of a robot's shapes along a motion, and what they run into.
 
-A pair's distance is computed only where it can have become interesting: between two samples it
-falls by no more than the joints' motion allows (:mod:`rpctl.robot.pair_motion`), so the samples in
-between need no look. No collision deeper than ``TOUCH_M`` and the resolution is missed at any
-sample of the log.
+A pair's distance is computed only where bounds (:mod:`rpctl.robot.pair_motion`) leave open whether
+it is told. What is told is that of all pairs at all samples of the log, within the resolution.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,7 +18,7 @@ from rpctl.control.obstacles import links_among
 from rpctl.errors import RpctlError
 from rpctl.robot.collision import TOUCH_M, WORLD, CollisionModel
 from rpctl.robot.model import Robot
-from rpctl.robot.pair_motion import approach_rates, joint_motion, joint_travel
+from rpctl.robot.pair_motion import approach_rates, ball_gaps, joint_motion, joint_travel
 from rpctl.simulation.merits.collision_facts import (
     GROUND,
     SELF,
@@ -30,9 +29,11 @@ from rpctl.simulation.merits.collision_facts import (
 from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, shape_text
 from rpctl.simulation.merits.path_error import length
 
-RESOLUTION_M = 1e-3  # m: how far a pair may move on before it is looked at again, at least
-BUDGET = 100_000  # distances after which the resolution doubles: a third of a second
-BLOCK = 256  # samples whose motion is added up at once
+RESOLUTION_M = 1e-6  # m: distances that differ less are one, as coal's iterations leave more
+BUDGET = 20_000  # distances, a tenth of a second, after which the resolution becomes coarser
+COARSER = 4.0  # by this factor
+STRIDE_M = 0.1  # m: how far a pair can approach from one surveyed sample to the next
+BLOCK = 256  # samples that are surveyed at once
 INSTANTS = 200  # of the series, at most
 
 
@@ -120,7 +121,12 @@ def _of_links(collisions: Sequence[Collision]) -> list[Collision]:
 
 
 class _Scan:
-    """Follows the pairs along a motion.
+    """Looks for the least distances along a motion.
+
+    First at instants that are so near to each other that a pair approaches little between two. How
+    far apart its balls are, and how far it was and can have moved on since, are bounds that spare
+    most looks. Where between two instants a pair can be nearer than its thing was, or touch, it is
+    then looked at in between, the likeliest first, until its bounds tell.
 
     Args:
         around: The robot among its obstacles.
@@ -130,137 +136,141 @@ class _Scan:
 
     def __init__(self, around: Surroundings, t: Array, q: Array) -> None:
         self._around, self._t, self._q = around, t, q
-        self._distances = around.model.distances()
+        self._distances, self._placed = around.model.distances(), -1
         count, things = len(around.thing), len(around.things)
         self._thing = around.thing.tolist()
         self._pairs_of = [np.flatnonzero(around.thing == thing) for thing in range(things)]
-        self._resolution, self._looks = RESOLUTION_M, 0
-        self._distance = np.zeros(count)  # of each pair when it was looked at last
+        self._looks = defaultdict[int, dict[int, float]](dict)  # distances of a pair by sample
+        self._resolution, self._left = RESOLUTION_M, BUDGET
+        self._distance = np.full(count, -np.inf)  # of each pair when it was looked at last
         self._looked = np.zeros(count)  # its path then, m
-        self._looked_at = [-1] * count  # and the sample
-        self._goal = np.zeros(count)  # its path at which it is to be looked at again, m
+        self._deepest = [TOUCH_M] * count
         self._least = [np.inf] * things
         self._nearest = [(0, 0)] * things  # sample and pair of the least distance
-        self._touching: dict[int, tuple[float, float, float, float]] = {}
         self._instants = np.unique(np.linspace(0, len(t) - 1, INSTANTS).astype(int))
         self._series = np.full((things, len(self._instants)), np.inf)
 
     def run(self) -> None:
-        """Follow the pairs from the first sample to the last."""
+        """Look for the least distances."""
         robot, count = self._around.model.robot, len(self._around.thing)
         if not count:
             return
         rates = approach_rates(self._around.model, joint_travel(robot, self._q))
-        path = np.zeros(count)
-        for first in range(0, len(self._t), BLOCK):
-            last = min(first + BLOCK, len(self._t))
-            moved = np.cumsum(joint_motion(robot, self._q[max(first - 1, 0) : last]), axis=0)
-            if not first:
-                moved = np.vstack([np.zeros(rates.shape[1]), moved])
-            paths = path[:, None] + rates @ moved.T  # (n, samples)
-            self._follow(first, paths)
-            path = paths[:, -1]
+        ways = np.zeros((len(self._q), rates.shape[1]))
+        np.cumsum(joint_motion(robot, self._q), axis=0, out=ways[1:])
+        farthest = ways @ rates.max(axis=0)
+        stops = farthest.searchsorted(np.arange(0.0, farthest[-1], STRIDE_M))
+        samples = np.unique([*self._instants, *stops])
+        found = [
+            self._survey(samples[first : first + BLOCK + 1], ways, rates)
+            for first in range(0, max(len(samples) - 1, 1), BLOCK)
+        ]
+        spans = np.hstack(found)
+        for low, pair, first, last in spans[:, spans[0].argsort()].T:
+            if low < self._threshold(int(pair)):
+                self._follow(
+                    int(pair), int(first), ways[int(first) : int(last) + 1] @ rates[int(pair)]
+                )
 
-    def _follow(self, first: int, paths: Array) -> None:
-        """Look at the pairs wherever they are due in some samples.
+    def _survey(self, samples: NDArray[np.intp], ways: Array, rates: Array) -> Array:
+        """Bound the distances at some samples, and compute those that are shown.
 
-        Args:
-            first: Number of the first of them.
-            paths: How far each pair can have approached until then since the start (n, samples), m.
+        Returns:
+            Where to look on (4, spans): the least that a pair's distance can be between two of the
+            samples, the pair, the one sample and the other.
         """
-        count, shown = paths.shape[1], set((self._instants - first).tolist())
-        due: dict[int, int] = {}  # sample at which a pair is to be looked at
-        waiting: list[list[int]] = [[] for _ in range(count)]  # pairs by that sample
+        rows = ways[samples][:, None]  # each a product of its own: BLAS's threads cost more
+        paths = (rows @ rates.T)[:, 0]  # (samples, n)
+        bounds = np.ascontiguousarray(ball_gaps(self._around.model, self._q[samples]).T)
+        columns = dict(zip(self._instants.tolist(), range(len(self._instants)), strict=True))
+        for k, path, bound in zip(samples.tolist(), paths, bounds, strict=True):
+            np.maximum(bound, self._distance - (path - self._looked), out=bound)
+            if k in columns:
+                self._series[:, columns[k]] = self._show(k, path, bound)
+        low = 0.5 * (bounds[:-1] + bounds[1:] - np.diff(paths, axis=0))
+        threshold = np.array([self._threshold(pair) for pair in range(len(rates))])
+        spans, pairs = np.nonzero(low < threshold)
+        return np.array([low[spans, pairs], pairs, samples[spans], samples[spans + 1]])
 
-        def wait(pair: int, k: int) -> None:
-            due[pair] = k + int(paths[pair, k:].searchsorted(self._goal[pair]))
-            if due[pair] < count:
-                waiting[due[pair]].append(pair)
+    def _show(self, k: int, path: Array, bound: Array) -> list[float]:
+        """Return the distance of each thing at a sample; the bounds of pairs become distances."""
+        found = []
+        for pairs in self._pairs_of:
+            least, bounds = np.inf, bound[pairs]
+            while len(pairs) and bounds[nearest := int(bounds.argmin())] < least:
+                pair = int(pairs[nearest])
+                self._distance[pair] = bound[pair] = distance = self._look(pair, k)
+                self._looked[pair] = path[pair]
+                least, bounds[nearest] = min(least, distance), np.inf
+            found.append(least)
+        return found
 
-        for pair in np.flatnonzero(paths[:, -1] >= self._goal).tolist():
-            wait(pair, 0)
-        for k in range(count):
-            pairs = sorted(pair for pair in waiting[k] if due[pair] == k)
-            if not pairs and k not in shown:
-                continue
-            self._distances.place(self._q[first + k])
-            for pair in pairs:
-                self._look(pair, first + k, float(paths[pair, k]))
-            if k in shown:
-                pairs += self._show(first + k, paths[:, k])
-            self._plan(pairs)
-            for pair in pairs:
-                wait(pair, k)
-
-    def _look(self, pair: int, k: int, path: float) -> None:
-        """Compute the distance of a pair at a sample, all shapes placed."""
-        distance, thing = self._distances.distance(pair), self._thing[pair]
-        self._distance[pair], self._looked[pair], self._looked_at[pair] = distance, path, k
-        self._looks += 1
+    def _look(self, pair: int, k: int) -> float:
+        """Return the distance of a pair at a sample."""
+        looks, thing = self._looks[pair], self._thing[pair]
+        if k in looks:
+            return looks[k]
+        if k != self._placed:
+            self._distances.place(self._q[k])
+            self._placed = k
+        distance = looks[k] = self._distances.distance(pair)
         if distance < self._least[thing]:
             self._least[thing], self._nearest[thing] = distance, (k, pair)
-        if distance < -TOUCH_M or pair in self._touching:
-            self._touch(pair, distance, float(self._t[k]))
+        self._deepest[pair] = max(self._deepest[pair], -distance)
+        self._left -= 1
+        if not self._left:
+            self._left, self._resolution = BUDGET, COARSER * self._resolution
+        return distance
 
-    def _touch(self, pair: int, distance: float, t: float) -> None:
-        """Keep since when and how deep a pair is in each other: depth, first, since, for how long.
+    def _threshold(self, pair: int) -> float:
+        """Return the distance of a pair above which nothing is to be told of it."""
+        return max(self._least[self._thing[pair]] - self._resolution, -TOUCH_M)
 
-        ``since`` is NaN while it is not.
-        """
-        depth, first, since, lasted = self._touching.get(pair, (0.0, t, np.nan, 0.0))
-        lasted += 0.0 if np.isnan(since) else t - since
-        if distance < -TOUCH_M:
-            self._touching[pair] = max(depth, -distance), first, t, lasted
-        else:
-            self._touching[pair] = depth, first, np.nan, lasted
-
-    def _plan(self, pairs: list[int]) -> None:
-        """Set when to look at pairs again: when they may be nearer than their thing was, or touch.
+    def _follow(self, pair: int, first: int, path: Array) -> None:
+        """Look at a pair between two samples wherever it may say more.
 
         Args:
-            pairs: Those that were just looked at.
+            pair: The pair.
+            first: Number of the one sample.
+            path: How far the pair can have approached at each, the other included (samples,), m.
         """
-        if self._looks > BUDGET:
-            self._looks, self._resolution = 0, 2.0 * self._resolution
-        for pair in pairs:
-            threshold = max(self._least[self._thing[pair]] - self._resolution, -TOUCH_M)
-            step = max(float(self._distance[pair]) - threshold, self._resolution)
-            self._goal[pair] = self._looked[pair] + step
+        spans = [(0, len(path) - 1)]
+        while spans:
+            a, b = spans.pop()
+            near, far = self._look(pair, first + a), self._look(pair, first + b)
+            way = float(path[b] - path[a])
+            if b - a > 1 and way > self._resolution and self._tells(pair, near + far, way):
+                goal = path[a] + 0.5 * (way + near - far)  # there it would be nearest
+                middle = min(max(int(path.searchsorted(goal)), a + 1), b - 1)
+                spans += [(middle, b), (a, middle)]
 
-    def _show(self, k: int, path: Array) -> list[int]:
-        """Compute the distance of each thing at a sample; return the pairs that were looked at."""
-        column, looked = int(np.searchsorted(self._instants, k)), list[int]()
-        bound = self._distance - (path - self._looked)
-        for thing, pairs in enumerate(self._pairs_of):
-            least, bounds = np.inf, bound[pairs]
-            while len(pairs):
-                nearest = int(bounds.argmin())
-                if bounds[nearest] >= least:
-                    break
-                pair = int(pairs[nearest])
-                if self._looked_at[pair] != k:
-                    self._look(pair, k, float(path[pair]))
-                    looked.append(pair)
-                least = min(least, float(self._distance[pair]))
-                bounds[nearest] = np.inf
-            self._series[thing, column] = least
-        return looked
+    def _tells(self, pair: int, ends: float, way: float) -> bool:
+        """Return whether a pair may be nearest, deepest, or begin or cease to touch on a way.
+
+        Args:
+            pair: The pair.
+            ends: The sum of its distances at both ends, m.
+            way: How far it can approach or part, m.
+        """
+        low, high = 0.5 * (ends - way), 0.5 * (ends + way)
+        if low < self._least[self._thing[pair]] - self._resolution:
+            return True
+        inside = high < -TOUCH_M and low >= -self._deepest[pair] - self._resolution
+        return low < -TOUCH_M and not inside
 
     def facts(self) -> CollisionFacts:
         """Return what was found."""
-        model, end = self._around.model, float(self._t[-1])
+        model = self._around.model
         known = [thing for thing in range(len(self._least)) if np.isfinite(self._least[thing])]
-        clearances, collisions = [], []
+        clearances = []
         for thing in known:
             k, pair = self._nearest[thing]
             names = self._names(pair)
             clearances.append(
                 LinkClearance(*names[:1], float(self._least[thing]), float(self._t[k]), *names[1:])
             )
-        for pair, (depth, first, since, lasted) in self._touching.items():
-            lasted += 0.0 if np.isnan(since) else end - since
-            collisions.append(Collision(*self._names(pair), depth, first, lasted))
-        collisions = _of_links(collisions)
+        touching = [pair for pair, depth in enumerate(self._deepest) if depth > TOUCH_M]
+        collisions = _of_links([self._collision(pair) for pair in touching])
         return CollisionFacts(
             tuple(clearances),
             tuple(sorted(collisions, key=lambda each: -each.depth)),
@@ -270,6 +280,14 @@ class _Scan:
             tuple(self._t[self._instants].tolist()),
             tuple(tuple(self._series[thing].tolist()) for thing in known),
         )
+
+    def _collision(self, pair: int) -> Collision:
+        """Return what there is to tell of a pair that touched."""
+        samples = sorted(self._looks[pair])
+        inside = np.array([self._looks[pair][k] < -TOUCH_M for k in samples])
+        t = self._t[samples]
+        lasted = float(np.diff(t, append=self._t[-1])[inside].sum())
+        return Collision(*self._names(pair), self._deepest[pair], float(t[inside][0]), lasted)
 
     def _names(self, pair: int) -> tuple[str, str, str]:
         """Return what a pair is with, its link, and the other link."""

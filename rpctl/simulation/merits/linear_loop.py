@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from scipy.linalg import expm
 
+from rpctl import math as casadi
 from rpctl.arrays import Array
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.fragment import LawFragment, law_fragment, settings_of
 from rpctl.control.integral import IntegralDynamic
-from rpctl.control.law import DynamicController, KinematicController, as_efforts
 from rpctl.control.registry import name_of
-from rpctl.control.twist_law import BaseController, BaseLaw
-from rpctl.dynamics.derivatives import linear_model
+from rpctl.control.twist_law import BaseLaw
+from rpctl.dynamics.derivatives import linear_dynamics
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
-from rpctl.reference.motion import ReferenceState
+from rpctl.kernels.program import Buffer, Call
+from rpctl.reference.motion import ReferenceState, row_of
 from rpctl.robot.model import BASE_NV, Robot
 from rpctl.simulation.run.run import Run
 
 INSTANTS = 8  # at which a run's loop is linearised
-STEP = 1e-6  # of the laws' central differences, m or rad, m/s or rad/s
 MOVING = 0.5  # of the reference's largest speed: where it is slower, its base has no error to steer
-STILL = 1e-3  # 1/s; a pole nearer to 0 says that an error stays: differences make about 1e-6
+STILL = 1e-3  # 1/s; a pole nearer to 0 says that an error stays
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,13 @@ def loop_poles(run: Run, robot: Robot, instants: int = INSTANTS) -> LoopPoles:
     """Return the poles of the linear loop about a run's reference motion.
 
     The state beside the reference is the base's pose, the positions of steered joints and of the
-    arm, and ν; wheels' angles and free casters follow from it. The plant's linear model is that of
-    :mod:`rpctl.dynamics.derivatives`; the laws', τ = K x, are central differences, from a start
-    at each instant. Efforts are held for a control period T, so the loop is x⁺ = (Φ + Γ K) x, and
-    with z its eigenvalues the poles are ln z/T. Integral action adds its own, −k for each ν, which
-    the model's motion does not excite. Poles of frozen instants describe a motion that changes
-    slowly beside them; they prove nothing of one that does not.
+    arm, and ν; wheels' angles and free casters follow from it. The formulas of plant and laws are
+    differentiated at each instant: the plant's is :mod:`rpctl.dynamics.derivatives`, and the laws,
+    τ = K x, are those of where no limit binds, at their start. Efforts are held for a control
+    period T, so the loop is x⁺ = (Φ + Γ K) x, and with z its eigenvalues the poles are ln z/T.
+    Integral action adds its own, −k for each ν, which the model's motion does not excite. Poles of
+    frozen instants describe a motion that changes slowly beside them; they prove nothing of one
+    that does not.
 
     Args:
         run: The run.
@@ -74,71 +75,75 @@ def loop_poles(run: Run, robot: Robot, instants: int = INSTANTS) -> LoopPoles:
     Raises:
         RpctlError: The laws cannot be linearised, or at the reference they fail.
     """
-    dynamics = ReducedDynamics(robot)
-    kinematic, dynamic, gains = _controllers(run, dynamics)
+    kinematic, dynamic, gains = _laws(run, robot)
+    loop = LinearLoop(robot, kinematic, dynamic, run.config.run.control_period)
     chosen = _instants(run, robot, instants)
-    found = []
-    for k in chosen:
-        loop = _Loop(dynamics, kinematic, dynamic, _state(run, robot, k))
-        z = loop.poles(run.log.q_ref[k], run.log.nu_ref[k], run.config.run.control_period)
-        found.append(np.concatenate([z, -gains]))
+    found = [
+        np.append(loop.poles(_state(run, robot, k), run.log.q_ref[k], run.log.nu_ref[k]), -gains)
+        for k in chosen
+    ]
     return LoopPoles(run.t[chosen], np.array(found))
 
 
-class _Loop:
-    """The closed loop at one instant.
+class LinearLoop:
+    """The linear models of a closed loop.
 
     Args:
-        dynamics: The robot's dynamics.
-        kinematic: Its kinematic controller.
-        dynamic: Its dynamic controller.
-        state: The reference.
+        robot: The robot.
+        kinematic: Its kinematic law.
+        dynamic: Its dynamic law; none that remembers anything.
+        period: Control period T, s.
     """
 
-    def __init__(
-        self,
-        dynamics: ReducedDynamics,
-        kinematic: KinematicController,
-        dynamic: DynamicController,
-        state: ReferenceState,
-    ) -> None:
-        self._dynamics, self._kinematic, self._dynamic = dynamics, kinematic, dynamic
-        self._reference: Callable[[float], ReferenceState] = lambda t: state
+    def __init__(self, robot: Robot, kinematic: BaseLaw, dynamic: Any, period: float) -> None:
+        self._dynamics, self._period = ReducedDynamics(robot), period
+        self._plant = linear_dynamics(robot)
+        known = self._plant.dynamics
+        self._settings = settings_of(kinematic, dynamic, self._dynamics, period)
+        law = law_fragment(kinematic, dynamic, known, period)
+        buffers = law.q, law.nu, law.reference, law.settings
+        at = {buffer: casadi.SX.sym(buffer.name, buffer.size) for buffer in buffers}
+        inputs, delta = list(at.values()), casadi.SX.sym("delta", robot.nv)
+        tau = _efforts(law, {**at, law.q: known.integrate(at[law.q], delta)})
+        K = casadi.jacobian(tau, casadi.vertcat(delta, at[law.nu]))
+        found = casadi.substitute([tau, K], [delta], [casadi.SX.zeros(robot.nv, 1)])
+        self._laws = casadi.Function("laws", inputs, found)
 
-    def poles(self, q: Array, nu: Array, period: float) -> Array:
+    def poles(self, state: ReferenceState, q: Array, nu: Array) -> Array:
         """Return ln z/T of the sampled loop's eigenvalues z.
 
         Args:
-            q: Configuration of the reference (nq,).
+            state: The reference.
+            q: Its configuration (nq,).
             nu: Its quasi-velocities (dof,).
-            period: T, s.
+
+        Raises:
+            RpctlError: The laws fail there.
         """
-        model, nv = self._dynamics.robot.model, len(self._dynamics.basis(q))
+        robot = self._dynamics.robot
+        tau, K = (x.full() for x in self._laws(q, nu, row_of(state), self._settings))
+        if not np.isfinite(K).all():
+            raise RpctlError("at the reference the laws return no finite efforts")
         spread, rows = _coordinates(self._dynamics, q)
-        A, B = linear_model(self._dynamics, q, nu, self.efforts(q, nu))
-        dof, size = len(nu), len(rows) + len(nu)
+        A, B = self._plant(q, nu, tau[:, 0])
+        nv, dof, size = robot.nv, len(nu), len(rows) + len(nu)
         wide = np.zeros((nv + dof, size))
         wide[:nv, : len(rows)], wide[nv:, len(rows) :] = spread, np.eye(dof)
         kept = [*rows, *range(nv, nv + dof)]
-        K = np.empty((B.shape[1], size))
-        for column, x in zip(K.T, wide.T, strict=True):
-            ahead, behind = (
-                self.efforts(pin.integrate(model, q, h * x[:nv]), nu + h * x[nv:])
-                for h in (STEP, -STEP)
-            )
-            column[:] = (ahead - behind) / (2.0 * STEP)
-        if not np.isfinite(K).all():
-            raise RpctlError("at the reference the laws return no finite efforts")
         held = np.zeros((size + B.shape[1],) * 2)
-        held[:size] = period * np.hstack([A[kept] @ wide, B[kept]])
+        held[:size] = self._period * np.hstack([A[kept] @ wide, B[kept]])
         step = expm(held)[:size]
-        z = np.linalg.eigvals(step[:, :size] + step[:, size:] @ K).astype(complex)
-        return np.asarray(np.log(np.where(z == 0.0, np.finfo(float).tiny, z)) / period)
+        z = np.linalg.eigvals(step[:, :size] + step[:, size:] @ K @ wide).astype(complex)
+        return np.asarray(np.log(np.where(z == 0.0, np.finfo(float).tiny, z)) / self._period)
 
-    def efforts(self, q: Array, nu: Array) -> Array:
-        """Return the efforts (n_act,) that the laws ask for at a state."""
-        command = self._kinematic(self._dynamics, self._reference, 0.0, q, nu)
-        return as_efforts(self._dynamic(self._dynamics, q, nu, command)).tau
+
+def _efforts(law: LawFragment, values: dict[Buffer, Any]) -> Any:
+    """Return the efforts (n_act, 1) of laws where no limit binds, at the values of buffers."""
+    for call in (*law.command, law.answer[0]):
+        assert isinstance(call, Call)  # what follows is done where a limit binds
+        inputs = [values.get(buffer, casadi.SX.zeros(buffer.size, 1)) for buffer in call.inputs]
+        values |= dict(zip(call.outputs, call.function.call(inputs), strict=True))
+    return values[law.tau]
 
 
 def _coordinates(dynamics: ReducedDynamics, q: Array) -> tuple[Array, list[int]]:
@@ -162,22 +167,18 @@ def _coordinates(dynamics: ReducedDynamics, q: Array) -> tuple[Array, list[int]]
     return spread, rows
 
 
-def _controllers(
-    run: Run, dynamics: ReducedDynamics
-) -> tuple[KinematicController, DynamicController, Array]:
-    """Return controllers of the run's laws that remember nothing, and what integral action adds."""
-    law, efforts = run.config.kinematic, run.config.dynamic
-    period, gains = run.config.run.control_period, np.zeros(0)
+def _laws(run: Run, robot: Robot) -> tuple[BaseLaw, Any, Array]:
+    """Return the run's laws but for what they remember, and what integral action adds."""
+    law, efforts, gains = run.config.kinematic, run.config.dynamic, np.zeros(0)
     if run.config.output is not None:
         raise RpctlError("its output are speeds, which another's loop turns into efforts")
     if not isinstance(law, BaseLaw):
         raise RpctlError(f"the law {name_of(law)} plans or remembers, which has no linear form")
     if isinstance(efforts, IntegralDynamic):
-        gains, efforts = np.full(dynamics.robot.dof, efforts.gain), efforts.inner
+        gains, efforts = np.full(robot.dof, efforts.gain), efforts.inner
     if not isinstance(efforts, PaperDynamic | BoundedDynamic):
         raise RpctlError(f"the law {name_of(efforts)} is not one that is linearised")
-    kinematic = BaseController(law, dynamics, law.joint_horizons(dynamics, period))
-    return kinematic, efforts.start(dynamics, period), gains
+    return law, efforts, gains
 
 
 def _instants(run: Run, robot: Robot, count: int) -> Array:

@@ -1,18 +1,23 @@
 """Merits: figures of one closed loop, folded sample by sample so that no log has to be kept.
 
-:func:`measures` finds what counts in each sample, :func:`fold` takes all samples together, and
-:func:`merits_of` makes figures of what was folded. The arrays have leading axes of runs, so that
-many are taken at once; ``compiled/merit_fold.py`` does the same a sample at a time.
+:func:`sample_measures` says what counts in a sample, :func:`folding` takes it to what was folded of
+those before, and :func:`merits_of` makes figures of that. A compiled loop does so while it runs
+(``compiled/merit_fold.py``), and what is logged is folded afterwards (:func:`fold`).
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from functools import reduce
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpctl import math as casadi
 from rpctl.arrays import Array
+from rpctl.kernels.program import dense_function
+from rpctl.kernels.scalars import Scalar
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.outcome import ON_PATH_M
 from rpctl.simulation.run.facts import steered_joints
@@ -27,88 +32,153 @@ def position_limits(robot: Robot) -> list[tuple[float, float]]:
 
 
 class SampleMeasures(NamedTuple):
-    """What the merits need of samples: an array (..., samples) each, 0 where a robot has none."""
+    """What the merits need of samples: a scalar or an array (..., samples) each.
 
-    base: Array  # distance of P from its reference, m
-    lateral: Array  # size of its lateral part, m
-    tip: Array  # distance of the end effector from its reference, m
-    joint: Array  # largest distance of a joint from its reference, rad or m
-    effort: Array  # largest effort over its limit
-    speed: Array  # largest rate of an actuator's joint over its limit
-    excess: Array  # largest excess beyond a position limit, rad or m; −inf without limits
-    limited: Array  # 1 where a limit bound the efforts, else 0
+    They are 0 where a robot has none of what they are of.
+    """
+
+    base: Scalar  # distance of P from its reference, m
+    lateral: Scalar  # size of its lateral part, m
+    tip: Scalar  # distance of the end effector from its reference, m
+    joint: Scalar  # largest distance of a joint from its reference, rad or m
+    effort: Scalar  # largest effort over its limit
+    speed: Scalar  # largest rate of an actuator's joint over its limit
+    excess: Scalar  # largest excess beyond a position limit, rad or m; −inf without limits
+    limited: Scalar  # 1 where a limit bound the efforts, else 0
+
+
+def sample_measures(
+    e: Sequence[Scalar],
+    gap: Sequence[Scalar],
+    efforts: Iterable[tuple[Scalar, float]],
+    rates: Iterable[tuple[Scalar, float]],
+    positions: Iterable[tuple[Scalar, tuple[float, float]]],
+    limits: Iterable[Scalar],
+) -> SampleMeasures:
+    """Return what the merits need, of CasADi's scalars or of its columns (samples, 1).
+
+    Args:
+        e: The tracking error (3 + n_joints,).
+        gap: From the end effector to its reference (3,), m; empty without one.
+        efforts: Those of the actuators, each with its limit.
+        rates: Likewise.
+        positions: Those of the joints that have limits, each with its lower and upper one.
+        limits: Not 0 where a limit binds the efforts.
+    """
+    beyond = [each for x, (lower, upper) in positions for each in ((x, -upper), (-x, lower))]
+    return SampleMeasures(
+        base=_length(e[:2]),
+        lateral=casadi.fabs(e[1]),
+        tip=_length(gap),
+        joint=_largest([casadi.fabs(x) for x in e[3:]]),
+        effort=_largest(_ratios(efforts)),
+        speed=_largest(_ratios(rates)),
+        excess=_largest([x + least for x, least in beyond if math.isfinite(least)], -math.inf),
+        limited=_largest([x != 0.0 for x in limits]),
+    )
+
+
+def _length(vector: Sequence[Scalar]) -> Scalar:
+    return casadi.sqrt(sum(x * x for x in vector))
+
+
+def _ratios(values: Iterable[tuple[Scalar, float]]) -> list[Scalar]:
+    """Return the sizes of values over their limits, where there are any."""
+    return [casadi.fabs(x) / limit for x, limit in values if math.isfinite(limit)]
+
+
+def _largest(values: Sequence[Scalar], least: float = 0.0) -> Scalar:
+    """Return the largest of values, or what stands for none."""
+    return reduce(casadi.fmax, values) if values else least
 
 
 def measures(run: Run) -> SampleMeasures:
-    """Return what the merits need of a run's samples."""
+    """Return what the merits need of a run's samples, arrays (samples,)."""
     log, robot = run.log, run.robot
-    count = len(log.t)
-    lower = [*robot.lower_limits, *(low for low, _ in robot.steering_limits)]
-    upper = [*robot.upper_limits, *(high for _, high in robot.steering_limits)]
-    positions = np.hstack([log.joints, log.steering])
-    beyond = np.maximum(np.array(lower) - positions, positions - np.array(upper))
-    return SampleMeasures(
-        base=np.hypot(log.e[:, 0], log.e[:, 1]),
-        lateral=np.abs(log.e[:, 1]),
-        tip=np.linalg.norm(log.ee - log.ee_ref, axis=1) if robot.end_effector else np.zeros(count),
-        joint=np.abs(log.e[:, 3:]).max(axis=1, initial=0.0),
-        effort=(np.abs(log.tau) / robot.effort_limits).max(axis=1, initial=0.0),
-        speed=(np.abs(log.rates) / robot.velocity_limits).max(axis=1, initial=0.0),
-        excess=beyond.max(axis=1, initial=-math.inf),
-        limited=log.active_limits.any(axis=1).astype(float),
+    pairs = [*zip(robot.lower_limits, robot.upper_limits, strict=True), *robot.steering_limits]
+    gap = log.ee - log.ee_ref if robot.end_effector else np.empty((len(log.t), 0))
+    found = sample_measures(
+        _columns(log.e),
+        _columns(gap),
+        zip(_columns(log.tau), robot.effort_limits, strict=True),
+        zip(_columns(log.rates), robot.velocity_limits, strict=True),
+        zip(_columns(np.hstack([log.joints, log.steering])), pairs, strict=True),
+        _columns(log.active_limits),
     )
+    shape = len(log.t)
+    return SampleMeasures(*(np.broadcast_to(np.array(x, float).ravel(), shape) for x in found))
+
+
+def _columns(values: Array) -> list[Scalar]:
+    """Return the columns of values (samples, n) as CasADi has them."""
+    return [casadi.DM(column) for column in np.asarray(values, float).T]
 
 
 class Totals(NamedTuple):
-    """What has been folded of samples: an array (...,) each, in the units of the measures."""
+    """What has been folded of samples: a scalar each, or an array of runs."""
 
-    base_squares: Array  # sum over all samples
-    late_squares: Array  # over the second half
-    base_last: Array  # sum of the distances over the last quarter
-    base_max: Array
-    base_final: Array
-    lateral_final: Array
-    tip_squares: Array
-    tip_last: Array
-    tip_final: Array
-    joint_max: Array
-    effort_max: Array
-    speed_max: Array
-    excess_max: Array
-    limited: Array  # number of samples
-    settled: Array  # number of the first sample from which on P is within ON_PATH_M
-
-
-START = Totals(*[0.0] * len(Totals._fields))._replace(excess_max=-math.inf)  # type: ignore[arg-type]
+    base_squares: Scalar  # sum over all samples
+    late_squares: Scalar  # over the second half
+    base_last: Scalar  # sum of the distances over the last quarter
+    base_max: Scalar
+    base_final: Scalar
+    lateral_final: Scalar
+    tip_squares: Scalar
+    tip_last: Scalar
+    tip_final: Scalar
+    joint_max: Scalar
+    effort_max: Scalar
+    speed_max: Scalar
+    excess_max: Scalar
+    limited: Scalar  # number of samples
+    settled: Scalar  # number of the first sample from which on P is within ON_PATH_M
 
 
-def fold(measured: SampleMeasures, count: int) -> Totals:
-    """Return what is folded of all samples of runs.
+START = Totals(*[0.0] * len(Totals._fields))._replace(excess_max=-math.inf)
 
-    Args:
-        measured: Of each sample (..., count).
-        count: Number of samples of a whole run.
+
+def spans_of(count: int) -> Array:
+    """Return the numbers of the first samples of a run's second half and last quarter (2,)."""
+    return np.array([count // 2, 3 * count // 4], dtype=float)
+
+
+def folding() -> Any:
+    """Return the ``casadi.Function`` of totals, measures, count of samples and spans.
+
+    It gives the totals after a sample; the count has it in.
     """
-    half, last = count // 2, 3 * count // 4
-    away = ~(measured.base <= ON_PATH_M)
-    behind = np.argmax(away[..., ::-1], axis=-1)  # samples since the last that was away
-    return Totals(
-        base_squares=np.square(measured.base).sum(axis=-1),
-        late_squares=np.square(measured.base[..., half:]).sum(axis=-1),
-        base_last=measured.base[..., last:].sum(axis=-1),
-        base_max=measured.base.max(axis=-1),
-        base_final=measured.base[..., -1],
-        lateral_final=measured.lateral[..., -1],
-        tip_squares=np.square(measured.tip).sum(axis=-1),
-        tip_last=measured.tip[..., last:].sum(axis=-1),
-        tip_final=measured.tip[..., -1],
-        joint_max=measured.joint.max(axis=-1),
-        effort_max=measured.effort.max(axis=-1),
-        speed_max=measured.speed.max(axis=-1),
-        excess_max=measured.excess.max(axis=-1),
-        limited=measured.limited.sum(axis=-1),
-        settled=np.where(away.any(axis=-1), count - behind, 0),
+    totals, measured = (
+        casadi.SX.sym(each.__name__, len(each._fields)) for each in (Totals, SampleMeasures)
     )
+    t, m = Totals(*casadi.vertsplit(totals)), SampleMeasures(*casadi.vertsplit(measured))
+    count, spans = casadi.SX.sym("count"), casadi.SX.sym("spans", 2)
+    late, last = casadi.vertsplit(count > spans)
+    after = Totals(
+        base_squares=t.base_squares + m.base * m.base,
+        late_squares=t.late_squares + casadi.if_else(late, m.base * m.base, 0.0),
+        base_last=t.base_last + casadi.if_else(last, m.base, 0.0),
+        base_max=casadi.fmax(t.base_max, m.base),
+        base_final=m.base,
+        lateral_final=m.lateral,
+        tip_squares=t.tip_squares + m.tip * m.tip,
+        tip_last=t.tip_last + casadi.if_else(last, m.tip, 0.0),
+        tip_final=m.tip,
+        joint_max=casadi.fmax(t.joint_max, m.joint),
+        effort_max=casadi.fmax(t.effort_max, m.effort),
+        speed_max=casadi.fmax(t.speed_max, m.speed),
+        excess_max=casadi.fmax(t.excess_max, m.excess),
+        limited=t.limited + m.limited,
+        settled=casadi.if_else(casadi.logic_not(m.base <= ON_PATH_M), count, t.settled),
+    )
+    return dense_function("fold", [totals, measured, count, spans], [casadi.vertcat(*after)])
+
+
+def fold(measured: SampleMeasures) -> Totals:
+    """Return what is folded of all samples of a run."""
+    numbers = 1.0 + np.arange(len(measured.base))
+    spans = np.repeat(spans_of(len(numbers))[:, None], len(numbers), axis=1)
+    totals = folding().fold(len(numbers))(START, np.array(measured), numbers[None], spans)
+    return Totals(*np.array(totals).ravel().tolist())
 
 
 def merits_of(

@@ -27,12 +27,10 @@ from rpctl.files.records import (
 )
 from rpctl.robot.model import Robot
 from rpctl.robot.patterns import by_pattern
-from rpctl.robot.variation import Slope, Variation, on_slope, require_slope, vary
-from rpctl.robot.vary import add_losses, scale_losses
+from rpctl.robot.variation import Variation, vary
 from rpctl.simulation.plants.protocol import PlantModel
 from rpctl.simulation.plants.settings import (
     MAX_BITS,
-    CarriedLoad,
     Noise,
     SensorBias,
     Slipping,
@@ -71,16 +69,6 @@ class Plant(Variation):
         ),
     ] = 0.0
     controller_model: Annotated[Robot | None, IN_PYTHON] = None
-    joint_friction: Annotated[
-        Mapping[str, float],
-        Range(0.0, LARGEST, "an effort of 0 or more"),
-        Setting(
-            "N·m or N",
-            "Friction",
-            "Dry friction, which the simulated robot has besides what the controller "
-            "knows, by pattern of the names of actuators; the last that matches counts.",
-        ),
-    ] = field(default_factory=dict)
     dropped: Annotated[
         float,
         SHARE,
@@ -127,19 +115,6 @@ class Plant(Variation):
             "Time until such a robot begins to follow; as the controller knows it if not given.",
         ),
     ] = None
-    payload: Annotated[
-        CarriedLoad, Setting("", "Payload", "A load that the simulated robot carries.")
-    ] = field(default_factory=CarriedLoad)
-    losses: Annotated[
-        float,
-        NOT_NEGATIVE,
-        Setting(
-            "",
-            "Scale of the losses",
-            "Scale of the damping and dry friction of the simulated robot's own joints, "
-            "without those that the plant adds.",
-        ),
-    ] = 1.0
     effort: Annotated[
         float,
         POSITIVE,
@@ -182,15 +157,6 @@ class Plant(Variation):
             "farther off than .45 of a control period, so they stay in order.",
         ),
     ] = 0.0
-    slope: Annotated[
-        Slope,
-        Setting(
-            "rad",
-            "Slope",
-            "Angles by which the ground rises along the x and the y axis of the world; "
-            "the world's frame stays that of the ground.",
-        ),
-    ] = (0.0, 0.0)
     wrenches: Annotated[
         tuple[Wrench, ...],
         Setting("", "Push", "What pushes and pulls the simulated robot from outside."),
@@ -233,7 +199,6 @@ class Plant(Variation):
             raise RpctlError(
                 f"encoder_bits is {self.encoder_bits}; give a whole number from 0 to {MAX_BITS}"
             )
-        require_slope(self.slope)
 
     def velocity_interface(self, output: VelocityOutput) -> VelocityOutput:
         """Return how the simulated robot follows speeds.
@@ -296,9 +261,7 @@ class Plant(Variation):
         for each in self.wrenches:
             if not robot.model.existBodyName(each.link):
                 raise UnknownNameError("link", each.link, robot.description.link)
-        friction = by_pattern(self.joint_friction, robot.actuators, "actuator")
-        varied = vary(scale_losses(robot, self.losses), self)
-        return on_slope(self.payload.on(add_losses(varied, {}, friction)), self.slope)
+        return vary(robot, self)
 
     def known_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
         """Return the dynamics that the controller computes with.

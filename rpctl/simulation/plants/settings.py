@@ -1,4 +1,4 @@
-"""What a simulated robot carries, feels and measures wrongly: settings of a plant."""
+"""What a simulated robot feels and measures wrongly: settings of a plant."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ import math
 from dataclasses import astuple, dataclass
 from typing import Annotated
 
-from rpctl.errors import LARGEST, RpctlError, require_within
+from rpctl.errors import RpctlError, require_within
 from rpctl.files.records import POSITIVE, WITHIN, Range, Record, Setting
-from rpctl.robot.model import Robot
-from rpctl.robot.vary import with_payload
 
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 Vector = tuple[float, float, float]
-MAX_OFFSET_M = 1e3  # m: no load is farther off than this
-OFFSET = Range(-MAX_OFFSET_M, MAX_OFFSET_M)
 MAX_BITS = 32  # of an encoder
 
 
@@ -55,56 +51,6 @@ class Wrench:
     def until(self) -> float:
         """When they end, s; infinite if that is not before the run."""
         return math.inf if self.end is None else self.end
-
-
-@dataclass(frozen=True)
-class CarriedLoad(Record):
-    """A point mass fixed to a link of the simulated robot."""
-
-    of = "the payload's "
-    link: Annotated[str, Setting("", "", "The link; empty for that of the end effector.")] = ""
-    mass: Annotated[
-        float, Range(0.0, LARGEST, "0 or more, in kg"), Setting("kg", "mass", "0: none.")
-    ] = 0.0
-    com: Annotated[
-        Vector, OFFSET, Setting("m", "place", "Its place (x, y, z) in the link's frame.")
-    ] = (
-        0.0,
-        0.0,
-        0.0,
-    )
-
-    def __post_init__(self) -> None:
-        """Refuse what is no load."""
-        super().__post_init__()
-        if len(self.com) != 3:
-            raise RpctlError(f"the payload's com is {self.com}; give x, y, z in m")
-
-    def link_of(self, robot: Robot) -> str:
-        """Return the link that carries it.
-
-        Raises:
-            RpctlError: None is named, and the robot has no end effector.
-        """
-        if self.link:
-            return self.link
-        if robot.end_effector is None:
-            raise RpctlError(
-                f"{robot.name} has no end effector to carry the payload; name a link in "
-                "[plant.payload]"
-            )
-        return robot.end_effector
-
-    def on(self, robot: Robot) -> Robot:
-        """Return a robot that carries it; itself where there is none.
-
-        Raises:
-            UnknownNameError: The link is not known.
-            RpctlError: None is named, and the robot has no end effector.
-        """
-        if not self.mass:
-            return robot
-        return with_payload(robot, self.link_of(robot), self.mass, self.com)
 
 
 @dataclass(frozen=True)

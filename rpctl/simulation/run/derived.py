@@ -11,16 +11,20 @@ from rpctl.arrays import Array
 from rpctl.dynamics.grip import find_ranges
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reactions
 from rpctl.dynamics.pushes import outside_at
-from rpctl.dynamics.reduced import OutsideForce, Reactions, ReducedDynamics
+from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
+from rpctl.dynamics.rolling import constraint
 from rpctl.errors import DivergedError
 from rpctl.reference.motion import configurations
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.run.facts import other_joints, reference_wheels, steered_joints
 from rpctl.simulation.run.log import Log
+from rpctl.simulation.run.machine_states import MachineStates
+from rpctl.simulation.run.states import PinocchioStates, StateColumns
 
 TURN = 2.0 * math.pi
 PLACES = ("base", "joints", "steering", "others", "e", "q_ref")
+CHECKED = 3  # states, of which machine code has to say what Pinocchio does
 BLOCK = 1024  # rows whose forces are computed at once
 NOT_FINITE = ("load_range", "slip_range")  # arrays in which NaN and inf have a meaning
 GROUND_COLUMNS = (
@@ -48,6 +52,7 @@ class Derivation:
         self.contacts = find_contacts(dynamics, config.run.friction)
         self._bias, self._wrenches = config.plant.bias(robot), config.plant.wrenches
         self._other_indices = [robot.velocity_index(name) for name in other_joints(robot)]
+        self._states: PinocchioStates | MachineStates = PinocchioStates(dynamics, self.contacts)
 
     def __call__(self, log: Log, name: str) -> Mapping[str, Array]:
         """Return the arrays of a log that are computed with one of them, by name.
@@ -58,6 +63,8 @@ class Derivation:
         if name in PLACES:
             return self._places(log)
         found: dict[str, Array] = {}
+        if isinstance(self._states, PinocchioStates) and self._states.are_many(len(log.t)):
+            self._states = self._compiled(self._states, log)
         for first in range(0, len(log.t), BLOCK):
             rows = slice(first, min(first + BLOCK, len(log.t)))
             with np.errstate(all="ignore"):  # what is not finite is refused below
@@ -84,16 +91,26 @@ class Derivation:
             "q_ref": reference_configurations(robot, log.base_ref, log.joints_ref, log.wheels_ref),
         }
 
+    def _compiled(self, states: PinocchioStates, log: Log) -> PinocchioStates | MachineStates:
+        """Return what computes what follows from states as machine code, if it agrees."""
+        compiled = MachineStates(states)
+        some = slice(None, None, max(1, len(log.t) // CHECKED))
+        return compiled if compiled.agrees(*self._of(log, some)) else states
+
+    def _of(self, log: Log, rows: slice) -> tuple[Array, Array, Array, Array]:
+        """Return q, ν, efforts with the hidden ones, and q of base and arm on the reference."""
+        wanted = configurations(self.robot, log.base_ref[rows], log.joints_ref[rows])
+        return log.q[rows], log.nu[rows], log.tau[rows] + self._bias, wanted
+
     def forces(self, log: Log, rows: slice) -> dict[str, Array]:
         """Return what velocities, forces and the end effector say, of some rows."""
-        q, nu, push = log.q[rows], log.nu[rows], log.tau[rows] + self._bias
-        wanted = configurations(self.robot, log.base_ref[rows], log.joints_ref[rows])
-        reactions = self.dynamics.reactions(q, nu, push, self._outside(log.t[rows], q))
+        q, nu, tau, wanted = self._of(log, rows)
+        found = self._states(q, nu, tau, wanted, self._outside(log.t[rows], q))
         return {
-            **self._motion(q, nu),
-            "energy": reactions.energy,
-            **_end_effector(self.robot, q, wanted),
-            **self._ground(q, reactions),
+            **self._motion(q, found.reactions.v),
+            "energy": found.reactions.energy,
+            **_end_effector(found.pose, found.wanted, len(q)),
+            **self._ground(q, found),
         }
 
     def _outside(self, t: Array, q: Array) -> OutsideForce | None:
@@ -106,32 +123,21 @@ class Derivation:
             found.push[k], found.wrench[k] = outside_at(self.dynamics, q[k], acting)
         return found
 
-    def _motion(self, q: Array, nu: Array) -> dict[str, Array]:
-        """Return what velocities say: rates, and how well the constraints are kept."""
-        dynamics = self.dynamics
-        if dynamics.constant:
-            at = dynamics.at(q[0])
-            v, rates = nu @ at.S.T, nu @ at.B
-            slip = v @ at.A.T
-        else:
-            v, rates = np.empty((len(q), self.robot.nv)), np.empty((len(q), len(self._bias)))
-            slip = np.empty((len(q), len(dynamics.rolling.matrix.constant)))
-            for k in range(len(q)):
-                at = dynamics.at(q[k])
-                v[k] = at.S @ nu[k]
-                rates[k], slip[k] = at.B.T @ nu[k], at.A @ v[k]
+    def _motion(self, q: Array, v: Array) -> dict[str, Array]:
+        """Return what velocities (K, nv) say: rates, and how well the constraints are kept."""
+        slip = np.matvec(constraint(self.dynamics.rolling, q), v)
         return {
-            "rates": rates,
+            "rates": v @ self.dynamics.columns,
             "other_rates": v[:, self._other_indices],
             "constraint_residual": np.abs(slip).max(axis=1, initial=0.0),
         }
 
-    def _ground(self, q: Array, reactions: Reactions) -> dict[str, Array]:
+    def _ground(self, q: Array, states: StateColumns) -> dict[str, Array]:
         """Return what the ground does; (K, 0) where it is not defined."""
         contacts, nothing = self.contacts, np.empty((len(q), 0))
         if contacts is None:
             return dict.fromkeys(GROUND_COLUMNS, nothing)
-        found = ground_reactions(self.dynamics, contacts, q, reactions)
+        found = ground_reactions(self.dynamics, contacts, q, states.reactions, states.points)
         columns = {
             "wheel_force": found.longitudinal,
             "axle_force": found.lateral,
@@ -158,11 +164,7 @@ def reference_configurations(robot: Robot, pose: Array, joints: Array, wheels: A
         wheels: Positions of what :func:`reference_wheels` names (K, n), rad.
     """
     steered = len(robot.drive.steered)
-    if steered:
-        rows = zip(pose, joints, wheels[:, :steered], strict=True)
-        q = np.array([robot.configuration_at(*row) for row in rows]).reshape(-1, robot.nq)
-    else:
-        q = configurations(robot, pose, joints)
+    q = configurations(robot, pose, joints, wheels[:, :steered])
     for name, positions in zip(reference_wheels(robot)[steered:], wheels.T[steered:], strict=True):
         robot.entries[name].write_all(q, positions)
     return q
@@ -201,18 +203,17 @@ def wrap(angles: Array) -> Array:
     return np.asarray(math.pi - np.mod(math.pi - angles, TURN))
 
 
-def _end_effector(robot: Robot, q: Array, q_ref: Array) -> dict[str, Array]:
+def _end_effector(pose: Array | None, wanted: Array | None, count: int) -> dict[str, Array]:
     """Return where the end effector is (K, 3), where it should be, and the angle between (K,).
 
     Args:
-        robot: The robot.
-        q: Configurations (K, nq).
-        q_ref: Those of the reference (K, nq).
+        pose: Its poses (K, 4, 4) in the world; None without one.
+        wanted: Those of the reference (K, 4, 4).
+        count: K.
     """
-    if robot.end_effector is None:
-        none = np.empty((len(q), 0))
-        return {"ee": none, "ee_ref": none, "ee_angle": np.zeros(len(q))}
-    pose, wanted = robot.end_effector_poses(q), robot.end_effector_poses(q_ref)
+    if pose is None or wanted is None:
+        none = np.empty((count, 0))
+        return {"ee": none, "ee_ref": none, "ee_angle": np.zeros(count)}
     turn = np.swapaxes(pose[:, :3, :3], 1, 2) @ wanted[:, :3, :3]
     twice = [turn[:, j, i] - turn[:, i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
     sine = np.sqrt(sum(each * each for each in twice))

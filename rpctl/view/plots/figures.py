@@ -5,12 +5,12 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.files.writing import write_atomically
 from rpctl.simulation.run.run import Run
 from rpctl.view.chart import ERROR_FLOOR, PANELS, PATHS, Chart, Panel, decades
@@ -131,9 +131,7 @@ def _choose(found: list[PanelChart], wanted: Sequence[str]) -> list[PanelChart]:
     if not wanted:
         return found
     known = list(dict.fromkeys(panel.name for panel, _ in found))
-    for name in wanted:
-        if name not in known:
-            raise UnknownNameError("panel", name, known)
+    require_known("panel", wanted, known)
     return [each for name in wanted for each in found if each[0].name == name]
 
 
@@ -146,8 +144,12 @@ def to_png(figure: Figure, dpi: int, run: str | None = None) -> bytes:
         dpi: Dots per inch.
         run: Digest of the run that it is of, which the file tells; None: of no run.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, metadata={MARK: run} if run else None)
+    figure.set_dpi(dpi)
+    canvas: Any = FigureCanvasAgg(figure)  # ``savefig`` draws twice, first for the layout alone
+    canvas.print_png(buffer, metadata={MARK: run} if run else None)
     return buffer.getvalue()
 
 

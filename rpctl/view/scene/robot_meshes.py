@@ -12,7 +12,7 @@ from rpctl.arrays import Array
 from rpctl.description.meshes.jobs import ShadedMesh, shade, simplify
 from rpctl.description.meshes.paths import MeshError
 from rpctl.description.meshes.reading import Surface
-from rpctl.description.meshes.service import ask, start_reader
+from rpctl.description.meshes.service import ask
 from rpctl.description.records import Shape
 from rpctl.libraries import library
 from rpctl.robot.coordinates import ROOT_JOINT
@@ -97,7 +97,6 @@ def build_bodies(robot: Robot, triangles: int = MAX_TRIANGLES) -> Bodies:
     skipped: dict[str, list[tuple[str, str]]] = {}
     placed_surfaces: list[PlacedSurface] = []
     found: list[StandIn] = []
-    start_reader()
     size = stand_ins.robot_size(robot)
     for link in links:
         whole = True

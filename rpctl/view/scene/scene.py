@@ -351,6 +351,9 @@ def part_cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
     return np.concatenate(clouds)
 
 
+HULL_BLOCK = 2000  # points that are looked at at once: their numbers stay in the cache
+
+
 def hull_points(cloud: Array) -> Array:
     """Return the extreme points (n, 3) of a cloud in evenly spread directions."""
     count = 128
@@ -358,9 +361,13 @@ def hull_points(cloud: Array) -> Array:
     turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)  # a golden spiral over the sphere
     rings = np.sqrt(1.0 - heights**2)
     around = np.column_stack([rings * np.cos(turns), rings * np.sin(turns), heights])
-    # One direction at a time: all at once would take a gigabyte of a long run.
-    found = [int((cloud @ direction).argmax()) for direction in around]
-    return np.asarray(cloud[np.unique(found)])
+
+    def extremes(points: Array) -> Array:
+        return np.asarray(points[np.unique((points @ around.T).argmax(axis=0))])
+
+    # Block by block: all at once would take a gigabyte of a long run.
+    blocks = np.array_split(cloud, 1 + len(cloud) // HULL_BLOCK)
+    return extremes(np.concatenate([extremes(block) for block in blocks]))
 
 
 def node_prefix(motion: int) -> str:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from rpctl.control.registry import KINEMATIC_LAWS
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.files.records import WITHIN, OneOf, Range, Record, Setting, read_record
 from rpctl.reference.pose_goal import MAX_DISTANCE, PoseGoal, seen_from, to_goal
 from rpctl.robot.model import Robot
@@ -65,9 +65,7 @@ def read_request(robot: Robot, asked: Any) -> GoRequest:
     request = read_record(GoRequest, asked if isinstance(asked, dict) else {}, "", faults)
     if request is None:
         raise RpctlError(f"no motion can be asked for so: {'; '.join(faults)}")
-    for name in (*request.posture, *request.arm):
-        if name not in robot.joint_names:
-            raise UnknownNameError("joint of the arm", name, robot.joint_names)
+    require_known("joint of the arm", [*request.posture, *request.arm], robot.joint_names)
     if set(request.posture) != set(robot.joint_names):
         raise RpctlError(f"posture: give all joints of the arm, {', '.join(robot.joint_names)}")
     for joint in robot.joints:

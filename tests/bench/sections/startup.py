@@ -12,7 +12,8 @@ import rpctl
 from rpctl.view.plots.figures import tracking_image
 from tests.bench.rows import Row, Section, cpu_seconds
 
-VERIFY_GOAL, PICTURE_GOAL = 2.0, 0.8  # s
+VERIFY_GOAL, TRACK_GOAL, PICTURE_GOAL = 2.0, 4.0, 0.8  # s
+TRACKED = ("paper", "tiago", "swerve", "car")
 
 
 def section(quick: bool) -> Section:
@@ -34,7 +35,7 @@ def section(quick: bool) -> Section:
             ("--version", None),
             ("inspect tiago", None),
             ("verify tiago", VERIFY_GOAL),
-            ("track tiago --duration 10", None),
+            *((f"track {robot} --reference line --duration 40", TRACK_GOAL) for robot in TRACKED),
         ]
         for text, goal in commands:
             where = ["--out", str(Path(out, "run"))] if text.startswith("track") else []

@@ -18,7 +18,7 @@ from rpctl.control.horizon.body_clearance import (
     body_clearance,
 )
 from rpctl.control.horizon.prediction import Model, PredictedMotion
-from rpctl.control.horizon.qp import LinearisedConstraint
+from rpctl.control.horizon.qp import LinearRows
 from rpctl.control.horizon.target import Sample, Target
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.pose_goal import goal_of_words
@@ -58,7 +58,7 @@ def sample(model: Model, poses: Array, joints: Array) -> Sample:
         np.zeros((STEPS + 1, model.robot.dof)), [1]
     ))  # fmt: skip
     motion: PredictedMotion = still._replace(pose=poses, joints=joints)
-    return Sample(motion, Target(poses, joints, motion.nu), None)
+    return Sample(motion, Target(poses, joints, motion.nu), [])
 
 
 def postures(model: Model, seed: int) -> Sample:
@@ -79,8 +79,8 @@ def moved(at: Sample, stage: int, column: int, by: float) -> Sample:
     return at._replace(motion=at.motion._replace(pose=pose, joints=joints))
 
 
-def values(model: Model, rows: BodyClearance, at: Sample) -> LinearisedConstraint:
-    (found,) = rows.linearise(at)
+def values(model: Model, rows: BodyClearance, at: Sample) -> LinearRows:
+    (found,) = rows(at)
     return found
 
 

@@ -10,11 +10,11 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.cost import StateDifference, from_another_start, wrap_angles
+from rpctl.control.horizon.cost import wrap_angles
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.planner import Planner
 from rpctl.control.horizon.prediction import PredictedMotion
-from rpctl.control.horizon.qp import CondensedQp, Linearisation
+from rpctl.control.horizon.qp import CondensedQp, Linearisation, StateDifference
 from rpctl.control.horizon.target import (
     EndEffectorKinematics,
     Preview,
@@ -23,10 +23,10 @@ from rpctl.control.horizon.target import (
     look_ahead,
 )
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.reference.motion import steering
 from rpctl.reference.named import reference_by_name
-from tests.control.horizon.whole_qp import WholeQp, whole_qp
+from tests.control.horizon.whole_qp import whole_qp
 from tests.control.tight_limits import limited
+from tests.differences import slopes
 from tests.grids import cells
 from tests.robots import SET_A, ball, platform, write
 from tests.vehicles import KINDS, vehicle
@@ -39,8 +39,8 @@ OFF = np.array([-0.3, 0.25, 0.4])
 
 def linearised(
     robot: Robot, law: Horizon, off: Array, rng: np.random.Generator
-) -> tuple[Planner, Linearisation]:
-    """Return a QP about a motion from beside the reference, and who made it."""
+) -> tuple[Planner, Linearisation, PredictedMotion, Target]:
+    """Return a QP about a motion from beside the reference: who made it, and of what."""
     planner, reference = Planner(law, ReducedDynamics(robot)), reference_by_name(robot, "eight")
     model, read = planner.model, Preview(robot, reference)
     times = np.asarray(NOW + law.dt * np.arange(law.steps + 1))
@@ -49,7 +49,7 @@ def linearised(
     joints = target.joints[0] + 0.02 * rng.normal(size=len(model.joints))
     q = model.configuration(joints, target.pose[0] + (off if model.base else 0.0))
     motion = model.predict(q, target.nu[0], 0.1 * rng.normal(size=(law.steps, robot.dof)))
-    return planner, planner.linearise(motion, target)
+    return planner, planner.linearise(motion, target), motion, target
 
 
 def sources(tmp_path: Path) -> dict[str, Robot]:
@@ -74,7 +74,7 @@ def test_it_has_the_solution_of_the_whole_qp(
     tmp_path: Path, kind: str, off: float, rng: np.random.Generator
 ) -> None:
     law = Horizon(steps=STEPS, base_obstacles=(Disc(9.0, 0.0, 0.2),))
-    planner, values = linearised(sources(tmp_path)[kind], law, off * OFF, rng)
+    planner, values, *_ = linearised(sources(tmp_path)[kind], law, off * OFF, rng)
     found = CondensedQp(planner.structure, values).solve(values, np.empty(0, dtype=np.intp))
     expected = whole_qp(planner, values).solution()
     assert found.solved
@@ -90,7 +90,7 @@ def test_bounds_that_give_way_are_priced(rng: np.random.Generator) -> None:
     """Two walls with less room than the base between them: the slacks are the whole QP's."""
     walls = (HalfPlane(0.0, 1.0, 0.0), HalfPlane(0.0, -1.0, -0.2))
     law = Horizon(steps=STEPS, base_obstacles=walls, base_radius=0.3)
-    planner, values = linearised(rpctl.load("paper"), law, np.zeros(3), rng)
+    planner, values, *_ = linearised(rpctl.load("paper"), law, np.zeros(3), rng)
     found = CondensedQp(planner.structure, values).solve(values, np.empty(0, dtype=np.intp))
     expected = whole_qp(planner, values).solution()
     assert found.solved
@@ -104,49 +104,29 @@ def test_another_initial_state_is_embedded(
 ) -> None:
     """Against the whole QP whose first step of the dynamics starts from the difference."""
     law = Horizon(steps=STEPS, base_obstacles=(Disc(9.0, 0.0, 0.2),))
-    planner, values = linearised(sources(tmp_path)[kind], law, OFF, rng)
-    model, jacobian = planner.model, values.jacobian
-    start = StateDifference(
-        0.02 * rng.normal(size=3),
-        0.02 * rng.normal(size=len(model.joints)),
-        0.05 * rng.normal(size=model.robot.dof),
-    )
-    embedded = from_another_start(planner.structure, values, start)
-    found = CondensedQp(planner.structure, values).solve(embedded, np.empty(0, dtype=np.intp))
+    planner, values, *_ = linearised(sources(tmp_path)[kind], law, OFF, rng)
+    model = planner.model
+    sizes = (3, 0.02), (len(model.joints), 0.02), (model.robot.dof, 0.05)
+    start = StateDifference(*(scale * rng.normal(size=(count, 1)) for count, scale in sizes))
+    qp, none = CondensedQp(planner.structure, values), np.empty(0, dtype=np.intp)
+    found = qp.solve(values, none, start)
     assert found.solved
-    pose = start.pose.copy()
-    pose[:2] += jacobian.heading[0] * start.pose[2]
-    pose += jacobian.nu[0] @ start.nu[: model.base_columns]
-    pose += jacobian.steering[0] @ start.joints[: model.steered]
-    joints = start.joints + model.dt * start.nu[model.base :]
-    qp = whole_qp(planner, values)
-    b = np.zeros_like(qp.b)
-    b[: len(pose) + len(joints) + len(start.nu)] = np.concatenate([pose, joints, start.nu])
-    expected = qp._replace(b=b).solution()
+    off = [part[:, 0] for part in start]
+    angles, rates = off[1][: model.steered], off[2][: model.base_columns]
+    beside = np.concatenate([off[0][2:], angles, rates, 0.0 * rates])
+    pose = off[0] + values.jacobian[0] @ beside
+    joints = off[1] + model.dt * off[2][model.base :]
+    whole = whole_qp(planner, values)
+    b = np.zeros_like(whole.b)
+    first = np.concatenate([pose, joints, off[2]])
+    b[: len(first)] = first
+    expected = whole._replace(b=b).solution()
     plan = planner.structure.indices.nu_dot
     scale = np.abs(expected[plan]).max()
     np.testing.assert_allclose(found.x[plan], expected[plan], atol=CLOSE * max(scale, 1.0))
 
 
 STEP = 1e-6
-
-
-def written(
-    robot: Robot, law: Horizon, off: Array, rng: np.random.Generator
-) -> tuple[Planner, PredictedMotion, Target, WholeQp]:
-    """Return a QP about a motion from beside the reference."""
-    run = law.start(ReducedDynamics(robot), 0.002).planner
-    model, reference = run.model, reference_by_name(robot, "eight")
-    times = np.asarray(NOW + law.dt * np.arange(law.steps + 1))
-    now = np.concatenate([steering(robot, reference(NOW))[0], reference(NOW).joints])
-    target = look_ahead(
-        model, Preview(robot, reference), TimeScaling(times, np.ones(law.steps + 1)), now
-    )
-    pose = target.pose[0] + (off if model.base else 0.0)
-    nu_dot = 0.1 * rng.normal(size=(law.steps, robot.dof))
-    joints = target.joints[0] + 0.01 * rng.normal(size=len(model.joints))
-    motion = model.predict(model.configuration(joints, pose), target.nu[0], nu_dot)
-    return run, motion, target, whole_qp(run, run.linearise(motion, target))
 
 
 @pytest.mark.parametrize("name", ["paper", "twin"])
@@ -156,22 +136,18 @@ def test_without_bounds_it_is_least_squares(
     """The same step by differences of the prediction and dense least squares (steps = 6)."""
     source = write(tmp_path, vehicle(name)) if name in KINDS else name
     robot, law = rpctl.load(source), Horizon(steps=6)
-    run, motion, target, qp = written(robot, law, np.array([0.02, -0.03, 0.05]), rng)
+    run, values, motion, target = linearised(robot, law, np.array([0.02, -0.03, 0.05]), rng)
     reached = EndEffectorKinematics(run.model, [5])
 
     def errors(nu_dot: Array) -> Array:
         ahead = run.model.predict(motion.start, motion.nu[0], nu_dot.reshape(motion.nu_dot.shape))
         return _weighted(run, ahead, target, reached)
 
-    indices = motion.nu_dot.ravel()
-    J = np.column_stack(
-        [
-            (errors(indices + step) - errors(indices - step)) / (2 * STEP)
-            for step in STEP * np.eye(indices.size)
-        ]
-    )
-    expected = np.linalg.lstsq(J, -errors(indices), rcond=None)[0]
-    found = qp.free_solution(run.structure.deviations)[run.structure.indices.nu_dot]
+    at = motion.nu_dot.ravel()
+    expected = np.linalg.lstsq(slopes(errors, at, STEP), -errors(at), rcond=None)[0]
+    found = whole_qp(run, values).free_solution(run.structure.deviations)[
+        run.structure.indices.nu_dot
+    ]
     scale = np.abs(expected).max()
     np.testing.assert_allclose(found.ravel(), expected, atol=1e-4 * max(scale, 1.0))
 
@@ -188,12 +164,10 @@ def _weighted(
     nu_dot = ahead.nu_dot - np.diff(target.nu, axis=0) / model.dt
     rows = [np.sqrt(weigh.nu_dot) * nu_dot, np.sqrt(weigh.joints[:-1]) * joints[:-1]]
     rows += [np.sqrt(weigh.nu[:-1]) * nu[:-1], np.sqrt(weigh.nu[-1, :base]) * nu[-1, :base]]
-    rows.append(np.sqrt(weigh.pose) * pose[:, : weigh.pose.shape[1]])
+    rows.append(np.sqrt(weigh.pose) * pose)
     for i, cross in enumerate(cost.cross):
         P = np.array([[weigh.joints[-1, i], cross], [cross, weigh.nu[-1, base + i]]])
         rows.append(np.linalg.cholesky(P).T @ [joints[-1, i], nu[-1, base + i]])
-    position = arm.position(ahead.pose[-1], ahead.joints[-1])
-    goal = arm.position(target.pose[-1], target.joints[-1])
     # One stage of six is looked at, so it counts six times.
-    rows.append(np.sqrt(6.0 * 200.0) * (position - goal))
+    rows.append(np.sqrt(6.0 * 200.0) * (arm(ahead).value - arm(target).value))
     return np.concatenate([np.ravel(row) for row in rows])

@@ -22,8 +22,7 @@ from rpctl import (
     summarize,
 )
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.prediction import Indices
-from rpctl.control.horizon.qp import CondensedQp, CondensedSolution, Linearisation
+from rpctl.control.horizon.qp import CondensedQp, CondensedSolution
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.control.registry import kinematic_by_name
@@ -129,9 +128,9 @@ def test_a_failed_solve_falls_back_and_is_counted(
     failing = [3, 4, 9]  # of the solves
     count = iter(range(1000))
 
-    def sometimes(self: CondensedQp, values: Linearisation, guess: Indices) -> CondensedSolution:
+    def sometimes(self: CondensedQp, *arguments: Any) -> CondensedSolution:
         # The first sample takes three passes.
-        return solve(self, values, guess)._replace(solved=next(count) not in failing)
+        return solve(self, *arguments)._replace(solved=next(count) not in failing)
 
     monkeypatch.setattr(CondensedQp, "solve", sometimes)
     called: list[float] = []
@@ -226,7 +225,7 @@ def test_efforts_that_come_late_do_not_make_light_joints_run_away(tiago: Robot) 
 
 def test_settings_that_predict_nothing_are_refused() -> None:
     assert isinstance(kinematic_by_name("horizon"), Horizon)
-    with pytest.raises(RpctlError, match="steps is 1; give 2 to 500"):
+    with pytest.raises(RpctlError, match="steps is 1; give 2 to 200"):
         Horizon(steps=1)
     with pytest.raises(RpctlError, match=r"period 0.2 s is longer than a step; give at most 0.1 s"):
         Horizon(period=0.2)

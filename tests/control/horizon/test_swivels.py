@@ -14,7 +14,7 @@ from rpctl import ReducedDynamics, Robot, Run, summarize, track
 from rpctl.arrays import Array
 from rpctl.control.horizon.constraints import WheelSpeeds
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.prediction import Casters, Model, Steering
+from rpctl.control.horizon.prediction import Model, PredictedMotion
 from rpctl.control.horizon.settings import Bounds
 from rpctl.control.horizon.target import Preview, Sample, Target, TimeScaling, look_ahead
 from rpctl.errors import SingularBasisError
@@ -94,11 +94,11 @@ def test_wheels_that_head_back_are_asked_for_the_angle_nearest(tmp_path: Path, t
 def test_steering_that_is_singular_ahead_is_left_to_the_fallback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def singular(self: Steering, angles: Array) -> Array:
+    def singular(self: Model, *_: Array) -> PredictedMotion:
         raise SingularBasisError("the steered wheels fix no one motion ahead")
 
     robot = load(tmp_path, "twin")
-    monkeypatch.setattr(Steering, "maps", singular)
+    monkeypatch.setattr(Model, "predict", singular)
     run = run_of(robot, "circle", 0.1)
     assert summarize(run).kinematic_report["fallbacks"] == 6
     unified = track(
@@ -109,10 +109,12 @@ def test_steering_that_is_singular_ahead_is_left_to_the_fallback(
 
 def test_angles_that_fix_no_one_motion_are_told(tmp_path: Path) -> None:
     """Both leading wheels of the swerve drive sideways: their axles are one line."""
-    steered = Steering(load(tmp_path, "steered"))
-    steered.maps(np.array([[0.5, 0.5]]))
+    model = Model(ReducedDynamics(load(tmp_path, "steered")), STEPS, DT)
+    still = np.zeros(model.robot.dof), np.zeros((STEPS, model.robot.dof))
+    q = [model.configuration(np.array([a, a, 0.0])) for a in (0.5, 0.5 * math.pi)]
+    model.predict(q[0], *still)
     with pytest.raises(SingularBasisError, match="fix no one motion"):
-        steered.maps(np.array([[0.5 * math.pi, 0.5 * math.pi]]))
+        model.predict(q[1], *still)
 
 
 STEPS, DT = 5, 0.1
@@ -151,10 +153,16 @@ def test_casters_turn_as_the_constraints_have_it(
     require_turned(robot, robot.random_configuration(rng), np.array(twist))
 
 
+def followed(robot: Robot, q: Array, nu: Array, dt: float) -> Array:
+    """Return the casters' positions (4, n) after steps of constant speeds of the base."""
+    whole = np.append(nu, np.zeros(robot.dof - 3))
+    return Model(ReducedDynamics(robot), 3, dt).predict(q, whole, np.zeros((3, robot.dof))).casters
+
+
 def require_turned(robot: Robot, q: Array, twist: Array) -> None:
-    casters = Casters(robot)
-    found = casters.follow(casters.read(q), np.tile(twist, (3, 1)), DT)
-    np.testing.assert_allclose(found[0], casters.read(q), atol=1e-14)
+    found = followed(robot, q, twist, DT)
+    start = [robot.joint_position(q, swivel.joint) for swivel in robot.drive.swivels]
+    np.testing.assert_allclose(found[0], start, atol=1e-14)
     expected = turned(robot, q, twist, 3.0 * DT)
     np.testing.assert_allclose(np.exp(1j * found[-1]), np.exp(1j * expected), atol=1e-7)
 
@@ -162,11 +170,11 @@ def require_turned(robot: Robot, q: Array, twist: Array) -> None:
 def test_casters_that_head_back_stay_or_swing_round(tmp_path: Path) -> None:
     """Backwards they are in a balance that nothing holds; a hair off, they swing round."""
     robot = rpctl.load(write(tmp_path, vehicle("powered")))
-    casters, twists = Casters(robot), np.tile([0.8, 0.0, 0.0], (4, 1))
-    found = casters.follow(np.full(3, math.pi), twists, 10.0)
-    np.testing.assert_allclose(np.cos(found[1]), -1.0, atol=1e-9)
-    found = casters.follow(np.full(3, math.pi - 1e-3), twists, 10.0)
-    np.testing.assert_allclose(found[-1], 0.0, atol=1e-6)
+    names, ahead = [swivel.joint for swivel in robot.drive.swivels], np.array([0.8, 0.0, 0.0])
+    for off, held in ((0.0, 1), (1e-3, 0)):
+        q = robot.configuration(joints=dict.fromkeys(names, math.pi - off))
+        found = followed(robot, q, ahead, 10.0)
+        np.testing.assert_allclose(np.cos(found[1 if held else -1]), 1 - 2 * held, atol=1e-9)
 
 
 def test_wheel_speeds_are_those_of_the_motion(rng: np.random.Generator) -> None:
@@ -177,12 +185,13 @@ def test_wheel_speeds_are_those_of_the_motion(rng: np.random.Generator) -> None:
     q, nu = robot.random_configuration(rng), np.array([0.4, 0.1, 0.3, 0.2, 0.1])
     motion = model.predict(q, nu, 0.5 * rng.normal(size=(STEPS, robot.dof)))
     target = Target(motion.pose, motion.joints, motion.nu)
-    (found,) = WheelSpeeds(model, bounds).linearise(Sample(motion, target, None))
+    (found,) = WheelSpeeds(model, bounds)(Sample(motion, target, []))
     driven = len(robot.actuators) - len(robot.joints)
     limits = bounds.rates(robot)[1][:driven]
     names = [swivel.joint for swivel in robot.drive.swivels]
     for k in range(STEPS):
         rates = dynamics.actuation(q).T[:driven] @ motion.nu[k + 1] / limits
         np.testing.assert_allclose(found.value[k], [*(rates - 1.0), *(-rates - 1.0)], atol=1e-7)
-        positions = turned(robot, q, motion.twist[k], DT)
+        twist = motion.nu[k, :3] + 0.5 * DT * motion.nu_dot[k, :3]  # of the base's own speeds
+        positions = turned(robot, q, twist, DT)
         q = robot.configuration(joints=dict(zip(names, positions, strict=True)))

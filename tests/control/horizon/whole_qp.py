@@ -54,21 +54,26 @@ class WholeQp(NamedTuple):
 
 def whole_qp(planner: Planner, values: Linearisation) -> WholeQp:
     structure, at = planner.structure, planner.structure.indices
-    count = structure.deviations + int(structure.slacks[-1])
+    count = structure.deviations + sum(len(rows.value) for rows in values.soft)
     P, c = SLACK_CURVATURE * np.eye(count), np.full(count, SLACK_PRICE)
     lower, upper = np.zeros(count), np.full(count, np.inf)
-    parts = zip(at, structure.hessian, values.gradient, values.lower, values.upper, strict=True)
-    for index, weight, gradient, low, high in parts:
-        P[index, index], c[index], lower[index], upper[index] = weight, gradient, low, high
+    errors = np.zeros(count)
+    parts = zip(at, planner.cost.hessian, values.errors, values.lower, values.upper, strict=True)
+    for index, weight, error, low, high in parts:
+        P[index, index], errors[index], lower[index], upper[index] = weight, error, low, high
     last = at.joints[-1], at.nu[-1, planner.model.base :]
-    P[last], P[last[::-1]] = structure.cross, structure.cross
-    for unknowns, (J, residual) in zip(structure.extra_unknowns, values.extra_cost, strict=True):
-        P[np.ix_(unknowns, unknowns)] += J.T @ J
-        c[unknowns] += J.T @ residual
+    P[last], P[last[::-1]] = planner.cost.cross, planner.cost.cross
+    c[: structure.deviations] = (P @ errors)[: structure.deviations]
+    for further in values.extra:
+        for unknowns, residual, J in zip(*further, strict=True):
+            P[np.ix_(unknowns, unknowns)] += J.T @ J
+            c[unknowns] += J.T @ residual
     A = _dynamics(planner, values, np.eye(count))
-    rows, right, slack = [np.empty((0, count))], [np.empty(0)], structure.deviations
-    for (stages, _), (of_stages, jacobian) in zip(structure.soft, values.soft, strict=True):
-        for unknowns, value, by in zip(stages, of_stages, jacobian, strict=True):
+    slack = structure.deviations
+    rows: list[Array] = [np.empty((0, count))]
+    right: list[Array] = [np.empty(0)]
+    for soft in values.soft:
+        for unknowns, value, by in zip(*soft, strict=True):
             row = np.zeros((len(value), count))
             row[:, unknowns], row[:, slack] = by, -1.0
             rows.append(row)
@@ -82,16 +87,17 @@ def _dynamics(planner: Planner, values: Linearisation, I: Array) -> Array:  # no
     model, J, at = planner.model, values.jacobian, planner.structure.indices
     base, columns, dt, rows = model.base, model.base_columns, model.dt, []
     for k in range(model.steps):
+        heading, angles, rates, forces = np.split(
+            J[k], np.cumsum([1, model.steered, columns]), axis=1
+        )
         pose, nu = I[at.pose[k]], I[at.nu[k]] - dt * I[at.nu_dot[k]]
+        pose = pose - forces @ I[at.nu_dot[k, :columns]]
         joints = I[at.joints[k]] - 0.5 * dt**2 * I[at.nu_dot[k, base:]]
-        if base:
-            pose = pose - J.nu_dot[k] @ I[at.nu_dot[k, :columns]]
         if k:
             nu = nu - I[at.nu[k - 1]]
             joints = joints - I[at.joints[k - 1]] - dt * I[at.nu[k - 1, base:]]
-        if k and base:
-            pose = pose - I[at.pose[k - 1]] - J.nu[k] @ I[at.nu[k - 1, :columns]]
-            pose -= J.steering[k] @ I[at.joints[k - 1, : model.steered]]
-            pose[:2] -= np.outer(J.heading[k], I[at.pose[k - 1, 2]])
+            pose = pose - I[at.pose[k - 1]] - rates @ I[at.nu[k - 1, :columns]]
+            pose -= angles @ I[at.joints[k - 1, : model.steered]]
+            pose -= heading @ I[at.pose[k - 1, 2:]]
         rows.append(np.vstack([pose, joints, nu]))
     return np.vstack(rows)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import time
 from collections import OrderedDict
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,7 @@ from rpctl.description.meshes.jobs import shade, weld
 from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.meshes.reading import Mesh, read_mesh, read_shape
 from rpctl.description.meshes.service import MeshService, StalledMeshError
-from rpctl.files.array_messages import pack
+from rpctl.files.array_messages import pack, unpack
 from tests.description.meshes.bad_meshes import (
     BAD,
     GLB_BINARY,
@@ -176,19 +178,38 @@ def test_a_smooth_fan_is_shaded_smoothly() -> None:
 # The process that reads.
 
 
+def asked(service: MeshService, job: str, head: Mapping[str, str] = MappingProxyType({})) -> Any:
+    """Return what a service answers but for arrays."""
+    return unpack(service.ask(pack({"job": job, **head})))[0]
+
+
+def test_what_was_asked_before_is_read_from_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not so what was asked in vain; another question is another thing."""
+    size = {"kind": "sphere", "size": [0.123]}
+    first = mesh_service.ask("primitive", size, [])
+    monkeypatch.setattr(MeshService, "_start", lambda self: pytest.fail("a process was started"))
+    mesh_service.close_all()
+    head, arrays = mesh_service.ask("primitive", size, [])
+    assert head == first[0]
+    for found, expected in zip(arrays, first[1], strict=True):
+        np.testing.assert_array_equal(found, expected)
+    with pytest.raises(pytest.fail.Exception):
+        mesh_service.ask("primitive", {**size, "size": [0.124]}, [])
+
+
 def test_a_mesh_that_ends_its_reader_costs_itself_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     service = MeshService(STUBBORN)
     try:
-        assert service.ask("echo", {"word": "a"}, [])[0]["word"] == "a"
+        assert asked(service, "echo", {"word": "a"})["word"] == "a"
         with pytest.raises(StalledMeshError, match=r"ends its reader.*RPCTL_MAX_MESH_MEMORY"):
-            service.ask("abort", {}, [])
-        assert service.ask("echo", {"word": "b"}, [])[0]["word"] == "b"
+            asked(service, "abort")
+        assert asked(service, "echo", {"word": "b"})["word"] == "b"
         monkeypatch.setenv("RPCTL_MAX_MESH_SECONDS", "1")
         began = time.monotonic()
         with pytest.raises(StalledMeshError, match=r"over 1 s;.*RPCTL_MAX_MESH_SECONDS"):
-            service.ask("sleep", {}, [])
+            asked(service, "sleep")
         assert time.monotonic() - began < 30.0  # it sleeps for ever
-        assert service.ask("echo", {"word": "c"}, [])[0]["word"] == "c"
+        assert asked(service, "echo", {"word": "c"})["word"] == "c"
     finally:
         service.close()
 
@@ -196,10 +217,10 @@ def test_a_mesh_that_ends_its_reader_costs_itself_alone(monkeypatch: pytest.Monk
 def test_a_lack_of_memory_is_a_message_and_the_reader_goes_on() -> None:
     service = MeshService(STUBBORN)
     try:
-        process = service.ask("process", {}, [])[0]["id"]
+        process = asked(service, "process")["id"]
         with pytest.raises(MeshError, match=r"too much memory.*RPCTL_MAX_MESH_MEMORY"):
-            service.ask("grow", {}, [])
-        assert service.ask("process", {}, [])[0]["id"] == process
+            asked(service, "grow")
+        assert asked(service, "process")["id"] == process
     finally:
         service.close()
 
@@ -210,12 +231,12 @@ def test_an_idle_reader_ends_and_another_one_takes_its_place(
     monkeypatch.setattr(mesh_service, "IDLE_S", 0.05)
     service = MeshService(STUBBORN)
     try:
-        first = service.ask("process", {}, [])[0]["id"]
+        first = asked(service, "process")["id"]
         deadline = time.monotonic() + 30.0
         while _runs(first) and time.monotonic() < deadline:
             time.sleep(0.02)
         assert not _runs(first)
-        assert service.ask("process", {}, [])[0]["id"] != first
+        assert asked(service, "process")["id"] != first
     finally:
         service.close()
 
@@ -293,7 +314,7 @@ def test_a_faults_text_is_one_printable_line(monkeypatch: pytest.MonkeyPatch) ->
     message = pack({"fault": "a\x1b[2J\nb" + "c" * 1000})
     monkeypatch.setattr(service, "_ask", lambda request, most: message)
     with pytest.raises(MeshError) as caught:
-        service.ask("echo", {}, [])
+        asked(service, "echo")
     assert str(caught.value).startswith("a[2Jbccc")
     assert len(str(caught.value)) == mesh_service.MAX_FAULT
 

@@ -71,11 +71,16 @@ def quantities(truth: ReducedDynamics, state: Sequence[Array]) -> dict[str, Arra
     return {name: np.asarray(value).ravel(order="F") for name, value in found.items()}
 
 
-def check(dynamics: SymbolicDynamics, robot: Robot | None = None, samples: int = 3) -> None:
+def check(
+    dynamics: SymbolicDynamics,
+    robot: Robot | None = None,
+    samples: int = 3,
+    p: Array | None = None,
+) -> None:
     """Compare dynamics in symbols with Pinocchio's at random states, of a robot or a variant."""
     robot = dynamics.robot if robot is None else robot
     function = compared(dynamics)
-    truth, p = ReducedDynamics(robot), dynamics.parameters_of(robot)
+    truth, p = ReducedDynamics(robot), dynamics.parameters_of(robot) if p is None else p
     rng = np.random.default_rng(SEED)
     for _ in range(samples):
         q = robot.random_configuration(rng)

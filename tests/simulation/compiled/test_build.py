@@ -15,8 +15,10 @@ import rpctl
 from rpctl import Leash
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.unified import UnifiedKinematic
-from rpctl.dynamics.symbols.numbers import NOTHING, Varied
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.kernels import stored
 from rpctl.robot.model import Robot
+from rpctl.robot.variation import BuiltNumbers, Variation
 from rpctl.robot.vary import scale_limits, scale_masses, set_limits
 from rpctl.simulation.compiled import build
 from rpctl.simulation.compiled.build import loop_key
@@ -51,11 +53,13 @@ def test_a_loop_that_was_built_before_is_read(
 
 
 def key(known: Robot, simulated: Robot, laws: tuple[Any, Any] = LAWS, **shape: Any) -> bytes:
-    return loop_key((known, simulated), NOTHING, laws, replace(SHAPE, **shape), 1)
+    return loop_key((known, simulated), {}, laws, replace(SHAPE, **shape), 1)
 
 
 def test_other_robots_laws_and_shapes_have_other_keys(paper: Robot) -> None:
     heavy = scale_masses(paper, "*", 1.01)
+    others = BuiltNumbers(paper, [Variation(), Variation(track=1.1)])
+    wider = SymbolicDynamics(paper, others).varied
     keys = {
         key(paper, paper),
         key(paper, heavy),
@@ -65,8 +69,8 @@ def test_other_robots_laws_and_shapes_have_other_keys(paper: Robot) -> None:
         key(paper, paper, (UnifiedKinematic(), PaperDynamic(midpoint=True))),
         key(paper, paper, delayed=True),
         key(paper, paper, period=0.001),
-        loop_key((paper, paper), Varied(rolling=True), LAWS, SHAPE, 1),
-        loop_key((paper, paper), NOTHING, LAWS, SHAPE, 2),
+        loop_key((paper, paper), wider, LAWS, SHAPE, 1),
+        loop_key((paper, paper), {}, LAWS, SHAPE, 2),
     }
     assert len(keys) == 10
     assert key(replace(paper), paper) in keys
@@ -82,8 +86,8 @@ def test_a_limit_of_a_joint_that_nothing_drives_counts() -> None:
 
 def test_nothing_foreign_is_loaded() -> None:
     data = pickle.dumps(Path("/tmp"))
-    with pytest.raises(pickle.UnpicklingError, match="a loop has no"):
-        build._Unpickler(io.BytesIO(data)).load()
+    with pytest.raises(pickle.UnpicklingError, match="no machine code comes with"):
+        stored._Unpickler(io.BytesIO(data)).load()
     call = b"cbuiltins\neval\n(S'1'\ntR."
-    with pytest.raises(pickle.UnpicklingError, match="a loop has no"):
-        build._Unpickler(io.BytesIO(call)).load()
+    with pytest.raises(pickle.UnpicklingError, match="no machine code comes with"):
+        stored._Unpickler(io.BytesIO(call)).load()

@@ -13,8 +13,8 @@ from rpctl import Robot, Run, track
 from rpctl.arrays import Array
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Program, Read, Rows, RowStream
-from rpctl.simulation.compiled.merit_fold import FIRST, merit_fold, spans_of
-from rpctl.simulation.merits.measures import SampleMeasures, Totals, fold, measures, merits_of
+from rpctl.simulation.compiled.merit_fold import FIRST, merit_fold
+from rpctl.simulation.merits.measures import SampleMeasures, fold, measures, merits_of, spans_of
 from rpctl.simulation.merits.outcome import ON_PATH_M
 from tests.kernels.interpreted import Interpreted
 
@@ -63,10 +63,36 @@ def test_folding_is_the_batch(name: str) -> None:
     expected = measures(changed)
     totals, seen = folded(robot, changed, limits)
     np.testing.assert_allclose(seen, np.array(expected).T, rtol=1e-12, atol=1e-14)
-    batch = fold(expected, count)
+    batch = fold(expected)
     np.testing.assert_allclose(totals, np.array(batch), rtol=1e-12)
     assert 0 < batch.settled <= count
     assert batch.limited > 0
+
+
+def test_measures_are_what_the_log_says(paper: Robot) -> None:
+    """Sample by sample, by NumPy and the robot's own limits."""
+    run, rng = track(paper, "eight", duration=0.05, collisions=False), np.random.default_rng(2)
+    log = run.log.changed({"e": rng.normal(size=run.log.e.shape), "tau": 90.0 * run.tau})
+    log = log.changed({"active_limits": (rng.random((len(run.t), 4)) < 0.1).astype(float)})
+    found = measures(dataclasses.replace(run, log=log))
+    described = [paper.description.joint[name] for name in paper.actuators]
+    for k in range(len(run.t)):
+        x, y, _, *arm = log.e[k]
+        asked = [abs(x) / j.effort for x, j in zip(log.tau[k], described, strict=True)]
+        rates = [abs(x) / j.velocity for x, j in zip(log.rates[k], described, strict=True)]
+        rows = [*zip(log.joints[k], paper.joints, strict=True)]
+        expected = SampleMeasures(
+            base=np.hypot(x, y),
+            lateral=abs(y),
+            tip=np.linalg.norm(log.ee[k] - log.ee_ref[k]),
+            joint=max(map(abs, arm)),
+            effort=max(asked),
+            speed=max(rates),
+            excess=max(max(j.lower - at, at - j.upper) for at, j in rows),
+            limited=float(log.active_limits[k].any()),
+        )
+        at = [each[k] for each in found]
+        np.testing.assert_allclose(at, expected, rtol=1e-12, atol=1e-15)
 
 
 def hand(base: list[float], **others: list[float]) -> SampleMeasures:
@@ -79,7 +105,7 @@ def hand(base: list[float], **others: list[float]) -> SampleMeasures:
 def merits(measured: SampleMeasures) -> dict[str, Array]:
     """Return the merits of samples 0.5 s apart."""
     count = measured.base.shape[-1]
-    totals = fold(measured, count)
+    totals = fold(measured)
     return merits_of(totals, np.array(7.0), np.array(2.0), count, 0.5)
 
 
@@ -129,12 +155,3 @@ def test_merits_are_those_on_paper() -> None:
 )
 def test_when_a_run_settles(base: list[float], time: float) -> None:
     assert float(merits(hand(base))["settling_time"]) == time
-
-
-def test_many_runs_are_folded_at_once(rng: np.random.Generator) -> None:
-    many = SampleMeasures(*np.abs(rng.normal(size=(len(SampleMeasures._fields), 3, 7)) * 0.1))
-    together = fold(many, 7)
-    for k in range(3):
-        alone = fold(SampleMeasures(*(each[k] for each in many)), 7)
-        np.testing.assert_allclose([each[k] for each in together], alone, rtol=1e-15)
-    assert isinstance(together, Totals)

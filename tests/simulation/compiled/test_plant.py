@@ -10,11 +10,11 @@ from rpctl.dynamics.motion import step
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Program, Until
 from rpctl.robot.model import Robot
-from rpctl.robot.vary import add_losses
 from rpctl.simulation.compiled.implicit_step import PlantBuffers
 from rpctl.simulation.compiled.plant import plant_fragment
 from tests.grids import cells
 from tests.kernels.interpreted import Interpreted
+from tests.robots import add_losses
 
 LANES, DT, STEPS = 3, 0.002, 2
 TOLERANCE = 1e-12  # of states of size 1; rounding leaves 1e-14

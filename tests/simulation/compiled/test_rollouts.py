@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import rpctl
+from rpctl.control.fragment import settings_of
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import native_lanes
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.lanes import LaneInputs
-from rpctl.simulation.compiled.laws.tracking import settings_of
 from rpctl.simulation.compiled.loop import FAR
 from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
 from rpctl.simulation.config import Config, RunSettings
@@ -42,7 +42,7 @@ def inputs(
     rest = np.array([dynamics.efforts(each, dynamics.bias(each, still)) for each in q])
     kinematic: Any = config.kinematic
     dynamic: Any = config.dynamic
-    settings = settings_of(kinematic, dynamic, dynamics, config.run.control_period)[1]
+    settings = settings_of(kinematic, dynamic, dynamics, config.run.control_period)
     count = len(errors)
     return LaneInputs(
         q,
@@ -105,7 +105,7 @@ def test_a_run_is_what_python_makes_of_it(paper: Robot, config: Config, lanes: L
         run = simulate(
             paper, config.with_run(initial_error=error), collisions=False, backend="pinocchio"
         )
-        expected = fold(measures(run), len(run.t))
+        expected = fold(measures(run))
         for name, value in zip(Totals._fields, results.totals[row], strict=True):
             assert value == pytest.approx(float(getattr(expected, name)), rel=SAME, abs=SAME), name
         assert results.energy[row, 0] == pytest.approx(run.log.work[-1], abs=SAME)

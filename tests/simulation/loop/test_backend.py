@@ -15,12 +15,13 @@ from rpctl.control.kanayama import Kanayama
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import DivergedError, UnknownNameError
 from rpctl.robot.model import Robot
+from rpctl.robot.variation import CarriedLoad
 from rpctl.simulation.compiled import build
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.backend import pays, plant_refusal, refusal
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.plants.plant import Plant
-from rpctl.simulation.plants.settings import CarriedLoad, Noise, SensorBias, Wrench
+from rpctl.simulation.plants.settings import Noise, SensorBias, Wrench
 from rpctl.simulation.run.run import Run
 from tests.grids import cells
 

@@ -42,7 +42,7 @@ def samples_of(robot: Robot) -> Samples:
     """Return samples near a reference, about which limits bind now and then."""
     rng, t = np.random.default_rng(3), PERIOD * np.arange(float(COUNT))
     table = tabulate(robot, reference_by_name(robot, "circle", collisions=False), t)
-    q = np.array([robot.configuration_at(*row) for row in zip(table.pose, table.joints)])  # noqa: B905
+    q = np.array([robot.configuration_at(*row) for row in zip(*table.state[:4:3])])  # noqa: B905
     columns = {
         name: rng.normal(size=(COUNT, n))
         for name, n in (("nu", robot.dof), ("tau", len(robot.actuators)), ("nu_d", robot.dof))
@@ -158,7 +158,7 @@ def test_deferred_columns_are_computed_when_one_is_read(
     monkeypatch.setattr(derived, "BLOCK", 20)
     log, samples = deferred(robot), samples_of(robot)
     np.testing.assert_array_equal(log.nu, samples.columns["nu"])
-    np.testing.assert_array_equal(log.base_ref[:, :2], samples.reference.pose[:, :2])
+    np.testing.assert_array_equal(log.base_ref[:, :2], samples.reference.state.pose[:, :2])
     assert counted == []
     assert log.energy.shape == (COUNT,)
     assert counted == [20, 20, COUNT - 40]

@@ -23,10 +23,10 @@ from rpctl import (
 from rpctl.arrays import Array
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.integral import IntegralDynamic
-from rpctl.control.twist_law import BaseController, BaseLaw
+from rpctl.control.twist_law import BaseLaw
 from rpctl.dynamics.motion import rk4_step
 from rpctl.errors import RpctlError
-from rpctl.simulation.merits.linear_loop import LoopPoles, _controllers, _Loop, _state, loop_poles
+from rpctl.simulation.merits.linear_loop import LinearLoop, LoopPoles, _state, loop_poles
 from rpctl.view.pages.report import poles_section, verdict
 from tests.robots import write
 from tests.vehicles import vehicle
@@ -43,14 +43,10 @@ def run_of(robot: Robot, reference: str, period: float = 0.005, **laws: Any) -> 
 
 def steady_poles(robot: Robot, law: BaseLaw, dynamic: Any, v: float, omega: float) -> Array:
     """Poles about a steady motion of a base with an axle, sampled each millisecond."""
-    dynamics, period = ReducedDynamics(robot), 0.001
-    controller = BaseController(law, dynamics, law.joint_horizons(dynamics, period))
-    none = np.zeros(len(robot.joints))
-    twist = np.array([v, 0.0, omega])
+    none, twist = np.zeros(len(robot.joints)), np.array([v, 0.0, omega])
     state = ReferenceState(np.zeros(3), twist, np.zeros(3), robot.home, none, none)
-    loop = _Loop(dynamics, controller, dynamic.start(dynamics, period), state)
     q = robot.configuration_at(np.zeros(3), robot.home)
-    return loop.poles(q, np.array([v, omega, *none]), period)
+    return LinearLoop(robot, law, dynamic, 0.001).poles(state, q, np.array([v, omega, *none]))
 
 
 @pytest.mark.parametrize(("v", "omega"), [(0.6, 0.0), (0.5, -0.7), (0.0, 0.9)])
@@ -93,13 +89,16 @@ def test_the_loop_of_steered_bases_is_that_of_a_real_step(kind: str, tmp_path: P
     law = UnifiedKinematic(joint_horizon=H)
     run = run_of(robot, "circle", period, kinematic=law)
     dynamics, k, model = ReducedDynamics(robot), len(run.t) - 2, robot.model
-    kinematic, dynamic, _ = _controllers(run, dynamics)
-    loop = _Loop(dynamics, kinematic, dynamic, _state(run, robot, k))
+    kinematic, dynamic, state = law.start(dynamics, period), PaperDynamic(H1), _state(run, robot, k)
     q, nu = run.log.q_ref[k], run.log.nu_ref[k]
     steered = [swivel.joint for swivel in robot.drive.steered]
     rows = [0, 1, 2, *(robot.velocity_index(name) for name in (*steered, *robot.joint_names))]
     at = np.concatenate([q, nu])
-    there = rk4_step(dynamics, q, nu, loop.efforts(q, nu), period)
+
+    def efforts(q: Array, nu: Array) -> Array:
+        return dynamic(dynamics, q, nu, kinematic(dynamics, lambda t: state, 0.0, q, nu))
+
+    there = rk4_step(dynamics, q, nu, efforts(q, nu), period)
 
     def after(x: Array) -> Array:
         joints = dict(zip([*steered, *robot.joint_names], x[3 : len(rows)], strict=True))
@@ -111,13 +110,14 @@ def test_the_loop_of_steered_bases_is_that_of_a_real_step(kind: str, tmp_path: P
         posed = robot.configuration(joints=moved)
         posed[:4] = start[:4]
         speeds = at[len(q) :] + x[len(rows) :]
-        step = rk4_step(dynamics, posed, speeds, loop.efforts(posed, speeds), period)
+        step = rk4_step(dynamics, posed, speeds, efforts(posed, speeds), period)
         return np.append(pin.difference(model, there.q, step.q)[rows], step.nu - there.nu)
 
     size, h = len(rows) + robot.dof, 1e-5
     step = np.array([(after(h * e) - after(-h * e)) / (2 * h) for e in np.eye(size)]).T
+    poles = LinearLoop(robot, law, dynamic, period).poles(state, q, nu)
     expected = np.sort(np.log(np.linalg.eigvals(step).astype(complex)).real / period)
-    np.testing.assert_allclose(np.sort(loop.poles(q, nu, period).real), expected, atol=0.02)
+    np.testing.assert_allclose(np.sort(poles.real), expected, atol=0.02)
 
 
 def test_laws_that_plan_have_no_poles(paper: Robot) -> None:

@@ -10,8 +10,8 @@ import pytest
 import rpctl
 from rpctl import Plant, Robot
 from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.robot.variation import CarriedLoad
 from rpctl.robot.vary import without_losses
-from rpctl.simulation.plants.settings import CarriedLoad
 from tests.grids import cells
 
 pytest.importorskip("mujoco")

@@ -17,11 +17,11 @@ from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.motion import rk4_step
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.errors import DivergedError
-from rpctl.robot.vary import add_losses, set_limits, without_losses
+from rpctl.robot.vary import set_limits, without_losses
 from rpctl.simulation.plants.contact import MujocoMotion
 from rpctl.simulation.plants.settings import Wrench
 from tests.grids import cells
-from tests.robots import SET_A, ball, platform, write
+from tests.robots import SET_A, add_losses, ball, platform, write
 
 pytest.importorskip("mujoco")
 

@@ -12,9 +12,8 @@ import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.errors import UnknownNameError
-from rpctl.robot.vary import add_losses
-from rpctl.simulation.plants.settings import CarriedLoad
-from tests.robots import SET_A, ball, platform, write
+from rpctl.robot.variation import CarriedLoad
+from tests.robots import SET_A, add_losses, ball, platform, write
 
 G = 9.81
 MASS = SET_A["m_c"] + 2.0 * SET_A["m_w"]

@@ -13,10 +13,11 @@ from rpctl.arrays import Array
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.law import Command
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.robot.variation import CarriedLoad
 from rpctl.robot.vary import set_limits
 from rpctl.simulation.config import Config, read_config, write_config
 from rpctl.simulation.plants.sensors import sample_times
-from rpctl.simulation.plants.settings import CarriedLoad, Noise, SensorBias, Wrench
+from rpctl.simulation.plants.settings import Noise, SensorBias, Wrench
 from tests.robots import SET_A, ball, platform, write
 
 ALL = Plant(

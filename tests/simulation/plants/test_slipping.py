@@ -22,11 +22,10 @@ from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError
 from rpctl.robot.load import load
-from rpctl.robot.vary import add_losses
 from rpctl.simulation.plants.settings import Slipping, Wrench
 from rpctl.simulation.plants.slipping import SlippingMotion
 from tests.grids import cells
-from tests.robots import SET_A, ball, cargo, platform, wheel, write
+from tests.robots import SET_A, add_losses, ball, cargo, platform, wheel, write
 from tests.vehicles import vehicle
 
 G = 9.81

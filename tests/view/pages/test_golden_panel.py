@@ -12,9 +12,10 @@ import numpy as np
 import rpctl
 from rpctl import Run, summarize
 from rpctl.control.registry import Unregistered
+from rpctl.robot.variation import CarriedLoad
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.plant import Plant
-from rpctl.simulation.plants.settings import CarriedLoad, Noise, SensorBias, Wrench
+from rpctl.simulation.plants.settings import Noise, SensorBias, Wrench
 from rpctl.view.pages.page import Badge, LegendEntry
 from rpctl.view.pages.panel import (
     compare_legend,

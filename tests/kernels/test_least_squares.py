@@ -8,8 +8,14 @@ import casadi
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.bounded import COMPLIANCE, PRIMAL_TOLERANCE, shortest
-from rpctl.simulation.compiled.laws.limits import BoundedRows, DualState, dual_step
+from rpctl.kernels.least_squares import (
+    COMPLIANCE,
+    PRIMAL_TOLERANCE,
+    BoundedRows,
+    DualState,
+    dual_step,
+)
+from tests.control.referee import shortest
 
 SOFT, HARD, N = 4, 3, 4
 ROWS = SOFT + HARD

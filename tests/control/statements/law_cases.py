@@ -1,4 +1,4 @@
-"""Samples of laws: states and references, near and far, and what Python's laws make of them."""
+"""Samples of laws: states and references, near and far, and what NumPy makes of them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rpctl import ReducedDynamics, Robot
+from rpctl import PaperDynamic, ReducedDynamics, Robot
 from rpctl.arrays import Array
+from rpctl.control.fragment import law_fragment, settings_of
 from rpctl.control.law import Command, Rest, as_efforts
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Program
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.table import tabulate
-from rpctl.simulation.compiled.laws.supported import law_fragment
-from rpctl.simulation.compiled.laws.tracking import settings_of
+from tests.control.referee import Referee
 from tests.kernels.interpreted import Interpreted
 
 PERIOD = 0.002
@@ -103,7 +103,7 @@ def drifting_samples(
 
 
 class RunningLaws:
-    """A kinematic and a dynamic law, compiled and Python's, side by side; a lane for each run.
+    """A kinematic and a dynamic law, as statements and in NumPy, side by side; a lane for each run.
 
     Args:
         robot: The robot.
@@ -118,14 +118,14 @@ class RunningLaws:
         self.laws = [
             (
                 kinematic.start(self.dynamics, PERIOD),
-                dynamic.start(self.dynamics, PERIOD, rest),
+                self._dynamic(dynamic, rest),
             )
             for rest in rests
         ]
         fragment = self.fragment
-        names, self.settings = settings_of(kinematic, dynamic, self.dynamics, PERIOD)
-        assert names == fragment.setting_names
-        self.body = Interpreted(Program((*fragment.body, *fragment.remember)), len(rests))
+        self.settings = settings_of(kinematic, dynamic, self.dynamics, PERIOD)
+        body = *fragment.command, *fragment.answer, *fragment.remember
+        self.body = Interpreted(Program(body), len(rests))
         self.workspace = self.body.workspace()
         if fragment.start:
             begin = Interpreted(Program(fragment.start), len(rests))
@@ -135,6 +135,13 @@ class RunningLaws:
             begin.run(0, 1, space, {})
             for buffer in space.keys() & self.workspace.keys():
                 self.workspace[buffer][:] = space[buffer]
+
+    def _dynamic(self, law: Any, rest: Rest) -> Any:
+        """Return the dynamic law's referee; the paper's law is Pinocchio's already."""
+        if not isinstance(law, PaperDynamic):
+            return Referee(law, self.dynamics, PERIOD, rest)
+        started = law.start(self.dynamics, PERIOD)
+        return lambda *sample: started(self.dynamics, *sample)
 
     def compiled(self, samples: list[Sample]) -> None:
         """Do a sample in each lane, in the compiled laws."""
@@ -150,4 +157,4 @@ class RunningLaws:
         """Return what Python's laws answer in a lane, command and efforts."""
         kinematic, dynamic = self.laws[lane]
         command = kinematic(self.dynamics, lambda t: sample.state, 0.0, sample.q, sample.nu)
-        return command, as_efforts(dynamic(self.dynamics, sample.q, sample.nu, command))
+        return command, as_efforts(dynamic(sample.q, sample.nu, command))

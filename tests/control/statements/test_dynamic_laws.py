@@ -1,4 +1,4 @@
-"""The dynamic laws as statements against Python's, sample by sample, limits binding or not."""
+"""The dynamic laws as statements against NumPy's, sample by sample, limits binding or not."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 
 import rpctl
 from rpctl import BoundedDynamic, IntegralDynamic, PaperDynamic, Robot, UnifiedKinematic
+from rpctl.control import bounded_statements
+from rpctl.control.fragment import NO_COMMAND, NO_EFFORTS, LimitNames
 from rpctl.control.law import Limit, Rest
-from rpctl.simulation.compiled.laws import supported
-from rpctl.simulation.compiled.laws.fragment import LimitNames
+from tests.control.statements.law_cases import PERIOD, RunningLaws, Sample, drifting_samples
 from tests.control.tight_limits import limited
 from tests.grids import cells
-from tests.simulation.compiled.laws.law_cases import PERIOD, RunningLaws, Sample, drifting_samples
 
 KINEMATIC = UnifiedKinematic(approach=None)
 LAWS = {
@@ -98,7 +98,7 @@ def test_a_pause_teaches_the_integral_as_much_as_it_lasts(
 
 def test_a_search_that_does_not_end_is_told(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the lanes where it does not, and only there."""
-    monkeypatch.setattr(supported, "MAX_STEPS", 2)
+    monkeypatch.setattr(bounded_statements, "MAX_STEPS", 2)
     rng = np.random.default_rng(0)
     laws = running(limited(paper, effort=0.4, speed=0.5), BoundedDynamic(), rng)
     failed = []
@@ -108,9 +108,9 @@ def test_a_search_that_does_not_end_is_told(paper: Robot, monkeypatch: pytest.Mo
         laws.compiled(samples)
         counts = [len(laws.python(lane, s)[1].limits) for lane, s in enumerate(samples)]
         failed.append(laws.workspace[laws.fragment.failed][0])
-        assert (failed[-1][np.array(counts) > 1] == 1.0).all()
+        assert (failed[-1][np.array(counts) > 1] == NO_EFFORTS).all()
         assert (failed[-1][np.array(counts) == 0] == 0.0).all()
-    assert 0 < np.sum(failed) < np.size(failed)
+    assert 0 < np.count_nonzero(failed) < np.size(failed)
 
 
 def test_what_is_not_finite_is_left_to_python(paper: Robot, rng: np.random.Generator) -> None:
@@ -118,7 +118,7 @@ def test_what_is_not_finite_is_left_to_python(paper: Robot, rng: np.random.Gener
     sample = drifting_samples(laws.dynamics, rng, 1, 0.0)[0]
     far = sample._replace(nu=1e200 * np.ones(4))
     laws.compiled([sample, far])
-    assert laws.workspace[laws.fragment.failed].tolist() == [[0.0, 1.0]]
+    assert laws.workspace[laws.fragment.failed].tolist() == [[0.0, NO_COMMAND]]
 
 
 def test_singular_steering_is_left_to_python(rng: np.random.Generator) -> None:
@@ -131,11 +131,12 @@ def test_singular_steering_is_left_to_python(rng: np.random.Generator) -> None:
     angles = {s.joint: s.sign * (across - s.heading) for s in (first, second)}
     q = robot.configuration(joints=angles)
     laws.compiled([sample, sample._replace(q=q)])
-    assert laws.workspace[laws.fragment.failed].tolist() == [[0.0, 1.0]]
+    assert laws.workspace[laws.fragment.failed].tolist() == [[0.0, NO_COMMAND]]
 
 
 def test_limits_have_the_names_of_their_joints() -> None:
-    names = LimitNames(["left", "right"], ["slide", "left"])
+    labels = [Limit("left", "effort"), Limit("right", "effort")]
+    names = LimitNames(labels, ["slide", "left"])
     assert names(np.zeros(4)) == ()
     assert names(np.array([0.0, 1.0, 3.0, 1.0])) == (
         Limit("right", "effort"),

@@ -1,0 +1,301 @@
+"""Formulas of the predictive law within limits, [MS21, Eq. 25] as a quadratic program.
+
+M and h are those of the middle of the period. Where a limit may bind they are worked out once, for
+how the efforts grow with ν̇, and for what the robot does where these are not what is asked for.
+The program is solved by :mod:`rpctl.kernels.least_squares`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from rpctl import math
+from rpctl.arrays import Array
+from rpctl.control.bandwidth import by_velocity, joint_gains
+from rpctl.control.dynamic import desired_acceleration, midpoint, paper_efforts
+from rpctl.control.joint_limits import JointBounds, JointLimits, largest_accelerations
+from rpctl.control.law import LawSample
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import require_known
+from rpctl.kernels.least_squares import COMPLIANCE, BoundedRows
+from rpctl.kernels.scalars import any_true, clipped
+
+if TYPE_CHECKING:
+    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+
+NULLSPACE_EFFORT_WEIGHT = 1e-6  # weight of efforts that move nothing, relative to their limits
+REST_SPEED_FRACTION = 1e-3  # of the full speed; a slower base has no direction to keep
+NO_EFFORT = 1e-9  # of an effort: what of a null space's entries is rounding
+# Default weight of a joint's error relative to the base's 1: a joint at its limit must not make the
+# base drift.
+JOINT_ERROR_WEIGHT = 1e-4
+
+
+class FreeSample(NamedTuple):
+    """What the law makes of a sample if no limit binds."""
+
+    tau: Any  # (n_act, 1) of ν̇*
+    doubtful: Any  # whether a limit may bind (1, 1)
+
+
+class BoundSample(NamedTuple):
+    """What the law needs to know of a sample where a limit may bind, in the period's middle."""
+
+    M: Any  # (dof, dof)
+    push: Any  # ℓ − h (dof, 1): M ν̇ = B τ + push
+    acceleration: Any  # ẍ of the limited joints under ν̇* (k, 1)
+    bounds: JointBounds  # on ẍ
+    binds: Any  # whether a limit binds (1, 1)
+
+
+class LimitSettings(Protocol):
+    """Settings of a law within limits, see :class:`rpctl.control.bounded.BoundedDynamic`."""
+
+    @property
+    def horizon_dyn(self) -> float: ...
+    @property
+    def along(self) -> float: ...
+    @property
+    def weights(self) -> Mapping[str, float]: ...
+    @property
+    def joint_horizon_dyn(self) -> float | None: ...
+    @property
+    def midpoint(self) -> bool: ...
+
+
+class BoundedLaw:
+    """The law within limits on one robot at one control period: its formulas over scalars.
+
+    What they take by name, ``s``, are the law's :meth:`numbers`.
+
+    Args:
+        period: Control period, s.
+
+    Raises:
+        UnknownNameError: A weight is of no quasi-velocity of the robot.
+    """
+
+    def __init__(self, law: LimitSettings, dynamics: ReducedDynamics, period: float) -> None:
+        self.robot = robot = dynamics.robot
+        require_known("quasi-velocity", law.weights, robot.quasi_velocities)
+        self._law = law
+        joints = (
+            joint_gains(dynamics, period).horizon_dyn
+            if law.joint_horizon_dyn is None
+            else np.full(len(robot.joints), law.joint_horizon_dyn)
+        )
+        self.times = by_velocity(dynamics, law.horizon_dyn, joints)
+        self.held_for = period if law.midpoint else 0.0
+        self.joints = JointLimits(robot, period)
+        self.effort_limits = robot.effort_limits
+        self._limited = np.flatnonzero(np.isfinite(self.effort_limits)).tolist()
+        self._unit = np.where(np.isfinite(self.effort_limits), self.effort_limits, 1.0)
+        fastest = robot.velocity_limits
+        self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
+
+    def numbers(self) -> dict[str, Any]:
+        """Return the numbers among the settings by name; arrays (dof,) are by quasi-velocity."""
+        law, robot = self._law, self.robot
+        default = dict.fromkeys(robot.drive.base_speeds, 1.0)
+        weights = [
+            law.weights.get(name, default.get(name, JOINT_ERROR_WEIGHT))
+            for name in robot.quasi_velocities
+        ]
+        return {
+            "horizon_dyn": law.horizon_dyn,
+            "along": law.along,
+            "time": self.times,
+            "root_weight": np.sqrt(weights),
+        }
+
+    def free(
+        self, dynamics: SymbolicDynamics, sample: LawSample, s: Mapping[str, Any], disturbance: Any
+    ) -> FreeSample:
+        """Return what every sample needs.
+
+        Args:
+            s: The law's numbers.
+            disturbance: Acceleration ν̇ (dof, 1) in addition to that of ``dynamics``.
+        """
+        nu_dot = desired_acceleration(sample, s["time"])
+        rows, drift = self.joints.rows(dynamics, sample.q, sample.nu)
+        tau = paper_efforts(dynamics, sample, s["time"], self.held_for, disturbance)
+        rate, acceleration = rows @ sample.nu, rows @ nu_dot + drift
+        doubtful = self.joints.doubtful(sample.q, rate, acceleration, s["horizon_dyn"])
+        return FreeSample(tau, math.logic_or(doubtful, self._beyond(tau)))
+
+    def bound(
+        self, dynamics: SymbolicDynamics, sample: LawSample, s: Mapping[str, Any], tau: Any
+    ) -> BoundSample:
+        """Return what limits need.
+
+        Args:
+            s: The law's numbers.
+            tau: Efforts of ν̇* (n_act, 1).
+        """
+        nu_dot = desired_acceleration(sample, s["time"])
+        at = midpoint(dynamics, sample, self.held_for)
+        rows, drift = self.joints.rows(dynamics, sample.q, sample.nu)
+        M, minus_h = dynamics.lossless(at.q, at.nu, math.SX.zeros(len(self.robot.actuators), 1))
+        gain = dynamics.at(at.q).allocation @ M
+        brakes = largest_accelerations(self.effort_limits, tau - gain @ nu_dot, gain, rows)
+        bounds = self.joints.bounds(sample.q, rows @ sample.nu, brakes, s["horizon_dyn"])
+        acceleration = rows @ nu_dot + drift
+        broken = [acceleration < bounds.lower, acceleration > bounds.upper]
+        binds = math.logic_or(any_true(math.vertcat(*broken)), self._beyond(tau))
+        push = minus_h + dynamics.losses(at.q, at.nu)
+        return BoundSample(M, push, acceleration, bounds, binds)
+
+    def _beyond(self, tau: Any) -> Any:
+        """Return whether efforts (n_act, 1) are beyond their limits."""
+        over = [math.fabs(tau[k]) > self.effort_limits[k] for k in self._limited]
+        return any_true(math.vertcat(*over, math.SX(0, 1)))
+
+    def rows(
+        self,
+        dynamics: SymbolicDynamics,
+        sample: LawSample,
+        s: Mapping[str, Any],
+        tau: Any,
+        parts: Mapping[str, Any],
+    ) -> dict[str, Any]:
+        """Return the quadratic program of a sample, by the names of :class:`BoundedRows`.
+
+        The unknowns are y with p = T y, and efforts that move nothing. The violation of a joint's
+        bound is the base's h1 times an acceleration, divided by the joint's full speed. Beside
+        what its rows are, the efforts over their limits, ``E`` (n_act, n), come with it.
+
+        Args:
+            s: The law's numbers.
+            tau: Efforts of ν̇* (n_act, 1).
+            parts: Entries of :class:`BoundSample` and of its bounds by name.
+        """
+        M, now, lower, upper = (parts[name] for name in ("M", "acceleration", "lower", "upper"))
+        q = midpoint(dynamics, sample, self.held_for).q
+        # Of ν̇ by y: p is h1 times it.
+        change = math.diag(1.0 / s["time"]) @ self._cost_factor(dynamics, q, sample, s)
+        h1, full, null = s["horizon_dyn"], math.DM(self.joints.full), self._null_space(dynamics, q)
+        gain = dynamics.at(q).allocation @ math.tril2symm(M)
+        E = math.horzcat(_scaled(1.0 / self._unit, gain @ change), null)
+        E = math.sparsify(E)
+        rows = dynamics.at(sample.q).S[self.joints.indices, :]
+        K = _scaled(1.0 / self.joints.full, h1 * (rows @ change))
+        K = math.horzcat(K, math.SX(K.shape[0], null.shape[1]))
+        G = math.sparsify(math.vertcat(K, E[self._limited, :]))
+        ratios = [tau[k] / self.effort_limits[k] for k in self._limited]
+        H = math.tril(G @ G.T + math.diag(math.DM(np.square(self.slacks))))
+        return {
+            "G": G,
+            "H": math.sparsify(H),
+            "lower": math.vertcat(h1 * (lower - now) / full, *(-1.0 - each for each in ratios)),
+            "upper": math.vertcat(h1 * (upper - now) / full, *(1.0 - each for each in ratios)),
+            "E": E,
+        }
+
+    @property
+    def slacks(self) -> tuple[float, ...]:
+        """√COMPLIANCE of the rows of joints, which are soft, and 0 of those of efforts."""
+        return (COMPLIANCE**0.5,) * len(self.joints.names) + (0.0,) * len(self._limited)
+
+    def program(self, parts: Mapping[str, Any]) -> BoundedRows:
+        """Return the quadratic program of what :meth:`rows` returned."""
+        G, H, lower, upper = (parts[name] for name in ("G", "H", "lower", "upper"))
+        return BoundedRows(G, H, lower, upper, self.slacks)
+
+    def efforts(self, tau: Any, change: Any) -> Any:
+        """Return the efforts (n_act, 1) within their limits.
+
+        Args:
+            tau: Efforts of ν̇* (n_act, 1).
+            change: What limits add to them, over their limits (n_act, 1).
+        """
+        box = zip(self._unit.tolist(), self.effort_limits.tolist(), strict=True)
+        found = [
+            clipped(tau[k] + unit * change[k], -most, most) for k, (unit, most) in enumerate(box)
+        ]
+        return math.vertcat(*found)
+
+    def _cost_factor(
+        self, dynamics: SymbolicDynamics, q: Any, sample: LawSample, s: Mapping[str, Any]
+    ) -> Any:
+        """Return T (dof, dof) with p = T y and J = ½ |y|²: W′ = T⁻ᵀ T⁻¹.
+
+        Args:
+            q: Configuration in the middle of the period (nq, 1).
+            s: The law's numbers.
+        """
+        B, count = dynamics.at(q).B, len(self.robot.drive.base_speeds)
+        full = math.vertcat(*(self._full_speed(B[i, :]) for i in range(self.robot.dof)))
+        T = math.diag(full / s["root_weight"])
+        if not count:
+            return T
+        ahead = (sample.nu_d + s["horizon_dyn"] * sample.nu_d_dot)[:count] / full[:count]
+        d = ahead / math.sqrt(math.dot(ahead, ahead) + REST_SPEED_FRACTION**2)
+        c = 1.0 - math.sqrt(s["along"])
+        squeeze = math.SX.eye(count) + c / (1.0 - c * math.dot(d, d)) * (d @ d.T)
+        return math.diagcat(T[:count, :count] @ squeeze, T[count:, count:])
+
+    def _full_speed(self, row: Any) -> Any:
+        """Return the speed at which the first actuator reaches its velocity limit.
+
+        Args:
+            row: Of B (1, n_act).
+        """
+        most = math.SX(0)
+        for k, limit in enumerate(self._fastest.tolist()):
+            most = math.fmax(most, math.fabs(row[0, k]) / limit)
+        return 1.0 / most
+
+    def _null_space(self, dynamics: SymbolicDynamics, q: Any) -> Any:
+        """Return columns (n_act, n) of the efforts over their limits that move nothing.
+
+        An orthonormal basis of that space would do as well as the projection onto it, which has
+        more columns: x of least length does not depend on it.
+
+        Args:
+            q: Configuration (nq, 1).
+        """
+        at, unit = dynamics.at(q), self._unit
+        dof, count = at.B.shape
+        if dof >= count:
+            return math.SX(count, 0)
+        moving = _scaled(1.0 / unit, at.allocation @ at.B @ math.diag(math.DM(unit)))
+        projection = math.SX.eye(count) - moving
+        kept = [k for k in range(count) if not _is_nothing(projection[:, k])]
+        return math.sparsify(projection[:, kept]) / NULLSPACE_EFFORT_WEIGHT**0.5
+
+
+def _scaled(factors: Array, matrix: Any) -> Any:
+    """Return a matrix whose rows are multiplied by factors (n,)."""
+    return math.diag(math.DM(factors)) @ matrix
+
+
+def _is_nothing(column: Any) -> bool:
+    return bool(column.is_constant()) and bool(np.abs(math.DM(column).full()).max() < NO_EFFORT)
+
+
+class Before(NamedTuple):
+    """What the integral remembers of the last sample."""
+
+    nu: Any  # (dof, 1)
+    nu_dot: Any  # (dof, 1) since then, if d was right
+    sampled: Any  # whether there was one (1, 1)
+
+
+def learnt(gain: Any, d: Any, nu: Any, before: Before, elapsed: Any) -> Any:
+    """Return d (dof, 1) at a sample.
+
+    Args:
+        gain: k (dof, 1), 1/s; a longer pause teaches no more than ν̇.
+        d: As it was at the last sample (dof, 1).
+        nu: Quasi-velocities now (dof, 1).
+        elapsed: Time since the last sample, s; 0 if other efforts than the law's were sent since
+            then: the integral waits.
+    """
+    counts = math.logic_and(before.sampled, elapsed > 0.0)
+    time = math.if_else(counts, elapsed, 1.0)
+    unexpected = nu - before.nu - elapsed * before.nu_dot
+    return math.if_else(counts, d + math.fmin(gain, 1.0 / time) * unexpected, d)
