@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
-from types import FrameType
 from typing import Any
+
+from rpctl.files.signals import held_signals
 
 
 def library(name: str) -> Any:
@@ -19,16 +19,8 @@ def library(name: str) -> Any:
     Trimesh, and with it yourdfpy, takes every exception of an optional import for its absence: a
     Ctrl-C that came just then would be lost.
     """
-    if threading.current_thread() is not threading.main_thread():
-        return import_module(name)  # signals are the main thread's
-    held: list[tuple[int, FrameType | None]] = []
-    before = signal.signal(signal.SIGINT, lambda *arguments: held.append(arguments))
-    try:
+    with held_signals():
         return import_module(name)
-    finally:
-        signal.signal(signal.SIGINT, before)
-        if held and callable(before):
-            before(*held[0])
 
 
 @cache

@@ -26,6 +26,7 @@ from typing import Any, TypeVar
 
 from rpctl.errors import RpctlError
 from rpctl.files.own_code import sent
+from rpctl.files.signals import held_signals
 from rpctl.files.worker import ONE_THREAD
 
 MAX_TRIES = 2  # of a chunk by itself, after a worker has died while it ran or waited
@@ -162,7 +163,7 @@ class ProcessExecutor(Executor):
     def _submit(self, data: bytes, chunk: Any) -> Future[Any]:
         """Have a process run a chunk; one that died while it was idle is no chunk's fault."""
         packed = pickled(chunk)
-        with _for_children():
+        with held_signals(), _for_children():
             try:
                 return self._started().submit(run_pickled, data, packed)
             except BrokenProcessPool:
@@ -177,7 +178,9 @@ class ProcessExecutor(Executor):
 
     def _end(self) -> None:
         """End all processes at once, whatever they do."""
-        if self._pool is not None:
+        if self._pool is None:
+            return
+        with held_signals():  # one process left would wait for the next chunk, and Python for it
             for process in [*self._pool._processes.values()]:  # kill_workers() of Python 3.14
                 process.kill()
             self._pool.shutdown(cancel_futures=True)

@@ -127,6 +127,24 @@ def test_who_leaves_the_loop_ends_what_runs(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) <= 4  # chunks wait for workers, not workers for callers
 
 
+def test_a_signal_that_comes_while_workers_are_ended_leaves_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kill = mp.process.BaseProcess.kill
+
+    def interrupted(process: mp.process.BaseProcess) -> None:
+        kill(process)
+        signal.raise_signal(signal.SIGINT)
+
+    before = set(mp.active_children())
+    executor = ProcessExecutor(2)
+    assert len(list(executor.map_chunks(partial(draw, 0.0), chunks_of(4)))) == 4
+    monkeypatch.setattr(mp.process.BaseProcess, "kill", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        executor.__exit__()
+    assert set(mp.active_children()) <= before
+
+
 def test_no_workers_are_refused() -> None:
     with pytest.raises(RpctlError, match="0 workers; give 1 or more"):
         ProcessExecutor(0)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rpctl
+from rpctl.control import law_kernel
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.horizon.law import Horizon
@@ -16,7 +17,6 @@ from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import DivergedError, UnknownNameError
 from rpctl.robot.model import Robot
 from rpctl.robot.variation import CarriedLoad
-from rpctl.simulation.compiled import build
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.backend import pays, plant_refusal, refusal
 from rpctl.simulation.loop.track import simulate
@@ -167,7 +167,7 @@ def test_short_runs_and_those_of_pinocchio_compile_nothing(
 
 @pytest.mark.slow
 def test_a_loop_that_differs_is_refused(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build, "EQUAL", -1.0)
+    monkeypatch.setattr(law_kernel, "EQUAL", -1.0)
     robot = replace(paper)  # not one whose loop is known already
     run = simulate(robot, Config(run=RunSettings("line", 0.05)), backend="compiled")
     assert any("gives other desired speeds than Pinocchio" in note for note in run.notes)
