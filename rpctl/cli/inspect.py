@@ -52,6 +52,8 @@ def inspect_command(
 
 def _with_faults(robot: Robot) -> Robot:
     """Return a robot with the findings that it does not stand at home, or cannot hold itself."""
+    if not robot.dof:
+        return robot
     dynamics = ReducedDynamics(robot)
     weak = too_weak(dynamics) if robot.joints else ""
     standing = stand_at_home(dynamics)

@@ -165,8 +165,9 @@ def effort_usage(
 def ground_usage(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> list[Usage]:
     """Return how much of its wheels' grip, and of its margin to tipping, a motion takes.
 
-    Loads are those of equally stiff contacts. A robot that tips while it stands is not looked at:
-    no pace would help it.
+    Of the margin, it is how far the zero-moment point moves, wherever to; of the grip, it is that
+    of the loads at rest, of equally stiff contacts. So both fall with the square of the pace. A
+    robot that tips while it stands is not looked at: no pace would help it.
     """
     contacts = find_contacts(dynamics)
     if contacts is None or not contacts.balanced:
@@ -175,12 +176,15 @@ def ground_usage(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> 
     rest, moving = (_ground(dynamics, contacts, each) for each in (still, samples))
     if rest.tip_margin.min() <= 0.0:
         return []
-    taken = 1.0 - moving.tip_margin / rest.tip_margin
+    taken = np.linalg.norm(moving.arms[:, 0] - rest.arms[:, 0], axis=1) / rest.tip_margin
     worst = int(taken.argmax())
-    k, wheel = np.unravel_index(int(moving.slip_ratio.argmax()), moving.slip_ratio.shape)
+    wheels = slice(moving.slip_ratio.shape[1])
+    floor = np.maximum(rest.load[:, wheels], contacts.floor)
+    grip = moving.slip_ratio * np.maximum(moving.load[:, wheels], contacts.floor) / floor
+    k, wheel = np.unravel_index(int(grip.argmax()), grip.shape)
     return [
         Usage("", "balance", float(rest.tip_margin[worst]), float(taken[worst])),
-        Usage(contacts.names[wheel], "grip", FRICTION, float(moving.slip_ratio[k, wheel])),
+        Usage(contacts.names[wheel], "grip", FRICTION, float(grip[k, wheel])),
     ]
 
 
