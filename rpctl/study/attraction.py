@@ -41,13 +41,17 @@ class Start:
 
 
 def converged(figures: Figures) -> bool:
-    """Return whether the robot came to its reference within the limits.
+    """Return whether the robot came to its reference within the limits."""
+    return figures.settled_at is not None and not failed(figures)
+
+
+def failed(figures: Figures) -> bool:
+    """Return whether a robot went away from its reference, or beyond a limit.
 
     A far start may ask for more than the grip at first: whether laws come home is asked here of
     wheels that roll.
     """
-    home = figures.outcome in (*SUCCESSES, SLIPS, TIPS)
-    return figures.settled_at is not None and home and not figures.violations
+    return figures.outcome not in (*SUCCESSES, SLIPS, TIPS) or bool(figures.violations)
 
 
 def row_dict(row: Row[Start]) -> dict[str, Any]:
@@ -130,7 +134,7 @@ def _fraction(kinematic: str, reference: str, group: Sequence[Figures]) -> Fract
         reference,
         len(group),
         len(settled),
-        sum(not each.succeeded and not converged(each) for each in group),
+        sum(map(failed, group)),
         sum(each.outcome == REFUSED for each in group),
         max((at for at in settled if at is not None), default=None),
     )

@@ -4,8 +4,9 @@ Each is told from what was logged: where a point of the robot was, where its ref
 far the point was from the reference's path (``path_error.py``). The end is the last tenth of the
 run, means are over its last quarter.
 
-What makes a run impossible comes first (``impossible.py``): the robot **tips** or **slips** for
-certain, its motors **cannot hold** its joints where they should be, or its efforts **chatter**.
+What makes a run impossible comes before all but the first two (``impossible.py``): the robot
+**tips** or **slips** for certain, a joint is thrown off its reference, which its motor **cannot
+hold**, or efforts **chatter**.
 
 - **collided**: a link ran into an obstacle, the ground or another link
   (:mod:`rpctl.simulation.merits.collisions`), or the body that a law guards into an obstacle;
@@ -129,10 +130,10 @@ def outcome(
     collision = _collision(t, points, obstacles)
     if collision is not None:
         return collision
-    if impossible is not None:
-        return impossible
     found = [_outcome_of(t, point) for point in points.values()]
     worst = max(found, key=lambda each: OUTCOMES.index(each.name))  # the first of them
+    if impossible is not None and worst.name != DIVERGING:
+        return impossible
     if worst.name == STUCK and bodies.ahead:
         return Outcome(STUCK, f"{worst.sentence}; {' and '.join(bodies.ahead)}")
     return worst
