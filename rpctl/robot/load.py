@@ -17,7 +17,7 @@ from rpctl.description.urdf.reader import read
 from rpctl.description.xacro.expansion import lines_explained
 from rpctl.drive.controls import read_controls, vendor_findings
 from rpctl.drive.detect import detect
-from rpctl.drive.drive import DRIVE_TYPES, Drive, DriveSpec, read_drive
+from rpctl.drive.drive import DRIVE_TYPES, Drive, DriveSpec, Swivel, Wheel, read_drive
 from rpctl.drive.suspensions import hold_passive
 from rpctl.errors import DescriptionError, Finding, UnknownNameError, require_within
 from rpctl.robot.build import build, check, set_armature
@@ -176,7 +176,7 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
     Zero says that nothing drives a joint; a transmission, a plugin or a drive file that has a motor
     there outweighs it, for nobody means a motor that cannot push.
     """
-    rolling = (*drive.wheels, *drive.swivels)
+    rolling: list[Wheel | Swivel] = [*drive.wheels, *drive.swivels]
     base = {each.joint for each in rolling if each.driven}
     idle = [j for j in tree.description.joints if tree.is_free(j) and not (j.effort or j.mimic)]
     driven = {joint.name for joint in idle} & (base | tree.description.actuated)
@@ -187,7 +187,8 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
             text += ", yet a transmission, plugin or drive file has a motor there: it is taken as "
             findings.append(Finding("warning", joint.line, f"{text}not given; give one above 0"))
         elif all(joint.name != each.joint for each in rolling):
-            text += ": nothing drives it; give one above 0 if a motor does, or --lock it"
+            text += f": nothing drives it, it coasts, and no law tracks it; --lock {joint.name} "
+            text += "holds it, or give one above 0 if a motor does"
             findings.append(Finding("info", joint.line, text))
     if rolling and not base:
         text = "nothing drives the base; give effort limits above 0 to the joints of its driven "
