@@ -77,6 +77,7 @@ class Joint:
     """A joint: origin (4, 4) in the parent's frame, unit axis (3,) in its own.
 
     Limits are ±inf, effort (N·m or N) and velocity (rad/s or m/s) inf where the file gives none.
+    An effort of 0 says that nothing drives the joint.
     """
 
     name: str

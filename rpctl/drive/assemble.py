@@ -232,7 +232,8 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
 
     The first of these that says so decides: the drive file, the transmissions, effort limits that
     only some joints have. Otherwise the fixed wheels drive, and the steered ones do not; of powered
-    casters all wheels and swivels do.
+    casters all wheels and swivels do. Whatever has the effort limit 0 is undriven, unless a drive
+    file, a transmission or a plugin has a motor there.
     """
     evidence, spec = base.evidence, base.evidence.spec
     said = {name: wheel.driven for name, wheel in spec.wheels.items()}
@@ -246,10 +247,11 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
     if base.kind == POWERED_CASTERS:
         names = {wheel.joint.name for wheel in evidence.grounded.wheels}
         names |= {swivel.joint.name for swivel in evidence.swivels}
-    rolling, doubts = _driven_joints(evidence, names)
+    rolling, doubts = _driven_joints(evidence, names - evidence.idle)
     if specified.keys() >= names:
         doubts = ()
-    driven = rolling | {s.joint.name for s in evidence.steered if s.joint.mimic is None}
+    steering = {s.joint.name for s in evidence.steered if s.joint.mimic is None}
+    driven = rolling | (steering - evidence.idle)
     driven = {name for name in driven if specified.get(name, True)}
     return frozenset(driven | {name for name, yes in specified.items() if yes}), doubts
 
@@ -264,12 +266,14 @@ def _driven_joints(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple
     whole = all(pair <= limited or not pair & limited for pair in pairs)
     if limited and limited != names and whole:
         return limited, ()
+    if not names:
+        return names, ()
     if evidence.steered and evidence.fixed:
         doubt = (
             "no transmission tells which wheels are driven: the fixed ones are taken to be, the "
             "steered ones not; say driven = true or false of each [[wheel]] in a drive file"
         )
-        return {wheel.joint.name for wheel in evidence.fixed}, (doubt,)
+        return names & {wheel.joint.name for wheel in evidence.fixed}, (doubt,)
     if not evidence.lines and not evidence.steered:
         doubt = (
             "no transmission tells which joints of the casters are driven: all of them are taken "

@@ -61,6 +61,12 @@ class Evidence:
         return self.description.actuated
 
     @property
+    def idle(self) -> set[str]:
+        """Joints of effort limit 0 that neither a transmission nor a plugin drives."""
+        told = self.actuated.union(*(control.joints for control in self.controls))
+        return {j.name for j in self.description.joints if not j.effort and j.name not in told}
+
+    @property
     def fixed(self) -> tuple[WheelCandidate, ...]:
         """The wheels that the root link holds, balls left out."""
         return tuple(wheel for line in self.lines for wheel in line)

@@ -220,9 +220,25 @@ def _allocation(robot: Robot, B: Array) -> Array:
     limits = robot.effort_limits
     scale = np.where(np.isfinite(limits), limits, 1.0)
     U, singular, Vt = np.linalg.svd(B * scale, full_matrices=False)
-    driven = singular > ROW_MARGIN * singular[0]
+    driven = singular > ROW_MARGIN * singular.max(initial=0.0)
     if np.count_nonzero(driven) < len(B):
         free = np.abs(np.eye(len(B)) - U[:, driven] @ U[:, driven].T).max(axis=1)
         names = [n for n, f in zip(robot.quasi_velocities, free, strict=True) if f > 1e-6]
-        raise ActuationError(f"no actuator drives {', '.join(names)} of {robot.name}")
+        undriven = f"no actuator drives {', '.join(names)} of {robot.name}"
+        raise ActuationError(f"{undriven}; {_way_out(robot, names)}")
     return np.asarray(scale[:, None] * (Vt.T / singular) @ U.T)
+
+
+def _way_out(robot: Robot, names: list[str]) -> str:
+    """Return what to write so that actuators drive these quasi-velocities, or hold their joints."""
+    drive, joint = robot.drive, robot.description.joint
+    arm = [name for name in names if name in robot.joint_names]
+    idle = [f'"{name}" (line {joint[name].line})' for name in arm]
+    fixes = [f"hold it with {' '.join(f'--lock {name}' for name in arm)}"] if arm else []
+    if len(arm) < len(names):
+        casters = {swivel.joint for swivel in drive.swivels if swivel.role == "caster"}
+        base = [w.joint for w in drive.wheels if not (w.driven or w.slides or w.swivel in casters)]
+        base += [s.joint for s in drive.steered if not s.driven]
+        idle += [f'"{name}" (line {joint[name].line})' for name in base]
+        fixes.append("say driven = true of the wheels or swivels in a drive file")
+    return f"{', '.join(fixes)}, or give an effort limit above 0 to {', '.join(idle)}"

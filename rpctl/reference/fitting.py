@@ -18,7 +18,7 @@ from rpctl.dynamics.ground_reaction import (
     ground_reactions,
 )
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import listed
+from rpctl.errors import ActuationError, listed
 from rpctl.reference.motion import (
     Reference,
     ReferenceState,
@@ -272,6 +272,8 @@ def _holding(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Array:
 def too_weak(dynamics: ReducedDynamics, reference: Reference | None = None) -> str:
     """Return in words which actuator gravity overcomes, and what to do; empty if none.
 
+    What nothing drives is none: the findings of the robot tell of it, and laws refuse it.
+
     Args:
         reference: Where it starts, the robot stands; None: at home.
     """
@@ -279,7 +281,10 @@ def too_weak(dynamics: ReducedDynamics, reference: Reference | None = None) -> s
     none = np.zeros(len(robot.joints))
     at_home = ReferenceState(*[*np.zeros((3, 3)), robot.home, none, none])
     start = row_of(at_home if reference is None else reference(0.0))
-    held = holding_efforts(dynamics, sample(robot, state_of(start[None])))[0]
+    try:
+        held = holding_efforts(dynamics, sample(robot, state_of(start[None])))[0]
+    except ActuationError:
+        return ""
     weak = [
         Usage(name, "effort", float(limit), float(effort / limit))
         for name, limit, effort in zip(robot.actuators, robot.effort_limits, held, strict=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -16,7 +17,7 @@ from rpctl.description.urdf.reader import read
 from rpctl.description.xacro.expansion import lines_explained
 from rpctl.drive.controls import read_controls, vendor_findings
 from rpctl.drive.detect import detect
-from rpctl.drive.drive import DRIVE_TYPES, Drive, DriveSpec, read_drive
+from rpctl.drive.drive import DRIVE_TYPES, Drive, DriveSpec, Swivel, Wheel, read_drive
 from rpctl.drive.suspensions import hold_passive
 from rpctl.errors import DescriptionError, Finding, UnknownNameError, require_within
 from rpctl.robot.build import build, check, set_armature
@@ -95,6 +96,7 @@ def assemble(source: Source, description: Description, settings: LoadSettings) -
     if settings.density is not None:
         description = fill(description, settings.density)
     body = _body(source, description, settings)
+    description = body.tree.description
     model = build(body.tree)
     set_armature(description, model, settings.rotors)
     end_effector, choice = _end_effector(body, settings.end_effector)
@@ -162,9 +164,42 @@ def _body(source: Source, description: Description, settings: LoadSettings) -> _
         found = detect(tree, given, controls, released)
         doubts = [Finding("warning", None, doubt) for doubt in found.doubts]
         _refuse_doubts(source.path, doubts, settings)
-    differences = vendor_findings(found, controls)
+    tree, idle = _with_motors(tree, found)
+    differences = (*vendor_findings(found, controls), *idle)
     _refuse_doubts(source.path, differences, settings)
     return _Body(tree, found, grippers, (*findings, *held, *frozen, *differences))
+
+
+def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Finding, ...]]:
+    """Return a robot without limits of 0 where motors drive, and what limits of 0 mean besides.
+
+    Zero says that nothing drives a joint; a transmission, a plugin or a drive file that has a motor
+    there outweighs it, for nobody means a motor that cannot push.
+    """
+    rolling: list[Wheel | Swivel] = [*drive.wheels, *drive.swivels]
+    base = {each.joint for each in rolling if each.driven}
+    idle = [j for j in tree.description.joints if tree.is_free(j) and not (j.effort or j.mimic)]
+    driven = {joint.name for joint in idle} & (base | tree.description.actuated)
+    findings = []
+    for joint in idle:
+        text = f'effort limit of joint "{joint.name}" is 0'
+        if joint.name in driven:
+            text += ", yet a transmission, plugin or drive file has a motor there: it is taken as "
+            findings.append(Finding("warning", joint.line, f"{text}not given; give one above 0"))
+        elif all(joint.name != each.joint for each in rolling):
+            text += f": nothing drives it, it coasts, and no law tracks it; --lock {joint.name} "
+            text += "holds it, or give one above 0 if a motor does"
+            findings.append(Finding("info", joint.line, text))
+    if rolling and not base:
+        text = "nothing drives the base; give effort limits above 0 to the joints of its driven "
+        text += "wheels, or say driven = true of each [[wheel]] in a drive file"
+        line = tree.description.joint[rolling[0].joint].line
+        findings.append(Finding("warning", line, text))
+    joints = tuple(
+        replace(joint, effort=math.inf) if joint.name in driven else joint
+        for joint in tree.description.joints
+    )
+    return FrozenTree(replace(tree.description, joints=joints), tree.locked), tuple(findings)
 
 
 def _end_effector(body: _Body, given: str | None) -> tuple[str | None, tuple[Finding, ...]]:

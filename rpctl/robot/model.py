@@ -89,10 +89,13 @@ class Robot:
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
-        """Names of τ: the driven wheels' joints, the driven swivels', then the arm's."""
+        """Names of τ: the driven wheels' joints, the driven swivels', then the arm's.
+
+        An arm's joint whose effort limit is 0 has no motor.
+        """
         wheels = tuple(wheel.joint for wheel in self.drive.wheels if wheel.driven)
         swivels = tuple(swivel.joint for swivel in self.drive.swivels if swivel.driven)
-        return wheels + swivels + self.joint_names
+        return wheels + swivels + tuple(joint.name for joint in self.joints if joint.effort)
 
     @property
     def dof(self) -> int:

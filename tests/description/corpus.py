@@ -240,8 +240,10 @@ for warning in (
     ("limits out of reach", "lower limit -1e+16", LIMIT, '<limit lower="-1e+16" upper="1e+16" effort="9" velocity="3"/>'),
     ("negative effort", "effort limit -9", LIMIT, '<limit lower="-2" upper="2" effort="-9" velocity="3"/>'),
     ("negative velocity", "velocity limit -3", LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="-3"/>'),
-    ("zero effort", "effort limit of joint", LIMIT, '<limit lower="-2" upper="2" effort="0" velocity="3"/>'),
-    ("vanishing velocity", "velocity limit of joint \"shoulder\" is 1e-160; it is taken as not given", LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="1e-160"/>'),
+    ("effort of -1", 'effort limit -1 of joint "shoulder" is taken as no limit', LIMIT, '<limit lower="-2" upper="2" effort="-1" velocity="3"/>'),
+    ("velocity of -1", 'velocity limit -1 of joint "shoulder" is taken as no limit', LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="-1"/>'),
+    ("zero velocity", 'velocity limit 0 of joint "shoulder" is taken as not given', LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="0"/>'),
+    ("vanishing velocity", 'velocity limit 1e-160 of joint "shoulder" is taken as not given', LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="1e-160"/>'),
     ("two limits", "a second <limit> in <joint>", LIMIT, LIMIT + "<limit/>"),
 ):
     add_warning(*warning)

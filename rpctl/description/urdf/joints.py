@@ -23,7 +23,8 @@ LIMITED_KINDS = ("revolute", "prismatic")
 AXIS_LENGTH_TOLERANCE = 1e-3  # of an axis from length 1; below it is rounding
 MIN_AXIS_LENGTH = 1e-6  # a shorter axis is none
 MAX_POSITION = {"revolute": 1e4, "prismatic": 1e3}  # rad, m; a limit beyond it stands for none
-MIN_LIMIT = 1e-9  # of the same units; a limit below it, such as 0, is none
+MIN_LIMIT = 1e-9  # of the same units; a velocity limit below it, such as 0, is none
+NO_LIMIT = -1.0  # what files write for no limit
 MAX_LIMIT = 1e9  # N·m, N, rad/s or m/s; a limit beyond it stands for none
 FINITE_INFINITY = 1e16  # infinity for other readers, which want a finite number
 LARGE_ROTOR = 0.1  # kg m²: no motor of a joint has such a rotor, but in g cm² many seem to
@@ -71,7 +72,7 @@ def _read_losses(
             text = f'{key} {value:g} of joint "{name}" is negative, which would drive it'
             findings.warn(dynamics, f"{text}; 0 is used, correct the sign")
             found[key] = 0.0
-    slides = kind == "prismatic"
+    slides, effort = kind == "prismatic", effort or math.inf  # what nothing drives has no limit
     if found["friction"] > effort:
         text = f'friction {found["friction"]:g} of joint "{name}" exceeds its effort limit'
         unit = "N" if slides else "N m"
@@ -186,16 +187,18 @@ def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[f
 
 
 def _read_size(findings: Findings, limit: Any, name: str, attribute: str) -> float:
-    """Return an effort or velocity limit; inf where the file gives none."""
+    """Return an effort or velocity limit; inf where the file gives none, 0 of an undriven joint."""
     size = _extended(findings, limit, attribute, "inf")
+    text = f'{attribute} limit {size:g} of joint "{name}"'
+    if size == NO_LIMIT:
+        findings.warn(limit, f"{text} is taken as no limit; give one above 0, or none")
+        return math.inf
     if size <= -MIN_LIMIT:
-        findings.warn(
-            limit, f'{attribute} limit {size:g} of joint "{name}" is negative; {-size:g} is used'
-        )
+        findings.warn(limit, f"{text} is negative; {-size:g} is used")
     elif size < MIN_LIMIT:
-        findings.warn(
-            limit, f'{attribute} limit of joint "{name}" is {size:g}; it is taken as not given'
-        )
+        if attribute == "effort":
+            return 0.0
+        findings.warn(limit, f"{text} is taken as not given; give one above 0")
     return abs(size) if MIN_LIMIT <= abs(size) <= MAX_LIMIT else math.inf
 
 
