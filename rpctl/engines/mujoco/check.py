@@ -23,10 +23,10 @@ from rpctl.robot.vary import without_losses
 
 SAME = 1e-12  # of the larger number: what reading and normalising leave
 ROUNDED = 1e-5  # and of MuJoCo's own save, which writes six digits
-HARMLESS_KINDS = ("camera", "light", "asset", "site", "key")  # nothing of them moves a robot
+HARMLESS_KINDS = ("camera", "light", "asset", "site")  # nothing of them moves a robot
 HARMLESS_FIELDS = ("rgba", "matid", "group", "castshadow", "user")  # of any element
 ORDERED = ("joint", "actuator", "sensor")  # kinds whose order is that of qpos, ctrl, sensordata
-DIRECTIONS = ("quat", "axis", "pos", "ipos", "inertia")  # compared as wholes, not number by number
+DIRECTIONS = ("quat", "axis", "pos", "ipos", "inertia", "qpos")  # compared as wholes
 MAX_SHOWN = 60  # characters of a value
 EQUATIONS = "equations"  # the row of a model that lacks a part of the robot
 FRESH_SEED = 1  # of states other than those that the file holds

@@ -298,6 +298,7 @@ def _parsed(data: bytes, path: str | Path) -> Any:
     if data.count(b"<") > 2 * cap("MAX_ELEMENTS"):
         raise _fault(path, f"too many elements; {how_to_raise('MAX_ELEMENTS')}")
     parser = etree.XMLParser(
+        encoding="utf-8",  # as MuJoCo reads it, whatever it declares: UTF-7 would hide elements
         resolve_entities=False,
         no_network=True,
         load_dtd=False,

@@ -180,6 +180,10 @@ VOID = {
         'geom "x" was added',
     ),
 }  # fmt: skip
+VOID |= {  # who starts there does not start where the robot stands
+    "key that moves": (put(".//key", "qvel", " ".join("1" * 13)), 'key "home": qvel'),
+    "key elsewhere": (add("keyframe", "<key name='far' time='1'/>"), 'key "far" was added'),
+}
 HARMLESS = {
     "colour": (
         put(".//geom[@name='ground']", "rgba", "1 0 0 1"),
@@ -195,7 +199,6 @@ HARMLESS = {
         add("sensor", "<gyro name='imu' site='tool_link'/>"),
         'sensor "imu" was added',
     ),
-    "key": (put(".//key", "qvel", " ".join("1" * 13)), 'key "home": qvel'),
 }
 
 
@@ -266,6 +269,8 @@ BROKEN = {
     b"<mujoco><worldbody><replicate count='1000000000'/></worldbody></mujoco>": "makes copies",
     b"<mujoco><worldbody><body><joint type='x'/></body></worldbody></mujoco>": "MuJoCo refuses it",
     b"<mujoco><size memory='900G'/></mujoco>": "asks for memory",
+    b"<?xml version='1.0' encoding='UTF-7'?><mujoco><include file='x'/></mujoco>": "reads another",
+    b"<?xml version='1.0' encoding='UTF-7'?><mujoco><!--+AC0ALQA+--></mujoco>": "no certificate",
     b"<mujoco/>": "no certificate of rpctl",
     b"<mujoco><custom><text name='rpctl_certificate' data='eA=='/></custom></mujoco>": "damaged",
 }
