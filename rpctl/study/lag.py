@@ -33,6 +33,8 @@ WORST_RESIDUAL = 0.3  # of the rms of the change: a motion that follows so badly
 SURE = 50.0
 
 MIN_SAMPLES = 10
+MAX_STEP_S = 0.5  # s between samples: motors follow within tenths of a second
+MIN_SPAN_S = 0.1  # s: nothing moves within less
 # What a commanded column's name holds, and what the measured one holds in its place.
 PAIRS = (("commanded", "measured"), ("nu_cmd_", "nu_"))
 EXAMPLE = "t,commanded,measured, or t,v_commanded,v_measured,omega_commanded,omega_measured"
@@ -77,6 +79,12 @@ class SpeedLog:
         }
         for fault in (fault for fault, there in faults.items() if there):
             raise RpctlError(fault)
+        step, span = float(np.median(np.diff(t))), float(t[-1] - t[0])
+        if not step <= MAX_STEP_S:
+            raise RpctlError(f"a sample every {step:.3g} s tells nothing of a lag; log one every "
+                             f"{MAX_STEP_S:g} s or more often, and give t in s")  # fmt: skip
+        if span < MIN_SPAN_S:
+            raise RpctlError(f"the log lasts {span:.3g} s; give {MIN_SPAN_S:g} s or more, t in s")
         for name, value in (("t", t), ("commanded", commanded), ("measured", measured)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)

@@ -202,3 +202,12 @@ def test_arrays_that_are_no_log_are_refused(
 ) -> None:
     with pytest.raises(RpctlError, match=fault):
         SpeedLog(t, commanded, measured)
+
+
+@pytest.mark.parametrize(
+    ("step", "told"), [(1e6, "every 1e\\+06 s tells nothing"), (1e-9, "lasts 1.99e-07 s")]
+)
+def test_absurd_steps_are_no_log(step: float, told: str) -> None:
+    t, speed = step * np.arange(200.0), np.sin(np.arange(200.0))
+    with pytest.raises(RpctlError, match=told):
+        SpeedLog(t, speed, speed)
