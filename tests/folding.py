@@ -42,7 +42,7 @@ def folding(
     arm = 'capsule radius="0.03" length="0.3"'
     text = urdf.robot(
         "folding",
-        link("base", 20.0, urdf.shape('box size="0.5 0.3 0.16"', xyz="0 0 0.15"), xyz="0 0 0.1"),
+        link("base", 20.0, urdf.shape('box size="0.5 0.3 0.16"', xyz="0 0 0.15"), xyz="-0.1 0 0.1"),
         *wheels,
         link("caster", 0.2, urdf.shape('sphere radius="0.03"')),
         urdf.joint("caster_joint", "fixed", ("base", "caster"), (-0.2, 0, 0.03)),

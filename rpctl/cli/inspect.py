@@ -19,6 +19,7 @@ from rpctl.description.xacro.messages import XacroArgument
 from rpctl.drive.drive import TYPES_WITH_AXLE
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.standing import stand_at_home
 from rpctl.errors import Finding, listed
 from rpctl.reference.fitting import too_weak
 from rpctl.robot.inspection import facts
@@ -45,16 +46,20 @@ def inspect_command(
         declared = list_arguments(source.path, settings)
         tell(as_json, lambda: list(map(asdict, declared)), partial(show_arguments, declared))
         return
-    loaded = _with_weakness(options.load(robot))
+    loaded = _with_faults(options.load(robot))
     tell(as_json, partial(facts, loaded), partial(show_robot, loaded))
 
 
-def _with_weakness(robot: Robot) -> Robot:
-    """Return a robot with the finding that an actuator cannot hold it at home, if so."""
-    weak = too_weak(ReducedDynamics(robot)) if robot.joints else ""
-    if not weak:
+def _with_faults(robot: Robot) -> Robot:
+    """Return a robot with the findings that it does not stand at home, or cannot hold itself."""
+    if not robot.dof:
         return robot
-    return replace(robot, findings=(*robot.findings, Finding("warning", None, weak)))
+    dynamics = ReducedDynamics(robot)
+    weak = too_weak(dynamics) if robot.joints else ""
+    standing = stand_at_home(dynamics)
+    fallen = f"it does not stand at home: {standing.fault}" if standing and standing.fault else ""
+    faults = (Finding("warning", None, text) for text in (fallen, weak) if text)
+    return replace(robot, findings=(*robot.findings, *faults))
 
 
 def show_arguments(arguments: Sequence[XacroArgument]) -> None:

@@ -60,9 +60,9 @@ def show_reference(out: Console, robot: Robot, reference: Reference, strict: boo
 def show_summary(written: RunFolder, folder: Path) -> None:
     """Print the figures of merit of a run, and where its files lie."""
     out, summary = console(), written.summary
-    out.print(_error_table(summary))
-    out.print()
     _show_outcome(out, summary)
+    out.print()
+    out.print(_error_table(summary))
     if written.perturbed is not None:
         out.print(escape(f"expect, {written.perturbed['sentence']}"))
     out.print()

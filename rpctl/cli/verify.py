@@ -18,6 +18,7 @@ from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.equivalence.certificate import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.contact.trial import ContactTrial, Gap
 from rpctl.equivalence.onset.trial import ASKEW, INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
+from rpctl.equivalence.scope import Condition
 from rpctl.equivalence.verify import Certificate, verify
 from rpctl.files.writing import require_writable
 from rpctl.robot.model import Robot
@@ -107,11 +108,7 @@ def show_certificate(certificate: Certificate) -> None:
         print_onsets(certificate.onset)
     for against, note in certificate.notes:
         out.print(f"[dim]note[/] {against}: {escape(note)}")
-    if certificate.shared:
-        out.print(f"[yellow]shared by all derivations[/] {escape('; '.join(certificate.shared))}")
-    if certificate.estimated_links:
-        names = ", ".join(certificate.estimated_links)
-        out.print(f"[yellow]estimated[/] mass and inertia of {escape(names)}")
+    out.print(f"[yellow]scope[/] {escape(certificate.scope.line)}")
     for sentence in certificate.idealised:
         out.print(f"[dim]idealised[/] {escape(sentence)}")
     out.print(certificate_line(certificate))
@@ -184,6 +181,8 @@ def _rows(
         if isinstance(check, Gap):
             worst, limit = check.format_value(check.gap), check.format_value(check.band)
         where = check.entry + f" at sample {check.sample}" * sampled if check.residual > 0.0 else ""
+        if isinstance(check, Condition):
+            worst, limit, where = check.value, check.bound, check.entry
         table.add_row(MARKS[check.passed], check.name, check.against, worst, limit, escape(where))
     for check in declared:
         cells = (check.name, check.against, f"{check.residual:.1e}", "-", escape(check.entry))

@@ -56,7 +56,7 @@ class BoundedStatements:
         if self._integral:
             memory += [self._disturbance, *self._before]
         robot = self._frame.known.robot
-        names = LimitNames(effort_labels(robot), self._law.joints.names)
+        names = LimitNames(tuple(effort_labels(robot)), self._law.joints.names)
         return replace(
             self._frame.fragment(self._limits, names),
             start=(self._start(memory),),

@@ -27,6 +27,7 @@ from rpctl.control.law import (
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.safeguards import (
     FAILURES,
+    MAX_TIME,
     Braking,
     LawWithFallback,
     MeasuredSample,
@@ -353,9 +354,9 @@ class Controller:
         """Return the time (s) of a bad sample: as it says, or a period after the one before."""
         try:
             now = float(t)
-        except (TypeError, ValueError):
+        except Exception:  # whatever it raises
             now = math.nan
-        if self._time < now < math.inf:
+        if self._time < now <= MAX_TIME:
             return now
         return self._time + self.period if math.isfinite(self._time) else 0.0
 

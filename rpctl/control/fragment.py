@@ -48,26 +48,26 @@ def _numbers(law: Any, known: ReducedDynamics, period: float) -> dict[str, Any]:
     return {} if law is None else law.numbers_on(known, period)
 
 
+@dataclass(frozen=True)
 class LimitNames:
     """The limits that an entry of the buffer of limits stands for.
 
-    Args:
+    Attributes:
         labels: Those that are told by an entry that is not 0.
         joints: Names of joints whose limits an index of ``LIMIT_KINDS`` tells; they come last.
     """
 
-    def __init__(self, labels: Sequence[Limit], joints: Sequence[str] = ()) -> None:
-        self._labels = list(labels)
-        self._joints = [[Limit(name, kind) for kind in LIMIT_KINDS] for name in joints]
+    labels: tuple[Limit, ...]
+    joints: tuple[str, ...] = ()
 
     def __call__(self, row: Array) -> tuple[Limit, ...]:
         """Return the limits that bind by a row of ``limits``, in the order of the law."""
         if not row.dot(row):
             return ()
-        count = len(self._labels)
-        found = [limit for limit, flag in zip(self._labels, row[:count], strict=True) if flag]
-        kinds = zip(self._joints, row[count:], strict=True)
-        return tuple(found + [labels[int(kind)] for labels, kind in kinds if kind])
+        count = len(self.labels)
+        found = [limit for limit, flag in zip(self.labels, row[:count], strict=True) if flag]
+        kinds = zip(self.joints, row[count:], strict=True)
+        return tuple(found + [Limit(name, LIMIT_KINDS[int(kind)]) for name, kind in kinds if kind])
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ class LawFrame:
         outputs = [(self.tau[0], sent), (limits, binding)]
         outputs.append(self.still_failed(is_fine(self.known, self.q[1], sent)))
         call = statement(name, [*self.sampled, *more, self.failed], outputs)
-        return replace(self.fragment(limits, LimitNames(labels)), answer=(call,))
+        return replace(self.fragment(limits, LimitNames(tuple(labels))), answer=(call,))
 
     def still_failed(self, fine: Any) -> Place:
         """Return what becomes of ``failed`` where efforts or speeds are fine, or are not."""

@@ -182,6 +182,7 @@ class LawWithFallback(Generic[Answer]):
 
 
 MAX_POSITION = 1e9  # m or rad: nothing is there
+MAX_TIME = 1e10  # s: doubles beyond it do not tell one sample from the next
 MAX_SPEED = 1e6  # m/s or rad/s: nothing moves so
 MAX_NORM_ERROR = 1e-3  # of cos² + sin²: rounding of single precision is far below
 BRAKING_TIME = 0.3  # s: time constant with which the speeds decay
@@ -214,7 +215,7 @@ class SampleReader:
         """
         try:
             sample = MeasuredSample(float(t), np.array(q, dtype=float), np.array(nu, dtype=float))
-        except (TypeError, ValueError) as error:
+        except Exception as error:  # whatever its numbers raise where they are made floats
             return f"the sample holds what is no number: {error}"
         return self._fault(sample, last) or sample
 
@@ -229,8 +230,8 @@ class SampleReader:
             small = math.hypot(*values.tolist()) <= largest
             if not (small or np.abs(values).max(initial=0.0) <= largest):
                 return f"{name} holds numbers that are not finite or larger than {largest:g}"
-        if not math.isfinite(t):
-            return f"t is {t}"
+        if not abs(t) <= MAX_TIME:
+            return f"t is {t:g} s; give a time of at most {MAX_TIME:g} s"
         if t <= last:
             return f"t is {t:g} s, not later than the {last:g} s of the sample before"
         places = q.tolist()

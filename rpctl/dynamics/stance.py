@@ -12,11 +12,14 @@ import scipy
 
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
+from rpctl.description.meshes.paths import MeshError
+from rpctl.description.meshes.reading import read_shape
 from rpctl.description.records import Joint, Link, Shape
-from rpctl.drive.wheels import GROUND_TOLERANCE_M
+from rpctl.drive.wheels import CASTER_WORDS, GROUND_TOLERANCE_M
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
+MIN_CONTACTS = 3  # on which a body stands
 MIN_SHAPE_SIZE_M = 2e-3  # m: a shape no larger than this marks a frame and bears nothing
 
 
@@ -45,7 +48,8 @@ class Supports:
 
     Attributes:
         parts: The supports, in the order of the file.
-        unknown: Casters drawn by meshes alone: they touch the ground at a place that is not known.
+        unknown: Links drawn by meshes alone that touch the ground at a place that is not known:
+            casters, and where less than three contacts are known, whatever reaches down to it.
     """
 
     parts: tuple[Support, ...]
@@ -67,10 +71,14 @@ def find_supports(robot: Robot) -> Supports:
     wheels = {wheel.joint for wheel in robot.drive.wheels}
     found: list[Support] = []
     meshes: list[str] = []
+
+    def on_wheel(link: Link) -> bool:
+        return any(joint.name in wheels for joint in tree.description.chain(link.name))
+
     for link in tree.description.links:
-        chain = tree.description.chain(link.name)
-        if any(joint.name in wheels for joint in chain):
+        if on_wheel(link):
             continue
+        chain = tree.description.chain(link.name)
         free = tree.free_joints(link.name)
         touching = _touching(robot, link, link.collisions, free)
         touching = touching or _touching(robot, link, link.visuals, free)
@@ -80,7 +88,34 @@ def find_supports(robot: Robot) -> Supports:
             found.append(replace(support, name=name))
         if not touching and _mesh_caster(robot, link, chain):
             meshes.append(link.name)
+    if not meshes and len(found) + len(wheels) < MIN_CONTACTS:
+        others = (each for each in tree.description.links if not on_wheel(each))
+        meshes = [link.name for link in others if _mesh_reaches(robot, link)]
     return Supports(tuple(found), tuple(meshes))
+
+
+def _mesh_reaches(robot: Robot, link: Link) -> bool:
+    """Tell whether a mesh of a link that keeps its height reaches the ground.
+
+    One that cannot be read reaches it if it is a caster's by its name.
+    """
+    tree = robot.tree
+    if not all(map(tree.is_upright, tree.free_joints(link.name))):
+        return False
+    for shape in link.collisions + link.visuals:
+        if shape.kind != "mesh":
+            continue
+        try:
+            surfaces = read_shape(str(shape.mesh), shape.size, tree.description.mesh_paths).surfaces
+        except MeshError:
+            if any(word in link.name.lower() for word in CASTER_WORDS):
+                return True
+            continue
+        down = (tree.pose(link.name) @ shape.origin)[2]
+        lowest = min(float((s.vertices * shape.size @ down[:3]).min()) for s in surfaces) + down[3]
+        if lowest < robot.drive.ground + GROUND_TOLERANCE_M:
+            return True
+    return False
 
 
 def _touching(

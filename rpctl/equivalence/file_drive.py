@@ -42,7 +42,6 @@ UNUSED = (
     "networkx", "PIL", "shapely", "rtree", "jsonschema",
     "scipy.spatial", "scipy.optimize", "scipy.sparse", "scipy.ndimage",
 )  # fmt: skip
-MESH_SOURCE = "bounds of"  # so begins the source of a radius that a mesh tells
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ def read(robot: Robot) -> FileReading:
 
     Args:
         robot: The robot; of it only its bytes, names, roles and locked positions are used, and
-            what :func:`shared` lists.
+            what the scope's ``shared`` lists.
     """
     data = robot.description.raw
     raw = read_file(data)
@@ -89,32 +88,6 @@ def read(robot: Robot) -> FileReading:
         drive=with_declared(measured, robot.drive),
         shapeless=shapeless,
     )
-
-
-def shared(robot: Robot, reading: FileReading) -> tuple[str, ...]:
-    """Return the inputs that all derivations share and none checks, as phrases."""
-    drive, phrases = robot.drive, []
-    if robot.description.expanded:
-        given = robot.description.read_with.xacro_args
-        words = "".join(f" {name}:={value}" for name, value in given.items())
-        phrases.append("the expansion of the xacro" + (f" with{words}" if words else ""))
-    if robot.losses is not None and robot.losses.friction.any():
-        phrases.append("the rates below which friction is smooth")
-    if robot.loaded_with.rotors:
-        phrases.append(f"declared armature of {', '.join(robot.loaded_with.rotors)}")
-    estimated = robot.description.estimated_links
-    if estimated:
-        phrases.append(f"estimated inertias of {', '.join(estimated)}")
-    if "drive" in drive.declared:
-        phrases.append("the drive, given as a whole")
-    elif drive.declared:
-        phrases.append(f"declared {', '.join(drive.declared)}")
-    meshes = [w.joint for w in drive.wheels if w.source.startswith(MESH_SOURCE)]
-    if meshes:
-        phrases.append(f"the triangles of the meshes of {', '.join(meshes)}")
-    if reading.shapeless:
-        phrases.append(f"radius of {', '.join(reading.shapeless)}, which have no shape")
-    return tuple(phrases)
 
 
 def rotor_inertias(robot: Robot, raw: RawFile) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import RollingConstraints, find_rolling
+from rpctl.dynamics.standing import stand_at_home
 from rpctl.equivalence import checks, mujoco_engine
 from rpctl.equivalence.certificate import (
     CONTACT_ORACLE,
@@ -17,7 +19,7 @@ from rpctl.equivalence.certificate import (
     Check,
     Skipped,
 )
-from rpctl.equivalence.file_drive import FileReading, read, shared
+from rpctl.equivalence.file_drive import FileReading, read
 from rpctl.equivalence.gibbs_appell import (
     BREAKDOWNS,
     STATES_AT_ONCE,
@@ -28,6 +30,7 @@ from rpctl.equivalence.gibbs_appell import (
     free_terms,
     rolling_terms,
 )
+from rpctl.equivalence.scope import Condition, Scope, conditions, find_scope, not_known
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
 from rpctl.errors import RpctlError, require_known
@@ -53,11 +56,9 @@ class Certificate:
         seed: Their seed.
         checks: The comparisons; each with its worst state.
         skipped: Comparisons that were not made.
-        estimated_links: Links whose mass and inertia are estimates: the equations are right for
-            them, they need not be right for the robot.
         declared: How far the user's own numbers are from the file's shapes; neither passed nor
             failed.
-        shared: What no derivation found for itself, in phrases.
+        scope: What the rows prove, and what they take for granted of this robot.
         idealised: What the model leaves out of the file, or takes for simpler, in sentences; no
             comparison here can tell.
         contact: The trial on the ground, where it was asked for and could be made.
@@ -69,10 +70,9 @@ class Certificate:
     samples: int
     seed: int
     checks: tuple[Check, ...]
+    scope: Scope
     skipped: tuple[Skipped, ...] = ()
-    estimated_links: tuple[str, ...] = ()
     declared: tuple[Check, ...] = ()
-    shared: tuple[str, ...] = ()
     idealised: tuple[str, ...] = ()
     contact: ContactTrial | None = None
     onset: OnsetTrial | None = None
@@ -83,6 +83,11 @@ class Certificate:
         """Whether every comparison that was made passed."""
         trials = [trial for trial in (self.contact, self.onset) if trial is not None]
         return all(trial.passed for trial in trials) and all(check.passed for check in self.checks)
+
+    @property
+    def comparisons(self) -> tuple[Check, ...]:
+        """The checks of the equations, without the conditions under which they hold."""
+        return tuple(check for check in self.checks if not isinstance(check, Condition))
 
     def strict(self) -> Certificate:
         """Return it with the declared numbers among the checks: they fail where shapes differ."""
@@ -98,8 +103,8 @@ class Certificate:
 
     @property
     def worst(self) -> Check:
-        """The check nearest to its limit, or furthest beyond it."""
-        return max(self.checks, key=lambda check: check.limit_ratio)
+        """The comparison nearest to its limit, or furthest beyond it."""
+        return max(self.comparisons, key=lambda check: check.limit_ratio)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate as plain values for JSON; an infinite residual is None."""
@@ -108,11 +113,10 @@ class Certificate:
             "passed": self.passed,
             "samples": self.samples,
             "seed": self.seed,
+            "scope": self.scope.to_dict(),
             "checks": [check.to_dict() for check in self.checks],
             "skipped": [asdict(each) for each in self.skipped],
-            "estimated_links": list(self.estimated_links),
             "declared": [check.to_dict() for check in self.declared],
-            "shared": list(self.shared),
             "idealised": list(self.idealised),
             "contact": None if self.contact is None else self.contact.to_dict(),
             "onset": None if self.onset is None else self.onset.to_dict(),
@@ -167,22 +171,26 @@ def verify(
     geometry, oracle = Geometry(dynamics, reading), GibbsAppell(robot, reading=reading)
     mujoco, absent = _engine(robot, reading, engines)
     derivations = _Derivations(dynamics, find_rolling(robot), oracle, geometry, mujoco)
+    standing = stand_at_home(dynamics)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
-    skipped = (*geometry.skipped(), *absent)
-    made = _certificate(robot, reading, rows, samples=samples, seed=seed, skipped=skipped)
+    skipped = (*geometry.skipped(), *absent, *not_known(standing))
+    made = _certificate(
+        robot,
+        (*rows, *conditions(dynamics, standing)),
+        scope=find_scope(robot, reading, standing),
+        samples=samples,
+        seed=seed,
+        skipped=skipped,
+    )
     return _with_trials(robot, made, trials) if trials else made
 
 
-def _certificate(
-    robot: Robot, reading: FileReading, rows: Sequence[Check], **facts: Any
-) -> Certificate:
+def _certificate(robot: Robot, rows: Sequence[Check], **facts: Any) -> Certificate:
     declared = tuple(check for check in rows if check.name == DECLARED)
     return Certificate(
         robot=robot.name,
         checks=tuple(check for check in rows if check not in declared),
-        estimated_links=robot.description.estimated_links,
         declared=declared,
-        shared=shared(robot, reading),
         idealised=tuple(each.sentence for each in idealisations(robot)),
         loaded_with={"source": robot.source, **robot.loaded_with.arguments()},
         **facts,
@@ -301,7 +309,7 @@ def _engine(
 
 
 def _with_trials(robot: Robot, certificate: Certificate, trials: Collection[str]) -> Certificate:
-    """Return a certificate with trials in MuJoCo, or the rows that say why there are none."""
+    """Return a certificate with trials in MuJoCo; what was asked for and cannot be made fails."""
     from rpctl.equivalence.contact import trial as contact_trial
     from rpctl.equivalence.onset import trial as onset_trial
 
@@ -310,13 +318,13 @@ def _with_trials(robot: Robot, certificate: Certificate, trials: Collection[str]
         "onset": (onset_trial.TRIAL_NAME, onset_trial.onset_trial),
     }
     made: dict[str, Any] = {}
-    skipped = list(certificate.skipped)
+    undone: list[Check] = []
     for kind in trials:
         name, run = known[kind]
         absent = Skipped(name, CONTACT_ORACLE, ABSENT)
         trial = run(robot) if mujoco_engine.installed() else absent
         if isinstance(trial, Skipped):
-            skipped.append(trial)
+            undone.append(Check(name, CONTACT_ORACLE, math.inf, 1.0, entry=trial.note))
         else:
             made[kind] = trial
-    return replace(certificate, skipped=tuple(skipped), **made)
+    return replace(certificate, checks=(*certificate.checks, *undone), **made)

@@ -28,18 +28,19 @@ FOLDER_MODE, FILE_MODE = 0o700, 0o600
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
-def cached(key: bytes, make: Callable[[], bytes]) -> bytes:
+def cached(key: bytes, make: Callable[[], bytes], anew: bool = False) -> bytes:
     """Return what is kept under a key; if nothing sound is, make it and keep it.
 
     Args:
         key: A hash of all that the content depends on.
         make: Makes it.
+        anew: Whether to make it in any case.
     """
     folder = _own_folder()
     if folder is None:
         return make()
     file = folder / f"{key.hex()}.code"
-    found = _read(file, key)
+    found = None if anew else _read(file, key)
     if found is None:
         found = make()
         keep(file, key, found)
@@ -91,6 +92,8 @@ def cache_folder(environment: dict[str, str] | os._Environ[str] = os.environ) ->
 def _own_folder() -> Path | None:
     """Return the folder of machine code, made if need be; None if it is not one's own."""
     folder = cache_folder() / "code"
+    if not folder.is_absolute():  # nobody's home is known: it would lie wherever rpctl is started
+        return None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True, mode=FOLDER_MODE)
         with suppress(FileExistsError):

@@ -10,6 +10,13 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.dynamics.ground_reaction import (
+    FRICTION,
+    Contacts,
+    GroundReaction,
+    find_contacts,
+    ground_reactions,
+)
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import ActuationError, listed
 from rpctl.reference.motion import (
@@ -53,16 +60,21 @@ class MotionSample(NamedTuple):
 class Usage(NamedTuple):
     """The largest share of one limit that a motion takes.
 
-    Of an effort, it is the share of what holding the robot still leaves of the limit.
+    Of an effort and of the margin to tipping, it is the share of what holding the robot still
+    leaves of the limit.
     """
 
-    joint: str
-    quantity: str  # "velocity" or "effort"
-    limit: float  # of the joint, in its unit
+    joint: str  # or the contact, of grip; nothing, of balance
+    quantity: str  # "velocity", "effort", "grip" or "balance"
+    limit: float  # of the joint, in its unit; a coefficient of friction; m
     ratio: float
 
     def text(self, robot: Robot) -> str:
         """Return the limit in words, as ``wheel_left_joint's 3.5 rad/s``."""
+        if self.quantity == "grip":
+            return f"{self.joint}'s grip at friction {self.limit:g}"
+        if self.quantity == "balance":
+            return f"its {self.limit:.3g} m to tipping"
         straight = robot.description.joint[self.joint].kind == "prismatic"
         units = {"velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
         return f"{self.joint}'s {self.limit:.3g} {units[self.quantity][straight]}"
@@ -148,6 +160,40 @@ def effort_usage(
         for name, limit, ratio in rows
         if math.isfinite(limit)
     ]
+
+
+def ground_usage(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> list[Usage]:
+    """Return how much of its wheels' grip, and of its margin to tipping, a motion takes.
+
+    Of the margin, it is how far the zero-moment point moves, wherever to; of the grip, it is that
+    of the loads at rest, of equally stiff contacts. So both fall with the square of the pace. A
+    robot that tips while it stands is not looked at: no pace would help it.
+    """
+    contacts = find_contacts(dynamics)
+    if contacts is None or not contacts.balanced:
+        return []
+    still = [at._replace(nu=0.0 * at.nu, nu_dot=0.0 * at.nu_dot) for at in samples]
+    rest, moving = (_ground(dynamics, contacts, each) for each in (still, samples))
+    if rest.tip_margin.min() <= 0.0:
+        return []
+    taken = np.linalg.norm(moving.arms[:, 0] - rest.arms[:, 0], axis=1) / rest.tip_margin
+    worst = int(taken.argmax())
+    wheels = slice(moving.slip_ratio.shape[1])
+    floor = np.maximum(rest.load[:, wheels], contacts.floor)
+    grip = moving.slip_ratio * np.maximum(moving.load[:, wheels], contacts.floor) / floor
+    k, wheel = np.unravel_index(int(grip.argmax()), grip.shape)
+    return [
+        Usage("", "balance", float(rest.tip_margin[worst]), float(taken[worst])),
+        Usage(contacts.names[wheel], "grip", FRICTION, float(grip[k, wheel])),
+    ]
+
+
+def _ground(
+    dynamics: ReducedDynamics, contacts: Contacts, samples: Sequence[MotionSample]
+) -> GroundReaction:
+    q, nu = (np.array([getattr(at, key) for at in samples]) for key in ("q", "nu"))
+    reactions = dynamics.reactions(q, nu, efforts(dynamics, samples))
+    return ground_reactions(dynamics, contacts, q, reactions)
 
 
 def dry_friction(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
@@ -303,8 +349,9 @@ def _samples(robot: Robot, reference: PathReference | TimedPath) -> list[MotionS
 
 
 def _effort(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Usage | None:
-    """Return the most that a motion takes of what holding leaves of the effort limits."""
-    return largest(effort_usage(dynamics, samples, _holding(dynamics, samples)))
+    """Return the most that a motion takes of what holding leaves, or of what the ground bears."""
+    usages = effort_usage(dynamics, samples, _holding(dynamics, samples))
+    return largest([*usages, *ground_usage(dynamics, samples)])
 
 
 def reason(usage: Usage | None, robot: Robot, given: bool) -> str:
@@ -319,7 +366,9 @@ def reason(usage: Usage | None, robot: Robot, given: bool) -> str:
     of = "what holding leaves of " if usage.quantity == "effort" else ""
     if given:
         return f"as given, {100.0 * usage.ratio:.0f} % of {of}{usage.text(robot)}"
-    return f"{LIMIT_SHARE_TEXT} of {of or 'what '}{usage.text(robot)}{'' if of else ' allow'}"
+    if usage.quantity == "velocity":
+        return f"{LIMIT_SHARE_TEXT} of what {usage.text(robot)} allow"
+    return f"{LIMIT_SHARE_TEXT} of {of}{usage.text(robot)}"
 
 
 def assumptions(robot: Robot) -> str:

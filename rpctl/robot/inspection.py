@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from rpctl.description.records import Joint
 from rpctl.robot.idealised import Idealisation, joint_idealisations, wheel_idealisations
@@ -155,7 +156,7 @@ def model_digest(robot: Robot) -> str:
         robot.velocity_limits,
         [(j.lower, j.upper, j.velocity, j.effort) for j in moving],
     ]
-    if model.gravity.linear[:2].any():  # level ground is what all others are on
+    if model.gravity.linear.tolist() != pin.Model.gravity981.tolist():  # all others' is that
         parts.append(model.gravity.linear)
     if robot.losses is not None:
         parts += [robot.losses.damping, robot.losses.friction]

@@ -12,7 +12,7 @@ import numpy as np
 from rpctl.control.controller import default_laws
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.merits.outcome import DIVERGING
+from rpctl.simulation.merits.outcome import DIVERGING, SLIPS, SUCCESSES, TIPS
 from rpctl.study.cells import REFUSED, Figures, References, Row
 
 REACH_M = 1.5  # m: starts lie within this square about the reference's own
@@ -42,7 +42,16 @@ class Start:
 
 def converged(figures: Figures) -> bool:
     """Return whether the robot came to its reference within the limits."""
-    return figures.settled_at is not None and figures.succeeded
+    return figures.settled_at is not None and not failed(figures)
+
+
+def failed(figures: Figures) -> bool:
+    """Return whether a robot went away from its reference, or beyond a limit.
+
+    A far start may ask for more than the grip at first: whether laws come home is asked here of
+    wheels that roll.
+    """
+    return figures.outcome not in (*SUCCESSES, SLIPS, TIPS) or bool(figures.violations)
 
 
 def row_dict(row: Row[Start]) -> dict[str, Any]:
@@ -125,7 +134,7 @@ def _fraction(kinematic: str, reference: str, group: Sequence[Figures]) -> Fract
         reference,
         len(group),
         len(settled),
-        sum(not each.succeeded for each in group),
+        sum(map(failed, group)),
         sum(each.outcome == REFUSED for each in group),
         max((at for at in settled if at is not None), default=None),
     )

@@ -18,6 +18,7 @@ from rpctl import Robot, Run, summarize
 from rpctl.cli import compare, inspect, verify
 from rpctl.cli import summary as shown
 from rpctl.equivalence.certificate import Check
+from rpctl.equivalence.scope import Scope
 from rpctl.equivalence.verify import Certificate
 from rpctl.robot.inspection import facts
 from rpctl.simulation.config import RunSettings
@@ -70,6 +71,10 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     }
     milli = {key: 1e3 * math.sqrt(sum(x * x for x in row) / 6) for key, row in rms.items()}
     assert printed() == [
+        "late too short a run to tell: base is 102 mm from its reference in the end",
+        "base behind its reference by 0.10 s (100 mm) at most, 0.10 s (100 mm) in the end",
+        "the model follows itself: the simulated robot is the one that the controller knows",
+        "",
         "tracking error rms final largest in 2nd half",
         f"base {milli['base']:.3f} mm 50.000 mm 130.000 mm",
         "off its path 20.000 mm 20.000 mm 20.000 mm",
@@ -77,10 +82,6 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
         f"off its path {tip[0]:.3f} mm {tip[1]:.3f} mm {tip[2]:.3f} mm",
         f"swing_joint {milli['swing']:.3f} mrad 200.000 mrad 300.000 mrad",
         f"slide_joint {milli['slide']:.3f} mm 10.000 mm 20.000 mm",
-        "",
-        "tracked too short a run to tell: base is 102 mm from its reference in the end",
-        "base behind its reference by 0.10 s (100 mm) at most, 0.10 s (100 mm) in the end",
-        "the model follows itself: the simulated robot is the one that the controller knows",
         "",
         "effort peak limit share",
         "left_wheel_joint 30 40 75 %",
@@ -131,11 +132,13 @@ def test_a_robot_and_its_limits(tricycle: Robot, printed: Printed) -> None:
 def test_a_certificate_tells_its_worst(printed: Printed) -> None:
     near = Check("bias", "Lagrange", 4e-13, 1e-12, sample=3, entry="v")
     exact, bad = Check("inertia", "Lagrange", 0.0, 1e-12), Check("rolling", "A", 2e-3, 1e-6)
-    good = Certificate(robot="golden", samples=5, seed=2, checks=(exact, near))
+    scope = Scope("the equations", ("it stands (by 0.1 m at home)",), (), 0.1)
+    good = Certificate("golden", 5, 2, (exact, near), scope)
     verify.show_certificate(good)
     text = printed()
     assert "✓ bias Lagrange 4.0e-13 1e-12 v at sample 3" in text
     assert "✓ inertia Lagrange 0.0e+00 1e-12" in text
+    assert "scope the equations; taken for granted: it stands (by 0.1 m at home)" in text
     assert text[-1].startswith("✓ verified: 2 checks over 5 random states, seed 2")
     assert text[-1].endswith("nearest to its limit: bias, 4e-13 of 1e-12")
     verify.show_certificate(replace(good, checks=(exact, bad)))
@@ -203,7 +206,7 @@ def test_figures_of_a_benchmark(golden: Run) -> None:
         "violations": (),
         "sample_time": pytest.approx(4e-5),
         "sample_time_99": pytest.approx(4e-5),
-        "outcome": "tracked",
+        "outcome": "late",
     }
     assert {name: getattr(found, name) for name in COLUMNS} == expected
     lifted = np.array(golden.log.joints)

@@ -40,3 +40,12 @@ def test_inspect_finds_a_joint_too_weak_for_gravity(tmp_path: Path) -> None:
     (message,) = weaknesses(level_arm(tmp_path, 5.0), *home)
     assert message.startswith(TOLD)
     assert weaknesses(level_arm(tmp_path, 10.0), *home) == []
+
+
+def test_inspect_finds_that_a_robot_does_not_stand(tmp_path: Path) -> None:
+    path = str(write(tmp_path, platform(SET_A)))
+    findings = json.loads(said("inspect", path, "--json"))["findings"]
+    assert [each["message"] for each in findings if "stand" in each["message"]] == [
+        "it does not stand at home: only left_joint, right_joint touch the ground, on one line"
+    ]
+    assert "does not stand" not in said("inspect", "paper")

@@ -90,11 +90,21 @@ def test_track_steps_this_object(paper: Robot) -> None:
     assert controller.report()["samples"] == len(run.t)
 
 
+class Unspeakable:
+    """Is no number, and raises what it likes when it is asked for one."""
+
+    def __float__(self) -> float:
+        raise KeyError("it does not say")
+
+
 BAD: dict[str, Callable[[float, Array, Array], tuple[Any, Any, Any]]] = {
     "q holds numbers": lambda t, q, nu: (t, np.where(np.arange(len(q)) == 1, np.nan, q), nu),
     "nu holds numbers that are not finite": lambda t, q, nu: (t, q, np.full_like(nu, -np.inf)),
     "t is nan": lambda t, q, nu: (math.nan, q, nu),
     "t is inf": lambda t, q, nu: (math.inf, q, nu),
+    "at most 1e+10 s": lambda t, q, nu: (1e308, q, nu),
+    "int too large": lambda t, q, nu: (t, [10**400] * len(q), nu),
+    "it does not say": lambda t, q, nu: (Unspeakable(), q, nu),
     "not later than": lambda t, q, nu: (t - PERIOD, q, nu),
     "q has the shape": lambda t, q, nu: (t, q[:-1], nu),
     "nu has the shape": lambda t, q, nu: (t, q, nu[:, None]),

@@ -33,6 +33,7 @@ from rpctl.equivalence.mujoco_engine import MujocoEngine
 from rpctl.equivalence.wheel_slip import FileMotion, Slip
 from tests.equivalence import mutations, shared_faults
 from tests.equivalence.fault_injection import Injection, in_function, in_method, rolling_of
+from tests.proofs import failed
 from tests.random_robots import generate
 from tests.robots import write
 
@@ -59,7 +60,7 @@ def tripped(robot: Robot, inject: Injection) -> tuple[Check, ...]:
     """Return the rows that fail with a fault planted."""
     with inject(robot) as mutant:
         proof = rpctl.verify(mutant, samples=SAMPLES)
-    return tuple(check for check in proof.checks if not check.passed)
+    return tuple(failed(proof))
 
 
 def of_robot(change: Callable[[Robot], Robot]) -> Injection:

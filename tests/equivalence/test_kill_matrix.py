@@ -22,13 +22,14 @@ from tests.equivalence.kill_matrix import (
     tripped,
     victim,
 )
+from tests.proofs import failed
 
 robot_of = cache(victim)
 BELOW_ZERO = "file: an inertia below zero"  # nothing else trips M's definiteness
 
 
 def rows(robot: Robot) -> set[CheckKey]:
-    return {(check.name, check.against) for check in rpctl.verify(robot, samples=1).checks}
+    return {(check.name, check.against) for check in rpctl.verify(robot, samples=1).comparisons}
 
 
 def test_the_general_robot_has_what_the_faults_need() -> None:
@@ -41,7 +42,7 @@ def test_the_general_robot_has_what_the_faults_need() -> None:
 
 @pytest.mark.parametrize("who", sorted({who for who, _ in (*FAULTS.values(), *PROBES.values())}))
 def test_without_a_fault_it_passes(who: str) -> None:
-    assert rpctl.verify(robot_of(who), samples=SAMPLES).passed
+    assert not failed(rpctl.verify(robot_of(who), samples=SAMPLES))
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -66,7 +67,7 @@ def test_a_fault_leaves_nothing_behind() -> None:
     for who, inject in (*FAULTS.values(), *PROBES.values()):
         with inject(robot_of(who)):
             pass
-    assert rpctl.verify(robot_of(GENERAL), samples=SAMPLES).passed
+    assert not failed(rpctl.verify(robot_of(GENERAL), samples=SAMPLES))
 
 
 def test_the_worst_sample_is_kept(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,6 +23,7 @@ from rpctl.equivalence.certificate import (
     worst,
 )
 from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
+from rpctl.equivalence.scope import Scope
 from rpctl.equivalence.verify import Certificate
 
 
@@ -77,9 +78,12 @@ def test_a_difference_turns_no_chain_by_more_than_its_step() -> None:
     assert difference_step(np.array([3.0, -2.0])) == pytest.approx(DIFFERENCE_STEP / 5.0)
 
 
+SCOPE = Scope("all", (), (), None)
+
+
 def certificate(*residuals: float, **others: object) -> Certificate:
     checks = tuple(Check(f"row {k}", "other", size, 1.0) for k, size in enumerate(residuals))
-    return Certificate("r", 1, 0, checks, **others)  # type: ignore[arg-type]
+    return Certificate("r", 1, 0, checks, SCOPE, **others)  # type: ignore[arg-type]
 
 
 def test_a_certificate_passes_with_all_its_rows() -> None:
@@ -111,7 +115,7 @@ def test_a_certificate_fails_with_its_trial_on_the_ground() -> None:
 def test_all_notes_are_told() -> None:
     noted = Check("row", "other", 0.0, 1.0, note="said of a row")
     proof = Certificate(
-        "r", 1, 0, (noted, Check("row 2", "other", 0.0, 1.0)), contact=rolled(0.5),
+        "r", 1, 0, (noted, Check("row 2", "other", 0.0, 1.0)), SCOPE, contact=rolled(0.5),
         declared=(Check("declared", "shapes", 0.0, 1.0, note="said of numbers"),),
     )  # fmt: skip
     assert proof.notes == [

@@ -24,6 +24,7 @@ from rpctl.errors import RpctlError
 from tests.equivalence.fault_injection import Injection, in_function, in_method, rolling_of
 from tests.equivalence.ill_scaled import NASTY
 from tests.grids import cells
+from tests.proofs import failed
 
 SMALL = 1e-6  # relative: a fault that the certificate of any robot must find
 CONSTANT = {  # limits of robots whose numbers are in scale; 1e-12 for the rows left out
@@ -45,7 +46,7 @@ def rows(checked: tuple[Check, ...]) -> set[tuple[str, str]]:
 @pytest.fixture(scope="module")
 def ordinary() -> set[tuple[str, str]]:
     """The rows of a robot in scale."""
-    return rows(rpctl.verify(rpctl.load("paper"), samples=1).checks)
+    return rows(rpctl.verify(rpctl.load("paper"), samples=1).comparisons)
 
 
 LONG = {"chain of 100"}  # which takes half a minute
@@ -57,8 +58,8 @@ def test_a_robot_out_of_scale_passes_with_every_row(
     tmp_path: Path, ordinary: set[tuple[str, str]], name: str
 ) -> None:
     proof = rpctl.verify(NASTY[name](tmp_path), samples=3)
-    assert proof.passed, [check for check in proof.checks if not check.passed]
-    assert rows(proof.checks) == ordinary
+    assert not failed(proof)
+    assert rows(proof.comparisons) == ordinary
 
 
 def larger(original: Callable[..., Any], *arguments: Any) -> Any:
@@ -118,12 +119,12 @@ def test_its_faults_are_found(
     robot = NASTY[name](tmp_path)
     with inject(robot) as faulty:
         proof = rpctl.verify(faulty, samples=2)
-    assert found <= {check.name for check in proof.checks if not check.passed}
+    assert found <= {check.name for check in failed(proof)}
 
 
 @pytest.mark.parametrize("name", cells(["paper", "tiago"], ["paper"], ["tiago"]))
 def test_limits_of_ordinary_robots_are_constants(name: str) -> None:
-    for check in rpctl.verify(rpctl.load(name), samples=3).checks:
+    for check in rpctl.verify(rpctl.load(name), samples=3).comparisons:
         if check.against != SHAPES:
             assert check.limit == CONSTANT.get(check.name, 1e-12), check
 
@@ -184,9 +185,9 @@ def test_an_inertia_that_is_not_positive_definite_is_told_by_its_row(paper: Robo
 def test_a_negative_inertia_is_told_by_its_row_and_computed_no_further(paper: Robot) -> None:
     with in_method("inertia", lambda f, *arguments: -f(*arguments))(paper):
         proof = rpctl.verify(paper, samples=1)
-    failed = {check.name: check for check in proof.checks if not check.passed}
-    assert {"M positive definite", "reduced inertia M", "computed"} <= failed.keys()
-    assert failed["computed"].entry == "the inertia M is not positive definite"
+    tripped = {check.name: check for check in failed(proof)}
+    assert {"M positive definite", "reduced inertia M", "computed"} <= tripped.keys()
+    assert tripped["computed"].entry == "the inertia M is not positive definite"
 
 
 def test_a_motion_that_never_converges_fails(paper: Robot) -> None:

@@ -10,6 +10,7 @@ import pytest
 import rpctl
 from rpctl import Robot
 from tests.grids import cells, every
+from tests.proofs import failed
 from tests.random_vehicles import DRIVE_FILES, DRIVE_TYPES, KINDS, Vehicle, vehicle
 from tests.robots import write
 
@@ -22,7 +23,7 @@ def check(folder: Path, kind: str, seed: int) -> None:
     robot = rpctl.load(path, drive=drive)
     check_drive(robot, kind, built)
     proof = rpctl.verify(robot, samples=2, seed=seed)
-    assert proof.passed, (path, [c for c in proof.checks if c.passed is False])
+    assert not failed(proof), path
 
 
 def check_drive(robot: Robot, kind: str, built: Vehicle) -> None:

@@ -20,6 +20,7 @@ from rpctl.equivalence.state import draw_state
 from rpctl.equivalence.verify import Certificate
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from tests.drive.drive_cases import Files, body, meshed
+from tests.proofs import failed
 from tests.robots import SET_A, platform, write
 from tests.vehicles import rear_axle, vehicle
 
@@ -188,15 +189,14 @@ joint = "right_joint"
 def test_a_declared_number_is_told_and_fails_when_strict(files: Files) -> None:
     robot = files.load(platform(SET_A), DECLARED)
     proof = rpctl.verify(robot, samples=3, engines=())
-    assert proof.passed
+    assert not failed(proof)
     (declared_row,) = proof.declared
     assert declared_row.residual == pytest.approx(1.0 - 0.15 / 0.165)
     assert declared_row.entry == "left_joint slides forward at 9.1 % of the robot's speed"
     assert "radius of left_joint: 0.165 in the drive, 0.15 as drawn" in declared_row.note
-    assert proof.shared == ("declared radius of left_joint",)
+    assert proof.scope.shared == ("declared radius of left_joint",)
     strict = proof.strict()
-    assert not strict.passed
-    assert [check.name for check in strict.checks if not check.passed] == ["declared numbers"]
+    assert [check.name for check in failed(strict)] == ["declared numbers"]
     assert strict.declared == ()
     plain = json.loads(json.dumps(proof.to_dict(), allow_nan=False))
     assert plain["declared"][0]["name"] == "declared numbers"
@@ -211,8 +211,8 @@ def test_a_wheel_without_a_shape_is_told(files: Files) -> None:
     proof = rpctl.verify(robot, samples=2, engines=())
     (skipped,) = (each for each in proof.skipped if each.against == "the file's shapes")
     assert skipped.note.startswith("no shape of front_left, front_right can be read")
-    assert proof.shared == ("radius of front_left, front_right, which have no shape",)
-    assert proof.passed
+    assert proof.scope.shared == ("radius of front_left, front_right, which have no shape",)
+    assert not failed(proof)
 
 
 def test_a_fixed_base_has_no_such_rows() -> None:

@@ -13,6 +13,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, ReferenceState, Robot
 from rpctl.arrays import Array
+from rpctl.dynamics.standing import stand_at_home
 from rpctl.errors import RpctlError
 from rpctl.reference.fitting import too_weak
 from rpctl.reference.load import load_reference
@@ -34,7 +35,7 @@ from rpctl.simulation.loop.track import default_duration
 from tests import urdf
 from tests.folding import folding
 from tests.grids import cells
-from tests.robots import SET_A, platform, write
+from tests.robots import SET_A, ball, cargo, platform, write
 from tests.vehicles import KINDS, vehicle
 
 HALF = 0.5  # of each limit
@@ -383,3 +384,23 @@ def test_no_robot_of_the_catalogue_swings_its_links_into_each_other(name: str) -
     robot = rpctl.load(name)
     if robot.joints and len(collision_model(robot).pairs):
         assert nearest(robot, reference_by_name(robot, "line").arm, count=200) > 0.0
+
+
+def test_a_default_pace_leaves_half_of_grip_and_of_the_margin_to_tipping(tmp_path: Path) -> None:
+    """40 kg on a mast of 9 m, on wheels that could drive faster."""
+    parts = "\n".join([cargo(40.0, -0.2, 0.0, 9.0), ball(-0.6)])
+    path = write(tmp_path, platform(SET_A | {"d": -0.2}, extra=parts))
+    robot = rpctl.load(path)
+    found = sizing(reference_by_name(robot, "eight"))
+    assert found.reason.endswith("m to tipping") and found.reason.startswith("half of its")
+    run = rpctl.track(robot, "eight", duration=found.duration)
+    margin = stand_at_home(ReducedDynamics(robot))
+    assert margin is not None and margin.margin is not None
+    tipping = 1.0 - run.log.tip_margin.min() / margin.margin
+    assert tipping <= HALF and run.log.slip_ratio.max() < HALF
+    speeding = np.gradient(run.nu[:, 0], run.t).max()  # h a / g moves the zero-moment point
+    height = (40.0 * 9.0 + 30.0 * 0.2 + 2.0 * 0.15) / 72.0
+    shift = height * speeding / 9.81
+    assert 0.9 * HALF < shift / margin.margin <= 1.1 * HALF
+    low = rpctl.load(write(tmp_path, platform(SET_A | {"d": -0.2}, extra=ball(-0.6)), "low.urdf"))
+    assert sizing(reference_by_name(low, "eight")).speed > 1.2 * found.speed  # type: ignore[operator]

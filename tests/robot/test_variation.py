@@ -16,6 +16,7 @@ from rpctl.robot.build import build
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.variation import LINK, BuiltNumbers, Variation, pseudo_inertia, vary
 from tests import closed_form, urdf
+from tests.proofs import failed
 from tests.robots import SET_A, cargo, platform, write
 
 
@@ -120,7 +121,7 @@ def test_estimates_stay_estimates(tmp_path: Path) -> None:
     assert varied.description.link["box"].estimated
     assert varied.mass == pytest.approx(robot.mass + 0.5 * 500.0 * 0.004)
     assert varied.description.raw.count(b"<inertial") == robot.description.raw.count(b"<inertial")
-    assert rpctl.verify(varied, samples=1, engines=()).passed
+    assert not failed(rpctl.verify(varied, samples=1, engines=()))
 
 
 @pytest.mark.parametrize(

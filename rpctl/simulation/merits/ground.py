@@ -75,7 +75,7 @@ def ground(run: Run) -> GroundFigures:
         sentence = run.ground.notes[0] if run.ground.notes else None
         return GroundFigures(friction=friction, sentence=sentence)
     margin, equal = float(log.tip_margin.min()), float(log.slip_ratio.max())
-    slips = _slips(run)
+    slips = slip_ranges(run)
     found = GroundFigures(
         min_tip_over_margin=margin,
         would_tip=margin < 0.0,
@@ -97,7 +97,7 @@ def ground(run: Run) -> GroundFigures:
     )
 
 
-def _slips(run: Run) -> Array | None:
+def slip_ranges(run: Run) -> Array | None:
     """Return the range of the worst wheel's slip ratio (K, 2); None where no range was logged."""
     if run.log.slip_range.size:
         return run.log.slip_range

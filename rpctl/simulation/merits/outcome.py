@@ -1,8 +1,12 @@
-"""The outcome of a run in one word: tracked, late, stuck, diverging or collided.
+"""The outcome of a run in one word: tracked, or what became of it instead.
 
 Each is told from what was logged: where a point of the robot was, where its reference was, and how
-far the point was from the reference's path (``path_error.py``). Means are over the
-last quarter of the run unless said.
+far the point was from the reference's path (``path_error.py``). The end is the last tenth of the
+run, means are over its last quarter.
+
+What makes a run impossible comes before all but the first two (``impossible.py``): the robot
+**tips** or **slips** for certain, a joint is thrown off its reference, which its motor **cannot
+hold**, or efforts **chatter**.
 
 - **collided**: a link ran into an obstacle, the ground or another link
   (:mod:`rpctl.simulation.merits.collisions`), or the body that a law guards into an obstacle;
@@ -11,9 +15,8 @@ last quarter of the run unless said.
 - **stuck**: the point stands while its reference moves on or is elsewhere, or it moves along beside
   the path and its error stays;
 - **late**: it is on its path and behind its reference, or still on its way to that path after the
-  time in which the error of a start dies;
-- **tracked**: it is at its reference, or on its path and less than that behind it, or the run was
-  too short to tell.
+  time in which the error of a start dies, or the run was too short to tell;
+- **tracked**: it is at its reference, or on its path and less than that behind it.
 
 The worst of base and end effector counts.
 """
@@ -32,7 +35,11 @@ from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, shape_
 from rpctl.simulation.merits.path_error import PathTrace, length, trace_path
 
 TRACKED, LATE, STUCK, DIVERGING, COLLIDED = "tracked", "late", "stuck", "diverging", "collided"
-OUTCOMES = (TRACKED, LATE, STUCK, DIVERGING, COLLIDED)  # from good to bad
+CHATTERS, CANNOT_HOLD, SLIPS, TIPS = "chatters", "cannot-hold", "slips", "tips"
+OUTCOMES = (  # from good to bad
+    *(TRACKED, LATE, STUCK, DIVERGING),
+    *(CHATTERS, CANNOT_HOLD, SLIPS, TIPS, COLLIDED),
+)
 SUCCESSES = (TRACKED, LATE)  # a law that slows down to keep limits is late, and does well
 
 ON_PATH_M = 0.05  # m: at its reference, or on its path; what is left beside a robot in a doorway
@@ -105,6 +112,7 @@ def outcome(
     points: Mapping[str, TracedPoint],
     obstacles: Iterable[AvoidedObstacle] = (),
     bodies: CollisionFacts = NO_COLLISIONS,
+    impossible: Outcome | None = None,
 ) -> Outcome:
     """Return the outcome of a motion.
 
@@ -113,6 +121,7 @@ def outcome(
         points: The points of the robot that have a reference.
         obstacles: What they should keep clear of.
         bodies: What its links ran into or are near to in the end.
+        impossible: What makes the motion impossible; None if nothing does.
     """
     if bodies.collisions:
         deepest, *others = bodies.collisions
@@ -123,6 +132,8 @@ def outcome(
         return collision
     found = [_outcome_of(t, point) for point in points.values()]
     worst = max(found, key=lambda each: OUTCOMES.index(each.name))  # the first of them
+    if impossible is not None and worst.name != DIVERGING:
+        return impossible
     if worst.name == STUCK and bodies.ahead:
         return Outcome(STUCK, f"{worst.sentence}; {' and '.join(bodies.ahead)}")
     return worst
@@ -153,14 +164,15 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
     if not np.isfinite(off).all():
         return Outcome(DIVERGING, f"{name} left the finite numbers")
     last = slice(3 * count // 4, None)
-    error, beside = float(ahead[last].mean()), float(off[last].mean())
+    end = slice(9 * count // 10, None)
+    error, beside = float(ahead[end].max()), float(off[end].max())
     lag, gap = (
         float(np.median(values[last])) for values in (point.trace.lag, point.trace.lag_distance)
     )
     start = float(off[: max(count // 2, 1)].max())
     to_go = max(_reach(point.reference[last]), float(ahead[last].max()))
     stands = _reach(point.actual[last]) <= STANDING_RATIO * to_go
-    rests = _reach(point.actual[9 * count // 10 :]) <= STANDING_RATIO * to_go
+    rests = _reach(point.actual[end]) <= STANDING_RATIO * to_go
     grown = beside > max(ON_PATH_M, GROWTH_RATIO * start)
     if grown and not rests:
         return Outcome(DIVERGING, f"{name} is {length(beside)} off its path in the end, "
@@ -168,7 +180,7 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
     if error <= ON_PATH_M:
         return Outcome(TRACKED, f"{name} is {length(error)} from its reference in the end")
     run = float(t[-1] - t[0])
-    short = Outcome(TRACKED, f"too short a run to tell: {name} is {length(error)} from its "
+    short = Outcome(LATE, f"too short a run to tell: {name} is {length(error)} from its "
                     "reference in the end")  # fmt: skip
     if run < EVIDENCE_S:
         return short

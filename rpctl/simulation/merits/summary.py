@@ -17,6 +17,7 @@ from rpctl.simulation.merits.collision_facts import (
     LinkClearance,
 )
 from rpctl.simulation.merits.ground import FeltGround, GroundFigures, felt_ground, ground
+from rpctl.simulation.merits.impossible import impossible
 from rpctl.simulation.merits.obstacles import BASE, TIP, run_obstacles
 from rpctl.simulation.merits.outcome import SUCCESSES, outcome, trace_points
 from rpctl.simulation.merits.path_error import PathFigures, path_figures
@@ -211,7 +212,7 @@ def summarize(run: Run) -> Summary:
     """Return the figures of merit of a run."""
     log, bodies = run.log, run.collisions or NO_COLLISIONS
     points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
-    name, sentence = outcome(run.t, points, run_obstacles(run), bodies)
+    name, sentence = outcome(run.t, points, run_obstacles(run), bodies, impossible(run))
     paths = {key: path_figures(point.trace, key == BASE) for key, point in points.items()}
     away = np.linalg.norm(log.ee - log.ee_ref, axis=1) if TIP in points else None
     efforts, most = _efforts(run)

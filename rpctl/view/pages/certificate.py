@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull
 
 from rpctl.arrays import Array
 from rpctl.equivalence.contact.trial import ContactTrial
+from rpctl.equivalence.scope import Condition
 from rpctl.equivalence.verify import Certificate
 from rpctl.files.writing import write_atomically
 from rpctl.view.pages.page import Badge, render_page, still_chart
@@ -52,13 +53,6 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
 
 def certificate_page(certificate: Certificate) -> str:
     """Return a certificate as a page."""
-    links, shared = certificate.estimated_links, certificate.shared
-    remarks = []
-    if links:
-        told = f"mass and inertia of {', '.join(links)}"
-        remarks.append(f"Estimated, at a density, not given by the URDF: {told}")
-    if shared:
-        remarks.append(f"Shared by all derivations: {'; '.join(shared)}")
     return render_page(
         "certificate.html",
         title=f"{certificate.robot}: certificate of the dynamics",
@@ -66,9 +60,9 @@ def certificate_page(certificate: Certificate) -> str:
         robot=certificate.robot,
         about=f"M(q) ν̇ + h(q, ν) = B(q) τ at {certificate.samples} random states, "
         f"seed {certificate.seed}",
-        badge=Badge(certificate.passed, "verified" if certificate.passed else "not equivalent"),
+        badge=Badge(certificate.passed, "verified" if certificate.passed else "not verified"),
         rows=list(_rows(certificate)),
-        remarks=remarks,
+        remarks=[f"Scope: {certificate.scope.line}"],
         idealised=certificate.idealised,
         **_trial(certificate.contact),
     )
@@ -92,6 +86,9 @@ def _rows(certificate: Certificate) -> Iterator[tuple[str, str, str, str]]:
     """Yield what is compared, with what, the residual, and where it is worst."""
     for check in certificate.checks:
         shown = residual(check.passed, check.residual, check.limit)
+        if isinstance(check, Condition):
+            yield check.name, check.against, f"{check.value}, limit {check.bound}", check.entry
+            continue
         where = f"{check.entry}, sample {check.sample}" if check.residual > 0 else ""
         yield check.name, check.against, shown, "; ".join(filter(None, (where, check.note)))
     for check in certificate.declared:

@@ -172,7 +172,7 @@ def limits_badge(summary: Summary) -> Badge:
 
 def _verified(certificate: Mapping[str, Any], text: str = "verified") -> Badge:
     passed = bool(certificate["passed"])
-    return Badge(passed, text if passed else "not equivalent")
+    return Badge(passed, text if passed else "not verified")
 
 
 def is_finite(figure: float | None) -> TypeGuard[float]:

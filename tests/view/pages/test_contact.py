@@ -12,6 +12,7 @@ import pytest
 from rpctl.arrays import Array
 from rpctl.equivalence.certificate import CONTACT_ORACLE
 from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
+from rpctl.equivalence.scope import Scope
 from rpctl.equivalence.verify import Certificate
 from rpctl.view.pages.certificate import (
     TrialChart,
@@ -20,6 +21,7 @@ from rpctl.view.pages.certificate import (
     trial_charts,
 )
 
+SCOPE = Scope("all", (), (), None)
 COUNT = 201
 T = np.linspace(0.0, 2.0, COUNT)
 
@@ -104,7 +106,7 @@ def test_the_robots_move_as_they_did_in_real_time(trial: ContactTrial) -> None:
         assert picked[[0, -1]].tolist() == [0, COUNT - 1]
         assert frames[-1].tolist() == [100.0, *frames[-2, 1:]]
         assert len(frames) == 42
-    page = certificate_page(Certificate("robot", 1, 0, (), contact=trial))
+    page = certificate_page(Certificate("robot", 1, 0, (), SCOPE, contact=trial))
     (block,) = re.findall(r"@keyframes roll-reduced\{(.*)\}", page)
     assert block.startswith("0.00%{transform:translate(0.0000px,0.0000px) rotate(0.000deg)}")
     assert block.count("%") == 42
@@ -147,7 +149,7 @@ def test_charts_hold_both_sides(
 
 def test_a_gap_too_wide_is_told(trial: ContactTrial) -> None:
     failed = dataclasses.replace(trial, checks=(row("path", 0.2, 0.1), *trial.checks[1:]))
-    certificate = Certificate("robot", 1, 0, (), contact=failed)
+    certificate = Certificate("robot", 1, 0, (), SCOPE, contact=failed)
     page = certificate_page(certificate)
     assert "the two paths come <strong>200 mm</strong> apart, where 100 mm is allowed" in page
     assert '<span class="badge bad">1 of 3 gaps too wide</span>' in page
@@ -155,7 +157,7 @@ def test_a_gap_too_wide_is_told(trial: ContactTrial) -> None:
     first, *others = re.findall(r"<figure([^>]*)><figcaption>", page)
     assert first == ' class="failed"'
     assert not any(others)
-    assert "not equivalent" in page
+    assert "not verified" in page
 
 
 def test_a_path_that_breaks_off_is_drawn_as_far_as_it_goes(trial: ContactTrial) -> None:
@@ -165,7 +167,7 @@ def test_a_path_that_breaks_off_is_drawn_as_far_as_it_goes(trial: ContactTrial) 
     lost = dataclasses.replace(
         trial, reduced=ContactMotion(**parts), checks=(row("path", math.inf, 0.3),)
     )
-    page = certificate_page(Certificate("robot", 1, 0, (), contact=lost))
+    page = certificate_page(Certificate("robot", 1, 0, (), SCOPE, contact=lost))
     assert "nan" not in page.partition("<main>")[2]
     assert "∞" in page or "inf" in page
     plan = plan_view(lost)

@@ -102,8 +102,8 @@ def test_panel_of_a_run(golden: Run) -> None:
     }
     assert {label: setting_rows.get(label) for label in expected} == expected
     assert not {"Gain k, 1/s", "Weights"} & set(setting_rows)
-    assert badges(page) == [("good", "tracked"), ("good", "within limits"), ("good", "verified")]
-    assert "<li>Tracked: too short a run to tell: base is 102 mm from its reference" in page
+    assert badges(page) == [("good", "late"), ("good", "within limits"), ("good", "verified")]
+    assert "<li>Late: too short a run to tell: base is 102 mm from its reference" in page
     assert "<li>The model follows itself: the simulated robot is the one that" in page
     assert "Worst of 7 random states, seed 3." in page
     assert "On the ground: keeps 0.12 m from tipping" in page
@@ -118,13 +118,13 @@ def test_headline_of_a_run(golden: Run) -> None:
         "Base, rms": "2.06 m", "Base off its path, rms": "20 mm", "End effector, rms": "314 mm",
         "Effort / limit": "80 %",
     }  # fmt: skip
-    fine = [Badge(True, text) for text in ("tracked", "dynamics verified", "within limits")]
+    fine = [Badge(True, text) for text in ("late", "dynamics verified", "within limits")]
     assert headline_badges(run, summarize(run)) == fine
     tau = np.array(golden.tau)
     tau[2, 0] = -50.0
     broken = vary(golden, tau=tau, certificate={**CERTIFICATE, "passed": False})
     assert dict(headline_rows(broken, summarize(broken)))["Effort / limit"] == "125 %"
-    not_fine = [Badge(False, "not equivalent"), Badge(False, "limits broken")]
+    not_fine = [Badge(False, "not verified"), Badge(False, "limits broken")]
     assert headline_badges(broken, summarize(broken)) == [fine[0], *not_fine]
     lost = summarize(vary(golden, base=np.full((COUNT, 3), np.nan)))
     assert headline_badges(broken, lost)[0] == Badge(False, "diverging")

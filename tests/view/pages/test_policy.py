@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from rpctl import Robot, Run
+from rpctl.equivalence.scope import Scope
 from rpctl.equivalence.verify import Certificate
 from rpctl.view.pages import scene_page as notebook
 from rpctl.view.pages.certificate import write_certificate
@@ -46,7 +47,11 @@ def pages(cart: Robot, cart_run: Run, tmp_path: Path) -> dict[str, str]:
         "robot": robot_page(cart),
         "scene": bare_scene(build_scene(cart, cart_run)),
         "notebook": framed,
-        "certificate": written(write_certificate(Certificate("cart", 1, 0, ()), tmp_path / "c")),
+        "certificate": written(
+            write_certificate(
+                Certificate("cart", 1, 0, (), Scope("all", (), (), None)), tmp_path / "c"
+            )
+        ),
         "waiting": waiting_page(cart),
         "goal": goal_page(cart),
     }
