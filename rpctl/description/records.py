@@ -187,7 +187,7 @@ class Description:
             the joint's name, kg·m² or kg.
         plugins: Plugins of simulators, wherever they stand.
         actuated: Joints with a transmission, or a command interface of ros2_control.
-        sprung: Joints with a spring of Gazebo.
+        sprung: Lines of the springs that the file gives joints, by the joint's name.
     """
 
     path: Path
@@ -206,7 +206,7 @@ class Description:
     rotors: Mapping[str, float] = field(default_factory=dict, repr=False)
     plugins: tuple[Plugin, ...] = field(default=(), repr=False)
     actuated: frozenset[str] = field(default=frozenset(), repr=False)
-    sprung: frozenset[str] = field(default=frozenset(), repr=False)
+    sprung: Mapping[str, int] = field(default_factory=dict, repr=False)
 
     @cached_property
     def link(self) -> dict[str, Link]:

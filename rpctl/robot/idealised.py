@@ -15,7 +15,14 @@ from rpctl.description.records import Joint
 from rpctl.drive.drive import Swivel
 from rpctl.drive.evidence import lines_of
 from rpctl.drive.steering import is_regular
-from rpctl.drive.wheel_size import SHAPE_ROLES, WheelSize, is_round, shape_sizes, wheel_parts
+from rpctl.drive.wheel_size import (
+    MAX_ECCENTRICITY,
+    SHAPE_ROLES,
+    WheelSize,
+    is_round,
+    shape_sizes,
+    wheel_parts,
+)
 from rpctl.drive.wheels import WheelCandidate
 from rpctl.robot.model import Robot
 
@@ -319,6 +326,7 @@ def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]
         for _, size in sizes:
             if size.source == wheel.source:
                 yield from _off_axle(wheel, size)
+                yield from _drawn_beside(wheel, size, [each for _, each in sizes])
                 widest = max(widest, size.width)
     for group in others.values():
         yield _radius(group[0][1], listed(*(wheel.joint for wheel, _ in group)))
@@ -382,6 +390,23 @@ def _off_axle(wheel: WheelCandidate, size: WheelSize) -> Iterator[Idealisation]:
             f"the shape that {listed(wheel.joint)} rolls on ({size.source}) is centred "
             f"{1e3 * size.aside:.3g} mm off its axle, and taken to be on it",
         )
+
+
+def _drawn_beside(
+    wheel: WheelCandidate, used: WheelSize, sizes: Iterable[WheelSize]
+) -> Iterator[Idealisation]:
+    """Yield how far from where it rolls a wheel is drawn, where the two shapes are apart."""
+    for size in sizes:
+        along, across = abs(size.offset - used.offset), abs(size.aside - used.aside)
+        eccentric = across > MAX_ECCENTRICITY * (used.radius or 0.0)
+        if eccentric or along > max(used.radius or 0.0, 0.5 * (size.width + used.width)):
+            yield Idealisation(
+                "drawn beside",
+                1e3 * math.hypot(along, across),
+                "mm",
+                f"{listed(wheel.joint)} rolls on its {used.source}, and its {size.source} is "
+                f"{1e3 * math.hypot(along, across):.3g} mm beside it; one of the two is wrong",
+            )
 
 
 def _sliding(robot: Robot, wheels: Iterable[WheelCandidate]) -> Iterator[Idealisation]:

@@ -23,6 +23,7 @@ from rpctl.errors import DescriptionError, Finding, UnknownNameError, require_wi
 from rpctl.robot.build import build, check, set_armature
 from rpctl.robot.grippers import Gripper, find_end_effector, find_grippers, freeze_grippers
 from rpctl.robot.home import with_home
+from rpctl.robot.left_out import left_out
 from rpctl.robot.load_settings import LoadKeywords, LoadSettings
 from rpctl.robot.losses import find_losses
 from rpctl.robot.model import Robot
@@ -165,7 +166,7 @@ def _body(source: Source, description: Description, settings: LoadSettings) -> _
         doubts = [Finding("warning", None, doubt) for doubt in found.doubts]
         _refuse_doubts(source.path, doubts, settings)
     tree, idle = _with_motors(tree, found)
-    differences = (*vendor_findings(found, controls), *idle)
+    differences = (*vendor_findings(found, controls), *idle, *left_out(tree, found))
     _refuse_doubts(source.path, differences, settings)
     return _Body(tree, found, grippers, (*findings, *held, *frozen, *differences))
 

@@ -276,14 +276,16 @@ def read_actuated(root: Any) -> frozenset[str]:
     return frozenset(joint.get("name") for joint in joints)
 
 
-def read_sprung(root: Any) -> frozenset[str]:
-    """Return the joints that Gazebo's tags give a spring."""
-    stiffness = ("springStiffness", ".//spring_stiffness")
-    return frozenset(
-        gazebo.get("reference")
-        for gazebo in root.iterfind("gazebo")
-        if any(positive_number(gazebo.findtext(tag)) is not None for tag in stiffness)
-    )
+def read_sprung(root: Any) -> dict[str, int]:
+    """Return the lines of the springs that <gazebo> or <dynamics> gives joints, by the joint."""
+    found = {}
+    for each in root.xpath("gazebo[@reference] | joint[dynamics]"):
+        said = each.xpath("dynamics/@*[starts-with(name(), 'spring')]")
+        tags = each.xpath(".//springStiffness | .//spring_stiffness | .//stiffness")
+        said += [tag.text for tag in tags]
+        if any(positive_number(text) is not None for text in said):
+            found[each.get("reference") or each.get("name")] = each.sourceline
+    return found
 
 
 def read_plugins(root: Any) -> tuple[Plugin, ...]:
