@@ -44,7 +44,9 @@ def told(folder: Path, text: str, **settings: object) -> list[tuple[str | None, 
     path = write(folder, text)
     lines = text.splitlines()
     found = rpctl.load(path, **settings).findings  # type: ignore[arg-type]
-    return [(f.line and lines[f.line - 1], f.message) for f in found if f.severity == "warning"]
+    return [
+        (lines[f.line - 1] if f.line else None, f.message) for f in found if f.severity == "warning"
+    ]
 
 
 @pytest.mark.parametrize("spring", SPRINGS)

@@ -136,7 +136,7 @@ def test_singular_steering_is_left_to_python(rng: np.random.Generator) -> None:
 
 def test_limits_have_the_names_of_their_joints() -> None:
     labels = [Limit("left", "effort"), Limit("right", "effort")]
-    names = LimitNames(labels, ["slide", "left"])
+    names = LimitNames(tuple(labels), ("slide", "left"))
     assert names(np.zeros(4)) == ()
     assert names(np.array([0.0, 1.0, 3.0, 1.0])) == (
         Limit("right", "effort"),
