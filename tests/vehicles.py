@@ -67,6 +67,15 @@ def caster(parts: Parts, name: str, x: float, y: float, trail: float, twin: bool
         parts.wheel(roller, f"{name}_fork", f"{-trail} {side} -0.07", r=0.05)
 
 
+def trailer(parts: Parts, name: str, puller: str, at: str, length: float, axis: str) -> None:
+    """A trailer whose axle lies ``length`` m behind its hitch and a little to one side."""
+    parts.link(f"{name}_body", 6.0, com=f"{-0.8 * length} 0.02 0.1")
+    limit, ends = urdf.limit(-1.4, 1.4, 0, 6), (puller, f"{name}_body")
+    parts.xml.append(urdf.joint(f"{name}_hitch", "revolute", ends, at, axis, limit))
+    parts.wheel(f"{name}_left", f"{name}_body", f"{-length} 0.23 -0.1", r=0.1)
+    parts.wheel(f"{name}_right", f"{name}_body", f"{-length} -0.21 -0.1", "0 -1 0", r=0.1)
+
+
 def vehicle(kind: str) -> str:
     """Return the URDF of a robot of a kind; see ``KINDS``."""
     parts = start()
@@ -90,6 +99,22 @@ def vehicle(kind: str) -> str:
         rear_axle(parts, x=-0.1)
         parts.swivel("steer", "0.6 0 0.3", "revolute")
         parts.wheel("front", "steer_fork", "0.03 0.01 -0.2")
+    elif kind == "trailers":  # a car that pulls two, the last of which has a caster
+        rear_axle(parts)
+        parts.swivel("steer", "0.7 0.02 0.3", "revolute")
+        parts.wheel("front", "steer_fork", "0 0.01 -0.2")
+        trailer(parts, "first", "base", "-0.3 0.03 0.2", 0.7, "0 0 -1")
+        trailer(parts, "second", "first_body", "-0.9 -0.02 0", 0.5, "0 0 1")
+        parts.link("caster_fork", 0.6, com="0.01 -0.02 0.03")
+        ends = ("second_body", "caster_fork")
+        parts.joint("caster", "continuous", ends, "-0.1 0.05 -0.08", "0 0 1")
+        parts.wheel("caster_roller", "caster_fork", "-0.06 0 -0.07", r=0.05)
+    elif kind == "articulated":
+        rear_axle(parts)
+        parts.link("rear_body", 12.0, com="-0.4 0.02 0.2")
+        parts.joint("waist", "revolute", ("base", "rear_body"), "-0.5 0 0.3", "0 0 1")
+        parts.wheel("back_left", "rear_body", "-0.45 0.3 -0.2")
+        parts.wheel("back_right", "rear_body", "-0.45 -0.3 -0.2", "0 -1 0")
     elif kind == "bicycle":
         parts.wheel("rear", "base", "0 0 0.1")
         parts.swivel("steer", "0.8 0 0.3", "revolute", "0 0 -1")
@@ -121,4 +146,6 @@ KINDS = {  # type of the drive, quasi-velocities of the base
     "twin": ("steered", ("v", "fl_steer", "rl_steer")),
     "omni": ("omni", ("vx", "vy", "omega")),
     "powered": ("powered-casters", ("vx", "vy", "omega")),
+    "trailers": ("tricycle", ("v", "steer")),
+    "articulated": ("tricycle", ("v", "waist")),
 }

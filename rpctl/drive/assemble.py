@@ -9,7 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import POWERED_CASTERS, TYPES_WITH_AXLE, Drive, DriveSpec, Swivel, Wheel
+from rpctl.drive.drive import (
+    POWERED_CASTERS,
+    TRAILING,
+    TYPES_WITH_AXLE,
+    Drive,
+    DriveSpec,
+    Swivel,
+    Wheel,
+)
 from rpctl.drive.evidence import Evidence
 from rpctl.drive.wheels import (
     SHARED_TRAIL_ROUNDING_M,
@@ -316,7 +324,7 @@ def _evidence_sentences(kind: str, evidence: Evidence) -> tuple[str, ...]:
     balls = [wheel.joint.name for wheel in evidence.balls]
     for what, group in (("on axles of their own", lone), ("balls", balls)):
         sentences += [f"{what}, held by the root link: {', '.join(group)}"] if group else []
-    for role in ("steered", "caster"):
+    for role in ("steered", *TRAILING):
         names = ", ".join(s.joint.name for s in evidence.swivels if s.role == role)
         sentences += [f"wheels on upright joints, {role}: {names}"] if names else []
     return (*sentences, *evidence.grounded.rejected)
@@ -338,7 +346,7 @@ def assign_roles(
     lead = 2 if kind == "steered" else 1
     leaders = {swivel.joint.name for swivel in steered[:lead]}
     records = []
-    for swivel in (*steered, *(s for s in evidence.swivels if s.role == "caster")):
+    for swivel in (*steered, *(s for s in evidence.swivels if s.role in TRAILING)):
         name, shares, role = swivel.joint.name, None, swivel.role
         if swivel.joint.mimic is not None:
             role, shares = "mimic", _leader(evidence, swivel)
@@ -357,7 +365,7 @@ def assign_roles(
 
 def _without_rounded_trail(swivel: Swivel) -> Swivel:
     """Return a swivel of several that share a centre, without the trail that rounding makes."""
-    rounding = swivel.role != "caster" and abs(swivel.trail) < SHARED_TRAIL_ROUNDING_M
+    rounding = not swivel.trails and abs(swivel.trail) < SHARED_TRAIL_ROUNDING_M
     return replace(swivel, trail=0.0) if rounding else swivel
 
 
@@ -389,7 +397,7 @@ def _require_leaders(kind: str, evidence: Evidence, swivels: list[Swivel]) -> No
 def _require_trails(evidence: Evidence, swivels: list[Swivel]) -> None:
     """Refuse casters whose wheels stand under their axis: no motion would turn them."""
     for swivel in swivels:
-        if swivel.role == "caster" and not swivel.trail:
+        if swivel.trails and not swivel.trail:
             joint = evidence.description.joint[swivel.joint]
             raise DriveError(
                 f'{evidence.description.path}:{joint.line}: the wheels of "{swivel.joint}" stand '
@@ -427,7 +435,7 @@ def _spacing(a: SwivelCandidate, b: SwivelCandidate, forward: Array) -> float:
 def _require_contacts(kind: str, evidence: Evidence, swivels: list[Swivel]) -> None:
     """Refuse wheels off the axes that share a centre: they have none to keep to."""
     for swivel in swivels:
-        shared = swivel.role == "follower" or (kind == "steered" and swivel.role != "caster")
+        shared = swivel.role == "follower" or (kind == "steered" and not swivel.trails)
         if shared and swivel.trail:
             joint = evidence.description.joint[swivel.joint]
             raise DriveError(

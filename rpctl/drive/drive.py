@@ -37,6 +37,8 @@ BASE_SPEEDS = {
 }
 TYPES_WITH_AXLE = ("differential", "skid-steer", "car-like", "tricycle", "bicycle")
 
+TRAILING = ("caster", "trailer")  # roles of swivels whose rates follow from the base's motion
+
 
 @dataclass(frozen=True)
 class Wheel:
@@ -78,16 +80,19 @@ class Wheel:
 
 @dataclass(frozen=True)
 class Swivel:
-    """An upright joint of the root link that carries wheels.
+    """An upright joint that carries wheels: of the root link, or of another swivel's link.
+
+    Places and directions are in the root link's frame with all joints at 0.
 
     Attributes:
         joint: Name of the joint.
         role: ``"steered"``: its rate is a quasi-velocity; ``"follower"``: it keeps its wheels'
             axle on the centre of rotation that the others fix; ``"mimic"``: the URDF ties it to
             another one; ``"caster"``: its wheels trail its axis, so that the base's motion fixes
-            its rate, whether a motor turns it or nothing does.
-        pivot: Where its axis meets the ground (x, y), in the root link's frame, m.
-        heading: Rolling direction of its wheels at position 0, in the root link's frame, rad.
+            its rate, whether a motor turns it or nothing does; ``"trailer"``: so they do, and are
+            those of a body that is pulled.
+        pivot: Where its axis meets the ground (x, y), m.
+        heading: Rolling direction of its wheels, rad.
         sign: 1 where its axis points up, −1 where it points down.
         trail: Distance of its wheels' contact ahead of its axis along the rolling direction, m;
             negative where it lies behind.
@@ -95,6 +100,7 @@ class Swivel:
         shares: Swivel with which it shares one lateral constraint: on average the two do not slip.
         ratio: Of one that mimics: its position is ``ratio`` times the other's, plus ``offset``.
         offset: rad.
+        parent: Joint of the swivel whose link carries it; None where the root link does.
         why: The reason for the role, in words.
     """
 
@@ -108,7 +114,13 @@ class Swivel:
     shares: str | None = None
     ratio: float = 1.0
     offset: float = 0.0
+    parent: str | None = None
     why: str = ""
+
+    @property
+    def trails(self) -> bool:
+        """Whether the motion of what carries it fixes its rate."""
+        return self.role in TRAILING
 
 
 @dataclass(frozen=True)
@@ -162,20 +174,32 @@ class Drive:
         return tuple(swivel for swivel in self.swivels if swivel.role == "follower")
 
     @property
+    def trailers(self) -> tuple[Swivel, ...]:
+        """The hitches of trailers, each after what pulls it."""
+        return tuple(swivel for swivel in self.swivels if swivel.role == "trailer")
+
+    def chain(self, swivel: Swivel) -> tuple[Swivel, ...]:
+        """Return a swivel and those that carry it, from the root link outwards."""
+        joints = {each.joint: each for each in self.swivels}
+        above = () if swivel.parent is None else self.chain(joints[swivel.parent])
+        return (*above, swivel)
+
+    @property
     def idle_casters(self) -> tuple[Swivel, ...]:
-        """The casters that nothing drives: neither their joint nor a wheel of theirs."""
+        """The trailers, and the casters that nothing drives: neither their joint nor a wheel."""
         powered = {wheel.swivel for wheel in self.wheels if wheel.driven}
         return tuple(
             swivel
             for swivel in self.swivels
-            if swivel.role == "caster" and not swivel.driven and swivel.joint not in powered
+            if swivel.role == "trailer"
+            or (swivel.role == "caster" and not swivel.driven and swivel.joint not in powered)
         )
 
     @property
     def powered_casters(self) -> tuple[Swivel, ...]:
         """The casters whose joint or wheels have actuators."""
         idle = self.idle_casters
-        return tuple(s for s in self.swivels if s.role == "caster" and s not in idle)
+        return tuple(s for s in self.swivels if s.trails and s not in idle)
 
     @property
     def has_axle(self) -> bool:
@@ -200,7 +224,7 @@ FIXED_BASE = Drive("fixed")
 
 
 DRIVE_TYPES = tuple(BASE_SPEEDS)
-SWIVEL_ROLES = ("steered", "caster")
+SWIVEL_ROLES = ("steered", *TRAILING)
 STEERING_MODES = ("ackermann", "free")
 ROLLER_RANGE = Range(math.nextafter(-90.0, 0.0), 90.0, "degrees between -90 and 90", below=True)
 ONLY_OF = {

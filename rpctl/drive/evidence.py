@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.controls import BaseControl
-from rpctl.drive.drive import DriveSpec, suggest
+from rpctl.drive.drive import TRAILING, DriveSpec, suggest
 from rpctl.drive.leftovers import Leftover, find_leftovers
 from rpctl.drive.wheels import (
     CASTER_WORDS,
@@ -86,7 +86,7 @@ class Evidence:
         """Whether every wheel trails an upright joint, powered or not, and none is held firmly."""
         told = {each.joint for each in self.spec.swivel if each.role is not None}
         trails = (
-            swivel.role == "caster" or (swivel.trails and swivel.joint.name not in told)
+            swivel.role in TRAILING or (swivel.trails and swivel.joint.name not in told)
             for swivel in self.swivels
         )
         return not self.lines and bool(self.swivels) and all(trails)
@@ -98,8 +98,8 @@ class Evidence:
         return bool(self.actuated & (joints | {swivel.joint.name for swivel in self.swivels}))
 
     def on_caster(self, wheel: WheelCandidate) -> bool:
-        """Return whether a caster carries a wheel."""
-        return any(wheel in swivel.wheels for swivel in self.swivels if swivel.role == "caster")
+        """Return whether a caster or a trailer carries a wheel."""
+        return any(wheel in swivel.wheels for swivel in self.swivels if swivel.role in TRAILING)
 
 
 def gather_evidence(

@@ -1,14 +1,22 @@
-"""The rows of rolling of wheels that swivel: what they ask of the base's twist and joints' rates.
+"""The rows of rolling of wheels on a tree of upright joints: what they ask of twist and rates.
 
 A twist of the base is (x, y, turn): the velocity of the root link in its own axes. A wheel that
 stands at p and heads along d(θ) = (cos θ, sin θ) has the rolling row k and the lateral row l,
 
     k = (d, d·(ẑ × p)),   l = (n, n·(ẑ × p)),   n = ẑ × d,   k′ = l, l′ = −k by θ.
 
-With the contact ρ away from the pivot p of a swivel that turns at φ̇, the contact's velocity along
-a direction d is d·(v + ω ẑ × p) + (d·(ẑ × ρ)) (ω + φ̇), whose second factor is constant.
+A wheel on a chain of upright joints that turn by φ₁, …, φ_k (a steered wheel, a caster, a trailer
+behind trailers) heads along d(θ_k), θ_j = ψ + φ₁ + … + φ_j. With the joints at 0 their axes stand
+at p₁, …, p_k, and p₀ = 0. Seen from the last body, the path from the axis j to the axis j + 1 turns
+at ω + φ̇₁ + … + φ̇_j and lies at φ_{j+1} + … + φ_k to the right of where it did, so that the speed
+along the heading of the point below the last axis is
 
-All rows are linear in the cosines and sines of a few angles, see :class:`TurningMatrix`.
+    d(θ_k)·v + Σ_j d(ψ + φ_{j+1} + … + φ_k)·(ẑ × (p_{j+1} − p_j)) (ω + φ̇₁ + … + φ̇_j),
+
+with j from 0 to k − 1. That across is its derivative by ψ. A contact ρ away from the last axis adds
+(d·(ẑ × ρ)) (ω + φ̇₁ + … + φ̇_k), whose first factor is constant.
+
+All rows are linear in the cosines and sines of a few sums of angles, see :class:`TurningMatrix`.
 """
 
 from __future__ import annotations
@@ -152,6 +160,45 @@ class DriveRows:
     gliding: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class SwivelMotion:
+    """How the ground sees a swivel: factors of twist and rates (3 + n_swivels,).
+
+    Attributes:
+        turning: In the rate at which it turns, ω + φ̇₁ + … + φ̇_k.
+        forward: (2, k, 3 + n_swivels) Of the cosines and sines of its k waves, in the speed along
+            its heading of the point below its axis.
+        G: (k, n_swivels) The waves' angles in joint positions, see :class:`TurningMatrix`.
+    """
+
+    turning: Array
+    forward: Array
+    G: Array
+
+    @property
+    def leftward(self) -> Array:
+        """Those of the speed to the left of its heading."""
+        cosines, sines = self.forward
+        return np.array([sines, -cosines])
+
+
+def swivel_motion(drive: Drive, swivel: Swivel) -> SwivelMotion:
+    """Return how a swivel moves over the ground, the swivels that carry it included."""
+    order = [each.joint for each in drive.swivels]
+    chain = drive.chain(swivel)
+    turning, last = np.eye(PLANAR + len(order))[2], (0.0, 0.0)
+    forward = np.zeros((2, len(chain), len(turning)))
+    G = np.zeros((len(chain), len(order)))
+    forward[:, 0, :2] = np.eye(2)
+    for k, joint in enumerate(chain):
+        x, y = np.subtract(joint.pivot, last)
+        forward[:, k] += np.outer([-y, x], turning)
+        column = order.index(joint.joint)
+        turning[PLANAR + column], last = joint.sign, joint.pivot
+        G[: k + 1, column] = joint.sign
+    return SwivelMotion(turning, forward, G)
+
+
 def drive_rows(drive: Drive, gliding: Collection[str] = ()) -> DriveRows:
     """Return the rows of a drive.
 
@@ -164,32 +211,36 @@ def drive_rows(drive: Drive, gliding: Collection[str] = ()) -> DriveRows:
     first = len(wheels) + drive.has_axle
     lateral = {s.joint: row for row, s in enumerate(owners, start=first)}
     lateral |= {s.joint: lateral[s.shares] for s in swivels if s.shares is not None}
-    followers = [s for s in drive.followers if s.joint not in gliding]
-    count = len(swivels) + 3 * len(followers)
-    constant = np.zeros((first + len(owners), PLANAR + len(swivels)))
-    harmonics = np.zeros((2, count, *constant.shape))
-    G, phase = np.zeros((count, len(swivels))), np.zeros(count)
-    glide: list[int] = []
+    shape = first + len(owners), PLANAR + len(swivels)
+    constant = np.zeros(shape)
     if drive.has_axle:
         constant[len(wheels), :PLANAR] = lateral_row(drive.point, drive.heading)
+    followers = [s for s in drive.followers if s.joint not in gliding]
+    motions = {s.joint: swivel_motion(drive, s) for s in swivels if s.joint not in gliding}
+    count = sum(len(motion.G) for motion in motions.values()) + 3 * len(followers)
+    harmonics, waves = np.zeros((2, count, *shape)), slice(0, 0)
+    G, phase = np.zeros((count, len(swivels))), np.zeros(count)
+    glide: list[int] = []
     for i, swivel in enumerate(swivels):
-        G[i, i], phase[i] = swivel.sign, swivel.heading
-        row, carried = lateral[swivel.joint], drive.carried(swivel)
+        row, carried = lateral[swivel.joint], list(drive.carried(swivel))
         if swivel.joint in gliding:
             constant[row, PLANAR + i] = 1.0
             glide += [*carried, row]
             continue
+        motion = motions[swivel.joint]
+        waves = slice(waves.stop, waves.stop + len(motion.G))
+        G[waves], phase[waves] = motion.G, swivel.heading
         for wheel in carried:
-            harmonics[:, i, wheel, :PLANAR] = _rolling(swivel.pivot)
-            constant[wheel, [2, PLANAR + i]] -= wheels[wheel].lateral * np.array([1.0, swivel.sign])
+            harmonics[:, waves, wheel] = motion.forward
+            constant[wheel] -= wheels[wheel].lateral * motion.turning
         if swivel.role != "follower":
-            harmonics[:, i, row, :PLANAR] = _lateral(swivel.pivot)
-            constant[row, [2, PLANAR + i]] += swivel.trail * np.array([1.0, swivel.sign])
-    for k, swivel in enumerate(followers):
-        waves = slice(len(swivels) + 3 * k, len(swivels) + 3 * (k + 1))
+            harmonics[:, waves, row] = motion.leftward
+            constant[row] += swivel.trail * motion.turning
+    for swivel in followers:
+        waves = slice(waves.stop, waves.stop + 3)
         row = lateral[swivel.joint]
         G[waves], phase[waves], harmonics[:, waves, row, PLANAR:] = _concurrence(drive, swivel)
-    matrix = TurningMatrix(constant, harmonics.reshape(2 * count, *constant.shape), phase, G)
+    matrix = TurningMatrix(constant, harmonics.reshape(2 * count, *shape), phase, G)
     return DriveRows(matrix, _across(drive, lateral), tuple(glide))
 
 

@@ -6,6 +6,7 @@ N = l₁ × l₂, and every further wheel has to head along the velocity that N 
 
 from __future__ import annotations
 
+import cmath
 import math as numbers
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -214,23 +215,27 @@ def trailing_positions(
 
     In steady motion along a twist a caster stands still: its contact, k behind its axis, lies
     asin(k ω/|V|) off the direction of its pivot's velocity V. In a bend tighter than its trail it
-    never does, and a right angle is taken; where its pivot stands still, 0.
+    never does, and a right angle is taken; where its pivot stands still, 0. So do trailers, each
+    seen from what pulls it.
 
     Args:
         twist: Twist of the root link (3,), of any length.
         casters: Which; None: those whose joint or wheels have actuators.
     """
-    positions = []
-    for swivel in drive.powered_casters if casters is None else casters:
+    positions, twists = {}, {None: twist}  # of the root link and of what trails it, their own axes
+    for swivel in (swivel for swivel in drive.swivels if swivel.trails):
         (x, y), position = swivel.pivot, 0.0
-        V = np.array([twist[0] - twist[2] * y, twist[1] + twist[2] * x])
-        speed = numbers.hypot(*V)
-        if speed > MIN_SPEED:
-            lag = numbers.asin(max(-1.0, min(1.0, -swivel.trail * twist[2] / speed)))
-            turn = numbers.atan2(V[1], V[0]) - lag - swivel.heading
+        ahead, left, turning = twists.get(swivel.parent, twist)
+        V = complex(ahead - turning * y, left + turning * x)
+        if abs(V) > MIN_SPEED:
+            lag = numbers.asin(max(-1.0, min(1.0, -swivel.trail * turning / abs(V))))
+            turn = cmath.phase(V) - lag - swivel.heading
             position = swivel.sign * numbers.remainder(turn, 2.0 * numbers.pi)
-        positions.append(position)
-    return np.array(positions)
+        positions[swivel.joint] = position
+        V *= cmath.exp(-1j * swivel.sign * position)
+        twists[swivel.joint] = np.array([V.real + turning * y, V.imag - turning * x, turning])
+    wanted = drive.powered_casters if casters is None else casters
+    return np.array([positions[swivel.joint] for swivel in wanted])
 
 
 def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
@@ -256,7 +261,7 @@ def heading_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
     Args:
         joints: Joints by name.
     """
-    swivels = [swivel for swivel in drive.swivels if swivel.role != "caster"]
+    swivels = [swivel for swivel in drive.swivels if not swivel.trails]
     return _tightest_bend(drive, joints, drive.steered if drive.has_axle else swivels)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint
-from rpctl.drive.drive import Swivel, SwivelSpec, WheelSpec
+from rpctl.drive.drive import TRAILING, Swivel, SwivelSpec, WheelSpec
 from rpctl.drive.wheel_size import rollers_of, round_parts, wheel_size
 
 MAX_AXLE_OFFSET = 0.02  # of the distance between two wheels: so far apart axles of a pair may be
@@ -38,7 +38,7 @@ class WheelCandidate:
         origin: Its origin (3,), m.
         axle: Its unit axis (3,).
         frame: Its rotation (3, 3).
-        swivel: The upright joint between it and the root link, or None.
+        swivel: The upright joint that carries it, or None where the root link does.
         radius: m; None if it is unknown.
         source: Where the radius came from.
         offset: Distance of the wheel's centre from the joint's origin along the axle, m.
@@ -86,20 +86,28 @@ class WheelCandidate:
 def find_candidates(tree: FrozenTree, specs: Mapping[str, WheelSpec]) -> list[WheelCandidate]:
     """Return the joints that could carry wheels.
 
-    Such a joint turns without limits about a level axis, and is held by the root link, rigidly or
-    by one upright joint.
+    Such a joint turns without limits about a level axis, and is held by the root link, rigidly, by
+    an upright joint, or by more of them, each of whose links carries wheels: trailers.
 
     Args:
         tree: The robot; its locked joints hold as fixed ones do.
         specs: What the user says of wheels, by joint.
     """
+    held: dict[str, list[Joint]] = {}  # what carries each joint
+    for joint in tree.description.joints:
+        above = tree.free_joints(joint.parent)
+        if (
+            turns_like_wheel(tree, joint)
+            and all(map(tree.is_upright, above))
+            and not _carries_arm(tree, joint)
+            and tree.is_level(joint)
+        ):
+            held[joint.name] = above
+    carrying = {above[-1].name for above in held.values() if above}
     return [
-        _candidate(tree, joint, specs.get(joint.name, WheelSpec(joint.name)))
-        for joint in tree.description.joints
-        if turns_like_wheel(tree, joint)
-        and _is_held(tree, joint)
-        and not _carries_arm(tree, joint)
-        and tree.is_level(joint)
+        _candidate(tree, tree.description.joint[name], specs.get(name, WheelSpec(name)))
+        for name, above in held.items()
+        if all(each.name in carrying for each in above)
     ]
 
 
@@ -114,7 +122,7 @@ def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec) -> WheelCandidat
         origin=frame[:3, 3],
         axle=tree.axis(joint),
         frame=frame[:3, :3],
-        swivel=next(iter(tree.free_joints(joint.parent)), None),
+        swivel=next(reversed(tree.free_joints(joint.parent)), None),
         radius=size.radius,
         source=size.source,
         offset=size.offset,
@@ -127,12 +135,6 @@ def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec) -> WheelCandidat
 def turns_like_wheel(tree: FrozenTree, joint: Joint) -> bool:
     """Return whether a joint is free, turns without limits, and follows no other joint."""
     return tree.is_free(joint) and joint.endless and joint.mimic is None
-
-
-def _is_held(tree: FrozenTree, joint: Joint) -> bool:
-    """Return whether the root link holds a joint, rigidly or by one upright joint."""
-    carriers = tree.free_joints(joint.parent)
-    return len(carriers) < 2 and all(map(tree.is_upright, carriers))
 
 
 def _carries_arm(tree: FrozenTree, joint: Joint) -> bool:
@@ -226,6 +228,8 @@ def moved_below(tree: FrozenTree, link: str) -> list[Joint]:
 MIN_TRAIL_M = 5e-3  # m, or
 MIN_TRAIL_RADII = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
 CASTER_WORDS = ("caster", "castor", "swivel")  # in a joint's name they end the doubt
+TRAILER_WORDS = ("trailer", "hitch", "drawbar")
+MIN_TRACK_RADII = 3.0  # between the wheels of a trailer; twin wheels of a caster stand closer
 SHARED_TRAIL_ROUNDING_M = 2e-3  # m; rounding of a file: a smaller trail of one of several
 TRAIL_ROUNDING_M = 1e-9  # m; a smaller one is that of numbers
 
@@ -241,7 +245,8 @@ class SwivelCandidate:
         sign: 1 where its axis points up, −1 where it points down.
         ahead: Rolling direction of its wheels (2,), forward, or away from the contact of a caster.
         trail: Distance of the contact ahead of the axis, m.
-        role: ``"steered"`` or ``"caster"``.
+        parent: The upright joint that carries it, or None where the root link does.
+        role: ``"steered"``, ``"caster"`` or ``"trailer"``.
         trails: Whether its contact is so far off its axis that it would trail.
         why: The reason for the role, in words.
         doubt: The evidence for the other role, in words; empty if there is none.
@@ -253,6 +258,7 @@ class SwivelCandidate:
     sign: float
     ahead: Array
     trail: float
+    parent: Joint | None
     role: str
     trails: bool
     why: str
@@ -273,7 +279,7 @@ class SwivelCandidate:
 
         Swivels that share a lateral force take its mean over one left.
         """
-        if self.role == "caster" or float(self.ahead @ forward) >= 0.0:
+        if self.role in TRAILING or float(self.ahead @ forward) >= 0.0:
             return self
         return replace(self, ahead=-self.ahead, trail=-self.trail)
 
@@ -312,6 +318,7 @@ class SwivelCandidate:
             shares=shares,
             ratio=1.0 if mimic is None else mimic.multiplier,
             offset=0.0 if mimic is None else mimic.offset,
+            parent=None if self.parent is None else self.parent.name,
             why=self.why,
         )
 
@@ -321,7 +328,7 @@ def find_swivels(
     wheels: tuple[WheelCandidate, ...],
     specs: Mapping[str, SwivelSpec],
 ) -> list[SwivelCandidate]:
-    """Return the swivels that carry the given wheels, in file order.
+    """Return the swivels that carry the given wheels, in file order, each after what carries it.
 
     Args:
         specs: What the user says of swivels, by joint.
@@ -330,14 +337,17 @@ def find_swivels(
     for wheel in wheels:
         if wheel.swivel is not None:
             groups.setdefault(wheel.swivel.name, []).append(wheel)
+    joints = {name: tree.description.joint[name] for name in groups}
+    above = {name: tree.free_joints(joint.parent) for name, joint in joints.items()}
+    towing = {each.name for carriers in above.values() for each in carriers}
     return [
-        _swivel_candidate(tree, tuple(group), specs.get(name, SwivelSpec(name)))
-        for name, group in groups.items()
+        _swivel_candidate(tree, tuple(groups[name]), specs.get(name, SwivelSpec(name)), towing)
+        for name in sorted(groups, key=lambda name: len(above[name]))
     ]
 
 
 def _swivel_candidate(
-    tree: FrozenTree, wheels: tuple[WheelCandidate, ...], spec: SwivelSpec
+    tree: FrozenTree, wheels: tuple[WheelCandidate, ...], spec: SwivelSpec, towing: Collection[str]
 ) -> SwivelCandidate:
     joint = wheels[0].swivel
     assert joint is not None
@@ -348,11 +358,23 @@ def _swivel_candidate(
     trail = float(ahead @ (contact - pivot))
     radius = max(wheel.radius or 0.0 for wheel in wheels)
     trails = abs(trail) > max(MIN_TRAIL_M, MIN_TRAIL_RADII * radius)
-    role, why, doubt = _role(joint, trail, trails, spec, joint.name in tree.description.actuated)
-    if role == "caster" and trail > 0.0:
+    apart = np.ptp([float(wheel.centre @ left) for wheel in wheels])
+    body = joint.name in towing or apart > MIN_TRACK_RADII * radius
+    role, why, doubt = _role(joint, trail, trails, body, spec, tree.description.actuated)
+    if role in TRAILING and trail > 0.0:
         ahead, trail = -ahead, -trail
     return SwivelCandidate(
-        joint, wheels, pivot, math.copysign(1.0, up), ahead, trail, role, trails, why, doubt
+        joint=joint,
+        wheels=wheels,
+        pivot=pivot,
+        sign=math.copysign(1.0, up),
+        ahead=ahead,
+        trail=trail,
+        parent=next(reversed(tree.free_joints(joint.parent)), None),
+        role=role,
+        trails=trails,
+        why=why,
+        doubt=doubt,
     )
 
 
@@ -360,10 +382,14 @@ def _role(
     joint: Joint,
     trail: float,
     trails: bool,
+    body: bool,
     spec: SwivelSpec,
-    actuated: bool,
+    actuated: Collection[str],
 ) -> tuple[str, str, str]:
-    """Return whether a swivel steers or trails, why, and what speaks against it."""
+    """Return whether a swivel steers or trails, why, and what speaks against it.
+
+    ``body`` is whether it carries a pair of wheels so wide, or another swivel, as no caster does.
+    """
     limited = math.isfinite(joint.upper - joint.lower)
     distance = f"contact {1e3 * abs(trail):.3g} mm off its axis"
     if abs(trail) < SHARED_TRAIL_ROUNDING_M:
@@ -372,11 +398,18 @@ def _role(
         return spec.role, "the drive file says so", ""
     if joint.mimic is not None:
         return "steered", f'it mimics "{joint.mimic.joint}"', ""
-    if actuated:
+    if joint.name in actuated:
         return "steered", "a transmission drives it", ""
+    choice = 'say role = "steered" of its [[swivel]] in a drive file if it steers'
+    named = any(word in f"{joint.name} {joint.child}".lower() for word in TRAILER_WORDS)
+    if trails and (named or (body and not (limited and joint.effort))):
+        why = f"{distance}, {'its name' if named else 'a pair of wheels or a further body'}"
+        doubt = (
+            f'"{joint.name}" is taken for the hitch of a trailer, which no motor turns; {choice}'
+        )
+        return "trailer", why, "" if named or not joint.effort else doubt
     named = any(word in joint.name.lower() for word in CASTER_WORDS)
-    doubt = f'"{joint.name}" is taken for a caster; say role = "steered" of its [[swivel]] in a '
-    doubt += 'drive file if it steers, "caster" if not'
+    doubt = f'"{joint.name}" is taken for a caster; {choice}, "caster" if not'
     if trails and not limited:
         return "caster", f"{distance}, no limits", "" if named else doubt
     if trails and named:

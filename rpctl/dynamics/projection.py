@@ -236,7 +236,7 @@ def _way_out(robot: Robot, names: list[str]) -> str:
     idle = [f'"{name}" (line {joint[name].line})' for name in arm]
     fixes = [f"hold it with {' '.join(f'--lock {name}' for name in arm)}"] if arm else []
     if len(arm) < len(names):
-        casters = {swivel.joint for swivel in drive.swivels if swivel.role == "caster"}
+        casters = {swivel.joint for swivel in drive.swivels if swivel.trails}
         base = [w.joint for w in drive.wheels if not (w.driven or w.slides or w.swivel in casters)]
         base += [s.joint for s in drive.steered if not s.driven]
         idle += [f'"{name}" (line {joint[name].line})' for name in base]

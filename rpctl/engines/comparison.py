@@ -192,7 +192,7 @@ def _joints(
     robot: Robot, model: EngineRecording, engine: EngineRecording, slack: Mapping[str, float]
 ) -> Iterator[EngineGap]:
     """Yield the joint that is farthest off in units of its band, of those that are no wheels."""
-    casters = {swivel.joint for swivel in robot.drive.swivels if swivel.role == "caster"}
+    casters = {swivel.joint for swivel in robot.drive.swivels if swivel.trails}
     free = casters | {wheel.joint for wheel in robot.drive.wheels}
     rows = []
     for name in robot.moving_joint_names:

@@ -261,7 +261,7 @@ def _forward(
     drive: Drive, raw: RawFile, placed: Mapping[str, PlacedWheel], heading: float
 ) -> Array:
     """Return the forward direction (2,): the heading's, or the first steered wheel's own."""
-    trailing = [swivel.joint for swivel in drive.swivels if swivel.role == "caster"]
+    trailing = [swivel.joint for swivel in drive.swivels if swivel.trails]
     steered = [w.joint for w in drive.wheels if w.swivel is not None and w.swivel not in trailing]
     if _fixed_wheels(drive) or not steered:
         return np.array([math.cos(heading), math.sin(heading)])
@@ -286,21 +286,31 @@ def _swivel(
     pose = poses[joint.parent] @ joint.origin
     carried = _in_order(raw, [drive.wheels[i].joint for i in drive.carried(swivel)])
     ahead = placed[carried[0]].ahead
-    if swivel.role != "caster" and float(ahead @ forward) < 0.0:
+    if not swivel.trails and float(ahead @ forward) < 0.0:
         ahead = -ahead
     contact = np.mean([placed[name].centre[:2] for name in carried], axis=0)
     trail = float(ahead @ (contact - pose[:2, 3]))
-    if swivel.role == "caster" and trail > 0.0:
+    if swivel.trails and trail > 0.0:
         ahead, trail = -ahead, -trail
     shared = drive.type == "steered" or bool(drive.followers)
-    still = SHARED_TRAIL_ROUNDING_M if shared and swivel.role != "caster" else LENGTH_ROUNDING_M
+    still = SHARED_TRAIL_ROUNDING_M if shared and not swivel.trails else LENGTH_ROUNDING_M
     return replace(
         swivel,
+        parent=_carrier(drive, raw, joint.parent),
         pivot=(float(pose[0, 3]), float(pose[1, 3])),
         heading=math.atan2(ahead[1], ahead[0]),
         sign=math.copysign(1.0, float((pose[:3, :3] @ joint.axis)[2])),
         trail=0.0 if abs(trail) < still else trail,
     )
+
+
+def _carrier(drive: Drive, raw: RawFile, link: str) -> str | None:
+    """Return the swivel that carries a link; None where the root link does."""
+    names = [swivel.joint for swivel in drive.swivels]
+    above = {joint.child: joint for joint in raw.joints}
+    while link in above and above[link].name not in names:
+        link = above[link].parent
+    return above[link].name if link in above else None
 
 
 def _wheel(

@@ -388,7 +388,7 @@ class MujocoEngine:
                 forward = self._direction(angle) @ cross(axle, DOWN)
                 yield speed + math.copysign(wheel.radius, forward) * unit[self._joints[wheel.joint]]
             if swivel.role != "follower":
-                row = self._along(angle + LEFT, swing, self._base(swivel.pivot))
+                row = self._along(angle + LEFT, swing, self._pivot(swivel))
                 name = swivel.shares or swivel.joint
                 lateral[name] = lateral.get(name, 0.0) + row + swivel.trail * swing
         yield from lateral.values()
@@ -420,14 +420,22 @@ class MujocoEngine:
 
     def _heading(self, swivel: Swivel) -> tuple[float, Array]:
         """Return a swivel's angle from the root link's x axis, rad, and the row of its turning."""
-        index = self._joints[swivel.joint]
-        swing = self._unit[2] + swivel.sign * self._unit[index]
-        return swivel.heading + swivel.sign * float(self._data.qpos[index]), swing
+        angle, swing = swivel.heading, self._unit[2]
+        for each in self._drive.chain(swivel):
+            index = self._joints[each.joint]
+            swing = swing + each.sign * self._unit[index]
+            angle += each.sign * float(self._data.qpos[index])
+        return angle, swing
+
+    def _pivot(self, swivel: Swivel) -> Array:
+        """Return [J, J̇ v] (3, nv + 1) of a place on a swivel's axis."""
+        joint = self._model.joint(swivel.joint).id
+        return self._jacobian(self._data.xanchor[joint], self._model.jnt_bodyid[joint])[0]
 
     def _carried(self, swivel: Swivel) -> Iterator[tuple[Array, Wheel]]:
         """Yield the row of the forward speed at each wheel that a swivel carries, and the wheel."""
         angle, swing = self._heading(swivel)
-        forward = self._along(angle, swing, self._base(swivel.pivot))
+        forward = self._along(angle, swing, self._pivot(swivel))
         for at in self._drive.carried(swivel):
             wheel = self._drive.wheels[at]
             yield forward - wheel.lateral * swing, wheel

@@ -4,7 +4,9 @@ A twist T = (x, y, turn) is the root link's velocity in its own axes. A wheel at
 d has the rows k = (d, d·(ẑ × p)) and l = (n, n·(ẑ × p)) with n = ẑ × d, the speeds of its place
 along and across its heading; as it turns, k̇ = φ̇ l and l̇ = −φ̇ k. Three rows fix T; the rates of
 all other swivels, and of the wheels on swivels, follow one by one, each with its drift: the part
-of its derivative that ν̇ does not make. Axes of states, if any, come first in all arrays.
+of its derivative that ν̇ does not make. What a swivel carries has a twist, too: that of the base,
+seen from axes that turn with the swivel, and the swivel's own rate. A trailer behind it is to it
+what a caster is to the base. Axes of states, if any, come first in all arrays.
 """
 
 from __future__ import annotations
@@ -24,6 +26,13 @@ class JointRate(NamedTuple):
 
     row: Array
     drift: Any
+
+
+class Twist(NamedTuple):
+    """The twist J ν of the root link, or of what a swivel carries, and the components' drift."""
+
+    J: Array  # (3, n)
+    drift: Array  # (3,)
 
 
 class BaseRates(NamedTuple):
@@ -60,16 +69,25 @@ def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Arra
         J[:, 1] = tree.point[1], -tree.point[0], identity[0, 0]
     elif drive.wheels:
         J[:, :3] = identity[:3, :3]
-    base = BaseRates(J, drift, rates)
+    carriers: dict[str | None, Twist] = {None: Twist(J, drift)}
     for swivel in drive.swivels:
-        if swivel.role == "caster":
-            rates[swivel.joint] = _caster_rate(tree, swivel.joint, positions, nu, base)
+        part = tree.swivels[swivel.joint]
+        carrier = carriers[part.parent]
+        if swivel.trails:
+            rates[swivel.joint] = _caster_rate(tree, part, positions, nu, carrier)
         elif swivel.role == "follower":
             rates[swivel.joint] = follower_rate(tree, drive, swivel, positions, nu, rates)
+        if any(each.parent == swivel.joint for each in tree.swivels.values()):
+            carriers[swivel.joint] = _carried(
+                tree, part, positions, nu, carrier, rates[swivel.joint]
+            )
     for wheel in drive.wheels:
         if wheel.swivel is not None:
-            rates[wheel.joint] = _wheel_rate(tree, wheel.joint, positions, nu, base)
-    return base
+            part = tree.swivels[wheel.swivel]
+            rates[wheel.joint] = _wheel_rate(
+                tree, wheel.joint, positions, nu, carriers[part.parent], rates[part.joint]
+            )
+    return BaseRates(J, drift, rates)
 
 
 def _steered_twist(
@@ -114,11 +132,43 @@ def _steered_twist(
     return J, np.matvec(inverse, vector(changes))
 
 
+def _carried(
+    tree: Tree,
+    part: SwivelPart,
+    positions: Mapping[str, Any],
+    nu: Array,
+    carrier: Twist,
+    turned: JointRate,
+) -> Twist:
+    """Return the twist of what a swivel carries, in the axes that it has at position 0.
+
+    The pivot belongs to both: its velocity is turned back, and the components' rates with it.
+    """
+    (x, y), position = part.pivot, positions[part.joint]
+    cos, sin = tree.scalars.cos(position), part.sign * tree.scalars.sin(position)
+    row = part.sign * turned.row
+    turning = carrier.J[..., 2, :] + row
+    ahead, left = (
+        carrier.J[..., 0, :] - y * carrier.J[..., 2, :],
+        (carrier.J[..., 1, :] + x * carrier.J[..., 2, :]),
+    )
+    rows = (lifted(cos) * ahead + lifted(sin) * left, lifted(cos) * left - lifted(sin) * ahead)
+    a, b, change = components(carrier.drift)
+    a, b, rate = a - y * change, b + x * change, dot(row, nu)
+    drifts = (
+        cos * a + sin * b + rate * dot(rows[1], nu),
+        cos * b - sin * a - rate * dot(rows[0], nu),
+    )
+    change = change + part.sign * turned.drift
+    J = in_rows([rows[0] + y * turning, rows[1] - x * turning, turning])
+    return Twist(J, vector([drifts[0] + y * change, drifts[1] - x * change, change]))
+
+
 def _caster_rate(
-    tree: Tree, joint: str, positions: Mapping[str, Any], nu: Array, base: BaseRates
+    tree: Tree, part: SwivelPart, positions: Mapping[str, Any], nu: Array, carrier: Twist
 ) -> JointRate:
     """Return the rate of a caster: l·T + trail (ω + φ̇) = 0 at its contact."""
-    part, (J, drift, _) = tree.swivels[joint], base
+    J, drift = carrier
     d = tree.heading(part, positions)
     row, trail = lateral(d, part.pivot), part.sign * part.trail
     turned = -(np.matvec(J.mT, row) + part.trail * J[..., 2, :]) / trail
@@ -128,12 +178,16 @@ def _caster_rate(
 
 
 def _wheel_rate(
-    tree: Tree, joint: str, positions: Mapping[str, Any], nu: Array, base: BaseRates
+    tree: Tree,
+    joint: str,
+    positions: Mapping[str, Any],
+    nu: Array,
+    carrier: Twist,
+    turned: JointRate,
 ) -> JointRate:
     """Return the rate of a wheel on a swivel: its place's speed along its heading, over r."""
-    wheel, (J, drift, rates) = tree.wheels[joint], base
-    swivel = str(wheel.swivel)
-    part, turned = tree.swivels[swivel], rates[swivel]
+    wheel, (J, drift) = tree.wheels[joint], carrier
+    part = tree.swivels[str(wheel.swivel)]
     d = tree.heading(part, positions)
     row, angle_row = rolling(d, part.pivot), part.sign * turned.row
     row_rate = lifted(dot(angle_row, nu)) * lateral(d, part.pivot)

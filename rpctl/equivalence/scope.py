@@ -23,7 +23,12 @@ GRAVITY = "gravity"
 ROLLING = "equations of motion under rolling without slipping on a plane"
 FIXED = "equations of motion on a fixed base"
 MESH_SOURCE = "bounds of"  # so begins the source of a radius that a mesh tells
-SWIVELS = {"steered": "steered", "follower": "following", "caster": "casters"}  # by role
+SWIVELS = {  # by role
+    "steered": "steered",
+    "follower": "following",
+    "caster": "casters",
+    "trailer": "trailers",
+}
 MAX_NAMES = 4  # that a phrase lists
 
 

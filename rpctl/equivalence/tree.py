@@ -174,10 +174,12 @@ class SwivelPart:
     """A swivel: its pivot (2,) and heading (2,) at position 0 in the root link's axes.
 
     ``sign`` is −1 where its axis points down, ``trail`` the distance of its contact ahead of it,
-    ``left`` the mean distance of its wheels' contacts to the left of it.
+    ``left`` the mean distance of its wheels' contacts to the left of it, ``parent`` the swivel that
+    carries it, if one does: its axes are those then.
     """
 
     joint: str
+    parent: str | None
     pivot: Array
     ahead: Array
     sign: Any
@@ -224,7 +226,7 @@ class Tree:
         self.point = scalars.numbers((*drive.point, 0.0), "length", "axle midpoint P")
 
     def heading(self, part: SwivelPart, positions: Mapping[str, Any]) -> Array:
-        """Return the rolling direction (..., 2) of a swivel, in the root link's axes."""
+        """Return the rolling direction (..., 2) of a swivel, in the axes of what carries it."""
         position = positions[part.joint]
         cos, sin = self.scalars.cos(position), part.sign * self.scalars.sin(position)
         x, y = part.ahead
@@ -276,6 +278,7 @@ class Tree:
         ahead = (math.cos(swivel.heading), math.sin(swivel.heading))
         return SwivelPart(
             joint=name,
+            parent=swivel.parent,
             pivot=self.scalars.numbers(swivel.pivot, "length", f"pivot of {name}"),
             ahead=self.scalars.numbers(ahead, "direction", ""),
             sign=number(swivel.sign, "number", ""),

@@ -114,19 +114,20 @@ def rate_usage(
 
 
 def _caster_rates(robot: Robot, twists: Array) -> dict[str, float]:
-    """Return bounds of the rates (rad/s) of idle casters and their wheels, by joint.
+    """Return bounds of the rates (rad/s) of idle casters, trailers and their wheels, by joint.
 
-    Such a caster's angle is no function of the reference: it may have to swing round first. With V
+    Such a one's angle is no function of the reference: it may have to swing round first. With V
     the speed of its pivot and k its trail, it turns over the ground at V/k at most.
 
     Args:
         twists: Twists of the root link (N, 3).
     """
-    found = {}
+    found, turning = {}, {None: np.abs(twists[:, 2])}
     for swivel in robot.drive.idle_casters:
-        speed, turning = pivot_speeds(swivel, twists), np.abs(twists[:, 2])
+        speed = pivot_speeds(robot.drive, swivel, twists)
         swing = speed / abs(swivel.trail)
-        found[swivel.joint] = float((swing + turning).max())
+        turning[swivel.joint] = swing
+        found[swivel.joint] = float((swing + turning.get(swivel.parent, turning[None])).max())
         for wheel in (robot.drive.wheels[i] for i in robot.drive.carried(swivel)):
             rolling = (speed + abs(wheel.lateral) * swing) / wheel.radius
             found[wheel.joint] = float(rolling.max())

@@ -249,7 +249,7 @@ def _steering_bounds(robot: Robot, path: Path, s: Array) -> list[Bound]:
     Raises:
         RpctlError: A pivot would stand on the centre of rotation: its wheel turned in no time.
     """
-    steering = [each for each in robot.drive.swivels if each.role != "caster"]
+    steering = [each for each in robot.drive.swivels if not each.trails]
     if not robot.drive.steered:
         return []
     at = Along()

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Swivel
+from rpctl.drive.drive import Drive, Swivel
 from rpctl.drive.steering import heading_radius, turning_radius
 from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, require_positive
@@ -264,15 +264,24 @@ def _wheel_bounds(robot: Robot, twist: Array) -> list[Bound]:
         rates = np.abs(twist @ rate)
         if wheel.swivel is not None:  # it heads along its pivot's velocity
             swivel = next(each for each in robot.drive.swivels if each.joint == wheel.swivel)
-            rates = pivot_speeds(swivel, root) / wheel.radius
+            rates = pivot_speeds(robot.drive, swivel, root) / wheel.radius
         if math.isfinite(limit):
             bounds.append(Bound(rates, np.zeros(len(rates)), limit))
     return bounds
 
 
-def pivot_speeds(swivel: Swivel, twists: Array) -> Array:
-    """Return the speeds (N,) of a swivel's pivot under twists of the root link (N, 3), m/s."""
+def pivot_speeds(drive: Drive, swivel: Swivel, twists: Array) -> Array:
+    """Return the speeds (N,) of a swivel's pivot under twists of the root link (N, 3), m/s.
+
+    Of a trailer's they are bounds: it turns at V/k at most, with V the speed of its own pivot and k
+    its trail.
+    """
     x, y = swivel.pivot
+    carrier = next((each for each in drive.swivels if each.joint == swivel.parent), None)
+    if carrier is not None and carrier.trails:
+        ahead = np.array([math.cos(carrier.heading), math.sin(carrier.heading)])
+        arm = math.dist(carrier.pivot + carrier.trail * ahead, swivel.pivot)
+        return pivot_speeds(drive, carrier, twists) * (1.0 + arm / abs(carrier.trail))
     return np.hypot(twists[:, 0] - twists[:, 2] * y, twists[:, 1] + twists[:, 2] * x)
 
 

@@ -186,7 +186,7 @@ class Model:
         Casters and followers do not determine it, so they glide here.
         """
         symbols, swivels = self.symbolic, self.robot.drive.swivels
-        gliding = [s.joint for s in swivels if s.role in ("caster", "follower")]
+        gliding = [s.joint for s in swivels if s.trails or s.role == "follower"]
         if gliding:
             symbols = SymbolicDynamics(self.robot, gliding=gliding)
         q = symbols.configuration(math.SX.zeros(BASE_NV), self.named(angles))

@@ -262,12 +262,13 @@ def _plan(
 
 def start(robot: Robot) -> Array:
     """Return where the motion starts (nq,): the arm at home, casters trailing."""
-    drive = robot.drive
+    drive, turned = robot.drive, dict[str | None, float]()
     joints = dict(zip(robot.joint_names, robot.home, strict=True))
     for swivel in drive.swivels:
-        if swivel.role == "caster":
+        if swivel.trails:
             trailing = drive.heading + (math.pi if swivel.trail > 0.0 else 0.0)
-            turn = swivel.sign * (trailing - swivel.heading)
+            turned[swivel.joint] = trailing - swivel.heading
+            turn = swivel.sign * (turned[swivel.joint] - turned.get(swivel.parent, 0.0))
             joints[swivel.joint] = math.remainder(turn, 2.0 * math.pi)
     return robot.configuration(joints=joints)
 

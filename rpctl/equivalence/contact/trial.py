@@ -216,7 +216,7 @@ def gaps(
 
 def caster_names(robot: Robot) -> list[str]:
     """Return the swivels of ``Motion.casters``."""
-    return [swivel.joint for swivel in robot.drive.swivels if swivel.role == "caster"]
+    return [swivel.joint for swivel in robot.drive.swivels if swivel.trails]
 
 
 def rolling_casters(robot: Robot, contacts: Contacts, engine: ContactMotion) -> dict[str, int]:

@@ -182,7 +182,7 @@ def configuration(robot: Robot, twist: Array) -> Array:
     if drive.steered:
         steering = steer(drive, np.vstack([root, np.zeros((2, 3))]))[0]
         joints |= zip((swivel.joint for swivel in drive.steered), steering.tolist(), strict=True)
-    casters = [swivel for swivel in drive.swivels if swivel.role == "caster"]
+    casters = [swivel for swivel in drive.swivels if swivel.trails]
     trailing = trailing_positions(drive, root, casters)
     joints |= zip((swivel.joint for swivel in casters), trailing.tolist(), strict=True)
     return robot.configuration(joints=joints)

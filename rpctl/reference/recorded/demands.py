@@ -197,7 +197,7 @@ def _stretches(outside: NDArray[np.intp], times: Array, lines: Array) -> Iterato
 
 
 def idle_joints(robot: Robot) -> set[str]:
-    """Return the idle casters and their wheels: no reference says how they move."""
+    """Return the idle casters, trailers and their wheels: no reference says how they move."""
     idle = {swivel.joint for swivel in robot.drive.idle_casters}
     return idle | {wheel.joint for wheel in robot.drive.wheels if wheel.swivel in idle}
 

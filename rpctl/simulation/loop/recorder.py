@@ -102,7 +102,7 @@ class _Reference:
         # added to them, angles (rad) and rates of the reference's wheels and casters. Wheels begin
         # at 0, casters where the robot's are.
         q = first.columns["q"][0]
-        casters = {swivel.joint for swivel in robot.drive.swivels if swivel.role == "caster"}
+        casters = {swivel.joint for swivel in robot.drive.swivels if swivel.trails}
         self._t = float(first.reference.t[0])
         self._headings, self._turns = self._headings_of(first)[0], np.zeros(2)
         self._angles = np.array(

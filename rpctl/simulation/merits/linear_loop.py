@@ -161,7 +161,7 @@ def _coordinates(dynamics: ReducedDynamics, q: Array) -> tuple[Array, list[int]]
     spread[base, base] = 1.0
     spread[:, len(base) :] = S[:, first:]
     rolling = [wheel.joint for wheel in robot.drive.wheels]
-    rolling += [swivel.joint for swivel in robot.drive.swivels if swivel.role == "caster"]
+    rolling += [swivel.joint for swivel in robot.drive.swivels if swivel.trails]
     spread[:BASE_NV, len(base) :] = 0.0
     spread[[robot.velocity_index(name) for name in rolling], len(base) :] = 0.0
     return spread, rows

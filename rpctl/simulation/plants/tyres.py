@@ -24,7 +24,7 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
-from rpctl.drive.rows import TurningMatrix, lateral_row, rolling_row
+from rpctl.drive.rows import TurningMatrix, lateral_row, rolling_row, swivel_motion
 from rpctl.dynamics.rolling import RollingConstraints, contact_point
 from rpctl.robot.model import BASE_NV, Robot
 
@@ -89,25 +89,28 @@ def contact_velocities(robot: Robot, rolling: RollingConstraints) -> ContactVelo
 def _fill_across(
     robot: Robot, wheel: Wheel, place: Array, constant: Array, harmonics: Array
 ) -> None:
-    """Fill the row (nv,) and its harmonics (2, n, nv) of a wheel's slip to its left.
+    """Fill the row (nv,) and its harmonics (2, m, nv) of a wheel's slip to its left.
 
     Args:
         robot: The robot.
         wheel: The wheel.
         place: Its contact point (3,) at neutral joints, m.
         constant: Zeros.
-        harmonics: Zeros, by swivel.
+        harmonics: Zeros, by wave.
     """
     if wheel.swivel is None:
         angle = math.atan2(wheel.direction[1], wheel.direction[0])
         constant[:BASE_NV] = lateral_row((place[0], place[1]), angle)
         return
-    k = [swivel.joint for swivel in robot.drive.swivels].index(wheel.swivel)
-    swivel = robot.drive.swivels[k]
-    harmonics[0, k, :BASE_NV] = lateral_row(swivel.pivot, 0.0)
-    harmonics[1, k, :BASE_NV] = lateral_row(swivel.pivot, 0.5 * math.pi)
-    constant[2] += swivel.trail
-    constant[robot.velocity_index(swivel.joint)] += swivel.trail * swivel.sign
+    swivels, first = robot.drive.swivels, 0
+    for swivel in swivels:
+        motion = swivel_motion(robot.drive, swivel)
+        count = len(motion.G)
+        if swivel.joint == wheel.swivel:
+            columns = [*range(BASE_NV), *(robot.velocity_index(each.joint) for each in swivels)]
+            harmonics[:, first : first + count, columns] = motion.leftward
+            constant[columns] += swivel.trail * motion.turning
+        first += count
 
 
 def _unshifted(robot: Robot, wheel: Wheel) -> float:

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from rpctl.drive.drive import BASE_SPEEDS, Drive
+from rpctl.drive.drive import BASE_SPEEDS, TRAILING, Drive
 from rpctl.dynamics.ground_reaction import Contacts
 from rpctl.robot.model import Robot
 
-ROLES = ("steered", "follower", "mimic", "caster")  # of a swivel
+ROLES = ("steered", "follower", "mimic", *TRAILING)  # of a swivel
 NAMES = (
     "quasi_velocities", "actuators", "joint_names", "steering_names", "other_names", "wheels_ref",
 )  # fmt: skip
@@ -251,7 +251,7 @@ def ground_facts(contacts: Contacts | None, friction: float) -> GroundFacts:
 
 def steered_joints(robot: Robot) -> tuple[str, ...]:
     """Return the joints that turn wheels, but for casters."""
-    return tuple(swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster")
+    return tuple(swivel.joint for swivel in robot.drive.swivels if not swivel.trails)
 
 
 def other_joints(robot: Robot) -> tuple[str, ...]:
@@ -263,5 +263,5 @@ def reference_wheels(robot: Robot) -> tuple[str, ...]:
     """Return the joints that a reference's motion turns: steered ones, wheels, casters."""
     drive = robot.drive
     steered = tuple(swivel.joint for swivel in drive.steered)
-    casters = tuple(swivel.joint for swivel in drive.swivels if swivel.role == "caster")
+    casters = tuple(swivel.joint for swivel in drive.swivels if swivel.trails)
     return (*steered, *(wheel.joint for wheel in drive.wheels), *casters)

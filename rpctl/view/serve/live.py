@@ -326,7 +326,7 @@ def _desired(robot: Robot, q: Array, state: ReferenceState) -> Array:
     there = configuration_along(robot, state)
     wanted = q.copy()
     wanted[:4] = there[:4]
-    turned = [swivel.joint for swivel in robot.drive.swivels if swivel.role != "caster"]
+    turned = [swivel.joint for swivel in robot.drive.swivels if not swivel.trails]
     for name in (*turned, *robot.joint_names, *(joint.name for joint in robot.mimics)):
         robot.set_joint(wanted, name, robot.joint_position(there, name))
     return wanted
