@@ -147,5 +147,5 @@ KINDS = {  # type of the drive, quasi-velocities of the base
     "omni": ("omni", ("vx", "vy", "omega")),
     "powered": ("powered-casters", ("vx", "vy", "omega")),
     "trailers": ("tricycle", ("v", "steer")),
-    "articulated": ("tricycle", ("v", "waist")),
+    "articulated": ("articulated", ("v", "waist")),
 }

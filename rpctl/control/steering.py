@@ -113,7 +113,8 @@ def base_command(
 
         δ̇_d = δ̇* + (δ* − δ)/h_s,    δ̈_d = δ̈_r + (δ̇* − δ̇)/h_s,    h_s = h/4,
 
-    predictive laws of first order, whose one approximation is the reference's δ̈_r for δ̈*.
+    predictive laws of first order, whose one approximation is the reference's δ̈_r for δ̈*. The
+    hitch of an articulated base takes part in its turning, see :func:`_bend`.
 
     Args:
         sheet: Where to write.
@@ -131,8 +132,9 @@ def base_command(
     towards = _direction(sheet, drive, at.direction, twist)
     wanted = steered_angles(sheet, drive, _of_root(sheet, robot, "m", towards), "d")
     along = steered_angles(sheet, drive, _of_root(sheet, robot, "r", at.direction), "f")
+    bend = _bend(sheet, robot, twist, measured) if drive.type == "articulated" else None
     commands = [
-        _joint_command(sheet, robot, k, measured, angles, time)
+        _joint_command(sheet, robot, k, measured, angles, time, bend)
         for k, angles in enumerate(zip(wanted, along, strict=True))
     ]
     rates, changes = (list(part) for part in zip(*commands, strict=True))
@@ -182,8 +184,40 @@ def _rolling(
     return speed, sheet.named("v_1_dot", rate / square)
 
 
+def _bend(sheet: Sheet, robot: Robot, twist: Sequence[Any], measured: Measured) -> tuple[Any, Any]:
+    """Write the rate of an articulated base's hitch that turns it as a twist asks, and its weight.
+
+    The rear axle's row is n·V + k (ω + φ̇) = 0, with V the hitch's velocity and k the trail. Towed
+    forward at a speed p the rear trails, so that φ̇ = −(n·V + k ω)/k keeps φ bounded. At rest and
+    pushed backwards it does not: the weight, p²/(p² + v_s²), is 0 there.
+
+    Args:
+        sheet: Where to write.
+        robot: The robot.
+        twist: Desired twist (3,) of P.
+        measured: The robot's state.
+    """
+    (swivel,) = robot.drive.steered
+    (x, y), (ahead, left, turn) = swivel.pivot, _of_root(sheet, robot, "b", twist)
+    angle = sheet.symbol("bend", measured.steered[0])
+    sheet.moves(angle, measured.steering_rates[0])
+    heading = swivel.heading + swivel.sign * angle
+    cos, sin = math.cos(heading), math.sin(heading)
+    V = ahead - turn * y, left + turn * x
+    towed = math.fmax(-numbers.copysign(1.0, swivel.trail) * (cos * V[0] + sin * V[1]), 0.0)
+    rate = -swivel.sign * ((cos * V[1] - sin * V[0]) / swivel.trail + turn)
+    weight = sheet.named("towed", towed**2 / (towed**2 + SLOW_SPEED**2))
+    return weight, sheet.named("bend_free", rate)
+
+
 def _joint_command(
-    sheet: Sheet, robot: Robot, k: int, measured: Measured, angles: tuple[Any, Any], time: Any
+    sheet: Sheet,
+    robot: Robot,
+    k: int,
+    measured: Measured,
+    angles: tuple[Any, Any],
+    time: Any,
+    bend: tuple[Any, Any] | None,
 ) -> tuple[Any, Any]:
     """Write the commanded rate and acceleration of a steered joint, within its limits.
 
@@ -194,6 +228,7 @@ def _joint_command(
         measured: The robot's state.
         angles: Where the joint shall be, and where it is on the reference, rad.
         time: Prediction time, s.
+        bend: Weight of another rate, and that rate, rad/s; see :func:`_bend`.
     """
     limits, name = robot.steering_limits, f"s{k + 1}"
     lower, upper = float(limits.lower[k]) + ANGLE_MARGIN, float(limits.upper[k]) - ANGLE_MARGIN
@@ -208,6 +243,10 @@ def _joint_command(
     follow = sheet.named(f"{name}_rate", math.if_else(free, sheet.rate(angle), 0.0))
     asked = sheet.named(f"{name}_ask", follow + (goal - actual) / time)
     change = math.if_else(free, feed, 0.0) + (follow - rate) / time
+    if bend is not None:
+        weight, other = bend
+        change += weight * (sheet.rate(other) - change) + sheet.rate(weight) * (other - asked)
+        asked = sheet.named(f"{name}_bent", asked + weight * (other - asked))
     # The nearer a limit, the slower towards it: (limit − δ)/BRAKE_TIME, which never passes it.
     near = [(limit - actual) / BRAKE_TIME for limit in (lower, upper)]
     least = -fastest if numbers.isinf(lower) else clipped(near[0], -fastest, numbers.inf)

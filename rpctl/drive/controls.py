@@ -45,8 +45,8 @@ KINDS_OF = {  # drives that a plugin or controller of a kind can move
     "skid-steer": ("differential", "skid-steer"),
     "mecanum": ("mecanum",),
     "omni": ("omni", "mecanum"),
-    "car-like": ("car-like", "tricycle", "bicycle", "steered"),
-    "tricycle": ("tricycle", "bicycle", "car-like"),
+    "car-like": ("car-like", "tricycle", "bicycle", "steered", "articulated"),
+    "tricycle": ("tricycle", "bicycle", "car-like", "articulated"),
 }
 
 

@@ -129,7 +129,7 @@ def _kind(evidence: Evidence) -> str | None:
     if steered and not fixed:
         return "steered" if len(steered) > 1 else None
     if steered:
-        several = "tricycle" if pairs else "bicycle"
+        several = "bicycle" if not pairs else "articulated" if steered[0].body else "tricycle"
         return (several if len(steered) == 1 else "car-like") if aligned else None
     if len(fixed) > 2 and not aligned and not _passive(evidence):
         return "omni"
@@ -163,6 +163,7 @@ def _fits(kind: str, evidence: Evidence) -> bool:
         "omni": len(fixed) > 2 and not steered,
         "bicycle": len(fixed) > 0 and len(steered) == 1,
         "tricycle": len(pairs) > 0 and len(steered) == 1,
+        "articulated": len(pairs) > 0 and len(steered) == 1 and steered[0].trails,
         "car-like": len(fixed) > 0 and len(steered) > 1,
         "steered": not fixed and len(steered) > 1,
         POWERED_CASTERS: evidence.trailing,

@@ -28,6 +28,7 @@ BASE_SPEEDS = {
     "skid-steer": ("v", "omega"),
     "car-like": ("v",),
     "tricycle": ("v",),
+    "articulated": ("v",),
     "bicycle": ("v",),
     "steered": ("v",),
     "omni": ("vx", "vy", "omega"),
@@ -35,7 +36,7 @@ BASE_SPEEDS = {
     POWERED_CASTERS: ("vx", "vy", "omega"),
     "fixed": (),
 }
-TYPES_WITH_AXLE = ("differential", "skid-steer", "car-like", "tricycle", "bicycle")
+TYPES_WITH_AXLE = ("differential", "skid-steer", "car-like", "tricycle", "articulated", "bicycle")
 
 TRAILING = ("caster", "trailer")  # roles of swivels whose rates follow from the base's motion
 
@@ -129,7 +130,7 @@ class Drive:
 
     Attributes:
         type: ``"differential"``, ``"skid-steer"``, ``"car-like"``, ``"tricycle"``,
-            ``"bicycle"``, ``"steered"``, ``"omni"``, ``"mecanum"``, ``"powered-casters"`` or
+            ``"articulated"``, ``"bicycle"``, ``"steered"``, ``"omni"``, ``"mecanum"``, ``"powered-casters"`` or
             ``"fixed"``.
         wheels: The wheels, front before rear and left before right, those of casters last.
         point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle, of a

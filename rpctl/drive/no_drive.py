@@ -28,6 +28,7 @@ NEEDS = {
     "omni": "three or more wheels, held by the root link, and none steered",
     "bicycle": "a wheel that the root link holds, and a steered one",
     "tricycle": "a pair of wheels that the root link holds, and a steered wheel",
+    "articulated": "a pair of wheels that the root link holds, and one on a driven hitch behind it",
     "car-like": "wheels that the root link holds, and two or more steered ones",
     "steered": "two or more steered wheels, and none that the root link holds",
     POWERED_CASTERS: "wheels that all trail upright joints, and none that the root link holds",

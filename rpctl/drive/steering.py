@@ -274,7 +274,8 @@ def _tightest_bend(drive: Drive, joints: Mapping[str, Joint], swivels: Sequence[
         joint, reach = joints[swivel.joint], np.subtract(swivel.pivot, drive.point)
         turn = swivel.sign * np.array([joint.lower, joint.upper]) + swivel.heading - drive.heading
         limit = min(float(np.abs(turn).min()), MAX_STEERING)
-        radii.append(abs(float(reach @ ahead)) / numbers.tan(limit) + abs(float(reach @ left)))
+        along = abs(float(reach @ ahead) * numbers.cos(limit) + swivel.trail)
+        radii.append(along / numbers.sin(limit) + abs(float(reach @ left)))
     return max(radii, default=0.0)
 
 

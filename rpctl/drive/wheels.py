@@ -248,6 +248,7 @@ class SwivelCandidate:
         parent: The upright joint that carries it, or None where the root link does.
         role: ``"steered"``, ``"caster"`` or ``"trailer"``.
         trails: Whether its contact is so far off its axis that it would trail.
+        body: Whether it carries a pair of wheels so wide, or another swivel, as no caster does.
         why: The reason for the role, in words.
         doubt: The evidence for the other role, in words; empty if there is none.
     """
@@ -261,6 +262,7 @@ class SwivelCandidate:
     parent: Joint | None
     role: str
     trails: bool
+    body: bool
     why: str
     doubt: str
 
@@ -373,6 +375,7 @@ def _swivel_candidate(
         parent=next(reversed(tree.free_joints(joint.parent)), None),
         role=role,
         trails=trails,
+        body=trails and body,
         why=why,
         doubt=doubt,
     )
