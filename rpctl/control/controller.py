@@ -47,7 +47,7 @@ from rpctl.control.velocity_output import (
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DiffersError, require_positive
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference, WrongAnswerError
+from rpctl.reference.motion import Reference, WrongAnswerError, require_pulling
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -146,6 +146,7 @@ class Controller:
         if isinstance(reference, str):
             reference = load_reference(robot, reference)
         require_callable("reference", reference)
+        require_pulling(robot, reference)
         if isinstance(kinematic, str):
             kinematic = kinematic_by_name(kinematic)
         if isinstance(dynamic, str):

@@ -129,9 +129,7 @@ class Drive:
     """How a robot meets the ground.
 
     Attributes:
-        type: ``"differential"``, ``"skid-steer"``, ``"car-like"``, ``"tricycle"``,
-            ``"articulated"``, ``"bicycle"``, ``"steered"``, ``"omni"``, ``"mecanum"``, ``"powered-casters"`` or
-            ``"fixed"``.
+        type: One of ``DRIVE_TYPES``.
         wheels: The wheels, front before rear and left before right, those of casters last.
         point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle, of a
             skid-steer drive its centre of rotation.

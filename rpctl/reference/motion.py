@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable
 from functools import partial
@@ -89,6 +90,36 @@ def end_effector_reference(robot: Robot, data: pin.Data, state: ReferenceState) 
         RpctlError: The robot has no end effector.
     """
     return robot.end_effector_pose(data, robot.configuration_at(state.pose, state.joints))
+
+
+PUSHED = 0.2  # of a hitch's speed, backwards: its trailer is pushed, not swung aside
+SLOW_M_S = 0.01  # a hitch that is slower is left to find its way
+MOMENTS = 200  # of a reference at which that is looked for
+
+
+def require_pulling(robot: Robot, reference: Reference, duration: float = 20.0) -> None:
+    """Refuse a reference that pushes a trailer: its hitch would fold, and no law holds it.
+
+    Args:
+        duration: How much of the reference counts, s.
+
+    Raises:
+        RpctlError: When it does so first, and how fast.
+    """
+    hitches = [swivel for swivel in robot.drive.trailers if swivel.parent is None]
+    for t in np.linspace(0.0, duration, MOMENTS) if hitches else ():
+        ahead, left, turn = (robot.root_velocity @ reference(float(t)).twist).tolist()
+        for swivel in hitches:
+            x, y = swivel.pivot
+            V = complex(ahead - turn * y, left + turn * x)
+            speed = (V * cmath.exp(-1j * swivel.heading)).real * math.copysign(1.0, swivel.trail)
+            if speed > max(SLOW_M_S, PUSHED * abs(V)):
+                raise RpctlError(
+                    f'the reference pushes the trailer behind "{swivel.joint}" backwards, at '
+                    f"{speed:.2g} m/s after {t:.3g} s: its hitch would fold, and no law of rpctl "
+                    "holds it; take a reference that goes forward, or hold the hitch with "
+                    f"--lock {swivel.joint}"
+                )
 
 
 class WrongAnswerError(RpctlError):

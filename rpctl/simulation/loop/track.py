@@ -16,7 +16,7 @@ from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.records import fields_of
-from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.motion import Reference, ReferenceState, require_pulling
 from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.recorded.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
@@ -327,6 +327,7 @@ def require_affordable(robot: Robot, config: Config, reference: Reference) -> Bu
         RpctlError: It would take too long, log too much, or never see its plant's delay pass.
     """
     duration = config.run.duration or default_duration(reference)
+    require_pulling(robot, reference, duration)
     budget = find_budget(robot, config.run, duration)
     budget.require_within_caps()
     if config.plant.delay > duration:

@@ -1,4 +1,4 @@
-"""Why a logged motion is none that the robot can make: it tips, slips, falls short, chatters.
+"""Why a logged motion is none that the robot can make: it tips, folds, falls short, chatters.
 
 Only what is certain counts, and what lasts: a wheel that lifts or slides for a moment comes back.
 What could be, for one split of the load among many, stays a note (``ground.py``).
@@ -14,10 +14,19 @@ from numpy.typing import NDArray
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.horizon.law import Horizon
 from rpctl.simulation.merits.ground import slip_ranges, tilts
-from rpctl.simulation.merits.outcome import CANNOT_HOLD, CHATTERS, SLIPS, TIPS, Outcome
+from rpctl.simulation.merits.outcome import (
+    CANNOT_HOLD,
+    CHATTERS,
+    JACK_KNIFED,
+    SLIPS,
+    TIPS,
+    Outcome,
+)
 from rpctl.simulation.run.run import Run
 
 LASTING_S = 0.1  # s: in it a wheel whose load is gone lifts by a millimetre or more
+FOLDED = 0.5 * math.pi  # rad: beyond it a trailer lies beside what pulls it
+NEAR = 0.01  # rad: laws that know the limits of a hitch stop as near to them
 FALLEN = math.radians(10.0)  # rad: no soft contact lets a robot lean so far
 THROWN = {"rad": 0.2, "m": 0.05}  # a joint so far off its reference is not held
 GROWN = 1.5  # times its error at the start, from which it may overshoot
@@ -27,7 +36,26 @@ CHATTER = 0.25  # of the limit: an effort that leaps by half of it, each sample,
 
 def impossible(run: Run) -> Outcome | None:
     """Return what makes a run impossible, the worst first; None if nothing does."""
-    return _tips(run) or _slips(run) or _cannot_hold(run) or _chatters(run)
+    return _jack_knifed(run) or _tips(run) or _slips(run) or _cannot_hold(run) or _chatters(run)
+
+
+def _jack_knifed(run: Run) -> Outcome | None:
+    """Return that a trailer has folded against what pulls it, or its hitch has met its limits."""
+    robot = run.robot
+    for swivel in robot.drive.trailers:
+        k = robot.other_names.index(swivel.joint)
+        lower, upper, _ = robot.other_limits[k]
+        angle = np.unwrap(run.log.others[:, k])
+        beyond = (angle < max(lower, -FOLDED) + NEAR) | (angle > min(upper, FOLDED) - NEAR)
+        if beyond.any():
+            at = int(np.argmax(beyond))
+            limits = f"{math.degrees(max(lower, -FOLDED)):.3g}° to "
+            limits += f"{math.degrees(min(upper, FOLDED)):.3g}°"
+            return Outcome(
+                JACK_KNIFED, f"{swivel.joint} leaves {limits} at {run.t[at]:.3g} s: the trailer "
+                f"has folded, {math.degrees(np.abs(angle).max()):.3g}° at most"
+            )  # fmt: skip
+    return None
 
 
 def _tips(run: Run) -> Outcome | None:

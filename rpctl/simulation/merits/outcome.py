@@ -5,8 +5,8 @@ far the point was from the reference's path (``path_error.py``). The end is the 
 run, means are over its last quarter.
 
 What makes a run impossible comes before all but the first two (``impossible.py``): the robot
-**tips** or **slips** for certain, a joint is thrown off its reference, which its motor **cannot
-hold**, or efforts **chatter**.
+**tips** or **slips** for certain, a trailer has **jack-knifed**, a joint is thrown off its
+reference, which its motor **cannot hold**, or efforts **chatter**.
 
 - **collided**: a link ran into an obstacle, the ground or another link
   (:mod:`rpctl.simulation.merits.collisions`), or the body that a law guards into an obstacle;
@@ -36,9 +36,10 @@ from rpctl.simulation.merits.path_error import PathTrace, length, trace_path
 
 TRACKED, LATE, STUCK, DIVERGING, COLLIDED = "tracked", "late", "stuck", "diverging", "collided"
 CHATTERS, CANNOT_HOLD, SLIPS, TIPS = "chatters", "cannot-hold", "slips", "tips"
+JACK_KNIFED = "jack-knifed"
 OUTCOMES = (  # from good to bad
     *(TRACKED, LATE, STUCK, DIVERGING),
-    *(CHATTERS, CANNOT_HOLD, SLIPS, TIPS, COLLIDED),
+    *(CHATTERS, CANNOT_HOLD, SLIPS, TIPS, JACK_KNIFED, COLLIDED),
 )
 SUCCESSES = (TRACKED, LATE)  # a law that slows down to keep limits is late, and does well
 

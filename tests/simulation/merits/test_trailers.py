@@ -1,0 +1,57 @@
+"""What becomes of trailers: pulled they follow, pushed they are refused, folded they are told."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import rpctl
+from rpctl.control.controller import Controller
+from rpctl.robot.model import Robot
+from rpctl.simulation.merits.summary import summarize
+from tests.vehicles import CASTERS, caster, rear_axle, start, trailer
+
+
+@pytest.fixture(scope="module")
+def tug(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """A differential base on a caster that pulls a trailer."""
+    parts = start()
+    rear_axle(parts)
+    caster(parts, "caster", *CASTERS[0], twin=False)
+    trailer(parts, "cart", "base", "-0.4 0.03 0.2", 0.7, "0 0 -1")
+    path = tmp_path_factory.mktemp("tug") / "tug.urdf"
+    path.write_text(parts.text("tug"))
+    return rpctl.load(path)
+
+
+def test_a_trailer_that_is_pulled_follows(tug: Robot) -> None:
+    """On a circle it settles where its axle, too, heads about the centre."""
+    run = rpctl.track(tug, "circle", duration=20.0)
+    assert summarize(run).outcome == "tracked"
+    radius, hitch, length = abs(run.nu[-1, 0] / run.nu[-1, 1]), 0.4, 0.7
+    swung = tug.joint_position(run.q[-1], "cart_hitch")
+    # The hitch lies on a wider circle than P, the trailer's axle a tangent's length off it.
+    assert swung == pytest.approx(_settled(radius, hitch, length), abs=0.03)
+
+
+def _settled(radius: float, hitch: float, length: float) -> float:
+    return math.atan(hitch / radius) + math.asin(length / math.hypot(radius, hitch))
+
+
+def test_a_trailer_that_folds_is_told(tug: Robot) -> None:
+    """Turning on the spot folds it: outcome, and exit code 1."""
+    run = rpctl.track(tug, "spin", duration=12.0)
+    assert summarize(run).outcome == "jack-knifed"
+    assert "cart_hitch leaves -80.2° to 80.2°" in summarize(run).outcome_sentence
+
+
+@pytest.mark.parametrize("at", ["track", "controller"])
+def test_a_trailer_is_not_pushed(tug: Robot, at: str) -> None:
+    """No law holds its hitch: refused before the start, with the way out."""
+    reference = rpctl.load_reference(tug, "reverse")
+    with pytest.raises(rpctl.RpctlError, match=r"pushes the trailer .* --lock cart_hitch"):
+        if at == "track":
+            rpctl.track(tug, reference, duration=5.0)
+        else:
+            Controller(tug, reference)
