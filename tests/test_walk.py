@@ -23,6 +23,7 @@ ROBOTS = {  # quasi-velocities, drive
     "skid_steer": (5, "skid-steer"),
     "car": (5, "car-like"),
     "tricycle": (3, "tricycle"),
+    "loader": (4, "articulated"),
     "bicycle": (2, "bicycle"),
     "swerve": (6, "steered"),
     "twin_casters": (5, "steered"),
@@ -50,7 +51,9 @@ SLOW_WALKS = {  # with the quick ones: one of a kind
     "tiago",
 }
 LIMITS_KEPT = {"mixed_chain", "tricycle", "omni"}  # by plain `track` in CI
-ON_AXLES = [name for name in OWN if ROBOTS[name][1] in ("car-like", "tricycle", "bicycle")]
+ON_AXLES = [
+    name for name in OWN if ROBOTS[name][1] in ("car-like", "tricycle", "articulated", "bicycle")
+]
 PAIRS = [
     (name, reference)
     for name in OWN

@@ -97,7 +97,9 @@ def reduced(
     products = float((scales.bias + scales.inertia @ np.abs(nu_dot)).max())
     limit = allowed(EXACT_TOLERANCE, products, largest)
     yield worst("inverse dynamics", "∂G/∂ν̇", (force - gradient) / largest, limit, names)
-    gap = (0.5 * found.rise - lost @ nu - force @ nu) / (largest * np.abs(nu).sum())
+    power = largest * float(np.abs(nu).sum())
+    gap = (0.5 * found.rise - lost @ nu - force @ nu) / power
+    limit = max(limit, allowed(EXACT_TOLERANCE, found.rise_size, power))
     yield worst("inverse dynamics along ν", "G itself", np.array([gap]), limit, ["ν"])
 
 
@@ -219,7 +221,8 @@ def engine(
     products = float(max(scales.inertia.max(), (spread**2).max()))
     inertia = relative("reduced inertia M", MUJOCO, M, theirs.M, names, products)
     yield replace(inertia, note=fused)
-    limit = allowed(EXACT_TOLERANCE, _swing(spread, nu), scales.force)
+    gyration = float((scales.inertia @ np.abs(nu)).max() * np.abs(nu).max())  # of ω × I ω
+    limit = allowed(EXACT_TOLERANCE, max(_swing(spread, nu), gyration), scales.force)
     gap = (dynamics.bias(q, nu) - theirs.h) / scales.force
     yield worst("reduced bias h", MUJOCO, gap, limit, names)
     yield relative("actuation B", MUJOCO, dynamics.actuation(q), theirs.B, names)

@@ -393,10 +393,12 @@ class RollingTerms:
     Attributes:
         terms: The equations.
         rise: G(ν̇ + ν) − G(ν̇ − ν), half of it the power of ∂G/∂ν̇ at ν; W.
+        rise_size: What it is the difference of, |G| + |G|; W.
     """
 
     terms: Terms
     rise: float
+    rise_size: float
 
 
 def free_terms(oracle: GibbsAppell, states: Sequence[State]) -> list[Terms | Broken]:
@@ -417,8 +419,10 @@ def rolling_terms(oracle: GibbsAppell, states: Sequence[State]) -> list[RollingT
         nu_dot, terms = np.array([s.nu_dot for s in states]), oracle.reduced(q, nu)
         # G is quadratic in ν̇, so this difference over a whole step is its derivative, not near it.
         after, before = oracle.gibbs(q, nu, np.array([nu_dot + nu, nu_dot - nu]))
-        rise = after - before
-        return [RollingTerms(terms.of(k), float(rise[k])) for k in range(len(states))]
+        rise, size = after - before, np.abs(after) + np.abs(before)
+        return [
+            RollingTerms(terms.of(k), float(rise[k]), float(size[k])) for k in range(len(states))
+        ]
 
     return _at_each(computed, states)
 

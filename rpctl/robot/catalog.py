@@ -62,6 +62,7 @@ ENTRIES = (
     _own("mecanum", "four mecanum wheels, lift, 4R arm", "mecanum"),
     _own("car", "car with Ackermann steering, 2R arm that extends"),
     _own("tricycle", "stacker whose one front wheel drives and steers, lift"),
+    _own("loader", "articulated wheel loader, boom and bucket"),
     _own("bicycle", "front wheel steers, rear wheel drives, no arm"),
     _own("swerve", "four steered wheels, lift, 2R arm"),
     _own("twin_casters", "four steered casters of two driven wheels, torso lift, head"),

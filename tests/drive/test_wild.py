@@ -395,7 +395,7 @@ def test_the_start_of_every_type_is_accepted(files: Files, kind: str) -> None:
     text = xml(axles(0.25, -0.25)) if four else vehicle(kind)
     drive = files.load(text, kind if four else "").drive
     radii = {wheel.joint: wheel.radius for wheel in drive.wheels}
-    roles = {s.joint: "caster" if s.role == "caster" else "steered" for s in drive.swivels}
+    roles = {s.joint: s.role if s.trails else "steered" for s in drive.swivels}
     start = suggest(drive.type, radii, roles)
     again = files.load(text, start).drive
     assert (again.type, again.point, again.track) == (drive.type, drive.point, drive.track)
