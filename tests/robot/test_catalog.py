@@ -12,6 +12,7 @@ ONE_OF_EACH = [*(name for name in names() if find(name).own), "tiago", "panda"]
 DETECTED = {  # where the wheels tell another drive than a differential one
     "car": "car-like",
     "tricycle": "tricycle",
+    "loader": "articulated",
     "bicycle": "bicycle",
     "swerve": "steered",
     "twin_casters": "steered",
