@@ -222,7 +222,8 @@ def trailing_positions(
         twist: Twist of the root link (3,), of any length.
         casters: Which; None: those whose joint or wheels have actuators.
     """
-    positions, twists = {}, {None: twist}  # of the root link and of what trails it, their own axes
+    positions: dict[str, float] = {}
+    twists: dict[str | None, Array] = {None: twist}  # of the root link and of what trails it, their own axes
     for swivel in (swivel for swivel in drive.swivels if swivel.trails):
         (x, y), position = swivel.pivot, 0.0
         ahead, left, turning = twists.get(swivel.parent, twist)

@@ -122,7 +122,8 @@ def _caster_rates(robot: Robot, twists: Array) -> dict[str, float]:
     Args:
         twists: Twists of the root link (N, 3).
     """
-    found, turning = {}, {None: np.abs(twists[:, 2])}
+    found: dict[str, float] = {}
+    turning: dict[str | None, Array] = {None: np.abs(twists[:, 2])}
     for swivel in robot.drive.idle_casters:
         speed = pivot_speeds(robot.drive, swivel, twists)
         swing = speed / abs(swivel.trail)
