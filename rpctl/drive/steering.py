@@ -223,7 +223,7 @@ def trailing_positions(
         casters: Which; None: those whose joint or wheels have actuators.
     """
     positions: dict[str, float] = {}
-    twists: dict[str | None, Array] = {None: twist}  # of the root link and of what trails it, their own axes
+    twists: dict[str | None, Array] = {None: twist}  # of root and trailers, in their own axes
     for swivel in (swivel for swivel in drive.swivels if swivel.trails):
         (x, y), position = swivel.pivot, 0.0
         ahead, left, turning = twists.get(swivel.parent, twist)
