@@ -309,7 +309,13 @@ def _doubts(evidence: Evidence) -> tuple[str, ...]:
         for wheel in evidence.grounded.wheels
         if wheel.uneven
     )
-    return tuple(filter(None, (*uneven, *(swivel.doubt for swivel in evidence.swivels))))
+    unread = (
+        f'wheel "{wheel.joint.name}": {wheel.unread}, so its radius, {wheel.radius:.4g} m, is that '
+        "of its other meshes; a drive file gives another"
+        for wheel in evidence.grounded.wheels
+        if wheel.unread
+    )
+    return tuple(filter(None, (*uneven, *unread, *(swivel.doubt for swivel in evidence.swivels))))
 
 
 def _evidence_sentences(kind: str, evidence: Evidence) -> tuple[str, ...]:

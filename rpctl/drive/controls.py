@@ -210,7 +210,8 @@ def _controllers(file: Path, text: str) -> Iterator[BaseControl]:
 def _wheel_joints(entry: _Entry) -> list[str]:
     """Return the joints that an entry names as wheels'."""
     key = entry.keys[-1]
-    if "wheel" not in key or "multiplier" in key or "separation" in key or "radius" in key:
+    names = "wheel" in key or key.endswith(("joint_name", "joint_names"))
+    if not names or "steer" in key or "multiplier" in key or "separation" in key or "radius" in key:
         return []
     texts = entry.value if isinstance(entry.value, list) else [entry.value]
     return [text for text in texts if positive_number(text) is None and text.lower() not in FLAGS]

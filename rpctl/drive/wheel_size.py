@@ -36,6 +36,7 @@ class WheelSize(NamedTuple):
     source: str
     offset: float  # of its centre from the joint's origin along the axle, m
     uneven: str = ""  # the two extents of its mesh across the axle, if they differ too much
+    unread: str = ""  # a mesh of the same kind that cannot be read, and why
     aside: float = 0.0  # distance of its middle from the axle, m
     width: float = 0.0  # along the axle, m; of a sphere 0
 
@@ -82,9 +83,11 @@ def wheel_size(tree: FrozenTree, joint: Joint) -> WheelSize:
         if size is not None:
             return size
     for role in SHAPE_ROLES:
-        size = _mesh_size(parts, joint.axis, role, paths, reasons)
+        unread: list[str] = []
+        size = _mesh_size(parts, joint.axis, role, paths, unread)
         if size is not None:
-            return size
+            return size._replace(unread="".join(unread[:1]))
+        reasons += unread
     return WheelSize(None, reasons[-1] if reasons else "", 0.0)
 
 

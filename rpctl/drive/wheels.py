@@ -44,6 +44,7 @@ class WheelCandidate:
         offset: Distance of the wheel's centre from the joint's origin along the axle, m.
         ball: Whether its shape is a sphere: a ball, unless nothing else is a wheel.
         uneven: The two extents of its mesh across the axle, in words, if they differ too much.
+        unread: Which mesh of it cannot be read, and why, in words, where others tell its radius.
         round: Whether its shapes are round about its axle.
     """
 
@@ -57,6 +58,7 @@ class WheelCandidate:
     offset: float
     ball: bool
     uneven: str
+    unread: str = ""
     round: bool = True
 
     @property
@@ -114,7 +116,7 @@ def find_candidates(tree: FrozenTree, specs: Mapping[str, WheelSpec]) -> list[Wh
 def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec) -> WheelCandidate:
     size = wheel_size(tree, joint)
     if spec.radius is not None:
-        size = size._replace(radius=spec.radius, source="drive file", uneven="")
+        size = size._replace(radius=spec.radius, source="drive file", uneven="", unread="")
     frame = tree.frame(joint)
     parts = round_parts(tree, joint)
     return WheelCandidate(
@@ -128,6 +130,7 @@ def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec) -> WheelCandidat
         offset=size.offset,
         ball=bool(parts) and all(part.shape.kind == "sphere" for part in parts),
         uneven=size.uneven,
+        unread=size.unread,
         round=bool(parts) or (size.radius is not None and not size.uneven),
     )
 

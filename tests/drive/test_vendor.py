@@ -142,6 +142,16 @@ def test_a_controller_in_the_workspace_tells_its_separation(
     assert "a drive file with track = " in found.message
 
 
+def test_a_controller_may_name_wheels_as_joints_only(tmp_path: Path) -> None:
+    """As a mecanum controller of ROS 2 does: ``front_left_joint_name``."""
+    joints = ("axle0_left", "axle0_right", "axle1_left", "axle1_right")
+    places = ("front_left", "front_right", "back_left", "back_right")
+    control = MECANUM + "".join(
+        f"  {place}_joint_name: {joint}\n" for place, joint in zip(places, joints, strict=True)
+    )
+    assert rpctl.load(workspace(tmp_path, control)).drive.type == "mecanum"
+
+
 MECANUM = "base:\n  type: mecanum_drive_controller/MecanumDriveController\n"
 
 

@@ -114,6 +114,15 @@ def test_of_meshes_the_widest_that_turns_with_the_wheel(files: Files) -> None:
     assert sizes(files, cart(both, both))[0] == pytest.approx(0.1)
 
 
+def test_a_tyre_that_cannot_be_read_is_a_doubt(files: Files) -> None:
+    """The hub's radius is not the wheel's: told, and --strict refuses it."""
+    disc(files.folder, "hub.stl", 0.1)
+    drive = files.load(cart(mesh("hub.stl") + mesh("tyre.stl", 0.06), mesh("hub.stl"))).drive
+    (doubt,) = drive.doubts
+    assert doubt.startswith('wheel "left": mesh "tyre.stl"')
+    assert "so its radius, 0.1 m, is that of its other meshes" in doubt
+
+
 def test_a_mesh_in_millimetres(files: Files) -> None:
     disc(files.folder, "disc.stl", 100.0)
     shape = mesh("disc.stl", 0.03).replace("<mesh", '<mesh scale="0.001 0.001 0.001"')

@@ -44,8 +44,10 @@ ROWS: dict[str, tuple[tuple[type, ...], ...]] = {  # lists of rows; a file's pat
     "moved": (TEXT, TEXT),
     "arguments": (TEXT, (str, type(None)), TEXT, (int,)),
     "old": (TEXT, TEXT, (int,)),
+    "plain": (TEXT, TEXT, (int,)),
 }
-FILES = {"wants": 1, "left_out": 0, "arguments": 2, "old": 0}  # columns that name files read
+# Columns that name files read.
+FILES = {"wants": 1, "left_out": 0, "arguments": 2, "old": 0, "plain": 0}
 
 
 class XacroFiles:

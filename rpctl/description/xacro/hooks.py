@@ -28,6 +28,14 @@ NAME = re.compile(r"[\w.-]*[\w-][\w.-]*")  # of a package: no path
 READ, GONE = b"\1", b"\0"  # how the reply to a request for a file begins
 MAX_REPLY = 2**40  # bytes; who replies has caps of its own
 FIND = re.compile(r"^\s*(?:\$\(\s*find\s+([^\s()]+)\s*\)|package://([^/\s]+))(/.*)$")
+# What a URDF has of its own; a macro may be called so, and means itself with its prefix only.
+URDF_ELEMENTS = {
+    "robot", "link", "joint", "material", "transmission", "gazebo", "ros2_control", "sensor",
+    "plugin", "inertial", "visual", "collision", "origin", "mass", "inertia", "geometry", "box",
+    "cylinder", "sphere", "capsule", "mesh", "color", "texture", "parent", "child", "axis", "limit",
+    "mimic", "dynamics", "calibration", "safety_controller", "actuator", "loop", "group",
+}  # fmt: skip
+OPAQUE = ("gazebo", "transmission", "ros2_control", "sensor")  # their elements are others' business
 OLD_ELEMENTS = ("macro", "property", "include")  # written without a prefix before ROS Jade
 
 
@@ -334,31 +342,37 @@ class FileScan:
         arguments: Name, default (None: it has none) and line of each argument that it declares.
         includes: The files that it includes, as they are written.
         old_element: Name and line of the first element of xacro that lacks its prefix.
+        macros: Names of the macros that it defines.
+        plain: First line of each element without a prefix that could be one's.
     """
 
     arguments: list[tuple[str, str | None, int]] = field(default_factory=list)
     includes: list[str] = field(default_factory=list)
     old_element: tuple[str, int] | None = None
+    macros: list[str] = field(default_factory=list)
+    plain: dict[str, int] = field(default_factory=dict)
 
 
 def scan(data: bytes) -> FileScan:
     """Return what a file's bytes say, up to where they are no XML."""
-    found, parser, depth = FileScan(), expat.ParserCreate(), 0
+    found, parser, above = FileScan(), expat.ParserCreate(), list[str]()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
         name, line = attributes.get("name", ""), parser.CurrentLineNumber
         if tag == "xacro:arg" and name:
             found.arguments.append((name, attributes.get("default"), line))
         elif tag == "xacro:include":
             found.includes.append(attributes.get("filename", ""))
-        elif depth == 2 and tag in OLD_ELEMENTS and found.old_element is None:  # below <robot>
-            found.old_element = tag, line
+        elif tag == "xacro:macro":
+            found.macros.append(name.removeprefix("xacro:"))
+        elif len(above) == 1 and tag in OLD_ELEMENTS and found.old_element is None:
+            found.old_element = tag, line  # below <robot>
+        elif ":" not in tag and tag not in URDF_ELEMENTS and not {*above} & {*OPAQUE}:
+            found.plain.setdefault(tag, line)
+        above.append(tag)
 
     def end(_: str) -> None:
-        nonlocal depth
-        depth -= 1
+        above.pop()
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     with suppress(expat.ExpatError):

@@ -59,6 +59,11 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
         lines += _fault(path, answer)
     elif not lines:
         lines += unused_arguments(path, answer, settings)
+        lines += [
+            say(_short(file, path), line, f"<{tag}> is xacro's without its prefix, and would be "
+            f"dropped; write <xacro:{tag} …>")
+            for file, tag, line in answer["plain"]
+        ]  # fmt: skip
     if lines:
         raise ExpansionError("\n".join(lines))
 

@@ -87,6 +87,7 @@ def _expand(request: dict[str, Any], outside: Outside) -> dict[str, Any]:
     hooks.install()
     arguments = Arguments(given, lambda: constant_defaults(scans()))
     answer: dict[str, Any] = {"dropped": []}
+    left: set[str] = set()  # elements of what it expands to
     try:
         xacro.init_stacks(file)
         document = xacro.parse(None, file)
@@ -94,6 +95,7 @@ def _expand(request: dict[str, Any], outside: Outside) -> dict[str, Any]:
         name_packages(document, hooks.found)
         if lenient and (hooks.left_out or hooks.lacks_includes):
             answer["dropped"] = drop_dangling(document)
+        left = {each.tagName for each in document.getElementsByTagName("*")}
         answer["text"] = document.toprettyxml(indent="  ")
     except ExpatError as error:
         reason = str(error).partition(": line")[0]
@@ -104,7 +106,7 @@ def _expand(request: dict[str, Any], outside: Outside) -> dict[str, Any]:
         hooks.want_meshes()
     return (
         answer
-        | _told(hooks, scans())
+        | _told(hooks, scans(), left)
         | {
             "early": sorted(arguments.early),
             "unused": [name for name in given if name not in arguments.used],
@@ -113,9 +115,11 @@ def _expand(request: dict[str, Any], outside: Outside) -> dict[str, Any]:
     )
 
 
-def _told(hooks: Hooks, said: dict[str, FileScan]) -> dict[str, Any]:
-    """Return what the files say, and what became of their includes."""
+def _told(hooks: Hooks, said: dict[str, FileScan], left: set[str]) -> dict[str, Any]:
+    """Return what the files say, and what became of their includes and macros."""
+    macros = left & {"insert_block"}.union(*(scan.macros for scan in said.values()))
     return {
+        "plain": [(f, n, k) for f, s in said.items() for n, k in s.plain.items() if n in macros],
         "wants": hooks.wants,
         "left_out": hooks.left_out,
         "moved": hooks.moved,

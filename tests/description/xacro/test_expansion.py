@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli.app import app
+from rpctl.description.xacro.expansion import expand
 from rpctl.description.xacro.messages import ExpansionError
 from rpctl.errors import DescriptionError
 from tests.description.corpus import BASE
@@ -133,3 +134,20 @@ def test_what_cannot_be_expanded_is_told(
     assert expected in message
     assert message.replace("\n", "").isprintable()
     assert message.startswith(str(path.parent))
+
+
+@pytest.mark.parametrize("left", ["<front_steer side='1'/>", "<insert_block name='origin'/>"])
+def test_a_macro_without_its_prefix_is_told_not_dropped(tmp_path: Path, left: str) -> None:
+    """What a URDF has of its own may be called like a macro."""
+    path = tmp_path / "robot.urdf.xacro"
+    macro = '<xacro:macro name="front_steer" params="side"><link name="steer"/></xacro:macro>'
+    macro += '<xacro:macro name="inertial" params="m"><link name="other"/></xacro:macro>'
+    head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
+    body = '<link name="base"><inertial><mass value="1"/></inertial></link>\n'
+    path.write_text(f"{head}{macro}{body}{left}</robot>")
+    tag = left[1:].partition(" ")[0]
+    with pytest.raises(ExpansionError, match=rf"xacro:3: error: <{tag}> .* write <xacro:{tag} …>"):
+        expand(path)
+    unused = f'<xacro:macro name="unused" params="">{left}</xacro:macro>'
+    path.write_text(f"{head}{macro}{unused}{body}</robot>")
+    assert "inertial" in expand(path).text

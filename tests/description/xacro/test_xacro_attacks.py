@@ -137,7 +137,8 @@ ANSWER: dict[str, Any] = {
     "told": "", "error": "no", "file": "/a", "line": 3, "macros": ["m"],
     "wants": [["p", "/a", None, "text"]], "left_out": [["/a", 4, "xacro:x"]],
     "moved": [["/a", "/b"]], "undeclared": ["/a"], "arguments": [["n", None, "/a", 2]],
-    "old": [["/a", "macro", 2]], "early": [], "unused": ["u"], "asked": ["A"], "dropped": ["d"],
+    "old": [["/a", "macro", 2]], "plain": [["/a", "wheel", 3]],
+    "early": [], "unused": ["u"], "asked": ["A"], "dropped": ["d"],
 }  # fmt: skip
 
 
