@@ -20,7 +20,7 @@ GROUND_TOLERANCE_M = 5e-3  # m; what is so near to the ground touches it (URDFs 
 GROUND_TOLERANCE_RADII = 0.1  # and so is a wheel within this share of its radius
 MECANUM_DEG = (20.0, 70.0)  # between a mecanum wheel's rollers and its axle; of an omni wheel 90
 WHEEL_WORDS = ("wheel", "tyre", "tire")
-MAX_CAMBER_SINE = 0.5  # of a wheel's axle off the level; a steeper one is no wheel's
+MAX_CAMBER_SINE = 0.9  # of a wheel's axle off the level; a steeper one steers
 NEAR_RADII = 1.0  # so many of its radii above the ground a wheel may end that hangs in a suspension
 
 

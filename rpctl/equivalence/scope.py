@@ -126,16 +126,18 @@ def _roles(robot: Robot) -> Iterator[str]:
     wheels = drive.wheels
     for label, names in (
         ("wheels on the ground", [wheel.joint for wheel in wheels]),
-        ("driven", [wheel.joint for wheel in wheels if wheel.driven]),
+        ("driven wheels", [wheel.joint for wheel in wheels if wheel.driven]),
+        ("undriven joints of the arm", [joint.name for joint in robot.joints if not joint.effort]),
         ("sliding", [wheel.joint for wheel in wheels if wheel.slides]),
         *(
             (label, [s.joint for s in drive.swivels if s.role == role])
             for role, label in SWIVELS.items()
         ),
     ):
-        if names:
-            every = label == "driven" and len(names) == len(wheels)
-            yield f"{label}: {'all' if every else listed(names, MAX_NAMES)}"
+        if label == "driven wheels" and wheels and len(names) in (0, len(wheels)):
+            yield f"{label}: {'all' if names else 'none'}"
+        elif names:
+            yield f"{label}: {listed(names, MAX_NAMES)}"
 
 
 def _joints(robot: Robot) -> Iterator[str]:

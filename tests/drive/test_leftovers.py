@@ -32,9 +32,9 @@ def two_swivels() -> Parts:
     return parts
 
 
-def tilted() -> Parts:
+def tilted(axis: str = "0 0.9848 0.1736") -> Parts:
     parts = base()
-    parts.wheel("front_wheel", "base", "0.5 0 0.1", axis="0 0.9848 0.1736")
+    parts.wheel("front_wheel", "base", "0.5 0 0.1", axis=axis)
     return parts
 
 
@@ -70,6 +70,7 @@ def idle_caster() -> Parts:
     [
         (two_swivels(), '"third" swivels about 2 upright axes', ("--lock outer", "--lock third")),
         (tilted(), '"front_wheel" has an axle 10° off the level', ("level its <axis>",)),
+        (tilted("1 1 1"), '"front_wheel" has an axle 35° off the level', ("level its <axis>",)),
         (limited(), '"front_wheel" has limits', ('make it "continuous"', "--lock front_wheel")),
         (moving(), '"front_wheel" moves other joints, "flap_joint"', ("--lock flap_joint",)),
         (high(), '"front_wheel" ends 200 mm above the ground', ("--free front_wheel",)),

@@ -126,6 +126,13 @@ def test_an_arm_with_a_transmission_is_driven_whatever_its_limit(tmp_path: Path)
     assert robot.actuators == (*WHEELS, "hinge") and math.isinf(robot.effort_limits[2])
 
 
+def test_the_certificate_names_what_nothing_drives(tmp_path: Path) -> None:
+    scope = rpctl.verify(rpctl.load(cart(tmp_path)), samples=1).scope
+    assert {"driven wheels: all", "undriven joints of the arm: hinge"} <= {*scope.assumes}
+    idle = write(tmp_path, idle_wheels(platform(SET_A)))
+    assert "driven wheels: none" in rpctl.verify(rpctl.load(idle), samples=1).scope.assumes
+
+
 def test_minus_one_is_no_limit(tmp_path: Path) -> None:
     path = cart(tmp_path)
     path.write_text(path.read_text().replace(IDLE, '<limit effort="-1" velocity="-1"/>'))

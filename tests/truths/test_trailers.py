@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rpctl
+from rpctl.drive import rows
+from rpctl.drive.drive import Drive, Swivel
 from rpctl.dynamics.rolling import constraint, find_rolling
 from rpctl.robot.model import Robot
 from tests import urdf
+from tests.proofs import failed
 from tests.vehicles import Parts, vehicle
 
 WHEELBASE, TRAILER = 3.6, 8.1  # m: vehicle 4 of commonroad-vehicle-models 3.0.2, a semi-trailer
@@ -78,10 +83,47 @@ def test_what_pulls_decides_how_trailers_roll(tmp_path: Path, rng: np.random.Gen
             assert abs(moved @ left) < 1e-8 * max(1.0, float(np.abs(v).max()))
 
 
+@pytest.fixture(scope="module")
+def train(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """A car that pulls two trailers, the last of which has a caster."""
+    path = tmp_path_factory.mktemp("train") / "trailers.urdf"
+    path.write_text(vehicle("trailers"))
+    return rpctl.load(path)
+
+
+def test_the_certificate_proves_trailers(train: Robot) -> None:
+    assert not failed(rpctl.verify(train, samples=3))
+
+
+@pytest.mark.parametrize("fault", ["turns with its carrier", "hangs on the root link"])
+def test_the_certificate_finds_wrong_rows(
+    train: Robot, fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rows that forget how a carrier turns, or that there is one, agree with no derivation."""
+    right = rows.swivel_motion
+
+    def wrong(drive: Drive, swivel: Swivel) -> rows.SwivelMotion:
+        if fault == "hangs on the root link":
+            return (
+                right(drive, replace(swivel, parent=None))
+                if swivel.parent
+                else right(drive, swivel)
+            )
+        motion = right(drive, swivel)
+        forward = motion.forward.copy()
+        forward[:, 1:, 3:] = 0.0
+        return replace(motion, forward=forward)
+
+    monkeypatch.setattr(rows, "swivel_motion", wrong)
+    names = {(check.name, check.against) for check in failed(rpctl.verify(train, samples=2))}
+    assert {
+        ("reduced inertia M", "Gibbs-Appell"),
+        ("wheels' contact at S ν", "the file's shapes"),
+    } <= names
+
+
 def robot_moved(robot: Robot, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return q moved along v."""
-    import pinocchio as pin
-
     return np.asarray(pin.integrate(robot.model, q, v))
 
 
@@ -89,8 +131,6 @@ def _place(
     robot: Robot, q: np.ndarray, link: str, x: float, y: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a place of a link (3,) in the world, and the direction to the link's left."""
-    import pinocchio as pin
-
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     pose = data.oMf[robot.model.getFrameId(link)]
