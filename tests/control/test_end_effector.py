@@ -259,24 +259,43 @@ def test_the_lever_weighs_turning_against_travelling(boomed: Robot, lever: float
 def test_the_derivative_knows_that_steering_turns_the_basis(
     tmp_path: Path, kind: str, orientation: bool, rng: np.random.Generator
 ) -> None:
-    """The rates of S(q) ν_d, whatever the base does by now."""
+    """The rates of S(q) ν_d, whatever the base does by now; no bound holds the arm's rate."""
     text = vehicle(kind).replace("</robot>", HAND)
     robot = rpctl.load(write(tmp_path, text), end_effector="hand")
     dynamics, reference = ReducedDynamics(robot), reference_by_name(robot, "eight")
-    drifts = []
+    pose, *_, (arm,), _, _, _ = reference(NOW)
     for _ in range(3):
         nu, nu_d, change = 0.3 * rng.normal(size=(3, robot.dof))
         law = EndEffector(asks(change, nu_d), orientation=orientation).start(dynamics, 0.01)
         steered = {s.joint: a for s, a in zip(robot.drive.steered, (0.4, -0.3), strict=False)}
-        q = robot.configuration(0.1, -0.2, 0.3, {**steered, "arm_joint": 0.2})
+        x, y, theta = pose + 0.02 * rng.normal(size=3)
+        q = robot.configuration(x, y, theta, {**steered, "arm_joint": arm + 0.1})
         v = dynamics.basis(q) @ nu
-        drifts.append(np.abs(dynamics.basis_drift(q, nu)[:3]).max())
 
         def asked(s: float) -> Array:
             at = pin.integrate(robot.model, q, s * v)  # noqa: B023 - called in this turn only
             return law(dynamics, reference, NOW + s, at, nu).nu_d  # noqa: B023
 
+        assert abs(arm + 0.1 + 0.4 * asked(0.0)[-1]) < 1.1  # h later; its limits are ±1.2 rad
         slope = (asked(STEP) - asked(-STEP)) / (2 * STEP)
         rate = law(dynamics, reference, NOW, q, nu).nu_d_dot
         np.testing.assert_allclose(rate, slope, atol=1e-6 * (1 + np.abs(slope).max()))
-    assert max(drifts) > 0.01
+
+
+def test_rates_stop_at_limits_by_paper_and_pencil(boomed: Robot) -> None:
+    """Of a boom that reaches .5 m and turns at up to 5 rad/s, between ±2 rad; h = .4 s."""
+    dynamics, still = ReducedDynamics(boomed), np.zeros(boomed.dof)
+    state = ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 1)))
+
+    def rate(aside: float, bend: float, damping: float = 1e-6) -> float:
+        law = EndEffector(asks(still, still), damping=damping).start(dynamics, 0.01)
+        q = boomed.configuration_at(np.array([0.0, -aside, 0.0]), np.array([bend]))
+        return float(law(dynamics, lambda t: state, NOW, q, still).nu_d[-1])
+
+    assert rate(0.1, 0.0) == pytest.approx(0.1 / 0.4 / 0.5, rel=1e-4)  # nothing binds
+    assert rate(3.0, 0.0) == pytest.approx(4.5, rel=1e-12)  # .9 of its speed
+    assert rate(-3.0, 0.0) == pytest.approx(-4.5, rel=1e-12)
+    assert rate(3.0, 1.0) == pytest.approx(2.5, rel=1e-12)  # (2 - 1)/h: its position's limit
+    assert rate(-3.0, -0.8) == pytest.approx(-3.0, rel=1e-12)
+    # Its full speed, 1 rad/s, moves the tip at σ = .5 m/s: at most σ/damping of full speed.
+    assert rate(3.0, 0.0, damping=1.0) == pytest.approx(0.5, rel=1e-9)
