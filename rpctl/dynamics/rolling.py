@@ -58,7 +58,7 @@ class RollingConstraints:
         return self.matrix.turn(positions)
 
     def drift(self, u: Array, v: Array) -> Array:
-        """Return Ȧ v (rows,) at such cosines and sines: what A v̇ must cancel."""
+        """Return Ȧ v (rows,) at such cosines and sines, and v (nv,): what A v̇ must cancel."""
         drift: Array = self.matrix.rate(u, v.take(self.index)).dot(v)
         return drift
 
@@ -110,11 +110,6 @@ def constraint(rolling: RollingConstraints, q: Array) -> Array:
     still along the row's direction.
     """
     return rolling.matrix.at(rolling.turn(q))
-
-
-def constraint_drift(rolling: RollingConstraints, q: Array, v: Array) -> Array:
-    """Return Ȧ v (rows,) at q (nq,) and v (nv,), rows in the order of :func:`constraint`."""
-    return rolling.drift(rolling.turn(q), v)
 
 
 def contact_point(robot: Robot, data: pin.Data, wheel: Wheel) -> Array:

@@ -11,13 +11,7 @@ from scipy.linalg import cho_factor, cho_solve, qr
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import (
-    RollingConstraints,
-    basis,
-    constraint,
-    constraint_drift,
-    selection,
-)
+from rpctl.dynamics.rolling import basis, selection
 from rpctl.equivalence.certificate import (
     DIFFERENCE_TOLERANCE,
     EXACT_TOLERANCE,
@@ -31,6 +25,7 @@ from rpctl.equivalence.certificate import (
 from rpctl.equivalence.energy import energy_rate, power_balance
 from rpctl.equivalence.gibbs_appell import GibbsAppell, RollingTerms, Terms
 from rpctl.equivalence.mujoco_engine import MujocoEngine
+from rpctl.equivalence.rolling_rows import RollingRows
 from rpctl.equivalence.state import (
     ForcedState,
     RoundingScales,
@@ -144,7 +139,7 @@ def definite(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
 
 
 def multipliers(
-    dynamics: ReducedDynamics, rolling: RollingConstraints, oracle: GibbsAppell, forced: ForcedState
+    dynamics: ReducedDynamics, rolling: RollingRows, oracle: GibbsAppell, forced: ForcedState
 ) -> Iterator[Check]:
     """Compare accelerations and constraint forces with the Lagrange-multiplier path.
 
@@ -268,7 +263,7 @@ class ConstrainedMotion:
 
 
 def constrained_motion(
-    robot: Robot, rolling: RollingConstraints, q: Array, v: Array, push: Array
+    robot: Robot, rolling: RollingRows, q: Array, v: Array, push: Array
 ) -> ConstrainedMotion:
     """Solve the tree's equations with multipliers, whatever the rank of A.
 
@@ -276,7 +271,7 @@ def constrained_motion(
         push: Generalised force (nv,) of actuators and losses, N·m or N.
     """
     data = robot.model.createData()
-    A, drift = _rows(rolling, q, v)
+    A, drift = rolling.at(q, v)
     force = push - pin.nonLinearEffects(robot.model, data, q, v)
     M = pin.crba(robot.model, data, q)
     factor = cho_factor(M)
@@ -294,9 +289,7 @@ def constrained_motion(
     return ConstrainedMotion(v_dot, multipliers, A.T @ multipliers)
 
 
-def pinocchio_motion(
-    robot: Robot, rolling: RollingConstraints, q: Array, v: Array, push: Array
-) -> Array:
+def pinocchio_motion(robot: Robot, rolling: RollingRows, q: Array, v: Array, push: Array) -> Array:
     """Return v̇ (nv,) by Pinocchio's own constrained dynamics.
 
     It is well posed for independent rows only, so as many rows of A are handed over as A has rank.
@@ -305,7 +298,7 @@ def pinocchio_motion(
         push: Generalised force (nv,) of actuators and losses, N·m or N.
     """
     data = robot.model.createData()
-    A, drift = _rows(rolling, q, v)
+    A, drift = rolling.at(q, v)
     if not len(A):
         return np.asarray(pin.aba(robot.model, data, q, v, push))
     _, triangle, order = qr(A.T, mode="economic", pivoting=True)
@@ -315,11 +308,6 @@ def pinocchio_motion(
         robot.model, data, q, v, push, np.ascontiguousarray(A[rows]), drift[rows]
     )
     return np.asarray(acceleration).copy()
-
-
-def _rows(rolling: RollingConstraints, q: Array, v: Array) -> tuple[Array, Array]:
-    """Return A (rows, nv) and Ȧ v (rows,)."""
-    return constraint(rolling, q), constraint_drift(rolling, q, v)
 
 
 def effort_columns(robot: Robot) -> Array:

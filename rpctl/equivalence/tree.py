@@ -283,7 +283,7 @@ class Tree:
             ahead=self.scalars.numbers(ahead, "direction", ""),
             sign=number(swivel.sign, "number", ""),
             trail=number(swivel.trail, "length", f"trail of {name}"),
-            left=number(sum(offsets) / len(offsets), "length", f"lateral offset of {name}"),
+            left=number(sum(offsets) / (len(offsets) or 1), "length", f"lateral offset of {name}"),
         )
 
     def _body(self, name: str, inertial: Any) -> Body:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import RollingConstraints, find_rolling
 from rpctl.dynamics.standing import stand_at_home
 from rpctl.equivalence import checks, mujoco_engine
 from rpctl.equivalence.certificate import (
@@ -30,6 +29,7 @@ from rpctl.equivalence.gibbs_appell import (
     free_terms,
     rolling_terms,
 )
+from rpctl.equivalence.rolling_rows import RollingRows
 from rpctl.equivalence.scope import Condition, Scope, conditions, find_scope, not_known
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
@@ -128,11 +128,11 @@ class Certificate:
 class _Derivations:
     """What is compared: the dynamics, the oracle, the file's shapes, MuJoCo where it takes part.
 
-    ``rolling`` are the rows of the multipliers' path, found apart from those of the dynamics.
+    ``rolling`` are the rows of the multipliers' path, the file's as it was measured.
     """
 
     dynamics: ReducedDynamics
-    rolling: RollingConstraints
+    rolling: RollingRows
     oracle: GibbsAppell
     geometry: Geometry
     mujoco: mujoco_engine.MujocoEngine | None
@@ -170,7 +170,7 @@ def verify(
     reading, dynamics = read(robot), ReducedDynamics(robot)
     geometry, oracle = Geometry(dynamics, reading), GibbsAppell(robot, reading=reading)
     mujoco, absent = _engine(robot, reading, engines)
-    derivations = _Derivations(dynamics, find_rolling(robot), oracle, geometry, mujoco)
+    derivations = _Derivations(dynamics, RollingRows(robot, oracle.tree), oracle, geometry, mujoco)
     standing = stand_at_home(dynamics)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
     skipped = (*geometry.skipped(), *absent, *not_known(standing))

@@ -16,7 +16,6 @@ from rpctl.arrays import Array
 from rpctl.dynamics.rolling import (
     basis,
     constraint,
-    constraint_drift,
     contact_point,
     find_rolling,
     selection,
@@ -68,7 +67,7 @@ def test_it_solves_the_equations_of_the_whole_tree(
         size = np.abs(at.S).max()
         np.testing.assert_allclose(A @ at.S, 0.0, atol=ROUNDING * size, err_msg=name)
         np.testing.assert_allclose(W @ at.S, np.eye(robot.dof), atol=ROUNDING * size, err_msg=name)
-        drift, turned = at.drift(nu), constraint_drift(rolling, q, at.S @ nu)
+        drift, turned = at.drift(nu), rolling.drift(rolling.turn(q), at.S @ nu)
         size = max(1.0, np.abs(drift).max(), np.abs(turned).max())
         np.testing.assert_allclose(A @ drift, -turned, atol=ROUNDING * size, err_msg=name)
         np.testing.assert_allclose(W @ drift, 0.0, atol=ROUNDING * size, err_msg=name)
@@ -262,7 +261,7 @@ def test_the_drift_is_the_rows_rate(robot: Robot, rng: np.random.Generator) -> N
             constraint(rolling, pin.integrate(robot.model, q, s * v)) for s in (step, -step)
         )
         rate = (ahead - behind) @ v / (2 * step)
-        assert constraint_drift(rolling, q, v) == pytest.approx(rate, abs=1e-7)
+        assert rolling.drift(rolling.turn(q), v) == pytest.approx(rate, abs=1e-7)
 
 
 def test_wheels_touch_the_ground(robot: Robot, rng: np.random.Generator) -> None:

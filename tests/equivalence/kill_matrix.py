@@ -30,6 +30,7 @@ from rpctl.equivalence import checks, wheel_slip
 from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import MujocoEngine
+from rpctl.equivalence.rolling_rows import RollingRows
 from rpctl.equivalence.wheel_slip import FileMotion, Slip
 from tests.equivalence import mutations, shared_faults
 from tests.equivalence.fault_injection import Injection, in_function, in_method, rolling_of
@@ -171,6 +172,12 @@ def lost(drift: Array, *arguments: Any) -> Array:
     return np.zeros_like(drift)
 
 
+def pushed(found: tuple[Array, Array], *arguments: object) -> tuple[Array, Array]:
+    """Return rows of rolling whose Ȧ v is a little off."""
+    A, drift = found
+    return A, drift + SMALL * np.arange(1.0, len(drift) + 1.0)
+
+
 def negative(robot: Robot) -> Robot:
     """Return a robot whose file itself gives its last arm link moments of inertia below zero."""
     name, description = robot.joints[-1].child.encode(), robot.description
@@ -209,6 +216,8 @@ FAULTS: dict[str, tuple[str, Injection]] = {
     "omni A: directions": ("omni", rolling_of(directions)),
     "file: an inertia below zero": (GENERAL, of_robot(negative)),
 }
+
+OF_ROLLING = [name for name in FAULTS if "A: " in name or "Ȧv: " in name]  # the product's rows
 
 
 def faster(found: Slip, *arguments: object) -> Slip:
@@ -255,6 +264,7 @@ PROBES: dict[str, tuple[str, Injection]] = {
     "MuJoCo: B": (GENERAL, in_class(MujocoEngine, "reduced", field("B"))),
     "Lagrange: v̇": (GENERAL, result_of(checks.constrained_motion, field("v_dot"))),
     "Lagrange: Aᵀλ": (GENERAL, result_of(checks.constrained_motion, field("force"))),
+    "Lagrange: Ȧv": (GENERAL, in_class(RollingRows, "at", pushed)),
     "Pinocchio: v̇": (GENERAL, result_of(checks.pinocchio_motion, scaled(1.0 + SMALL))),
     "inverse: 1e-11 of M ν̇": (GENERAL, in_method("inverse", heavier)),
     "forward: 1e-6": (GENERAL, in_method("forward", mutations.scaled(slice(None)))),

@@ -113,11 +113,6 @@ def drifting(original: Callable[..., Array], at: Projection, nu: Array) -> Array
     return drift
 
 
-def pushed(original: Callable[..., Array], *arguments: Any) -> Array:
-    drift = original(*arguments)
-    return drift + SMALL * np.arange(1.0, len(drift) + 1.0)
-
-
 def swapped(original: Callable[..., Array], *arguments: Any) -> Array:
     W = original(*arguments)
     W[[-1, -2]] = W[[-2, -1]]
@@ -191,7 +186,6 @@ MUTATIONS: dict[str, Injection] = {
     "A: contact ahead of the axle": in_function(rolling.find_rolling, ahead),
     "A: mimic ratio": rolling_of(mimic(1.0 + SMALL)),
     "A: mimic sign": rolling_of(mimic(-1.0)),
-    "Ȧv: not at rest": in_function(rolling.constraint_drift, pushed),
     "model: gravity 9.80665": in_model(gravity([0.0, 0.0, -9.80665])),
     "model: gravity tilted": in_model(gravity([SMALL * 9.81, 0.0, -9.81])),
     "model: wheel inertia dropped": in_model(without_wheel_inertia),

@@ -15,6 +15,7 @@ from rpctl.equivalence import (
     mujoco_engine,
     planar,
     raw_file,
+    rolling_rows,
     tree,
     wheel_slip,
 )
@@ -46,6 +47,7 @@ READERS = (raw_file, file_wheels, file_drive, wheel_slip)
 ASKED = {  # rooms that a module may ask for some names alone, those, and attributes that it has not
     gibbs_appell: (SIMULATED, set(), MODEL),
     mujoco_engine: ((*SIMULATED, *GIBBS_APPELL), FOLLOWERS, MODEL),
+    rolling_rows: ((*SIMULATED, *GIBBS_APPELL), set(), MODEL),
     **dict.fromkeys((model, mujoco_body), (SIMULATED, STANCE, MODEL)),
     **dict.fromkeys(READERS, (READ, RECORDS, READING | {"tree"})),
     **dict.fromkeys((tree, planar), (("rpctl.description",), set(), READING)),

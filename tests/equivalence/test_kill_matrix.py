@@ -16,6 +16,7 @@ from tests.equivalence.kill_matrix import (
     FAULTS,
     GENERAL,
     MAX_ROWS_TRIPPED,
+    OF_ROLLING,
     PROBES,
     SAMPLES,
     CheckKey,
@@ -49,6 +50,18 @@ def test_without_a_fault_it_passes(who: str) -> None:
 def test_a_fault_trips_two_rows_or_more(name: str) -> None:
     who, inject = FAULTS[name]
     assert len({check.name for check in tripped(robot_of(who), inject)}) >= 2
+
+
+@pytest.mark.parametrize("name", OF_ROLLING)
+def test_the_multipliers_have_rows_of_their_own(name: str) -> None:
+    """Of the dynamics' rows, A or Ȧ v is wrong: the multipliers' path does not have them."""
+    who, inject = FAULTS[name]
+    found = {(check.name, check.against) for check in tripped(robot_of(who), inject)}
+    assert found >= {
+        ("accelerations", "Lagrange multipliers"),
+        ("accelerations", "Pinocchio, constrained"),
+        ("constraint forces Aᵀ λ", "Lagrange multipliers"),
+    }
 
 
 def test_every_row_is_tripped_by_a_fault_that_trips_few_others() -> None:
