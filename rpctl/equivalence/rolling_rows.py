@@ -109,7 +109,7 @@ class RollingRows:
         row = np.zeros(self._robot.nv, dtype=complex)
         for turning in meeting:
             a, b, c = [
-                *([self._axle()[:PLANAR]] if self._drive.has_axle else ()),
+                *([self._axle()[:PLANAR]] if self._drive.has_axle else []),
                 *(
                     self.contact(each, positions, (0.0, 0.0), LEFT * (each is not turning))[:PLANAR]
                     for each in meeting

@@ -76,7 +76,7 @@ def test_a_plan_leads_from_the_robot_to_its_reference(bicycle: Robot, name: str)
     """At both ends pose, speed and curvature are those of the robot and of the reference."""
     reference = reference_by_name(bicycle, name.split()[0])
     if "backwards" in name:
-        reference = backwards(reference)
+        reference: Reference = backwards(reference)
     for error in FAR:
         way = plan(bicycle, reference, error)
         first, last = (way(t, reference(t)) for t in (2.0, way.joins_at))
