@@ -74,9 +74,9 @@ def backwards(reference: Reference) -> Reference:
 @pytest.mark.parametrize("name", ["line", "reverse", "circle", "eight", "circle backwards"])
 def test_a_plan_leads_from_the_robot_to_its_reference(bicycle: Robot, name: str) -> None:
     """At both ends pose, speed and curvature are those of the robot and of the reference."""
-    reference = reference_by_name(bicycle, name.split()[0])
+    reference: Reference = reference_by_name(bicycle, name.split()[0])
     if "backwards" in name:
-        reference: Reference = backwards(reference)
+        reference = backwards(reference)
     for error in FAR:
         way = plan(bicycle, reference, error)
         first, last = (way(t, reference(t)) for t in (2.0, way.joins_at))
