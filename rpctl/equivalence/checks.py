@@ -208,7 +208,9 @@ def engine(
         other: The same robot in the other engine.
     """
     q, nu, names = state.q, state.nu, dynamics.robot.quasi_velocities
-    theirs, M = other.reduced(q, nu), dynamics.inertia(q)
+    # Places in the world round with its distance, and a wheel's rate squared multiplies them: their
+    # equations, which know no place, are taken at the origin.
+    theirs, M = other.reduced(np.array([0.0, 0.0, *q[2:]]), nu), dynamics.inertia(q)
     fused = f"part of the body that carries it: {'; '.join(other.refused)}" if other.refused else ""
     data = dynamics.robot.model.createData()
     centre = pin.centerOfMass(dynamics.robot.model, data, q)  # MuJoCo takes inertias about it
@@ -216,8 +218,8 @@ def engine(
     products = float(max(scales.inertia.max(), (spread**2).max()))
     inertia = relative("reduced inertia M", MUJOCO, M, theirs.M, names, products)
     yield replace(inertia, note=fused)
-    gyration = float((scales.inertia @ np.abs(nu)).max() * np.abs(nu).max())  # of ω × I ω
-    limit = allowed(EXACT_TOLERANCE, max(_swing(spread, nu), gyration), scales.force)
+    products = max(_swing(spread, nu), _spin(dynamics, q, nu))
+    limit = allowed(EXACT_TOLERANCE, products, scales.force)
     gap = (dynamics.bias(q, nu) - theirs.h) / scales.force
     yield worst("reduced bias h", MUJOCO, gap, limit, names)
     yield relative("actuation B", MUJOCO, dynamics.actuation(q), theirs.B, names)
@@ -233,6 +235,21 @@ def engine(
 def _swing(spread: Array, nu: Array) -> float:
     """Return the size of velocity terms whose inertias are spread out, N·m or N."""
     return float(spread.max() * (spread @ np.abs(nu)) * np.abs(nu).max())
+
+
+def _spin(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
+    """Return the size of what a wheel's centripetal acceleration would make of its inertia.
+
+    A wheel's centre has none, but lies off its axle by what rounds of its place.
+    """
+    robot, data = dynamics.robot, dynamics.robot.model.createData()
+    joints = [robot.model.getJointId(wheel.joint) for wheel in robot.drive.wheels]
+    at = [robot.model.joints[joint].idx_v for joint in joints]
+    S, inertia = np.abs(dynamics.basis(q)[at]), np.diag(pin.crba(robot.model, data, q))[at]
+    pin.forwardKinematics(robot.model, data, q)
+    off = [np.linalg.norm(data.oMi[each].translation - data.oMi[1].translation) for each in joints]
+    pulled = inertia * off * (S @ np.abs(nu)) ** 2 * S.max(axis=1, initial=0.0)
+    return float((S.T @ pulled).max())
 
 
 def velocity_names(robot: Robot) -> list[str]:

@@ -127,6 +127,9 @@ NASTY: dict[str, Build] = {
     "1 mm long": partial(size, scale=1e-3),
     "30 times as long": partial(size, scale=30.0),
     "origin 100 m away": partial(far_origin, distance=100.0),
+    "wheels in kg mm²": lambda folder: on_platform(
+        folder, arm([3.0, 2.0]), I_s=10.0, I_d=10.0, r=0.02
+    ),
     "caster with 2 mm of trail": partial(short_caster, trail=2e-3),
     "steering without a motor": partial(tricycle, motors="rear_left rear_right"),
     "front wheel drives alone": partial(tricycle, motors="front"),
