@@ -12,7 +12,8 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.records import Description, Joint, Shape
 
-MAX_TILT_SINE = 0.02  # sine of the largest angle off an upright, level or parallel line (rounding)
+MAX_TILT_SINE = 0.02  # sine of the largest angle off a level or parallel line (rounding)
+MAX_LEAN_DEG = 10.0  # of a steering axis, which cars have on purpose
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,14 @@ class FrozenTree:
         return np.asarray(self.frame(joint)[:3, :3] @ joint.axis)
 
     def is_upright(self, joint: Joint) -> bool:
-        """Return whether a joint turns about an upright axis."""
+        """Return whether a joint turns about an upright axis, which may lean by 10°."""
+        lean = math.hypot(*self.axis(joint)[:2])
+        return joint.kind != "prismatic" and lean <= math.sin(math.radians(MAX_LEAN_DEG))
+
+    def is_leaning(self, joint: Joint) -> bool:
+        """Return whether a joint turns about an axis nearer to upright than level, and leans."""
         axis = self.axis(joint)
-        return joint.kind != "prismatic" and math.hypot(axis[0], axis[1]) <= MAX_TILT_SINE
+        return joint.kind != "prismatic" and MAX_TILT_SINE < math.hypot(*axis[:2]) < abs(axis[2])
 
     def is_level(self, joint: Joint) -> bool:
         """Return whether the axis of a joint is level."""

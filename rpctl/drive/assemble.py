@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.description.frozen_tree import FrozenTree
 from rpctl.drive.drive import (
     POWERED_CASTERS,
     TRAILING,
@@ -444,9 +445,20 @@ def _require_contacts(kind: str, evidence: Evidence, swivels: list[Swivel]) -> N
         shared = swivel.role == "follower" or (kind == "steered" and not swivel.trails)
         if shared and swivel.trail:
             joint = evidence.description.joint[swivel.joint]
+            carried = (w for w in evidence.grounded.wheels if w.swivel is joint)
+            edits = (_under_axis(evidence.tree, wheel, swivel) for wheel in carried)
             raise DriveError(
                 f'{evidence.description.path}:{joint.line}: the wheels of "{swivel.joint}" stand '
                 f"{1e3 * abs(swivel.trail):.3g} mm off its axis, where several steered wheels are "
-                "to share one centre of rotation; put them under the axis, or say role = "
-                '"caster" of its [[swivel]] in a drive file'
+                f"to share one centre of rotation; put them under it, {', '.join(edits)}, or say "
+                'role = "caster" of its [[swivel]] in a drive file if it trails'
             )
+
+
+def _under_axis(tree: FrozenTree, wheel: WheelCandidate, swivel: Swivel) -> str:
+    """Return the place of a wheel's joint that takes it below the axis of its swivel."""
+    ahead = np.array([math.cos(swivel.heading), math.sin(swivel.heading), 0.0])
+    held = tree.pose(wheel.joint.parent)
+    place = held[:3, :3].T @ (wheel.origin - swivel.trail * ahead - held[:3, 3])
+    numbers = " ".join(f"{number:.6g}" for number in np.round(place, 6) + 0.0)
+    return f'"{wheel.joint.name}" (line {wheel.joint.line}) to <origin xyz="{numbers}" .../>'

@@ -12,7 +12,13 @@ from rpctl.drive.controls import PLANAR, BaseControl, plugin_controls
 from rpctl.drive.drive import FIXED_BASE, POWERED_CASTERS, Drive, DriveSpec
 from rpctl.drive.evidence import Evidence, gather_evidence
 from rpctl.drive.leftovers import explain_leftovers, lock_option
-from rpctl.drive.no_drive import explain_no_drive, misaligned_axes, wheels_on_fixed_joints
+from rpctl.drive.no_drive import (
+    explain_no_drive,
+    fixed_steering,
+    misaligned_axes,
+    upright_spinners,
+    wheels_on_fixed_joints,
+)
 from rpctl.drive.wheels import (
     SwivelCandidate,
     WheelCandidate,
@@ -92,6 +98,7 @@ def _explained(drive: Drive, evidence: Evidence) -> Drive:
         names = ", ".join(each.joint.name for each in evidence.leftovers)
         doubt = f"{names}: not among the wheels that the drive file names, so taken for an arm's"
         drive = replace(drive, doubts=(*drive.doubts, doubt))
+    drive = replace(drive, doubts=(*drive.doubts, *_held_by_fixed_joints(evidence)))
     if evidence.spec.type is not None or evidence.steered or len(evidence.pairs) < 2:
         return drive
     found = parallel_kind(evidence)
@@ -100,6 +107,20 @@ def _explained(drive: Drive, evidence: Evidence) -> Drive:
     why = (f"{drive.type}: {found.why}",) if found.why else ()
     doubts = (found.doubt,) if found.doubt else ()
     return replace(drive, evidence=(*why, *drive.evidence), doubts=(*doubts, *drive.doubts))
+
+
+def _held_by_fixed_joints(evidence: Evidence) -> Iterator[str]:
+    """Yield the doubts about wheels that fixed joints keep from rolling, or from steering."""
+    tree, wheels = evidence.tree, evidence.grounded.wheels
+    still = wheels_on_fixed_joints(tree, wheels)
+    if still:
+        yield (
+            "what looks like further wheels on the ground is held by fixed joints, so it slides; "
+            f"make {'; '.join(still)}, or call it a caster"
+        )
+    straight = fixed_steering(tree, wheels)
+    if straight:
+        yield f"wheels hang on fixed joints that are called steering; make {'; '.join(straight)}"
 
 
 def _refuse_swivels_of_mecanum_wheels(evidence: Evidence) -> None:
@@ -176,7 +197,8 @@ def _is_arm(evidence: Evidence) -> bool:
     if evidence.grounded.wheels or evidence.leftovers:
         return False
     moving = any(joint.moving for joint in evidence.description.joints)
-    return moving and not wheels_on_fixed_joints(evidence.tree)
+    tree = evidence.tree
+    return moving and not (wheels_on_fixed_joints(tree) or upright_spinners(tree))
 
 
 def _fixed(evidence: Evidence) -> Drive:

@@ -8,9 +8,12 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from itertools import takewhile
 
-from rpctl.description.frozen_tree import FrozenTree
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.description.frozen_tree import MAX_LEAN_DEG, FrozenTree
 from rpctl.description.records import Joint
-from rpctl.drive.wheels import CASTER_WORDS, WheelCandidate, moved_below, wheel_like
+from rpctl.drive.wheels import WheelCandidate, is_named_caster, moved_below, wheel_like
 
 MIN_LETTERS = 3  # of a pattern beside its star
 MAX_LISTED = 8  # joints that a message lists
@@ -25,12 +28,14 @@ class Leftover:
         why: Why it was not taken, in words that follow its name.
         hold: Joints to lock so that it can be taken; empty if no lock would do.
         edit: What to change in the file instead; empty if nothing.
+        steered: Whether what holds it steers, so that it is a wheel whatever else may be said.
     """
 
     joint: Joint
     why: str
     hold: tuple[str, ...] = ()
     edit: str = ""
+    steered: bool = False
 
 
 def find_leftovers(
@@ -97,6 +102,11 @@ def _leftover(
 def _fault(tree: FrozenTree, joint: Joint, moving: Sequence[Joint]) -> Leftover | None:
     """Return why an endless joint cannot carry a wheel of the drive, but for its height."""
     above, below = tree.free_joints(joint.parent), moved_below(tree, joint.child)
+    leaning = [carrier for carrier in moving if tree.is_leaning(carrier)]
+    if leaning:
+        edits = (f'"{c.name}" (line {c.line}) {_upright_axis(tree, c)}' for c in leaning)
+        why = f"is steered about an axis more than {MAX_LEAN_DEG:g}° off the upright"
+        return Leftover(joint, why, edit=f"give {', '.join(edits)}", steered=True)
     if moving:
         names = tuple(carrier.name for carrier in moving)
         why = f"hangs on {_quoted(names)}, which can move and may be no suspension"
@@ -115,6 +125,18 @@ def _fault(tree: FrozenTree, joint: Joint, moving: Sequence[Joint]) -> Leftover 
         names = tuple(each.name for each in below)
         return Leftover(joint, f"moves other joints, {_quoted(names)}", hold=names)
     return None
+
+
+def _upright_axis(tree: FrozenTree, joint: Joint) -> str:
+    """Return the element of a joint that stands upright, and points up or down as it does."""
+    up = np.array([0.0, 0.0, math.copysign(1.0, tree.axis(joint)[2])])
+    return axis_element(tree.frame(joint)[:3, :3].T @ up)
+
+
+def axis_element(axis: Array) -> str:
+    """Return the <axis> of a joint along a direction (3,) in its own frame."""
+    numbers = np.round(axis, 6) + 0.0
+    return f'<axis xyz="{" ".join(f"{value:.6g}" for value in numbers)}"/>'
 
 
 def _left_by_height(joint: Joint, gap: float) -> Leftover:
@@ -136,7 +158,7 @@ def _idle_casters(
         and tree.is_upright(joint)
         and joint.name not in taken
         and joint.name not in free
-        and any(word in joint.name.lower() for word in CASTER_WORDS)
+        and is_named_caster(joint)
         and not moved_below(tree, joint.child)
     ]
 
@@ -179,13 +201,14 @@ def explain_leftovers(tree: FrozenTree, kind: str, leftovers: Sequence[Leftover]
 def ways_out(tree: FrozenTree, leftovers: Sequence[Leftover]) -> list[str]:
     """Return what would settle what leftovers are, one way a line."""
     hold = dict.fromkeys(name for each in leftovers for name in each.hold)
-    names = [each.joint.name for each in leftovers]
+    names = [each.joint.name for each in leftovers if not each.steered]
     lines = []
     if hold:
         lines.append(f"  {lock_option(tree, list(hold))}  (holds it at 0; NAME=POSITION elsewhere)")
     lines += dict.fromkeys(f"  {each.edit}" for each in leftovers if each.edit)
-    lines.append(f"  {lock_option(tree, names)}  (part of the body, it does not turn)")
-    lines.append(f"  {option(tree, '--free', names)}  (no wheel: a joint of the arm)")
+    if names:
+        lines.append(f"  {lock_option(tree, names)}  (part of the body, it does not turn)")
+        lines.append(f"  {option(tree, '--free', names)}  (no wheel: a joint of the arm)")
     return lines
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -11,13 +12,15 @@ from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint, Shape
 from rpctl.drive.drive import POWERED_CASTERS, suggest
 from rpctl.drive.evidence import Evidence
-from rpctl.drive.leftovers import MAX_LISTED, lock_option
+from rpctl.drive.leftovers import MAX_LISTED, axis_element, lock_option
 from rpctl.drive.wheel_size import round_parts
 from rpctl.drive.wheels import (
     WheelCandidate,
     ground_tolerance,
+    is_named_caster,
     is_named_wheel,
     leftward,
+    moved_below,
     parallel,
 )
 
@@ -33,6 +36,7 @@ NEEDS = {
     "steered": "two or more steered wheels, and none that the root link holds",
     POWERED_CASTERS: "wheels that all trail upright joints, and none that the root link holds",
 }
+STEERING_WORDS = ("steer", "hinge", "kingpin", "knuckle")
 UNSTEERED = ("differential", "skid-steer", "mecanum", "omni")
 
 
@@ -113,6 +117,16 @@ def _fixes(evidence: Evidence) -> str:
     still = [] if evidence.pairs else wheels_on_fixed_joints(evidence.tree)
     if still:
         ways.append(f"wheels are held by fixed joints; make {'; '.join(still)}")
+    spinners = [] if evidence.grounded.wheels else upright_spinners(evidence.tree)
+    if spinners:
+        axes = (
+            f'"{j.name}" (line {j.line}) {axis_element(evidence.tree.frame(j)[:3, :3].T[:, 1])}'
+            for j in spinners
+        )
+        ways.append(
+            f"joints turn upright side by side; if they carry wheels, give {', '.join(axes)}, or "
+            "the axle as it lies"
+        )
     left = evidence.leftovers
     ways += [f'"{each.joint.name}" {each.why}; {each.edit}' for each in left if each.edit]
     holding = dict.fromkeys(name for each in left for name in each.hold)
@@ -123,6 +137,23 @@ def _fixes(evidence: Evidence) -> str:
             f"{lock_option(evidence.tree, list(holding))}"
         )
     return "; ".join(ways)
+
+
+def upright_spinners(tree: FrozenTree) -> list[Joint]:
+    """Return the endless joints side by side that turn upright and move nothing else, if several.
+
+    An arm has one joint after another; these are wheels whose axles stand, or rotors.
+    """
+    joints = [
+        joint
+        for joint in filter(tree.is_free, tree.description.joints)
+        if joint.endless
+        and joint.mimic is None
+        and (tree.is_upright(joint) or tree.is_leaning(joint))
+        and not tree.free_joints(joint.parent)
+        and not moved_below(tree, joint.child)
+    ]
+    return joints if len(joints) > 1 else []
 
 
 def _turned_axes(candidates: tuple[WheelCandidate, ...]) -> list[str]:
@@ -149,16 +180,21 @@ def _drive_file_draft(evidence: Evidence, kind: str | None) -> str:
     return suggest(kind or guess, wheels, roles)
 
 
-def wheels_on_fixed_joints(tree: FrozenTree) -> list[str]:
+def wheels_on_fixed_joints(tree: FrozenTree, wheels: Sequence[WheelCandidate] = ()) -> list[str]:
     """Return the change that turns each wheel on a fixed joint into a continuous joint.
 
     Such a wheel is a leaf of the tree that the root link holds, rigidly or by upright joints: a
-    level cylinder on the ground, or meshes that a name calls a wheel.
+    level cylinder on the ground, or meshes that a name calls a wheel. A caster may slide.
+
+    Args:
+        wheels: The wheels on the ground, which turn; meshes count at the height of theirs alone.
     """
     advice = []
-    floor = tree.floor
+    floor = min((wheel.bottom for wheel in wheels), default=tree.floor)
     for joint in tree.description.joints:
         if joint.kind != "fixed" or tree.description.child_joints[joint.child]:
+            continue
+        if is_named_caster(joint) or _beside_a_wheel(tree, joint, wheels):
             continue
         if not all(map(tree.is_upright, tree.free_joints(joint.parent))):
             continue
@@ -166,12 +202,42 @@ def wheels_on_fixed_joints(tree: FrozenTree) -> list[str]:
         axle = _level_cylinder(_shapes(tree, joint), pose, floor)
         if axle is not None:
             axis = _axis(axle, pose[:3, :3])
-        elif is_named_wheel(joint) and {s.kind for s in _shapes(tree, joint)} == {"mesh"}:
+        elif _is_drawn_wheel(tree, joint) and (not wheels or _as_high(pose[2, 3], wheels)):
             axis = "its axle as <axis>"
         else:
             continue
         advice.append(f'"{joint.name}" (line {joint.line}) type="continuous" with {axis}')
     return advice
+
+
+def _beside_a_wheel(tree: FrozenTree, joint: Joint, wheels: Sequence[WheelCandidate]) -> bool:
+    """Return whether a joint is nearer to a wheel than another wheel could be."""
+    place = tree.frame(joint)[:3, 3]
+    return any(
+        float(np.linalg.norm(place - each.centre)) < 2.0 * (each.radius or 0.0) for each in wheels
+    )
+
+
+def _is_drawn_wheel(tree: FrozenTree, joint: Joint) -> bool:
+    return is_named_wheel(joint) and {s.kind for s in _shapes(tree, joint)} == {"mesh"}
+
+
+def _as_high(height: float, wheels: Sequence[WheelCandidate]) -> bool:
+    """Return whether some wheel's axle is about so high (m)."""
+    return any(abs(height - each.centre[2]) < 0.5 * (each.radius or 0.0) for each in wheels)
+
+
+def fixed_steering(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> list[str]:
+    """Return the change that lets each wheel steer whose name says so and whose joint is fixed."""
+    chains = (tree.description.chain(wheel.joint.parent) for wheel in wheels)
+    above = {joint.name: joint for chain in chains for joint in chain}
+    return [
+        f'"{joint.name}" (line {joint.line}) type="revolute" with '
+        f"{axis_element(tree.frame(joint)[:3, :3].T[:, 2])} and its <limit>"
+        for joint in above.values()
+        if joint.kind == "fixed"
+        and any(word in f"{joint.name} {joint.child}".lower() for word in STEERING_WORDS)
+    ]
 
 
 def misaligned_axes(tree: FrozenTree, candidates: tuple[WheelCandidate, ...]) -> list[str]:
@@ -196,8 +262,7 @@ def misaligned_axes(tree: FrozenTree, candidates: tuple[WheelCandidate, ...]) ->
 
 def _axis(axle: Array, frame: Array) -> str:
     """Return the element of a joint in a frame (3, 3) whose axle (3,), turned left, is this."""
-    numbers = np.round(frame.T @ leftward(axle), 6) + 0.0
-    return f'<axis xyz="{" ".join(f"{value:.6g}" for value in numbers)}"/>'
+    return axis_element(frame.T @ leftward(axle))
 
 
 def _shapes(tree: FrozenTree, joint: Joint) -> tuple[Shape, ...]:

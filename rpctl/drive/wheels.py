@@ -218,6 +218,11 @@ def is_named_wheel(joint: Joint) -> bool:
     return any(word in f"{joint.name} {joint.child}".lower() for word in WHEEL_WORDS)
 
 
+def is_named_caster(joint: Joint) -> bool:
+    """Return whether the name of a joint, or of the link that it moves, is a caster's."""
+    return any(word in f"{joint.name} {joint.child}".lower() for word in CASTER_WORDS)
+
+
 def moved_below(tree: FrozenTree, link: str) -> list[Joint]:
     """Return the free joints below a link, in the order of the tree."""
     found, stack = [], [*reversed(tree.description.child_joints[link])]
@@ -356,7 +361,11 @@ def _swivel_candidate(
 ) -> SwivelCandidate:
     joint = wheels[0].swivel
     assert joint is not None
-    pivot, up = tree.frame(joint)[:2, 3], tree.axis(joint)[2]
+    origin, axis = tree.frame(joint)[:3, 3], tree.axis(joint)
+    pivot = origin[:2]
+    if tree.is_leaning(joint):
+        height = origin[2] - np.mean([wheel.bottom for wheel in wheels])
+        pivot = pivot - height / axis[2] * axis[:2]
     left = leftward(wheels[0].axle)
     ahead = np.array([left[1], -left[0]]) / math.hypot(left[0], left[1])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
@@ -372,7 +381,7 @@ def _swivel_candidate(
         joint=joint,
         wheels=wheels,
         pivot=pivot,
-        sign=math.copysign(1.0, up),
+        sign=math.copysign(1.0, axis[2]),
         ahead=ahead,
         trail=trail,
         parent=next(reversed(tree.free_joints(joint.parent)), None),

@@ -9,6 +9,7 @@ bytes, with all joints at 0 or where they are locked, by these conventions:
 - wheels are placed as :mod:`rpctl.equivalence.file_wheels` says.
 - forward is across the mean of the axles that the root link holds and that do not slide.
 - P is the middle between the outermost wheels of an axle; of several axles the mean.
+- a swivel's pivot is its origin, or, where its axis leans, where that meets its wheels' ground.
 - a swivel heads across the axle of its first wheel, towards forward; where all wheels swivel, as
   the first that does not trail. Its trail is how far its wheels' contact lies ahead, and 0 if that
   is less than 2 mm where several swivels share one centre of rotation.
@@ -136,6 +137,7 @@ MAX_AXLE_OFFSET = (
 SHARED_TRAIL_ROUNDING_M = (
     2e-3  # m; a smaller trail of wheels that share a centre of rotation is a file's rounding
 )
+UPRIGHT_ROUNDING = 0.02  # sine of a smaller lean, which is a file's rounding
 LENGTH_ROUNDING_M = 1e-9  # m; a smaller trail is that of numbers
 ROLLER_ANGLE = 0.25 * math.pi  # rad, between a mecanum wheel's roller and the forward direction
 # What a drive's records hold of geometry.
@@ -288,8 +290,12 @@ def _swivel(
     ahead = placed[carried[0]].ahead
     if not swivel.trails and float(ahead @ forward) < 0.0:
         ahead = -ahead
-    contact = np.mean([placed[name].centre[:2] for name in carried], axis=0)
-    trail = float(ahead @ (contact - pose[:2, 3]))
+    contact = np.mean([placed[name].centre for name in carried], axis=0)
+    contact[2] -= np.mean([drive.wheels[i].radius for i in drive.carried(swivel)])
+    pivot, axis = pose[:3, 3], pose[:3, :3] @ joint.axis
+    if math.hypot(*axis[:2]) > UPRIGHT_ROUNDING:
+        pivot = pivot + axis * (contact - pivot)[2] / axis[2]
+    trail = float(ahead @ (contact - pivot)[:2])
     if swivel.trails and trail > 0.0:
         ahead, trail = -ahead, -trail
     shared = drive.type == "steered" or bool(drive.followers)
@@ -297,9 +303,9 @@ def _swivel(
     return replace(
         swivel,
         parent=_carrier(drive, raw, joint.parent),
-        pivot=(float(pose[0, 3]), float(pose[1, 3])),
+        pivot=(float(pivot[0]), float(pivot[1])),
         heading=math.atan2(ahead[1], ahead[0]),
-        sign=math.copysign(1.0, float((pose[:3, :3] @ joint.axis)[2])),
+        sign=math.copysign(1.0, axis[2]),
         trail=0.0 if abs(trail) < still else trail,
     )
 

@@ -30,7 +30,7 @@ from rpctl.arrays import Array
 from rpctl.description.density import inertial_element
 from rpctl.drive.drive import Swivel, Wheel
 from rpctl.equivalence.contact.mujoco_body import mujoco_library, quaternion
-from rpctl.equivalence.file_drive import FileReading, read, rotor_inertias
+from rpctl.equivalence.file_drive import UPRIGHT_ROUNDING, FileReading, read, rotor_inertias
 from rpctl.equivalence.planar import JointRate, follower_rate
 from rpctl.equivalence.raw_file import RawFile, document
 from rpctl.equivalence.tree import FLOATS, Tree, cross, cross_columns
@@ -428,8 +428,10 @@ class MujocoEngine:
         return angle, swing
 
     def _pivot(self, swivel: Swivel) -> Array:
-        """Return [J, J̇ v] (3, nv + 1) of a place on a swivel's axis."""
+        """Return [J, J̇ v] (3, nv + 1) of a place on a swivel's axis, of a leaning one its pivot."""
         joint = self._model.joint(swivel.joint).id
+        if swivel.parent is None and math.hypot(*self._data.xaxis[joint][:2]) > UPRIGHT_ROUNDING:
+            return self._base(swivel.pivot)
         return self._jacobian(self._data.xanchor[joint], self._model.jnt_bodyid[joint])[0]
 
     def _carried(self, swivel: Swivel) -> Iterator[tuple[Array, Wheel]]:

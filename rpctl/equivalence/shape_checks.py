@@ -9,10 +9,10 @@ import numpy as np
 from rpctl.drive.drive import Drive
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Check, Skipped, worst
-from rpctl.equivalence.file_drive import FileReading, quantities
+from rpctl.equivalence.file_drive import UPRIGHT_ROUNDING, FileReading, quantities
 from rpctl.equivalence.state import State
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
-from rpctl.robot.model import BASE_NV
+from rpctl.robot.model import BASE_NV, Robot
 
 SHAPES = "the file's shapes"
 SLIDING_TOLERANCE = 0.02  # of the speed: the sine of the angle up to which axles pass for parallel
@@ -30,6 +30,7 @@ class Geometry:
     def __init__(self, dynamics: ReducedDynamics, reading: FileReading) -> None:
         self._dynamics, self._reading = dynamics, reading
         gaps = _differences(reading.drive, reading.measured).items()
+        self._limit = _sliding_limit(dynamics.robot, reading)
         self._declared = {label: difference for label, (_, difference) in gaps if difference}
 
     def skipped(self) -> tuple[Skipped, ...]:
@@ -56,13 +57,15 @@ class Geometry:
             return
         measured = self._reading.measured
         found = self._slip(self._reading.drive, state)
-        yield _sliding("wheels' contact at S ν", found, _design_note(found))
+        yield _sliding("wheels' contact at S ν", found, _design_note(found), self._limit)
         names = list(found.base)
         gap = np.array([found.base[n] - state.nu[k] for k, n in enumerate(names)])
         yield worst("base speeds ν", SHAPES, gap / (found.speed or 1.0), SPEED_TOLERANCE, names)
         if self._declared:
             difference = (f"{label}: {text} as drawn" for label, text in self._declared.items())
-            yield _sliding(DECLARED, self._slip(measured, state), "; ".join(difference))
+            yield _sliding(
+                DECLARED, self._slip(measured, state), "; ".join(difference), self._limit
+            )
 
     def _slip(self, drive: Drive, state: State) -> Slip:
         robot, raw = self._dynamics.robot, self._reading.raw
@@ -74,13 +77,24 @@ class Geometry:
         return slip(FileMotion(raw, drive, positions, v[:BASE_NV], rates, raw.poses(positions)))
 
 
-def _sliding(name: str, found: Slip, note: str) -> Check:
+def _sliding_limit(robot: Robot, reading: FileReading) -> float:
+    """Return how much of the robot's speed may slide.
+
+    Where an axis leans, the model turns a contact about the place where the axis meets the ground,
+    which takes it off by up to twice its distance from there: that times the sine.
+    """
+    poses = reading.raw.poses(robot.locked)
+    joints = [reading.raw.joint[swivel.joint] for swivel in robot.drive.swivels]
+    axes = [poses[joint.child][:3, :3] @ joint.axis for joint in joints]
+    lean = max((float(np.hypot(*axis[:2])) for axis in axes), default=0.0)
+    return 2.0 * lean if lean > UPRIGHT_ROUNDING else SLIDING_TOLERANCE
+
+
+def _sliding(name: str, found: Slip, note: str, limit: float) -> Check:
     """Return what slides fastest where the ground should hold it."""
     sizes = {key: size if np.isfinite(size) else np.inf for key, size in found.constrained.items()}
     key = max(sizes, key=lambda each: sizes[each])
-    return Check(
-        name, SHAPES, sizes[key], SLIDING_TOLERANCE, entry=_sliding_text(key, sizes[key]), note=note
-    )
+    return Check(name, SHAPES, sizes[key], limit, entry=_sliding_text(key, sizes[key]), note=note)
 
 
 def _design_note(found: Slip) -> str:

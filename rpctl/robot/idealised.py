@@ -273,7 +273,8 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Itera
             math.degrees(lean),
             "°",
             f"the axis of {listed(joint)} leans {_degrees(lean)} and is taken to be upright: it "
-            f"would meet the ground {1e3 * shift:.3g} mm from below its origin",
+            f"{'meets' if robot.tree.is_leaning(joint) else 'would meet'} the ground "
+            f"{1e3 * shift:.3g} mm from below its origin",
         )
     ahead = np.array([math.cos(swivel.heading), math.sin(swivel.heading)])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)

@@ -1,0 +1,111 @@
+"""Axes that lean, and joints that keep wheels from steering or rolling: what the user is told."""
+
+from __future__ import annotations
+
+from math import cos, radians, sin, tan
+
+import pytest
+
+import rpctl
+from tests.drive.drive_cases import Files, body, xml
+from tests.urdf import actuated
+from tests.vehicles import Parts, rear_axle, vehicle
+
+
+def car(lean: float) -> Parts:
+    """A car whose kingpins lean inward at the top, by an angle in degrees."""
+    parts = body()
+    rear_axle(parts)
+    for side, y in (("left", 1.0), ("right", -1.0)):
+        axis = f"0 {-y * sin(radians(lean))!r} {cos(radians(lean))!r}"
+        parts.swivel(f"steer_{side}", f"0.7 {0.25 * y} 0.1", "revolute", axis)
+        parts.wheel(f"front_{side}", f"steer_{side}_fork", "0 0 0", f"0 {y} 0")
+    return parts
+
+
+@pytest.mark.parametrize("lean", [2.0, 5.71, 9.9])
+def test_a_kingpin_leans_up_to_10_degrees_and_is_told(files: Files, lean: float) -> None:
+    """It meets the ground outside of the contact, by its height times the lean's tangent."""
+    robot = files.load(car(lean))
+    assert robot.drive.type == "car-like"
+    for swivel, side in zip(robot.drive.swivels, (1.0, -1.0), strict=True):
+        assert swivel.pivot == pytest.approx((0.7, side * (0.25 + 0.1 * tan(radians(lean)))))
+    certificate = rpctl.verify(robot, samples=8)
+    assert certificate.passed
+    told = [sentence for sentence in certificate.idealised if "is taken to be upright" in sentence]
+    assert len(told) == 2
+    assert f'"steer_left" (line 1) leans {lean:.3g}°' in told[0]
+
+
+@pytest.mark.parametrize("lean", [11.0, 30.0])
+def test_a_steering_axis_that_leans_further_is_named_and_never_locked(
+    files: Files, lean: float
+) -> None:
+    refusal = files.refusal(car(lean))
+    assert "front_left" in refusal
+    assert "more than 10° off the upright" in refusal
+    for side in ("left", "right"):
+        assert f'give "steer_{side}" (line 1) <axis xyz="0 0 1"/>' in refusal
+    assert "--lock" not in refusal
+    assert "--free" not in refusal
+
+
+def test_a_rear_axle_on_fixed_joints_is_told_whatever_the_drive(files: Files) -> None:
+    """The front wheels make a differential drive, and the rear ones slide along."""
+    parts = body()
+    parts.wheel("front_left", "base", "0.4 0.3 0.1")
+    parts.wheel("front_right", "base", "0.4 -0.3 0.1")
+    good = xml(parts)
+    parts.wheel("rear_left", "base", "0 0.3 0.1")
+    parts.wheel("rear_right", "base", "0 -0.3 0.1")
+    text = xml(parts)
+    rear = text.index('<joint name="rear_left"')
+    fixed = text[:rear] + text[rear:].replace('"continuous"', '"fixed"')
+    drive = files.load(fixed).drive
+    assert drive.type == "differential"
+    (doubt,) = drive.doubts
+    assert doubt.startswith("what looks like further wheels on the ground is held by fixed joints")
+    for name in ("rear_left", "rear_right"):
+        assert f'"{name}" (line 1) type="continuous" with <axis xyz="0 1 0"/>' in doubt
+    assert "held by fixed joints" in files.refusal(fixed, strict=True)
+    assert files.load(good).drive.doubts == ()
+    assert files.load(fixed.replace("rear_", "caster_")).drive.doubts == ()  # these may slide
+
+
+def test_steering_hinges_that_are_fixed_are_told(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    for side, y in (("left", 0.3), ("right", -0.3)):
+        parts.link(f"{side}_hinge", 0.5)
+        parts.joint(f"base_to_{side}_hinge", "fixed", ("base", f"{side}_hinge"), f"0.7 {y} 0.1", "")
+        parts.wheel(f"front_{side}", f"{side}_hinge", "0 0 0")
+    text = xml(parts).replace('<axis xyz=""/>', "")
+    drive = files.load(text).drive
+    told = [doubt for doubt in drive.doubts if "called steering" in doubt]
+    assert len(told) == 1
+    assert 'make "base_to_left_hinge" (line 1) type="revolute" with <axis xyz="0 0 1"/>' in told[0]
+
+
+def test_wheels_whose_axles_stand_make_no_fixed_base(files: Files) -> None:
+    """Four endless joints side by side, upright, which meshes alone say are wheels."""
+    parts = body()
+    for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)]):
+        parts.link(f"corner_{k}", 2.0)
+        parts.joint(f"joint_{k}", "continuous", ("base", f"corner_{k}"), f"{x} {y} 0", "0 0.05 1")
+    refusal = files.refusal(parts)
+    assert "joints turn upright side by side; if they carry wheels, give " in refusal
+    for k in range(4):
+        assert f'"joint_{k}" (line 1) <axis xyz="0 1 0"/>' in refusal
+    assert files.load(parts, "fixed").drive.type == "fixed"
+    assert files.load(parts, lock=["joint_[1-3]"]).drive.type == "fixed"  # a turntable
+
+
+def test_a_steered_wheel_off_its_axis_is_told_where_to_go(files: Files) -> None:
+    motors = (f"{end}{side}_steer" for end in "fr" for side in "lr")
+    text = vehicle("steered").replace("</robot>", actuated(*motors) + "</robot>")
+    joint = text.index('<joint name="fl_wheel"')
+    aside = text[:joint] + text[joint:].replace('xyz="0 0.02 0"', 'xyz="0.03 0.02 0"', 1)
+    refusal = files.refusal(aside)
+    assert 'the wheels of "fl_steer" stand 30 mm off its axis' in refusal
+    assert 'put them under it, "fl_wheel" (line 1) to <origin xyz="0 0.02 0" .../>' in refusal
+    assert files.load(aside.replace("0.03 0.02 0", "0 0.02 0")).drive.type == "steered"
