@@ -16,7 +16,7 @@ from rpctl.cli.terminal import console, escape, format_limit, new_table
 from rpctl.description.urdf.findings import condense
 from rpctl.description.xacro.expansion import list_arguments
 from rpctl.description.xacro.messages import XacroArgument
-from rpctl.drive.drive import TYPES_WITH_AXLE
+from rpctl.drive.drive import TYPES_WITH_AXLE, draft
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.standing import stand_at_home
@@ -27,6 +27,7 @@ from rpctl.robot.model import Robot
 from rpctl.robot.sources import find_source
 
 SEVERITY_STYLES = {"error": "bold red", "warning": "yellow", "info": "dim"}
+ASKED = "a drive file"  # what a doubt asks for
 MAX_LISTED_NAMES = 8  # names that a line lists
 
 
@@ -93,6 +94,9 @@ def show_robot(robot: Robot) -> None:
     if remarks:
         out.print()
         out.print(*remarks, sep="\n")
+    if any(ASKED in doubt for doubt in robot.drive.doubts):
+        out.print(f"\n[yellow]{ASKED}[/] to start from (--drive FILE):")
+        out.print(*map(escape, draft(robot.drive).splitlines()), sep="\n", soft_wrap=True)
 
 
 def _remarks(robot: Robot, idealised: Sequence[Mapping[str, Any]]) -> Iterator[str]:

@@ -20,6 +20,7 @@ from rpctl.drive.drive import (
     Wheel,
 )
 from rpctl.drive.evidence import Evidence
+from rpctl.drive.no_drive import drive_file_draft
 from rpctl.drive.wheels import (
     SHARED_TRAIL_ROUNDING_M,
     SwivelCandidate,
@@ -363,7 +364,7 @@ def assign_roles(
             shares = steered[0].joint.name if free else None
         records.append(swivel.record(role, name in driven, shares))
     _require_leaders(kind, evidence, records)
-    _require_trails(evidence, records)
+    _require_trails(kind, evidence, records)
     if kind == "steered" or any(record.role == "follower" for record in records):
         records = [_without_rounded_trail(record) for record in records]
         _require_contacts(kind, evidence, records)
@@ -401,7 +402,7 @@ def _require_leaders(kind: str, evidence: Evidence, swivels: list[Swivel]) -> No
         )
 
 
-def _require_trails(evidence: Evidence, swivels: list[Swivel]) -> None:
+def _require_trails(kind: str, evidence: Evidence, swivels: list[Swivel]) -> None:
     """Refuse casters whose wheels stand under their axis: no motion would turn them."""
     for swivel in swivels:
         if swivel.trails and not swivel.trail:
@@ -410,6 +411,7 @@ def _require_trails(evidence: Evidence, swivels: list[Swivel]) -> None:
                 f'{evidence.description.path}:{joint.line}: the wheels of "{swivel.joint}" stand '
                 "under its axis, so it trails nothing and is no caster; move their contact off the "
                 'axis, or say role = "steered" of its [[swivel]] in a drive file'
+                f"{drive_file_draft(evidence, kind)}"
             )
 
 
@@ -452,6 +454,7 @@ def _require_contacts(kind: str, evidence: Evidence, swivels: list[Swivel]) -> N
                 f"{1e3 * abs(swivel.trail):.3g} mm off its axis, where several steered wheels are "
                 f"to share one centre of rotation; put them under it, {', '.join(edits)}, or say "
                 'role = "caster" of its [[swivel]] in a drive file if it trails'
+                f"{drive_file_draft(evidence, kind)}"
             )
 
 

@@ -13,7 +13,9 @@ from rpctl.drive.drive import FIXED_BASE, POWERED_CASTERS, Drive, DriveSpec
 from rpctl.drive.evidence import Evidence, gather_evidence
 from rpctl.drive.leftovers import explain_leftovers, lock_option
 from rpctl.drive.no_drive import (
+    drive_file_draft,
     explain_no_drive,
+    explain_unknown_radius,
     fixed_steering,
     misaligned_axes,
     upright_spinners,
@@ -75,6 +77,8 @@ def detect(
     if spec.type is None:
         _refuse_swivels_of_mecanum_wheels(evidence)
     kind = spec.type or _kind(evidence)
+    if evidence.grounded.sizeless:
+        raise DriveError(explain_unknown_radius(evidence, kind))
     if kind is None or not _fits(kind, evidence):
         raise DriveError(explain_no_drive(evidence, spec.type))
     if evidence.leftovers and not spec.wheels:
@@ -89,6 +93,7 @@ def _refuse_crossed_axes(evidence: Evidence) -> None:
         raise DriveError(
             f"{path}: the joints of wheels turn across their cylinders' axles; "
             f"give {', '.join(crossed)}, or name the wheels in a drive file"
+            f"{drive_file_draft(evidence, None)}"
         )
 
 

@@ -329,6 +329,12 @@ def _drive_in(data: dict[str, Any], faults: list[str]) -> Any:
     return read_record(DriveSpec, data, "", faults)
 
 
+def draft(drive: Drive) -> str:
+    """Return a drive file that says what a drive is, to be changed where it is doubted."""
+    turns = {s.joint: s.role if s.role in SWIVEL_ROLES else "steered" for s in drive.swivels}
+    return suggest(drive.type, {w.joint: w.radius for w in drive.wheels}, turns)
+
+
 def suggest(
     kind: str, wheels: Mapping[str, float | None], swivels: Mapping[str, str] | None = None
 ) -> str:
@@ -342,6 +348,7 @@ def suggest(
     for joint, radius in wheels.items():
         size = 0.1 if radius is None else radius
         rolling += f"\n[[wheel]]\njoint = {_quoted(joint)}\n# radius = {size:.6g}  # m\n"
+        rolling += "# driven = true  # false where no motor turns it\n"
     turning = "".join(
         f'\n[[swivel]]\njoint = {_quoted(joint)}\nrole = "{role}"  # {", ".join(SWIVEL_ROLES)}\n'
         for joint, role in (swivels or {}).items()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.controls import BaseControl
-from rpctl.drive.drive import TRAILING, DriveSpec, suggest
+from rpctl.drive.drive import TRAILING, DriveSpec
 from rpctl.drive.leftovers import Leftover, find_leftovers
 from rpctl.drive.wheels import (
     CASTER_WORDS,
@@ -23,6 +23,7 @@ from rpctl.drive.wheels import (
 from rpctl.errors import DriveError, UnknownNameError
 
 BALL_WORDS = ("ball", *CASTER_WORDS)
+PLACEHOLDER_RADIUS_M = 0.1  # of a wheel whose size the user is asked for
 MAX_RADIUS_RATIO = 2.0  # largest ratio of an unknown wheel's radius to the largest known radius
 
 
@@ -115,7 +116,6 @@ def gather_evidence(
         free: Joints that the user wants free: they are no wheels.
 
     Raises:
-        DriveError: The radius of a wheel is not known.
         DriveError: A joint that is called a swivel carries no wheel.
         UnknownNameError: A swivel's joint is not known.
     """
@@ -190,11 +190,13 @@ class GroundedWheels:
         wheels: Those that do, with their radii.
         rejected: Why each of the others does not, in sentences.
         doubts: What was assumed of their sizes, in sentences.
+        sizeless: Joints of wheels whose radius nothing tells: it is a placeholder.
     """
 
     wheels: tuple[WheelCandidate, ...]
     rejected: tuple[str, ...]
     doubts: tuple[str, ...]
+    sizeless: tuple[Joint, ...]
 
 
 def find_grounded(
@@ -217,13 +219,15 @@ def find_grounded(
     least = min((float(c.centre[2]) - ground for c in candidates), default=0.0)
     widest = max((float(c.radius) for c in known if c.radius is not None), default=least)
     place = "the other wheels' ground" if known else f'the root link "{tree.description.root}"'
-    wheels, doubts = [], []
+    wheels, doubts, sizeless = [], [], []
     for candidate in candidates:
         height, name = float(candidate.centre[2]) - ground, candidate.joint.name
         wheel = candidate
         if candidate.radius is None:
             if height <= 0.0:
-                raise _unknown_radius(tree, candidate.joint, candidates)
+                wheels.append(replace(candidate, radius=PLACEHOLDER_RADIUS_M))
+                sizeless.append(candidate.joint)
+                continue
             if height > MAX_RADIUS_RATIO * widest and not declared:
                 rejected.append(f'"{name}": its axle is {height:.3g} m above the ground: no wheel')
                 continue
@@ -234,7 +238,7 @@ def find_grounded(
             rejected.append(f'"{name}": it ends {gap:.3g} m above the ground: no wheel')
             continue
         wheels.append(wheel)
-    return GroundedWheels(tuple(wheels), tuple(rejected), tuple(doubts))
+    return GroundedWheels(tuple(wheels), tuple(rejected), tuple(doubts), tuple(sizeless))
 
 
 def _clear_of_body(
@@ -271,16 +275,4 @@ def _radius_doubt(candidate: WheelCandidate, wheel: WheelCandidate) -> str:
         f'no shape tells the size of wheel "{wheel.joint.name}"{note}: its radius, '
         f"{wheel.radius:.4g} m, is the {wheel.source}; give its radius in a drive file if it is "
         "another"
-    )
-
-
-def _unknown_radius(
-    tree: FrozenTree, joint: Joint, candidates: Sequence[WheelCandidate]
-) -> DriveError:
-    start = suggest("differential", {c.joint.name: c.radius for c in candidates})
-    return DriveError(
-        f'{tree.description.path}:{joint.line}: the radius of wheel "{joint.child}" is not known: '
-        "no cylinder or sphere among its shapes, no mesh that can be read, and its axle is not "
-        'above the root link; give the link a <collision> with <cylinder radius="..." '
-        f'length="..."/> along the axle, or its radius in a drive file (--drive FILE):\n{start}'
     )

@@ -36,6 +36,7 @@ NEEDS = {
     "steered": "two or more steered wheels, and none that the root link holds",
     POWERED_CASTERS: "wheels that all trail upright joints, and none that the root link holds",
 }
+MIN_APART_M = 1e-3  # joints nearer to each other than this lie on no line
 STEERING_WORDS = ("steer", "hinge", "kingpin", "knuckle")
 UNSTEERED = ("differential", "skid-steer", "mecanum", "omni")
 
@@ -85,10 +86,7 @@ def _ways_out(evidence: Evidence, kind: str | None) -> str:
         )
     if kind is None and len(evidence.pairs) > 1 and not evidence.steered:
         message += "; nothing in a URDF tells skid-steer from mecanum wheels"
-    return (
-        f"{message}; say which it is, a drive file to start from (--drive FILE):\n"
-        + _drive_file_draft(evidence, kind)
-    )
+    return f"{message}; say which it is{drive_file_draft(evidence, kind)}"
 
 
 def _counts(evidence: Evidence) -> str:
@@ -161,7 +159,10 @@ def _turned_axes(candidates: tuple[WheelCandidate, ...]) -> list[str]:
     advice = []
     for a, b in combinations(candidates, 2):
         line = a.origin - b.origin
-        line = line / (np.linalg.norm(line) or 1.0)
+        apart = float(np.linalg.norm(line))
+        if apart < MIN_APART_M:
+            continue
+        line = line / apart
         if parallel(a, b) and max(abs(float(a.axle @ line)), abs(line[2])) < MAX_TILT_SINE:
             axes = (f'"{c.joint.name}" {_axis(line, c.frame)}' for c in (a, b))
             advice.append(
@@ -170,14 +171,32 @@ def _turned_axes(candidates: tuple[WheelCandidate, ...]) -> list[str]:
     return advice
 
 
-def _drive_file_draft(evidence: Evidence, kind: str | None) -> str:
-    """Return a drive file of what was found."""
+def explain_unknown_radius(evidence: Evidence, kind: str | None) -> str:
+    """Return that no shape tells the radius of a wheel, and what to write.
+
+    Args:
+        kind: Type of the drive that was found, or None.
+    """
+    joint = evidence.grounded.sizeless[0]
+    return (
+        f'{evidence.description.path}:{joint.line}: the radius of wheel "{joint.child}" is not '
+        "known: no cylinder or sphere among its shapes, no mesh that can be read, and its axle is "
+        'not above the root link; give the link a <collision> with <cylinder radius="..." '
+        'length="..."/> along the axle, or its radius in a drive file'
+        f"{drive_file_draft(evidence, kind)}"
+    )
+
+
+def drive_file_draft(evidence: Evidence, kind: str | None) -> str:
+    """Return the end of a message that asks for a drive file: one of what was found."""
     roles = {swivel.joint.name: swivel.role for swivel in evidence.swivels}
     guess = "skid-steer" if len(evidence.pairs) > 1 else "differential"
     swivelling = POWERED_CASTERS if evidence.trailing else "steered"
     guess = guess if evidence.pairs else swivelling
     wheels = {wheel.joint.name: wheel.radius for wheel in evidence.grounded.wheels}
-    return suggest(kind or guess, wheels, roles)
+    unknown = {joint.name for joint in evidence.grounded.sizeless}
+    wheels = {name: None if name in unknown else radius for name, radius in wheels.items()}
+    return f"; to start from (--drive FILE):\n{suggest(kind or guess, wheels, roles)}"
 
 
 def wheels_on_fixed_joints(tree: FrozenTree, wheels: Sequence[WheelCandidate] = ()) -> list[str]:

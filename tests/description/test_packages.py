@@ -114,3 +114,15 @@ def test_no_home_is_searched_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / ".git").mkdir()
     assert workspace(tmp_path / "me" / "bot" / "r.urdf") is None
     assert workspace(Path("/src/bot/r.urdf")) is None
+
+
+def test_many_meshes_of_a_missing_package_are_one_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched = []
+    monkeypatch.setattr("rpctl.description.packages._entries", lambda f: searched.append(f) or {})
+    paths = MeshPaths(tmp_path / "bot" / "r.urdf", [tmp_path / "packages"])
+    for k in range(20):
+        with pytest.raises(MeshError, match='package "gone" was not found'):
+            paths.resolve(f"package://gone/{k}.stl")
+    assert searched == [str(tmp_path / "packages")]

@@ -5,9 +5,12 @@ from __future__ import annotations
 from math import cos, radians, sin, tan
 
 import pytest
+from typer.testing import CliRunner
 
 import rpctl
-from tests.drive.drive_cases import Files, body, xml
+from rpctl.cli.app import app
+from tests import urdf
+from tests.drive.drive_cases import Files, body, tricycle, xml
 from tests.urdf import actuated
 from tests.vehicles import Parts, rear_axle, vehicle
 
@@ -109,3 +112,42 @@ def test_a_steered_wheel_off_its_axis_is_told_where_to_go(files: Files) -> None:
     assert 'the wheels of "fl_steer" stand 30 mm off its axis' in refusal
     assert 'put them under it, "fl_wheel" (line 1) to <origin xyz="0 0.02 0" .../>' in refusal
     assert files.load(aside.replace("0.03 0.02 0", "0 0.02 0")).drive.type == "steered"
+
+
+def test_joints_in_one_place_get_no_axis_of_zeros(files: Files) -> None:
+    parts = body()
+    for name in ("left", "right"):
+        parts.wheel(name, "base", "0.2 0 0.1")
+    refusal = files.refusal(parts)
+    assert "no known drive" in refusal
+    assert '<axis xyz="0 0 0"/>' not in refusal
+
+
+def test_a_drive_file_that_is_asked_for_comes_complete(files: Files) -> None:
+    """Three wheels at 120° whose meshes are not there: with radii it is the drive that they are."""
+    parts = body()
+    for k in range(3):
+        turn = radians(120.0 * k)
+        axle = f"{cos(turn)!r} {sin(turn)!r} 0"
+        parts.link(f"omni_{k}_link", 1.0, urdf.shape('mesh filename="gone.stl"', "visual"))
+        place = f"{0.3 * cos(turn)!r} {0.3 * sin(turn)!r} -0.1"
+        parts.joint(f"omni_{k}", "continuous", ("base", f"omni_{k}_link"), place, axle)
+    refusal = files.refusal(parts)
+    assert 'the radius of wheel "omni_0_link" is not known' in refusal
+    start = refusal[refusal.index('type = "omni"') :]
+    robot = files.load(parts, start.replace("# radius = 0.1", "radius = 0.08"))
+    assert robot.drive.type == "omni"
+    assert [wheel.radius for wheel in robot.drive.wheels] == [0.08] * 3
+
+
+def test_inspect_prints_the_drive_file_that_a_doubt_asks_for(files: Files) -> None:
+    """Which wheels of a tricycle motors turn: the file that it prints, changed, says otherwise."""
+    path = files.folder / "wild.urdf"
+    path.write_text(xml(tricycle()))
+    told = CliRunner().invoke(app, ["inspect", str(path)]).output
+    start = told[told.index('type = "tricycle"') :]
+    front, rear = start.split('joint = "rear_left"')
+    driven = front + 'joint = "rear_left"' + rear.replace("# driven = true", "driven = false")
+    assert files.load(xml(tricycle())).actuators == ("rear_left", "rear_right", "steer")
+    robot = files.load(xml(tricycle()), driven.replace("# driven = true", "driven = true"))
+    assert robot.actuators == ("front", "steer")

@@ -50,6 +50,7 @@ class MeshPaths:
         self._folder = str(urdf.absolute().parent)
         self._known = find_packages(urdf, package_dirs)
         self._packages: dict[str, tuple[str, ...]] = {}
+        self._fixes: dict[str, str] = {}  # by package that was not found
         self.stalled: set[str] = set()
 
     def resolve(self, name: str) -> Path:
@@ -96,14 +97,14 @@ class MeshPaths:
         package, _, rest = name.removeprefix(PACKAGE).partition("/")
         if package in ("", ".", ".."):
             raise MeshError("refused: package:// without the name of a package; name it")
-        folders = self._packages.get(package)
-        if folders is None:
-            folders = self._packages[package] = self._known.find(package)
-        if not folders:
-            fix = DECLARE + self._known.remark
-            forget()  # somebody may put it there before the next try
-            raise MissingPackageError(package, fix)
-        return [(f"{folder}/{rest}", folder) for folder in folders]
+        if package not in self._packages:
+            self._packages[package] = self._known.find(package)
+            if not self._packages[package]:
+                self._fixes[package] = DECLARE + self._known.remark
+                forget()  # somebody may put it there before the next try
+        if package in self._fixes:
+            raise MissingPackageError(package, self._fixes[package])
+        return [(f"{folder}/{rest}", folder) for folder in self._packages[package]]
 
 
 def check_meshes(first: Mapping[str, int], paths: MeshPaths) -> list[Finding]:

@@ -237,11 +237,23 @@ def check_tree(
     elif not roots:
         findings.error(root, "the joints form a cycle; a URDF is a tree with one root link")
     else:
-        for name in sorted(names - _reached(roots[0], joints)):
-            findings.error(
-                elements[parents[name].name],
-                f'link "{name}" is in a cycle, not below the root; correct a parent',
-            )
+        lost = names - _reached(roots[0], joints)
+        above = {joint.child: joint.parent for joint in joints}
+        for name in sorted(lost):
+            if _leads_to(name, above, lost):
+                findings.error(
+                    elements[parents[name].name],
+                    f'link "{name}" is in a cycle, not below the root; correct a parent',
+                )
+
+
+def _leads_to(name: str, above: dict[str, str], among: set[str]) -> bool:
+    """Return whether a link is below itself: those that only hang on a cycle are not at fault."""
+    seen, at = set[str](), above[name]
+    while at in among and at != name and at not in seen:
+        seen.add(at)
+        at = above[at]
+    return at == name
 
 
 def _reached(root: str, joints: Sequence[Joint]) -> set[str]:

@@ -45,6 +45,7 @@ ROWS: dict[str, tuple[tuple[type, ...], ...]] = {  # lists of rows; a file's pat
     "arguments": (TEXT, (str, type(None)), TEXT, (int,)),
     "old": (TEXT, TEXT, (int,)),
     "plain": (TEXT, TEXT, (int,)),
+    "defined": (TEXT, TEXT, (int,)),
 }
 # Columns that name files read.
 FILES = {"wants": 1, "left_out": 0, "arguments": 2, "old": 0, "plain": 0}

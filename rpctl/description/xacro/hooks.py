@@ -342,14 +342,14 @@ class FileScan:
         arguments: Name, default (None: it has none) and line of each argument that it declares.
         includes: The files that it includes, as they are written.
         old_element: Name and line of the first element of xacro that lacks its prefix.
-        macros: Names of the macros that it defines.
+        macros: Parameters and line of each macro that it defines, by name.
         plain: First line of each element without a prefix that could be one's.
     """
 
     arguments: list[tuple[str, str | None, int]] = field(default_factory=list)
     includes: list[str] = field(default_factory=list)
     old_element: tuple[str, int] | None = None
-    macros: list[str] = field(default_factory=list)
+    macros: dict[str, tuple[str, int]] = field(default_factory=dict)
     plain: dict[str, int] = field(default_factory=dict)
 
 
@@ -364,7 +364,7 @@ def scan(data: bytes) -> FileScan:
         elif tag == "xacro:include":
             found.includes.append(attributes.get("filename", ""))
         elif tag == "xacro:macro":
-            found.macros.append(name.removeprefix("xacro:"))
+            found.macros[name.removeprefix("xacro:")] = attributes.get("params", ""), line
         elif len(above) == 1 and tag in OLD_ELEMENTS and found.old_element is None:
             found.old_element = tag, line  # below <robot>
         elif ":" not in tag and tag not in URDF_ELEMENTS and not {*above} & {*OPAQUE}:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import islice
@@ -15,7 +16,7 @@ from rpctl.description.packages import DECLARE, find_packages
 from rpctl.description.records import ReadSettings
 from rpctl.description.urdf.findings import excerpt
 from rpctl.description.xacro.files import ENVIRONMENT, Answer
-from rpctl.errors import Finding, RpctlError, format_finding
+from rpctl.errors import Finding, RpctlError, format_finding, printable
 
 WARNING_PREFIX = "warning: "  # how xacro begins one; the lines after it tell the place
 RUN_IT = "correct it, or run `xacro` on the file yourself"
@@ -64,6 +65,8 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
             f"dropped; write <xacro:{tag} …>")
             for file, tag, line in answer["plain"]
         ]  # fmt: skip
+        if not lines and answer["defined"] and "<link" not in answer["text"]:
+            lines.append(_uncalled(path, answer["defined"]))
     if lines:
         raise ExpansionError("\n".join(lines))
 
@@ -105,6 +108,28 @@ def findings_of(path: Path, answer: Answer, settings: ReadSettings) -> tuple[Fin
         for path, place in dict.fromkeys(map(tuple, answer["moved"]))
     ]
     return (*warnings, *(Finding("info", None, text) for text in notes))
+
+
+def _uncalled(path: Path, macros: Sequence[tuple[str, str, int]]) -> str:
+    """Return that a file defines macros and calls none, and a file that calls the likeliest.
+
+    Args:
+        macros: Name, parameters and line of each, in the order of the file.
+    """
+    named = [each for each in macros if each[0] == _stem(path.name)]
+    name, params, line = (named or macros)[-1]
+    needed = [each for each in params.split() if not re.search(r":?=", each)]
+    words = "".join(f' {each}="..."' for each in needed if each[0] != "*")
+    blocks = [each.strip("*") for each in needed if each[0] == "*"]
+    inside = "".join(f"<{each}>...</{each}>" for each in blocks)
+    call = f"<xacro:{name}{words}>{inside}</xacro:{name}>"
+    names = ", ".join(each for each, _, _ in macros)
+    text = f"it defines macros ({names}) and calls none, so there is no robot; write this beside it"
+    wrapper = (
+        f'\n<robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        f'\n  <xacro:include filename="{path.name}"/>\n  {call}\n</robot>'
+    )
+    return say(path, line, f"{text}, fill in each ..., and load it:") + printable(wrapper, "\n")
 
 
 def _left_out(path: Path, answer: Answer) -> list[str]:

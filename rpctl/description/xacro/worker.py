@@ -12,6 +12,7 @@ from __future__ import annotations
 import errno
 import io
 import json
+import os
 import re
 import sys
 import unicodedata  # noqa: F401 - here and below: nothing can be imported later
@@ -106,11 +107,12 @@ def _expand(request: dict[str, Any], outside: Outside) -> dict[str, Any]:
         hooks.want_meshes()
     return (
         answer
-        | _told(hooks, scans(), left)
+        | _told(hooks, said := scans(), left)
         | {
             "early": sorted(arguments.early),
             "unused": [name for name in given if name not in arguments.used],
             "asked": sorted(environment.asked),
+            "defined": [(n, *how) for n, how in said[os.path.normpath(file)].macros.items()],
         }
     )
 

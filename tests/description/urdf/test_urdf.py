@@ -44,3 +44,19 @@ def test_rotations_are_rotations(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-15)
         assert np.linalg.det(R) > 0
     np.testing.assert_allclose(rotation_rpy(0, 0, np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+
+
+def test_what_hangs_on_a_fault_of_the_tree_is_not_told_again(tmp_path: Path) -> None:
+    """Of a chain below a misspelt parent, or below a cycle, the faults alone are told."""
+    chain = "".join(
+        f'<joint name="j{k}" type="fixed"><parent link="l{k - 1}"/><child link="l{k}"/></joint>\n'
+        for k in range(2, 30)
+    )
+    links = "".join(f'<link name="l{k}"/>' for k in range(1, 30))
+    for parent, lines in (("bsae", [2]), ("l2", [2, 3])):
+        first = f'<joint name="j1" type="fixed"><parent link="{parent}"/><child link="l1"/></joint>'
+        path = tmp_path / "tree.urdf"
+        path.write_text(f'<robot name="r"><link name="base"/>{links}\n{first}\n{chain}</robot>')
+        with pytest.raises(DescriptionError) as caught:
+            read(path)
+        assert [finding.line for finding in caught.value.findings] == lines

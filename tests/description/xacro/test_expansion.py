@@ -151,3 +151,22 @@ def test_a_macro_without_its_prefix_is_told_not_dropped(tmp_path: Path, left: st
     unused = f'<xacro:macro name="unused" params="">{left}</xacro:macro>'
     path.write_text(f"{head}{macro}{unused}{body}</robot>")
     assert "inertial" in expand(path).text
+
+
+def test_macros_alone_come_with_the_file_that_calls_them(tmp_path: Path) -> None:
+    """What is told to write beside it, its gaps filled, is the robot."""
+    wheels = WHEEL + JOINT + mirrored(WHEEL) + mirrored(JOINT)
+    rest = BASE[BASE.index("<link") : BASE.index("</robot>")].replace(wheels, "")
+    macro = f"""<xacro:macro name="helper" params="a"/>
+        <xacro:macro name="bot" params="side:=left y='0.3' prefix *cargo">{rest}
+        <xacro:insert_block name="cargo"/></xacro:macro>"""
+    path = small(tmp_path, macro)
+    with pytest.raises(ExpansionError) as caught:
+        rpctl.load(path)
+    told, _, wrapper = str(caught.value).partition("load it:\n")
+    line = 2 + macro[: macro.index('"bot"')].count("\n")
+    assert told.startswith(f"{path}:{line}: error: it defines macros (helper, bot) and calls none")
+    assert wrapper.count("...") == 2
+    filled = wrapper.replace('prefix="..."', 'prefix="p"').replace("<cargo>...", "<cargo>")
+    robot = rpctl.load(write(path.with_name("mine.xacro"), filled))
+    assert robot.quasi_velocities == rpctl.load(write(tmp_path / "b.urdf", BASE)).quasi_velocities

@@ -138,6 +138,7 @@ ANSWER: dict[str, Any] = {
     "wants": [["p", "/a", None, "text"]], "left_out": [["/a", 4, "xacro:x"]],
     "moved": [["/a", "/b"]], "undeclared": ["/a"], "arguments": [["n", None, "/a", 2]],
     "old": [["/a", "macro", 2]], "plain": [["/a", "wheel", 3]],
+    "defined": [["wheel", "side *origin", 2]],
     "early": [], "unused": ["u"], "asked": ["A"], "dropped": ["d"],
 }  # fmt: skip
 
