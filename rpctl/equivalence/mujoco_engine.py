@@ -21,6 +21,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from importlib import metadata
 from importlib.util import find_spec
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,6 @@ from rpctl.description.density import inertial_element
 from rpctl.drive.drive import Swivel, Wheel
 from rpctl.equivalence.contact.mujoco_body import mujoco_library, quaternion
 from rpctl.equivalence.file_drive import UPRIGHT_ROUNDING, FileReading, read, rotor_inertias
-from rpctl.equivalence.planar import JointRate, follower_rate
 from rpctl.equivalence.raw_file import RawFile, document
 from rpctl.equivalence.tree import FLOATS, Tree, cross, cross_columns
 from rpctl.errors import RpctlError
@@ -394,13 +394,35 @@ class MujocoEngine:
         yield from lateral.values()
 
     def _follower_rows(self) -> Iterator[Array]:
-        """Yield the rows of A (nv + 1,) of the swivels that follow others."""
-        drive, unit, index, v = self._drive, self._unit, self._joints, self._data.qvel
-        rates = {s.joint: JointRate(unit[index[s.joint], :-1], 0.0) for s in drive.swivels}
-        positions = {name: self._data.qpos[index[name]] for name in rates}
-        for swivel in drive.followers:
-            row, drift = follower_rate(self._tree, drive, swivel, positions, v, rates)
-            yield unit[index[swivel.joint]] - np.append(row, drift)
+        """Yield the rows of A (nv + 1,) of the swivels that follow others.
+
+        The axles meet in one centre of rotation while the determinant of their lateral rows is 0.
+        By a swivel's own angle, a lateral row changes by minus the forward one.
+        """
+        turn, fixed = self._unit[2], []
+        if self._drive.has_axle:
+            axle = self._along(self._drive.heading + LEFT, turn, self._base(self._drive.point))
+            fixed = [axle[:3]]
+        for follower in self._drive.followers:
+            swivels = [*self._drive.steered, follower]
+            ahead, aside = np.array([self._meeting(swivel) for swivel in swivels]).swapaxes(0, 1)
+            angles = [s.sign * self._unit[self._joints[s.joint]] for s in swivels]
+            rates = [row[:-1] @ self._data.qvel for row in angles]
+            row = np.zeros(len(turn))
+            for i, j in product(range(len(swivels)), repeat=2):
+                turned = aside.copy()
+                turned[[i, j]] = ahead[[i, j]]
+                size = np.linalg.det([*fixed, *turned])
+                if i == j:
+                    row -= size * angles[i]
+                else:
+                    row[-1] += size * rates[i] * rates[j]
+            yield row
+
+    def _meeting(self, swivel: Swivel) -> tuple[Array, Array]:
+        """Return what a swivel's forward and lateral speed take of the base's twist, (3,) each."""
+        (angle, swing), pivot = self._heading(swivel), self._pivot(swivel)
+        return self._along(angle, swing, pivot)[:3], self._along(angle + LEFT, swing, pivot)[:3]
 
     def _speeds(self) -> Iterator[Array]:
         """Yield the rows of W (nv + 1,): the base's speeds, steered joints' rates, the arm's."""

@@ -39,14 +39,10 @@ STANCE = {  # which parts stand on the ground, by name
     "rpctl.dynamics.stance.find_supports",
 }
 GIBBS_APPELL = ("rpctl.equivalence.gibbs_appell", "rpctl.equivalence.planar")
-FOLLOWERS = {  # no velocity tells how fast a swivel turns that follows others: their geometry does
-    "rpctl.equivalence.planar.JointRate",
-    "rpctl.equivalence.planar.follower_rate",
-}
 READERS = (raw_file, file_wheels, file_drive, wheel_slip)
 ASKED = {  # rooms that a module may ask for some names alone, those, and attributes that it has not
     gibbs_appell: (SIMULATED, set(), MODEL),
-    mujoco_engine: ((*SIMULATED, *GIBBS_APPELL), FOLLOWERS, MODEL),
+    mujoco_engine: ((*SIMULATED, *GIBBS_APPELL), set(), MODEL),
     rolling_rows: ((*SIMULATED, *GIBBS_APPELL), set(), MODEL),
     **dict.fromkeys((model, mujoco_body), (SIMULATED, STANCE, MODEL)),
     **dict.fromkeys(READERS, (READ, RECORDS, READING | {"tree"})),

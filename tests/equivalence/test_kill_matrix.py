@@ -10,6 +10,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
+from rpctl.equivalence import planar
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.state import draw_state
 from tests.equivalence.kill_matrix import (
@@ -20,6 +21,7 @@ from tests.equivalence.kill_matrix import (
     PROBES,
     SAMPLES,
     CheckKey,
+    in_module,
     tripped,
     victim,
 )
@@ -62,6 +64,18 @@ def test_the_multipliers_have_rows_of_their_own(name: str) -> None:
         ("accelerations", "Pinocchio, constrained"),
         ("constraint forces Aᵀ λ", "Lagrange multipliers"),
     }
+
+
+@pytest.mark.parametrize("who", ["car", "swerve"])
+def test_mujoco_has_followers_of_its_own(who: str) -> None:
+    """Of Gibbs-Appell, the rate of what follows other swivels is wrong: MuJoCo's is not."""
+
+    def faster(rate: planar.JointRate, *arguments: object) -> planar.JointRate:
+        return rate._replace(row=1.001 * rate.row)
+
+    found = tripped(robot_of(who), in_module(planar, "follower_rate", faster))
+    assert {("reduced inertia M", "Gibbs-Appell")} <= {(c.name, c.against) for c in found}
+    assert "MuJoCo" not in {check.against for check in found}
 
 
 def test_every_row_is_tripped_by_a_fault_that_trips_few_others() -> None:
