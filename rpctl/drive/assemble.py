@@ -443,19 +443,27 @@ def _spacing(a: SwivelCandidate, b: SwivelCandidate, forward: Array) -> float:
 
 def _require_contacts(kind: str, evidence: Evidence, swivels: list[Swivel]) -> None:
     """Refuse wheels off the axes that share a centre: they have none to keep to."""
-    for swivel in swivels:
-        shared = swivel.role == "follower" or (kind == "steered" and not swivel.trails)
-        if shared and swivel.trail:
-            joint = evidence.description.joint[swivel.joint]
-            carried = (w for w in evidence.grounded.wheels if w.swivel is joint)
-            edits = (_under_axis(evidence.tree, wheel, swivel) for wheel in carried)
-            raise DriveError(
-                f'{evidence.description.path}:{joint.line}: the wheels of "{swivel.joint}" stand '
-                f"{1e3 * abs(swivel.trail):.3g} mm off its axis, where several steered wheels are "
-                f"to share one centre of rotation; put them under it, {', '.join(edits)}, or say "
-                'role = "caster" of its [[swivel]] in a drive file if it trails'
-                f"{drive_file_draft(evidence, kind)}"
-            )
+    shared = [
+        swivel
+        for swivel in swivels
+        if swivel.trail and (swivel.role == "follower" or (kind == "steered" and not swivel.trails))
+    ]
+    if not shared:
+        return
+    first = shared[0]
+    edits = [
+        _under_axis(evidence.tree, wheel, swivel)
+        for swivel in shared
+        for wheel in evidence.grounded.wheels
+        if wheel.swivel is not None and wheel.swivel.name == swivel.joint
+    ]
+    raise DriveError(
+        f"{evidence.description.path}:{evidence.description.joint[first.joint].line}: the wheels "
+        f'of "{first.joint}" stand {1e3 * abs(first.trail):.3g} mm off its axis, where several '
+        "steered wheels are to share one centre of rotation; put what stands off under it: "
+        f'{", ".join(edits)}; or say role = "caster" of its [[swivel]] in a drive file if it trails'
+        f"{drive_file_draft(evidence, kind)}"
+    )
 
 
 def _under_axis(tree: FrozenTree, wheel: WheelCandidate, swivel: Swivel) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -203,7 +204,8 @@ def wheels_on_fixed_joints(tree: FrozenTree, wheels: Sequence[WheelCandidate] = 
     """Return the change that turns each wheel on a fixed joint into a continuous joint.
 
     Such a wheel is a leaf of the tree that the root link holds, rigidly or by upright joints: a
-    level cylinder on the ground, or meshes that a name calls a wheel. A caster may slide.
+    level cylinder on the ground, or meshes and spheres that a name calls a wheel. A caster may
+    slide.
 
     Args:
         wheels: The wheels on the ground, which turn; meshes count at the height of theirs alone.
@@ -238,7 +240,8 @@ def _beside_a_wheel(tree: FrozenTree, joint: Joint, wheels: Sequence[WheelCandid
 
 
 def _is_drawn_wheel(tree: FrozenTree, joint: Joint) -> bool:
-    return is_named_wheel(joint) and {s.kind for s in _shapes(tree, joint)} == {"mesh"}
+    kinds = {shape.kind for shape in _shapes(tree, joint)}
+    return is_named_wheel(joint) and bool(kinds) and kinds <= {"mesh", "sphere"}
 
 
 def _as_high(height: float, wheels: Sequence[WheelCandidate]) -> bool:
@@ -247,14 +250,19 @@ def _as_high(height: float, wheels: Sequence[WheelCandidate]) -> bool:
 
 
 def fixed_steering(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> list[str]:
-    """Return the change that lets each wheel steer whose name says so and whose joint is fixed."""
-    chains = (tree.description.chain(wheel.joint.parent) for wheel in wheels)
-    above = {joint.name: joint for chain in chains for joint in chain}
+    """Return the change that lets each wheel steer whose name says so and whose joint is fixed.
+
+    What also carries other wheels steers none of them.
+    """
+    chains = [tree.description.chain(w.joint.parent) for w in wheels if w.swivel is None]
+    carried = Counter(joint.name for chain in chains for joint in chain)
     return [
         f'"{joint.name}" (line {joint.line}) type="revolute" with '
         f"{axis_element(tree.frame(joint)[:3, :3].T[:, 2])} and its <limit>"
-        for joint in above.values()
+        for chain in chains
+        for joint in chain
         if joint.kind == "fixed"
+        and carried[joint.name] == 1
         and any(word in f"{joint.name} {joint.child}".lower() for word in STEERING_WORDS)
     ]
 

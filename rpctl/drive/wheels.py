@@ -413,7 +413,8 @@ def _role(
         return spec.role, "the drive file says so", ""
     if joint.mimic is not None:
         return "steered", f'it mimics "{joint.mimic.joint}"', ""
-    if joint.name in actuated:
+    caster = trails and any(word in joint.name.lower() for word in CASTER_WORDS)
+    if joint.name in actuated and not caster:
         return "steered", "a transmission drives it", ""
     choice = 'say role = "steered" of its [[swivel]] in a drive file if it steers'
     named = any(word in f"{joint.name} {joint.child}".lower() for word in TRAILER_WORDS)
@@ -423,11 +424,13 @@ def _role(
             f'"{joint.name}" is taken for the hitch of a trailer, which no motor turns; {choice}'
         )
         return "trailer", why, "" if named or not joint.effort else doubt
-    named = any(word in joint.name.lower() for word in CASTER_WORDS)
     doubt = f'"{joint.name}" is taken for a caster; {choice}, "caster" if not'
+    if caster and joint.name in actuated:
+        why = f"{distance}, its name; but a transmission drives it"
+        return "caster", why, f"{doubt}; a transmission drives it"
     if trails and not limited:
-        return "caster", f"{distance}, no limits", "" if named else doubt
-    if trails and named:
+        return "caster", f"{distance}, no limits", "" if caster else doubt
+    if caster:
         why = f"{distance}, its name; but it has limits"
         return "caster", why, f"{doubt}; a caster would run into its limits"
     return "steered", f"{distance}, {'limits' if limited else 'no limits'}", ""

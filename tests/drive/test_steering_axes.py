@@ -12,7 +12,7 @@ from rpctl.cli.app import app
 from tests import urdf
 from tests.drive.drive_cases import Files, body, tricycle, xml
 from tests.urdf import actuated
-from tests.vehicles import Parts, rear_axle, vehicle
+from tests.vehicles import Parts, caster, rear_axle, vehicle
 
 
 def car(lean: float) -> Parts:
@@ -82,6 +82,8 @@ def test_steering_hinges_that_are_fixed_are_told(files: Files) -> None:
         parts.link(f"{side}_hinge", 0.5)
         parts.joint(f"base_to_{side}_hinge", "fixed", ("base", f"{side}_hinge"), f"0.7 {y} 0.1", "")
         parts.wheel(f"front_{side}", f"{side}_hinge", "0 0 0")
+    parts.link("hingebot_foot", 0.1)  # the root link: a joint that carries all wheels steers none
+    parts.joint("hinge_foot", "fixed", ("hingebot_foot", "base"), "0 0 0", "")
     text = xml(parts).replace('<axis xyz=""/>', "")
     drive = files.load(text).drive
     told = [doubt for doubt in drive.doubts if "called steering" in doubt]
@@ -110,7 +112,10 @@ def test_a_steered_wheel_off_its_axis_is_told_where_to_go(files: Files) -> None:
     aside = text[:joint] + text[joint:].replace('xyz="0 0.02 0"', 'xyz="0.03 0.02 0"', 1)
     refusal = files.refusal(aside)
     assert 'the wheels of "fl_steer" stand 30 mm off its axis' in refusal
-    assert 'put them under it, "fl_wheel" (line 1) to <origin xyz="0 0.02 0" .../>' in refusal
+    assert (
+        'put what stands off under it: "fl_wheel" (line 1) to <origin xyz="0 0.02 0" .../>'
+        in refusal
+    )
     assert files.load(aside.replace("0.03 0.02 0", "0 0.02 0")).drive.type == "steered"
 
 
@@ -151,3 +156,17 @@ def test_inspect_prints_the_drive_file_that_a_doubt_asks_for(files: Files) -> No
     assert files.load(xml(tricycle())).actuators == ("rear_left", "rear_right", "steer")
     robot = files.load(xml(tricycle()), driven.replace("# driven = true", "driven = true"))
     assert robot.actuators == ("front", "steer")
+
+
+def test_a_castor_with_a_transmission_is_a_caster(files: Files) -> None:
+    """Vendors give every joint one; "pivot" would be steered, as before."""
+    parts = body()
+    rear_axle(parts)
+    caster(parts, "front_castor", 0.4, 0.0, 0.05, twin=False)
+    text = xml(parts).replace("</robot>", actuated("front_castor") + "</robot>")
+    drive = files.load(text).drive
+    assert drive.type == "differential"
+    assert [(s.role, s.driven) for s in drive.swivels] == [("caster", False)]
+    assert '"front_castor" is taken for a caster' in drive.doubts[0]
+    assert "a transmission drives it" in drive.doubts[0]
+    assert files.load(text.replace("front_castor", "pivot")).drive.type == "tricycle"
