@@ -325,3 +325,13 @@ def test_what_to_give_instead_is_told(given: dict[str, Any], told: str) -> None:
 def test_the_efforts_of_a_plain_function_are_used() -> None:
     tau = np.array([0.1, -0.2, 0.0, 0.0])
     np.testing.assert_array_equal(track(dynamic=lambda *state: tau).tau[0], tau)
+
+
+@pytest.mark.parametrize(("periods", "late"), [(1.4, 0), (1.6, 3)])
+def test_a_sample_is_late_from_one_and_a_half_periods_on(
+    paper: Robot, periods: float, late: int
+) -> None:
+    robot = Simulated(Controller(paper, "circle"))
+    robot.run(4 * periods * PERIOD, steps=lambda: periods * PERIOD)
+    assert robot.controller.report()["samples"] == 4
+    assert robot.controller.report()["late"] == late

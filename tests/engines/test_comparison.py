@@ -163,3 +163,19 @@ def test_the_course_ends_where_its_speeds_say() -> None:
     np.testing.assert_allclose(way, [3.0 * (0.5 + 1.0 + 0.65) / 3.0, 1.0], rtol=1e-6)
     np.testing.assert_allclose(np.max(nu, axis=0), [1.0, course.peak], rtol=1e-5)
     np.testing.assert_allclose(np.gradient(np.array(nu), 1e-3, axis=0), nu_dot, atol=1e-2)
+
+
+def test_what_is_no_number_agrees_with_nothing() -> None:
+    assert not EngineGap("path", np.nan, 1.0, "m", "").agrees
+    assert not EngineGap("path", 0.0, 0.0, "m", "").agrees
+    gaps = compare(*known(), arc(), changed("pose", lambda pose: pose.fill(np.nan)), {})
+    assert {gap.name for gap in gaps if not gap.agrees} >= {"path", "heading"}
+
+
+@pytest.mark.parametrize(("off", "agrees"), [(0.0099, True), (0.0101, False), (-0.0101, False)])
+def test_headings_agree_within_a_hundredth_of_the_turn_and_5_mrad(off: float, agrees: bool) -> None:
+    """The arc turns by 0.5 rad, so by 0.01 × 0.5 + 0.005 = 0.01 rad."""
+    veered = changed("pose", lambda pose: pose.__setitem__((7, 2), pose[7, 2] + off))
+    (heading,) = (gap for gap in compare(*known(), arc(), veered, {}) if gap.name == "heading")
+    assert heading.agrees is agrees
+    assert heading.words.endswith("to the left" if off > 0.0 else "to the right")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import casadi
 import numpy as np
 import pytest
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
-from rpctl.kernels import functions
+from rpctl.kernels import cache, functions, machine_code
 from rpctl.kernels.machine_code import (
     MachineCode,
     compile_program,
@@ -190,3 +193,40 @@ def test_what_has_no_machine_code_is_named() -> None:
         call = Call(casadi.Function("f", [x], [expression]), (buffer,), (buffer,))
         with pytest.raises(RpctlError, match=f"operation {name};"):
             compile_program(Program((call,)), 1)
+
+
+def test_the_key_of_machine_code_names_all_that_it_depends_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Code of another source, CasADi, LLVM, processor or program is not run in its place."""
+    other = machine_code.Processor("another", "+feature")
+    changes: list[tuple[object, str, object]] = [
+        (machine_code, "sources", lambda: "other sources"),
+        (casadi.CasadiMeta, "version", staticmethod(lambda: "0.0.0")),
+        (machine_code, "compiler_version", lambda: "LLVM 0"),
+        (machine_code, "this_processor", lambda: other),
+    ]
+    keys = [machine_code.code_key("program", 4), machine_code.code_key("program", 2)]
+    assert machine_code.code_key("program", 4) == keys[0]
+    for place, name, change in changes:
+        with monkeypatch.context() as patch:
+            patch.setattr(place, name, change)
+            keys.append(machine_code.code_key("program", 4))
+    assert len(set(keys)) == len(keys)
+
+
+def test_sources_are_told_apart_by_any_file_of_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "kernels").mkdir()
+    monkeypatch.setattr(cache, "__file__", str(tmp_path / "kernels" / "cache.py"))
+    told = [cache.sources.__wrapped__()]
+    deep = tmp_path / "control" / "law.py"
+    deep.parent.mkdir()
+    for text in ("a = 1\n", "a = 10\n"):
+        deep.write_text(text)
+        os.utime(deep, (2.0, 2.0))
+        told.append(cache.sources.__wrapped__())
+    os.utime(deep, (1.0, 1.0))
+    told.append(cache.sources.__wrapped__())
+    assert len(set(told)) == 4

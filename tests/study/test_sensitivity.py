@@ -121,3 +121,17 @@ def test_a_map_has_the_medians_of_its_bins() -> None:
     np.testing.assert_array_equal(found.median, [[1, 5, 9, 13], [101, 105, 109, np.inf]])
     np.testing.assert_allclose(found.x_edges, [0.0, 3.75, 7.5, 11.25, 15.0])
     np.testing.assert_allclose(found.y_edges, [-0.5, 0.5, 1.5])
+
+
+@pytest.mark.parametrize("design", [Design("sobol", 64 * 5, seed=0), Design("morris", 80, seed=0)])
+def test_a_run_without_a_merit_is_as_bad_as_the_worst_that_has_one(design: Design) -> None:
+    """Merits are the better the smaller; a run that failed is not the best of all."""
+    points = design.points(3)
+    values = 2.0 + points @ np.array([1.0, -5.0, 2.0])
+    failed = points[:, 0] > 0.7
+    worst = values[~failed].max()
+    result = found(design, np.where(failed, np.nan, values), points)
+    same = found(design, np.where(failed, worst, values), points)
+    for name, intervals in same.measures.items():
+        np.testing.assert_allclose(np.array(result.measures[name]), np.array(intervals))
+    assert result.replaced == failed.sum()

@@ -15,7 +15,9 @@ from rpctl.arrays import Array
 from rpctl.control.law import Command, Efforts, Limit
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.reference.motion import Reference, end_effector_reference, reference_rates, steering
+from rpctl.simulation.config import Config
 from rpctl.simulation.loop import recorder
+from rpctl.simulation.run.derived import Derivation
 from rpctl.simulation.run.log import COLUMNS
 from tests.robots import write
 from tests.vehicles import vehicle
@@ -204,3 +206,13 @@ def test_limits_of_a_thinned_log_are_those_that_bind_at_its_samples(robot: Robot
 def test_log_every_is_a_whole_number(paper: Robot, every: Any) -> None:
     with pytest.raises(RpctlError, match=f"log_every is {every}; give a whole number, 1 or more"):
         rpctl.track(paper, "line", duration=0.1, log_every=every)
+
+
+def test_the_slip_of_a_run_is_that_of_its_fastest_contact(paper: Robot) -> None:
+    """At 0.2 m/s ahead and 0.1 to the left with wheels that stand, all contacts slide by 0.2."""
+    derivation = Derivation(ReducedDynamics(paper), Config())
+    q, v = np.tile(paper.configuration(), (3, 1)), np.zeros((3, paper.nv))
+    v[1, :2] = 0.2, 0.1
+    v[2, 1] = -0.1
+    slip = derivation._motion(q, v)["constraint_residual"]
+    assert slip == pytest.approx([0.0, 0.2, 0.1])
