@@ -33,6 +33,7 @@ from rpctl.robot.model import Robot
 EQUAL = 1e-10  # of a quantity's largest entry, or of 1; rounding leaves 1e-13
 STATES, SEED = 8, 20210601
 SPREAD = 0.02  # of positions about home and of speeds, m, rad and their rates
+FAR = 1e3  # times that: the accelerations at which limits bind
 MOST_KEPT = 32  # kernels of a process, some 300 kB each
 
 
@@ -102,7 +103,7 @@ def law_kernel(
 def _require_equal(
     kernel: LawKernel, laws: tuple[Any, Any], dynamics: ReducedDynamics, period: float
 ) -> None:
-    """Refuse machine code whose efforts, where no limit binds, are not Pinocchio's.
+    """Refuse machine code whose efforts are not Pinocchio's, or, where limits bind, beyond them.
 
     Args:
         laws: The kinematic law or None, and the dynamic one.
@@ -111,16 +112,45 @@ def _require_equal(
     robot, rng = dynamics.robot, np.random.default_rng(SEED)
     n, steered = len(robot.joints), len(robot.drive.steered)
     settings = settings_of(*laws, dynamics, period)
-    draws = SPREAD * rng.normal(size=(STATES, n + steered + 3 * robot.dof))
+    draws = SPREAD * rng.normal(size=(2 * STATES, n + steered + 3 * robot.dof))
+    draws[STATES:, -robot.dof :] *= FAR
+    answered = 0
     for draw in draws:
         places, turned, rest = np.split(draw, [n, n + steered])
         q = robot.configuration_at(np.zeros(3), robot.home + places, turned)
         nu, *command = rest.reshape(3, robot.dof)
         running = RunningLaws(kernel, settings, period, None)
-        if not running.follow(q, nu, Command(*command)) or running.limits():
+        if not running.follow(q, nu, Command(*command)):
+            continue
+        answered += 1
+        if running.limits():
+            require_within_limits(robot, running.answer)
             continue
         expected = laws[1].free_efforts(dynamics, period, LawSample(q, nu, *command), None)
         require_same(robot, "efforts", running.answer, expected)
+    require_answers(robot, answered)
+
+
+def require_answers(robot: Robot, count: int) -> None:
+    """Refuse machine code that answered none of the states at which it was tried.
+
+    Raises:
+        DiffersError: There is no answer to compare.
+    """
+    if not count:
+        raise DiffersError(f"machine code of {robot.name} answers no state near home")
+
+
+def require_within_limits(robot: Robot, efforts: Array) -> None:
+    """Refuse efforts of machine code beyond the robot's limits.
+
+    Raises:
+        DiffersError: One is.
+    """
+    beyond = np.abs(efforts) > (1.0 + EQUAL) * robot.effort_limits
+    if beyond.any():
+        name = robot.actuators[int(beyond.argmax())]
+        raise DiffersError(f"machine code of {robot.name} asks {name} for more than its limit")
 
 
 def require_same(robot: Robot, what: str, computed: Array, expected: Array) -> None:

@@ -12,6 +12,7 @@ import rpctl
 from rpctl import BoundedDynamic, Controller, Robot, set_limits
 from rpctl.arrays import Array
 from rpctl.control import bounded_statements
+from rpctl.control import law_kernel as kernels
 from rpctl.control.law_kernel import law_kernel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DiffersError
@@ -135,3 +136,21 @@ def test_a_step_leaves_nothing_behind(paper: Robot) -> None:
         assert steps(1000) - before < 2000  # bytes, of 500 steps
     finally:
         tracemalloc.stop()
+
+
+def test_machine_code_with_another_robots_limits_is_not_used() -> None:
+    """Near home no limit binds, and both robots' efforts are the same: it is tried further, too."""
+    strong = rpctl.load("paper")
+    weak, laws = set_limits(strong, {"wheel_*": 2.0}), (None, BoundedDynamic())
+    kernel = law_kernel(*laws, ReducedDynamics(strong), PERIOD, compiled=True)
+    kernels._require_equal(kernel, laws, ReducedDynamics(strong), PERIOD)
+    with pytest.raises(DiffersError, match="asks wheel_left_joint for more than its limit"):
+        kernels._require_equal(kernel, laws, ReducedDynamics(weak), PERIOD)
+
+
+def test_machine_code_that_answers_nothing_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    paper, laws = rpctl.load("paper"), (None, BoundedDynamic())
+    kernel = law_kernel(*laws, ReducedDynamics(paper), PERIOD, compiled=True)
+    monkeypatch.setattr(kernels.RunningLaws, "follow", lambda *given: False)
+    with pytest.raises(DiffersError, match="answers no state near home"):
+        kernels._require_equal(kernel, laws, ReducedDynamics(paper), PERIOD)

@@ -12,7 +12,12 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.fragment import law_fragment
 from rpctl.control.law import LawSample, Rest, as_law
-from rpctl.control.law_kernel import laws_key, require_same
+from rpctl.control.law_kernel import (
+    laws_key,
+    require_answers,
+    require_same,
+    require_within_limits,
+)
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import code_key
@@ -32,6 +37,7 @@ from rpctl.simulation.plants.rolling import advance
 MOST_KEPT = 8  # loops of a process: each takes some MB
 STATES, SEED = 3, 20210601
 SPREAD = 0.05  # of positions about home and of speeds, m, rad and their rates
+FAR = 20.0  # times that: how far off its reference a robot is where limits bind
 
 _kept: deque[tuple[Robot, Robot, str, CompiledLoop]] = deque(maxlen=MOST_KEPT)
 
@@ -147,21 +153,25 @@ def require_equal(
     if getattr(law, "approach", None) is not None:
         law = replace(law, approach=None)
     near = replace(config, kinematic=law, plant=Plant())
-    rng = np.random.default_rng(SEED)
-    for _ in range(STATES):
-        sample = _random_sample(known.robot, simulated, rng)
+    rng, answered = np.random.default_rng(SEED), 0
+    for off in (*[SPREAD] * STATES, *[FAR * SPREAD] * STATES):
+        sample = _random_sample(known.robot, simulated, rng, off)
         computed = _by_machine(compiled, known, near, *sample)
         if computed is None:  # the laws' own business: Python is asked there
             continue
+        answered += 1
+        if computed["limits"].any():
+            require_within_limits(known.robot, computed["efforts"])
         expected = _by_pinocchio(known, simulated, near, sample, computed)
         for name, value in expected.items():
             require_same(known.robot, name, computed[name], value)
+    require_answers(known.robot, answered)
 
 
 def _random_sample(
-    robot: Robot, simulated: ReducedDynamics, rng: np.random.Generator
+    robot: Robot, simulated: ReducedDynamics, rng: np.random.Generator, off: float
 ) -> tuple[Rest, Array, ReferenceState]:
-    """Return a robot at rest, speeds that it then has, and a reference near it."""
+    """Return a robot at rest, speeds that it then has, and a reference off it (m, rad)."""
     n = len(robot.joints)
 
     def near(center: Array) -> Array:
@@ -175,7 +185,12 @@ def _random_sample(
     rest = Rest(q, np.asarray(simulated.efforts(q, simulated.bias(q, still))))
     twist, rates = near(np.array([0.3, 0.0, 0.2])), near(np.zeros(3))
     state = ReferenceState(
-        near(pose), twist, rates, near(robot.home), near(np.zeros(n)), near(np.zeros(n))
+        pose + off * rng.normal(size=3),
+        twist,
+        rates,
+        near(robot.home),
+        near(np.zeros(n)),
+        near(np.zeros(n)),
     )
     return rest, near(still), state
 

@@ -16,7 +16,9 @@ from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.fragment import LimitNames
 from rpctl.control.law import Limit
 from rpctl.control.unified import UnifiedKinematic
+from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.errors import DiffersError
 from rpctl.kernels import cache, stored
 from rpctl.kernels.program import Buffer, Leave, Program
 from rpctl.robot.model import Robot
@@ -152,3 +154,20 @@ def test_without_a_home_nothing_is_kept_where_rpctl_is_started(
     monkeypatch.setattr(cache, "cache_folder", lambda: Path("~/.cache/rpctl"))
     assert cache.cached(bytes(32), lambda: b"x") == b"x"
     assert not list(tmp_path.iterdir())
+
+
+def test_a_loop_with_another_robots_limits_is_not_used(paper: Robot) -> None:
+    weak, config = rpctl.set_limits(paper, {"wheel_*": 2.0}), Config()
+    loop = build.compiled_loop(ReducedDynamics(paper), ReducedDynamics(paper), config)
+    with pytest.raises(DiffersError, match="asks wheel_left_joint for more than its limit"):
+        build.require_equal(loop, ReducedDynamics(weak), ReducedDynamics(weak), config)
+
+
+def test_a_loop_that_answers_nothing_is_not_used(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dynamics = ReducedDynamics(paper)
+    loop = build.compiled_loop(dynamics, dynamics, Config())
+    monkeypatch.setattr(build, "_by_machine", lambda *given: None)
+    with pytest.raises(DiffersError, match="answers no state near home"):
+        build.require_equal(loop, dynamics, dynamics, Config())
