@@ -12,6 +12,7 @@ import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.errors import DescriptionError, RpctlError
+from rpctl.robot.posture import judge
 from tests import urdf
 from tests.robot.arms import AXES, BEND, arm, limb, load, write
 from tests.robot.test_grippers import SLIDES
@@ -240,3 +241,23 @@ def test_chosen_postures_of_random_arms(seed: int, tmp_path: Path) -> None:
 
 def _draw(robot: Robot, rng: np.random.Generator) -> Array:
     return np.array([rng.uniform(joint.lower, joint.upper) for joint in robot.joints])
+
+
+@pytest.mark.parametrize(("elbow", "weak"), [(5.0, True), (6.0, False), (-5.0, True)])
+def test_an_arm_is_near_singular_below_a_tenth_of_its_best(
+    elbow: float, weak: bool, tmp_path: Path
+) -> None:
+    """Two rods of l = 10 m that turn about parallel axes: l √(l² sin² elbow + m²) with m = 0.3 m
+    a radian, at best l √(l² + m²): a tenth is at 5.47°.
+    """
+    rod = (1.0, 10.0)
+    parts = [
+        limb("rod_1", "base", "0 0 1", BEND, "revolute", "0 0 0.3", rod),
+        limb("rod_2", "rod_1", "0 0 1", BEND, "revolute", "10 0 0", rod),
+        urdf.link("palm", urdf.inertial(0.1, (1e-3, 1e-3, 1e-3))),
+        urdf.joint("palm_joint", "fixed", ("rod_2", "palm"), "10 0 0"),
+    ]
+    reasons = judge(load(tmp_path, *parts), np.radians([40.0, elbow]))
+    assert bool(reasons) is weak
+    if weak:
+        assert "near singular (9.2% of its best manipulability)" in reasons[0]
