@@ -1,4 +1,4 @@
-"""What makes every page: templates, assets, embedded data, the content policy, still charts."""
+"""What makes every page: templates, assets, embedded data, the content policy."""
 
 from __future__ import annotations
 
@@ -13,18 +13,14 @@ from importlib.resources import files
 from typing import Any
 
 import jinja2
-import numpy as np
 from markupsafe import Markup
 
 from rpctl.errors import printable
-from rpctl.study.words import number
 from rpctl.view import palette
 from rpctl.view.scene.stand_ins import StandIn, label, note
-from rpctl.view.still_chart import Axis, Mark, StillChart
 
 PAIR = r"\\ud[89ab][0-9a-f]{2}\\ud[c-f][0-9a-f]{2}"  # of surrogates, in JSON
 ESCAPED = re.compile(rf"\\\\|({PAIR}|\\u[0-9a-f]{{4}})")  # a backslash, or a sign beyond ASCII
-SIDE = 1000  # of the SVG's box, which is stretched
 
 
 @dataclass(frozen=True)
@@ -210,25 +206,3 @@ def policy(*scripts: str, served: bool = False) -> Markup:
         "form-action 'none'",
     )
     return Markup("; ".join(rules))  # our own
-
-
-def still_chart(chart: StillChart) -> Markup:
-    """Return a chart as HTML."""
-    x, y = chart.x, chart.y
-    return render(
-        "still_chart.html",
-        chart=chart,
-        side=SIDE,
-        marks=[{"mark": mark, "path": _path(mark, x, y)} for mark in chart.marks],
-        across=[(round(100.0 * float(x.at(value)), 2), number(value)) for value in x.ticks()],
-        up=[(round(100.0 - 100.0 * float(y.at(value)), 2), number(value)) for value in y.ticks()],
-    )
-
-
-def _path(mark: Mark, x: Axis, y: Axis) -> str:
-    """Return a mark as a path of the box, which is from 0 to 1 along each axis, upwards."""
-    known = ~np.isnan(mark.y)
-    across, up = x.at(mark.x[known]), y.at(mark.y[known])
-    points = zip(across.tolist(), up.tolist(), strict=True)
-    line = "M" + "L".join(f"{SIDE * a:.1f} {SIDE * (1 - b):.1f}" for a, b in points)
-    return f"{line}V{SIDE}H{SIDE * across[0]:.1f}Z" if mark.filled else line

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -33,12 +32,9 @@ from rpctl.study.words import (
 )
 from rpctl.view.pages.page import Badge, render_page
 from rpctl.view.pages.report import report_page, report_policy
-from rpctl.view.plots.figures import to_png, to_svg
+from rpctl.view.plots.figures import svg_address, to_png
 from rpctl.view.plots.study_runs import merits_figure, others_figure, study_runs_figure
 from rpctl.view.scene.scene import build_scene
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 REPORT_FILE, PICTURE_FILE = "study.html", "study.png"
 STYLES = ("report.css", "study.css")
@@ -104,10 +100,10 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
             Badge(name == "tracked", f"{grouped(count)} {name}")
             for name, count in Counter(result.runs.outcomes).most_common()
         ],
-        picture=_image(study_runs_figure(result)),
+        picture=svg_address(study_runs_figure(result)),
         method=None if main is None else METHODS[main.method],
-        others=_image(others_figure(result)) if len(result.sensitivities) > 1 else "",
-        distributions=_image(merits_figure(result)),
+        others=svg_address(others_figure(result)) if len(result.sensitivities) > 1 else "",
+        distributions=svg_address(merits_figure(result)),
         worst=_worst(result),
         worst_title=f"Worst runs by {merit_words(result.merit)}",
         scene=scene,
@@ -118,11 +114,6 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
         versions=result.details["identity"]["versions"],
     )
     return page.encode("utf-8", "backslashreplace")
-
-
-def _image(figure: Figure) -> str:
-    """Return a figure as an address that holds it."""
-    return f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure)).decode()}"
 
 
 def _subtitle(result: StudyResult) -> str:

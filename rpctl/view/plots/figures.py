@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -175,6 +176,11 @@ def to_svg(figure: Figure) -> bytes:
     with rc_context({"svg.hashsalt": "rpctl"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
+
+
+def svg_address(figure: Figure) -> str:
+    """Return a figure as an address that holds it, for a page."""
+    return f"data:image/svg+xml;base64,{base64.b64encode(to_svg(figure)).decode()}"
 
 
 def find_panels(run: Run) -> list[PanelChart]:

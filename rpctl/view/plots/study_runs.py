@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,6 @@ from rpctl.view.labels import fold, literal
 from rpctl.view.palette import RAMP, light
 from rpctl.view.plots import style
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT, style_axes
-from rpctl.view.still_chart import Axis, axis_over
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,6 +41,9 @@ WIDTH_IN, PANEL_IN, SMALL_PANEL_IN, HEAD_IN, BAR_IN = (
 )  # inches: of the figure, and heights
 TITLE_LETTERS, LABEL_LETTERS, NAME_LETTERS = 86, 36, 44  # in a line
 MOST_BARS = 10
+DECADES_RATIO = 40.0  # largest over smallest: beyond, an axis is logarithmic
+MAX_DECADES_RATIO = 1e6  # that a logarithmic axis shows
+ROOM = 0.04  # of the range of values: left free at either end
 BINS = 32  # of a distribution
 SAME = 1e-3  # of the largest value: a smaller spread is not drawn
 BENT = {False: "of the parameter", True: "of its distance from its median"}  # of a correlation
@@ -137,7 +140,7 @@ def draw_envelope(result: StudyResult, name: str, axes: Axes) -> None:
     t, words = result.runs.t, name.replace("_", " ")
     quantiles = envelope(np.asarray(result.runs.series[name], float), LEVELS)
     unit = unit_of(result.units.get(name, "") or "m", _largest(quantiles))
-    y = axis_over(unit.factor * quantiles)
+    y = span_of(unit.factor * quantiles)
     values = np.clip(unit.factor * quantiles, y.low, y.high)
     axes.fill_between(t, values[0], values[4], color=style.BASE, alpha=0.18, lw=0.0,
                       label="5 to 95 %")  # fmt: skip
@@ -145,7 +148,7 @@ def draw_envelope(result: StudyResult, name: str, axes: Axes) -> None:
                       label="25 to 75 %")  # fmt: skip
     axes.plot(t, values[2], color=style.BASE, lw=1.5, label="median")
     _style(axes, f"{words[:1].upper()}{words[1:]} over time", "time (s)", f"error ({unit.name})")
-    axes.set(xlim=(t[0], t[-1]), yscale=_scale(y), ylim=(y.low, y.high))
+    axes.set(xlim=(t[0], t[-1]), yscale=y.scale, ylim=(y.low, y.high))
     if y.log:
         axes.yaxis.set_major_formatter("{x:g}")
     _legend(axes)
@@ -166,13 +169,12 @@ def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
         axes.text(0.5, 0.5, text, ha="center", fontsize=SMALL_PT, transform=axes.transAxes)
         axes.set(xticks=[], yticks=[])
         return
-    x = axis_over(inside, zero=False)
-    edges = x.value(np.linspace(0.0, 1.0, BINS + 1))
-    axes.hist([inside[good], inside[~good]], edges.tolist(), stacked=True,
+    x = span_of(inside, zero=False)
+    axes.hist([inside[good], inside[~good]], x.edges(), stacked=True,
               color=[style.BASE, style.TIP], label=["succeeded", "did not"])  # fmt: skip
     middle = float(np.median(inside))
     axes.axvline(middle, color=style.INK, **style.LIMIT_STYLE, label="median")
-    axes.set(xscale=_scale(x), xlim=(x.low, x.high))
+    axes.set(xscale=x.scale, xlim=(x.low, x.high))
     if x.log:
         axes.xaxis.set_major_formatter("{x:g}")
     _legend(axes)
@@ -232,8 +234,43 @@ def _largest(values: Array) -> float:
     return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
 
 
-def _scale(axis: Axis) -> str:
-    return "log" if axis.log else "linear"
+@dataclass(frozen=True)
+class Span:
+    """What an axis shows, from its low end to its high one."""
+
+    low: float
+    high: float
+    log: bool = False
+
+    @property
+    def scale(self) -> str:
+        """The axis's scale, as Matplotlib names it."""
+        return "log" if self.log else "linear"
+
+    def edges(self) -> list[float]:
+        """Return the edges of a distribution's bins."""
+        spaced = np.geomspace if self.log else np.linspace
+        return spaced(self.low, self.high, BINS + 1).tolist()
+
+
+def span_of(values: Array, zero: bool = True) -> Span:
+    """Return an axis that holds values with a little room; it is logarithmic if they span decades.
+
+    Args:
+        values: Those that are not finite are left out.
+        zero: Whether a linear one begins at zero, if no value is below.
+    """
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return Span(0.0, 1.0)
+    low, high = float(known.min()), float(known.max())
+    least = float(known[known > 0.0].min(initial=np.inf))
+    if low >= 0.0 and high > DECADES_RATIO * least:
+        return Span(max(least, high / MAX_DECADES_RATIO) / 1.15, high * 1.15, log=True)
+    if zero and low >= 0.0:
+        low = 0.0
+    room = ROOM * (high - low) or 0.5 * abs(high) or 1.0
+    return Span(low if low == 0.0 else low - room, high + room)
 
 
 def _style(axes: Axes, title: str, x: str, y: str) -> None:

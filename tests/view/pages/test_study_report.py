@@ -30,7 +30,6 @@ from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, WorstRun
 from rpctl.study.words import Unit, number
 from rpctl.view.pages import study
-from rpctl.view.pages.page import SIDE, still_chart
 from rpctl.view.pages.report import report_policy
 from rpctl.view.plots import style
 from rpctl.view.plots.study_runs import (
@@ -38,9 +37,9 @@ from rpctl.view.plots.study_runs import (
     draw_envelope,
     draw_importance,
     draw_map,
+    span_of,
     study_runs_figure,
 )
-from rpctl.view.still_chart import Axis, Mark, StillChart
 from tests.view.chromium import chromium
 
 HOSTILE = "plant.<script>alert(1)</script>"
@@ -61,24 +60,13 @@ def test_numbers(value: float, unit: Unit, text: str) -> None:
 
 
 def test_axes() -> None:
-    linear = Axis(0.0, 2.0)
-    np.testing.assert_allclose(linear.at(np.array([-1.0, 0.5, 2.0, np.inf])), [0, 0.25, 1, 1])
-    np.testing.assert_allclose(linear.ticks(), [0.0, 0.5, 1.0, 1.5, 2.0])
-    log = Axis(1.0, 100.0, log=True)
-    np.testing.assert_allclose(log.value(np.array([0.0, 0.5])), [1.0, 10.0])
-
-
-def test_lines_and_fills_go_through_their_points() -> None:
-    x, axis = np.array([0.0, 2.0, 3.0]), Axis(0.0, 4.0)
-    line = Mark(x, np.array([0.0, 1.0, np.nan]), "base")
-    fill = Mark(x, np.array([4.0, np.inf, np.nan]), "tip", filled=True)
-    chart = StillChart("a", Axis(0.0, 2.0, "<t>"), axis, (line, fill), summary="said")
-    page = still_chart(chart)
-    lines, fills = re.findall(r'style="[^"]*" d="([^"]*)"', page)
-    assert lines == f"M0.0 {SIDE}.0L{SIDE}.0 750.0"
-    assert fills == f"M0.0 0.0L{SIDE}.0 0.0V{SIDE}H0.0Z"
-    assert "stroke:var(--base)" in page and "fill:var(--tip)" in page
-    assert "&lt;t&gt;" in page and 'aria-label="said"' in page
+    """Values of 1 to 100 span two decades, of 0 to 25 less; there are 32 bins."""
+    linear, log = span_of(np.array([0.0, 25.0, np.inf])), span_of(np.array([1.0, 100.0, np.nan]))
+    assert (linear.low, linear.high, linear.scale) == (0.0, 26.0, "linear")
+    assert (log.low, log.high, log.scale) == pytest.approx((1.0 / 1.15, 115.0, "log"))
+    assert linear.edges()[16] == pytest.approx(13.0)
+    assert log.edges()[16] == pytest.approx(10.0)
+    assert len(log.edges()) == 33
 
 
 def axes_of(draw: Callable[..., object], *given: Any) -> Any:
@@ -174,7 +162,7 @@ def result(folder: Path = Path(), **changes: Any) -> StudyResult:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let pages hold no figures, which take their time."""
-    monkeypatch.setattr(study, "_image", lambda figure: "data:,")
+    monkeypatch.setattr(study, "svg_address", lambda figure: "data:,")
 
 
 @pytest.mark.usefixtures("undrawn")
