@@ -18,8 +18,7 @@ from rpctl.files.opening import read_input
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.loop.backend import pays, plant_refusal, refusal
-from rpctl.simulation.loop.periods import whole_periods
-from rpctl.simulation.loop.track import default_duration, simulate
+from rpctl.simulation.loop.track import require_affordable, simulate
 from rpctl.simulation.merits.measures import measures
 from rpctl.simulation.merits.outcome import DIVERGING
 from rpctl.simulation.run.run import Run
@@ -146,8 +145,7 @@ class Runner:
     def _prepared(self) -> _Prepared:
         robot, experiment = self.robot, self.experiment
         config, reference = experiment.config, experiment.reference or self._reference()
-        duration = config.run.duration or default_duration(reference)
-        count = whole_periods(duration, config.run.control_period) + 1
+        count = require_affordable(robot, config, reference).periods + 1
         placed = robot.end_effector is not None
         series = tuple(name for name, measure in SERIES.items() if placed or measure != "tip")
         merits = merits_for(robot, experiment.merits)

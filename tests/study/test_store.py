@@ -11,6 +11,7 @@ import pytest
 
 from rpctl import RpctlError
 from rpctl.libraries import library
+from rpctl.study import store
 from rpctl.study.experiment import RunTable, join_tables
 from rpctl.study.store import read_runs, record_of, table_of, write_runs
 
@@ -87,3 +88,61 @@ def test_what_is_no_file_of_runs_is_refused(tmp_path: Path) -> None:
     library("pandas").DataFrame({"a": [1]}).to_parquet(path)
     with pytest.raises(RpctlError, match="is no file of a study's runs"):
         read_runs(path)
+
+
+def test_a_merit_that_was_changed_is_found_out(tmp_path: Path) -> None:
+    """The file is whole by Parquet's own sums; the digest of its rows is another's."""
+    path = written(tmp_path, rows(*range(9)))
+    table = pq.read_table(path)
+    for name in ("rms", "success", "outcome", "plant.delay", "error", "run"):
+        values = table[name].to_pylist()
+        values[2], values[3] = values[3], values[2]
+        column = table.schema.get_field_index(name)
+        changed = table.set_column(column, table.field(name), library("pyarrow").array(
+            values, table.field(name).type))  # fmt: skip
+        pq.write_table(changed, path)
+        with pytest.raises(RpctlError, match="it was changed after it was written; remove it"):
+            read_runs(path)
+    pq.write_table(table, path)
+    assert_same(read_runs(path)[0], rows(*range(9)))
+
+
+def test_a_small_file_of_many_rows_is_refused_before_they_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rows that are all alike take some bytes on disk, and eight a number in memory."""
+    path, many = written(tmp_path, rows(0)), 2_000_000
+    table = pq.read_table(path).take(np.zeros(many, np.int64))
+    pq.write_table(table, path, compression="zstd")
+    assert path.stat().st_size < 200_000
+    monkeypatch.setenv("RPCTL_MAX_RUN_BYTES", str(50 * 2**20))
+    monkeypatch.setattr(store, "_read", lambda path: pytest.fail("it was read"))
+    with pytest.raises(RpctlError, match=r"its 2000000 runs take .* of memory; remove it if"):
+        read_runs(path)
+
+
+def test_columns_of_other_types_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    path = written(tmp_path, rows(0, 1))
+    table = pq.read_table(path)
+    nested = library("pyarrow").array([[[1.0]], [[2.0]]])
+    pq.write_table(table.append_column("more", nested), path)
+    with pytest.raises(RpctlError, match='its column "more" is of type list<'):
+        read_runs(path)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_damaged_file_is_named_or_unharmed(seed: int, tmp_path: Path) -> None:
+    table, rng = rows(*range(9)), np.random.default_rng(seed)
+    path = written(tmp_path, table)
+    data = bytearray(path.read_bytes())
+    if seed % 4 == 0:
+        data = data[: int(rng.integers(len(data)))]
+    for place in rng.integers(len(data), size=1 + seed % 3) if data else ():
+        data[place] ^= int(rng.integers(1, 256))
+    path.write_bytes(data)
+    try:
+        found, _ = read_runs(path)
+    except RpctlError as error:
+        assert str(error).startswith(f"{path}: ")
+    else:
+        assert_same(found, table)
