@@ -54,12 +54,14 @@ to be compiled.
 
 from __future__ import annotations
 
+import socket
 import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 from rpctl.errors import RpctlError
 from rpctl.libraries import library
@@ -113,7 +115,7 @@ class DaskExecutor(Executor):
     def __init__(self, address: str, tell: Callable[[str], object] | None = None) -> None:
         self._tell = tell or (lambda text: print(text, file=sys.stderr))
         self._refused: set[str] = set()  # addresses of workers that were sent away
-        self._client = _connect(address)
+        self._client = _connect(address, self._tell)
         try:
             check_workers(self._client)
         except BaseException:
@@ -232,8 +234,27 @@ def _scheduler_there() -> Iterator[None]:
         raise RpctlError(GONE) from None
 
 
-def _connect(address: str) -> Any:
-    """Return a client of a scheduler that has at least one worker.
+def _require_greeting(address: str) -> None:
+    """Refuse what says nothing to who connects, as a scheduler does at once: Dask would wait on.
+
+    With another protocol than TCP the client speaks first.
+
+    Raises:
+        OSError: Nothing is there, or it is silent.
+        ValueError: It is no address.
+    """
+    parts = urlsplit(address if "://" in address else f"tcp://{address}")
+    if parts.scheme != "tcp":
+        return
+    if not parts.hostname or parts.port is None:
+        raise ValueError("no host and port")
+    with socket.create_connection((parts.hostname, parts.port), CONNECT_S) as connection:
+        if not connection.recv(1):
+            raise ConnectionError("it hangs up")
+
+
+def _connect(address: str, tell: Callable[[str], object]) -> Any:
+    """Return a client of a scheduler that has at least one worker; ``tell`` says what it waits for.
 
     Raises:
         RpctlError: Dask is missing, no scheduler answers, or no worker joins.
@@ -245,6 +266,7 @@ def _connect(address: str) -> Any:
             raise
         raise RpctlError(f"more machines need distributed; {INSTALL}") from None
     try:
+        _require_greeting(address)
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         reason = str(error).partition("\n")[0]
@@ -253,6 +275,8 @@ def _connect(address: str) -> Any:
             "give its address as tcp://HOST:PORT"
         ) from None
     try:
+        if not client.nthreads():
+            tell(f"{address}: no worker is there yet; waiting {JOIN_S:g} s for one to join")
         client.wait_for_workers(1, timeout=JOIN_S)
     except TimeoutError:
         client.close()

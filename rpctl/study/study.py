@@ -20,6 +20,7 @@ from rpctl.files.writing import write_atomically
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
+from rpctl.simulation.loop.track import require_affordable
 from rpctl.simulation.merits.outcome import ON_PATH_M, TRACKED
 from rpctl.study.design import DESIGNS, Design, extra, whole
 from rpctl.study.executor import Executor
@@ -183,6 +184,10 @@ def run_study(
     """
     merits_for(robot, (study.settings.merit, *study.success))
     extra("pyarrow.parquet")  # a library that is missing is told before anything is written
+    config = study.experiment.config
+    known = config.limits.apply(robot)
+    reference = study.experiment.reference or config.run.load_reference(known)
+    require_affordable(known, config, reference)
     journal = Journal(out / JOURNAL_FILE, _identity(robot, study), "a study")
     tables = _kept(journal, resume)
     if study.text:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import pickle
+import socket
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from threading import Thread
 from types import SimpleNamespace
 from typing import Any
 
@@ -67,6 +69,37 @@ def test_an_address_without_a_scheduler(monkeypatch: pytest.MonkeyPatch) -> None
     with pytest.raises(RpctlError, match="no scheduler answers") as error:
         DaskExecutor(ABSENT_ADDRESS)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("hangs_up", [True, False])
+def test_a_port_that_is_no_schedulers_is_told_in_bounded_time(
+    hangs_up: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes the connection and says nothing, for which Dask waits until it hangs up."""
+    monkeypatch.setattr(cluster, "CONNECT_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        if hangs_up:
+            Thread(target=lambda: server.accept()[0].close(), daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        why = "it hangs up" if hangs_up else "timed out"
+        with pytest.raises(RpctlError, match=rf"{address}: no scheduler answers \({why}\)"):
+            DaskExecutor(address)
+
+
+def test_an_address_without_a_port_is_none() -> None:
+    with pytest.raises(RpctlError, match=r"nowhere: no scheduler answers \(no host and port\)"):
+        DaskExecutor("nowhere")
+
+
+@pytest.mark.slow
+def test_a_scheduler_without_workers_is_told_while_it_is_waited_for(
+    dask: DaskProcesses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "JOIN_S", 1.0)
+    told: list[str] = []
+    with pytest.raises(RpctlError, match="no worker has joined in 1 s; start some with"):
+        DaskExecutor(dask.address, told.append)
+    assert told == [f"{dask.address}: no worker is there yet; waiting 1 s for one to join"]
 
 
 @pytest.fixture
@@ -187,7 +220,7 @@ def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_p
                 while executor.workers < 2:  # it takes long to start on a busy machine
                     time.sleep(0.05)
     assert_same(found, chunks)
-    (text,) = told
+    (text,) = [each for each in told if "no worker is there yet" not in each]
     assert f"has numpy 1.0, here {np.__version__}; install the same" in text
     assert text.endswith("it was sent away")
     assert set(began(log)) == {good.pid}

@@ -265,3 +265,10 @@ def test_chunks_suit_the_workers() -> None:
     assert chunk_size(1000, 2) == 56  # whole numbers of lanes
     assert chunk_size(40, 2) == 2
     assert chunk_size(3, 8) == 1
+
+
+def test_a_study_that_would_compute_for_ever_writes_nothing(paper: Robot, tmp_path: Path) -> None:
+    study = study_of(paper, tmp_path, SHORT.replace("plant_step = 0.02", "plant_step = 1e-12"))
+    with pytest.raises(RpctlError, match=r"the run would take too long: .* plant_step"):
+        run_study(paper, study, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
