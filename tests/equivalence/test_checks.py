@@ -13,7 +13,6 @@ import rpctl
 from rpctl import ReducedDynamics
 from rpctl.arrays import Array
 from rpctl.equivalence import checks
-from rpctl.equivalence.certificate import DIFFERENCE_TOLERANCE
 from rpctl.equivalence.gibbs_appell import GibbsAppell, RollingTerms, rolling_terms
 from rpctl.equivalence.state import State, find_rounding_scales
 from tests.robots import SET_A, platform, write
@@ -48,7 +47,7 @@ def test_skewness_is_relative_to_the_larger_of_c_and_a_small_robots_own_size(
     row = rows["Ṁ − 2C skew-symmetric"]
     assert row.residual == pytest.approx(4.0 * PLANTED / floor, rel=1e-6)
     assert row.entry == "v, v"
-    assert row.limit == DIFFERENCE_TOLERANCE
+    assert row.limit == 1e-6
 
 
 @pytest.mark.parametrize("size, passed", [(1e6, True), (1e-3, False)])
