@@ -90,6 +90,15 @@ def veered(turn: float) -> EngineRecording:
     return replace(arc(), pose=pose)
 
 
+def heading(recording: EngineRecording, turn: float) -> EngineRecording:
+    """Return a recording whose pose is turned about the start."""
+    x, y, angle = recording.pose.T
+    cos, sin = np.cos(turn), np.sin(turn)
+    return replace(
+        recording, pose=np.column_stack([cos * x - sin * y, sin * x + cos * y, angle + turn])
+    )
+
+
 PLANTED: dict[str, tuple[Callable[[], EngineRecording], str, float, str]] = {
     "too far": (lambda: longer(1.2), "path", 0.2, "drives 20 % too far"),
     "too short": (lambda: longer(0.9), "path", 0.1, "drives 10 % too short"),
@@ -136,6 +145,15 @@ def test_a_planted_fault_is_the_worst_gap(name: str) -> None:
     assert (gap.name, gap.agrees) == (kind, False)
     assert gap.gap == pytest.approx(size, rel=0.02)
     assert words in gap.words
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.5, 3.0, -1.5])
+@pytest.mark.parametrize("left", [0.1, -0.1])
+def test_a_side_is_the_robots_own(turn: float, left: float) -> None:
+    """Both ways turned by the same angle about the start: left stays left."""
+    model, engine = (heading(each, turn) for each in (arc(), aside(left)))
+    gap = compare(*known(), model, engine, {})[0]
+    assert gap.words.endswith("to the left" if left > 0.0 else "to the right")
 
 
 @pytest.mark.parametrize("ratio, agrees", [(1.019, True), (1.021, False), (0.979, False)])
