@@ -54,12 +54,12 @@ class EngineGap:
 
     @property
     def ratio(self) -> float:
-        """The gap in units of its band."""
-        return abs(self.gap) / self.band if self.band > 0.0 else math.inf
+        """The gap in units of its band; infinite where it is no number."""
+        return abs(self.gap) / self.band if self.band > 0.0 and self.gap == self.gap else math.inf
 
     @property
     def agrees(self) -> bool:
-        """Whether it stays within the band; what is no number does not."""
+        """Whether it stays within the band."""
         return self.ratio <= 1.0
 
     def to_dict(self) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def compare(
     rows = [*_stance(robot, model, engine), *_path(model, engine), *_slip(robot, model, engine)]
     rows += [*_loads(robot, contacts, model, engine), *_joints(robot, model, engine, slack)]
     rows.append(_energy(robot, model, engine, slack))
-    return tuple(sorted(rows, key=lambda row: -row.ratio if row.ratio == row.ratio else -math.inf))
+    return tuple(sorted(rows, key=lambda row: -row.ratio))
 
 
 def _largest(gaps: Array) -> float:

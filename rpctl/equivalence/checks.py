@@ -226,10 +226,15 @@ def engine(
     losses = dynamics.robot.losses
     if losses is not None:
         S = dynamics.basis(q)
-        damping = -S.T @ (losses.damping * (S @ nu))
-        dry = "friction is left out, a constraint there" if losses.friction.any() else ""
-        row = relative("damping of ℓ", MUJOCO, damping, theirs.damping, names)
-        yield replace(row, note=dry)
+        v = S @ nu
+        dry = losses.friction * v / np.hypot(v, losses.rate)
+        note = "friction is left out, a constraint there" if dry.any() else ""
+        damping, products = (
+            dynamics.losses(q, nu) + S.T @ dry,
+            float((np.abs(S.T) @ abs(dry)).max()),
+        )
+        row = relative("damping of ℓ", MUJOCO, damping, theirs.damping, names, products)
+        yield replace(row, note=note)
 
 
 def _swing(spread: Array, nu: Array) -> float:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.drive.steering import is_regular
-from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import (
     DIFFERENCE_TOLERANCE,
-    EPS,
     Check,
     allowed,
     difference_step,
@@ -23,16 +20,14 @@ from rpctl.equivalence.certificate import (
 )
 from rpctl.equivalence.state import ForcedState, State, efforts
 from rpctl.errors import RpctlError
+from rpctl.libraries import library
+from rpctl.robot.model import Robot
 
-POWER_TOLERANCE = 1e-6  # energy balance of a motion by RK4, extrapolated
-POWER_ATTEMPTS = 8  # steps tried, each as one and as two halves: 24 steps of RK4, 0.1 s at most
-MAX_POWER_STEP_S = 12.5e-3  # s; the longest
-MAX_STEP_ERROR = 1e-7  # of the speeds, in one step: beyond it the step is tried shorter
-MAX_FIRST_TURN = 0.1  # rad, of all joints together in the first step
-MAX_FIRST_DECAY = 0.1  # of the speeds, by the losses: MAX_STEP_ERROR is that to the fifth / 120
-MAX_STEP_GROWTH, MIN_STEP_GROWTH = 2.0, 0.1  # of a step, at most, from one to the next
-STEP_SAFETY = 0.9  # of the step that the error allows
-RK4_ORDER = 4  # of RK4: twice the step has 2⁴ times the error, in one step twice that
+POWER_TOLERANCE = 1e-6  # energy balance of a motion, with decades to spare
+POWER_SPAN_S = 0.1  # s; of the motion, at most
+FIRST_STEP_S = 1e-3  # s; tried: SciPy's own guess may be no number, and is then tried for ever
+POWER_EVALUATIONS = 70  # no step begins after these: a fast motion is followed for less time
+ACCURACY = 1e-10  # of a step of the integrator
 SPEED_SCALE = 0.1  # of the random speeds and accelerations: a motion that few steps resolve
 
 
@@ -58,36 +53,75 @@ def energy_rate(dynamics: ReducedDynamics, forced: ForcedState) -> Check:
 def power_balance(dynamics: ReducedDynamics, state: State) -> Check:
     """Follow a motion under constant efforts; its energy must change by their work less losses.
 
-    Every step is made twice, whole and in halves. Where their speeds part, the motion is too fast
-    for the step, and it is tried again, shorter: a fault of the energy does not show there. From
-    the two gaps of the energy the truncation is extrapolated away (Richardson), a fault is not.
-    The motion ends early where it steers to an angle at which ν determines no one motion.
+    SciPy's integrator follows it, the work among its unknowns; no step is the product's own. The
+    motion ends early where it steers to an angle at which ν determines no one motion.
     """
     robot, q, nu = dynamics.robot, state.q, SPEED_SCALE * state.nu
     tau = efforts(dynamics, q, nu, SPEED_SCALE * state.push)
-    start, steered = 0.5 * float(nu @ dynamics.inertia(q) @ nu), robot.drive.steered
-    step, steps, gap, moved = _first_step(dynamics, q, nu, tau), 0, 0.0, 0.0
-    for _ in range(POWER_ATTEMPTS):
-        if not is_regular(
-            robot.drive, {s.joint: robot.joint_position(q, s.joint) for s in steered}
-        ):
-            break
-        pair = _pair(dynamics, q, nu, tau, step)
-        if pair.error <= MAX_STEP_ERROR:
-            q, nu, gap, moved = pair.q, pair.nu, gap + pair.gap, moved + abs(pair.work)
-            steps += 1
-        wished = (MAX_STEP_ERROR / max(pair.error, EPS)) ** (1.0 / (RK4_ORDER + 1))
-        step = min(
-            MAX_POWER_STEP_S,
-            step * float(np.clip(STEP_SAFETY * wished, MIN_STEP_GROWTH, MAX_STEP_GROWTH)),
+    start, before = 0.5 * float(nu @ dynamics.inertia(q) @ nu), dynamics.energy(q, nu)
+    follow = partial(_rates, dynamics, q, tau)
+    here = np.concatenate([np.zeros(robot.nv), nu, [0.0]])
+    rates = np.abs(follow(0.0, here))
+    size = (
+        POWER_SPAN_S * rates[: robot.nv].max(),
+        np.abs(nu).max(),
+        start + POWER_SPAN_S * rates[-1],
+    )
+    floor = ACCURACY * np.repeat(size, [robot.nv, robot.dof, 1])
+    steps, moved = 0, 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        solver = library("scipy.integrate").DOP853(
+            follow, 0.0, here, POWER_SPAN_S, first_step=FIRST_STEP_S, rtol=ACCURACY, atol=floor
         )
+        while solver.nfev < POWER_EVALUATIONS and _steers_well(robot, q):
+            solver.step()
+            if solver.status == "failed":
+                break
+            steps, moved = steps + 1, moved + abs(float(solver.y[-1] - here[-1]))
+            here = solver.y
+            q, nu = _place(robot, state.q, here), here[robot.nv : -1]
+            if solver.status == "finished":
+                break
     if not steps:
-        raise RpctlError(
-            f"{robot.name}: no step of the motion, as short as {step:.0e} s, converges"
-        )
+        raise RpctlError(f"{robot.name}: no step of the motion, however short, converges")
+    gap = dynamics.energy(q, nu) - before - here[-1]
     scale = max(moved, min(1.0, start + moved))
     limit = allowed(POWER_TOLERANCE, steps * _products(dynamics, q, nu), scale)
     return worst("power balance", "work of τ", np.array([gap / scale]), limit, ["energy"])
+
+
+def _rates(dynamics: ReducedDynamics, start: Array, tau: Array, _: float, y: Array) -> Array:
+    """Return the rates of what was travelled, of ν and of the work; NaN where there are none.
+
+    Args:
+        start: Configuration (nq,) from which y's first nv entries are travelled: x and y in the
+            world, m, then angles and slides.
+    """
+    robot = dynamics.robot
+    q, nu = _place(robot, start, y), y[robot.nv : -1]
+    try:
+        nu_dot = dynamics.forward(q, nu, tau)
+    except RpctlError:
+        return np.full_like(y, np.nan)
+    at = dynamics.at(q)
+    v = at.S @ nu
+    power = nu @ at.B @ tau + _lost(dynamics, v).sum()
+    cos, sin = q[2:4]
+    v[:2] = cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]
+    return np.array([*v, *nu_dot, power])
+
+
+def _place(robot: Robot, start: Array, y: Array) -> Array:
+    """Return the configuration (nq,) after what was travelled."""
+    q = pin.integrate(robot.model, start, np.array([0.0, 0.0, *y[2 : robot.nv]]))
+    q[:2] += y[:2]
+    return np.asarray(q)
+
+
+def _steers_well(robot: Robot, q: Array) -> bool:
+    """Return whether ν determines the motion at q."""
+    angles = {s.joint: robot.joint_position(q, s.joint) for s in robot.drive.steered}
+    return is_regular(robot.drive, angles)
 
 
 def _lost(dynamics: ReducedDynamics, v: Array) -> Array:
@@ -96,52 +130,8 @@ def _lost(dynamics: ReducedDynamics, v: Array) -> Array:
     return np.zeros_like(v) if losses is None else losses.force(v) * v
 
 
-def _first_step(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array) -> float:
-    """Return a step (s) in which all joints turn little and losses take little of the speeds."""
-    S = dynamics.basis(q)
-    v = S @ nu
-    rates = float(np.abs(v).sum())
-    rates += MAX_POWER_STEP_S * float(np.abs(dynamics.forward(q, nu, tau)).sum())
-    shares = [1.0 / MAX_POWER_STEP_S, rates / MAX_FIRST_TURN]
-    losses = dynamics.robot.losses
-    if losses is not None:
-        decay = np.linalg.solve(dynamics.inertia(q), S.T @ (losses.slope(v)[:, None] * S))
-        shares.append(float(np.abs(np.linalg.eigvals(decay)).max()) / MAX_FIRST_DECAY)
-    return 1.0 / max(shares)
-
-
 def _products(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
     """Return the magnitude of the terms summed into the energy, J: ½ |v|ᵀ|M||v| plus |E|."""
     robot, v = dynamics.robot, np.abs(dynamics.basis(q) @ nu)
     M = np.abs(pin.crba(robot.model, robot.model.createData(), q))
     return 0.5 * float(v @ M @ v) + abs(dynamics.energy(q, nu))
-
-
-@dataclass(frozen=True)
-class _StepPair:
-    """A step made in two halves, compared with the same step made at once."""
-
-    q: Array
-    nu: Array
-    work: float  # J
-    gap: float  # J; energy gained less work done, truncation extrapolated away
-    error: float  # of the speeds, relative; infinite where the motion broke down in the step
-
-
-def _pair(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, step: float) -> _StepPair:
-    """Return a step of the motion (s), made whole and in halves."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        try:
-            whole = rk4_step(dynamics, q, nu, tau, step)
-            half = rk4_step(dynamics, q, nu, tau, 0.5 * step)
-            end = rk4_step(dynamics, half.q, half.nu, tau, 0.5 * step)
-        except RpctlError:
-            return _StepPair(q, nu, 0.0, 0.0, np.inf)
-    start = dynamics.energy(q, nu)
-    work = half.work - half.lost + end.work - end.lost
-    coarse = dynamics.energy(whole.q, whole.nu) - start - whole.work + whole.lost
-    fine = dynamics.energy(end.q, end.nu) - start - work
-    size = np.abs(end.nu).max() + np.abs(end.nu - nu).max()
-    error = float(np.abs(end.nu - whole.nu).max() / size)
-    error = error if math.isfinite(error) else np.inf
-    return _StepPair(end.q, end.nu, work, fine + (fine - coarse) / (2.0**RK4_ORDER - 1.0), error)

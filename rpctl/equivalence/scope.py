@@ -29,7 +29,7 @@ SWIVELS = {  # by role
     "caster": "casters",
     "trailer": "trailers",
 }
-MAX_NAMES = 4  # that a phrase lists
+MAX_NAMES = 4  # that the line lists of a phrase
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,9 @@ class Scope:
 
     @property
     def line(self) -> str:
-        """All of it in one line."""
-        return f"{self.proves}; taken for granted: {'; '.join((*self.assumes, *self.shared))}"
+        """All of it in one line, of many names the first."""
+        phrases = [*map(_shortened, self.assumes), *self.shared]
+        return f"{self.proves}; taken for granted: {'; '.join(phrases)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
@@ -109,6 +110,13 @@ def not_known(standing: Standing | None) -> tuple[Skipped, ...]:
     return (Skipped(STANDS, GRAVITY, standing.unknown),)
 
 
+def _shortened(phrase: str) -> str:
+    """Return "label: a, b, c" with the first names alone, another phrase as it is."""
+    label, colon, names = phrase.partition(": ")
+    listing = colon and "," not in label
+    return f"{label}: {listed(names.split(', '), MAX_NAMES)}" if listing else phrase
+
+
 def _standing(standing: Standing | None) -> Iterator[str]:
     if standing is None:
         return
@@ -137,12 +145,12 @@ def _roles(robot: Robot) -> Iterator[str]:
         if label == "driven wheels" and wheels and len(names) in (0, len(wheels)):
             yield f"{label}: {'all' if names else 'none'}"
         elif names:
-            yield f"{label}: {listed(names, MAX_NAMES)}"
+            yield f"{label}: {', '.join(names)}"
 
 
 def _joints(robot: Robot) -> Iterator[str]:
     if robot.locked:
-        yield f"held: {listed(robot.locked, MAX_NAMES)}"
+        yield f"held: {', '.join(robot.locked)}"
 
 
 def _losses(robot: Robot) -> Iterator[str]:

@@ -77,10 +77,26 @@ def changed(name: str, change: Callable[[np.ndarray], None]) -> EngineRecording:
     return replace(arc(), **{name: values})
 
 
-def aside() -> EngineRecording:
+def aside(left: float = -0.1) -> EngineRecording:
     pose = arc().pose.copy()
-    pose[:, 1] -= 0.1 * T / T[-1]
+    pose[:, 1] += left * T / T[-1]
     return replace(arc(), pose=pose)
+
+
+def veered(turn: float) -> EngineRecording:
+    """Return a recording that is off its heading half-way, and back in the end."""
+    pose = arc().pose.copy()
+    pose[:, 2] += turn * np.sin(0.5 * np.pi * T)
+    return replace(arc(), pose=pose)
+
+
+def heading(recording: EngineRecording, turn: float) -> EngineRecording:
+    """Return a recording whose pose is turned about the start."""
+    x, y, angle = recording.pose.T
+    cos, sin = np.cos(turn), np.sin(turn)
+    return replace(
+        recording, pose=np.column_stack([cos * x - sin * y, sin * x + cos * y, angle + turn])
+    )
 
 
 PLANTED: dict[str, tuple[Callable[[], EngineRecording], str, float, str]] = {
@@ -88,6 +104,9 @@ PLANTED: dict[str, tuple[Callable[[], EngineRecording], str, float, str]] = {
     "too short": (lambda: longer(0.9), "path", 0.1, "drives 10 % too short"),
     "stuck": (lambda: longer(0.0), "path", 1.0, "does not move"),
     "aside": (aside, "path", 0.1, "off the path, to the right"),
+    "aside, to the left": (lambda: aside(0.1), "path", 0.1, "off the path, to the left"),
+    "veers left": (lambda: veered(0.2), "heading", 0.2, "veers 11° to the left"),
+    "veers right": (lambda: veered(-0.2), "heading", -0.2, "veers 11° to the right"),
     "turns little": (lambda: turned(0.7), "heading", -0.15, "turns 30 % too little"),
     "turns much": (lambda: turned(1.3), "heading", 0.15, "turns 30 % too much"),
     "no turn": (lambda: turned(0.0), "heading", -0.5, "does not turn"),
@@ -126,6 +145,31 @@ def test_a_planted_fault_is_the_worst_gap(name: str) -> None:
     assert (gap.name, gap.agrees) == (kind, False)
     assert gap.gap == pytest.approx(size, rel=0.02)
     assert words in gap.words
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.5, 3.0, -1.5])
+@pytest.mark.parametrize("left", [0.1, -0.1])
+def test_a_side_is_the_robots_own(turn: float, left: float) -> None:
+    """Both ways turned by the same angle about the start: left stays left."""
+    model, engine = (heading(each, turn) for each in (arc(), aside(left)))
+    gap = compare(*known(), model, engine, {})[0]
+    assert gap.words.endswith("to the left" if left > 0.0 else "to the right")
+
+
+@pytest.mark.parametrize("ratio, agrees", [(1.019, True), (1.021, False), (0.979, False)])
+def test_the_band_of_the_heading(ratio: float, agrees: bool) -> None:
+    """A hundredth of the 0.5 rad that it turns, and 5 mrad: 10 mrad, a fiftieth."""
+    gap = next(g for g in compare(*known(), arc(), turned(ratio), {}) if g.name == "heading")
+    assert gap.band == pytest.approx(0.01) and gap.agrees == agrees
+
+
+def test_what_is_no_number_disagrees_before_all_else() -> None:
+    """Of the joints, too, whichever comes first."""
+    robot, _ = known()
+    for name in robot.joint_names:
+        joints = {each: values + 0.2 for each, values in arc().joints.items()}
+        gap = found(replace(arc(), joints={**joints, name: np.full_like(T, np.nan)}))
+        assert (gap.name, gap.agrees) == ("joint", False) and gap.words.startswith(name)
 
 
 def test_a_load_is_named_with_its_contact() -> None:

@@ -25,7 +25,6 @@ from rpctl.engines.engine import (
 )
 from rpctl.engines.referee import Referee
 from rpctl.errors import EngineMissing
-from rpctl.robot.losses import TURNING_RATE
 from rpctl.robot.model import Robot
 from tests import urdf
 from tests.engines.test_edited_urdf import two_wheels
@@ -112,7 +111,7 @@ def test_damping_and_dry_friction_brake_a_joint(
     state = moved(engine, robot, ALL_MENDED, {"leader": 0.05})
     free = 0.05 * 0.5 / 0.02  # rad/s without a loss
     assert nu[-1] < 0.5 * free
-    assert state.joints["leader"][1] == pytest.approx(nu[-1], rel=0.01, abs=2.0 * TURNING_RATE)
+    assert state.joints["leader"][1] == pytest.approx(nu[-1], rel=0.01, abs=0.02)
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -38,10 +39,12 @@ from tests.proofs import failed
 from tests.random_robots import generate
 from tests.robots import write
 
+LOSSES = '<dynamics damping="0.{0}" friction="0.0{0}"/></joint>'
 CheckKey = tuple[str, str]  # a check's name, and against what
 SEED = 59  # of a robot with slanted frames, wheels beside their joints, a mimic, R and P joints
 SAMPLES = 2
 GENERAL = "general"  # a differential drive of general numbers with five arm joints
+LOSSY = "lossy"  # the same, each joint with a damping and a friction of its own
 MAX_ROWS_TRIPPED = 4  # rows that a probe trips at most
 SMALL = 1e-6  # relative: a million times the limit of a comparison to rounding
 VISIBLE = 1e-4  # relative, m/s or 1/s: a hundred times the limit of one by differences
@@ -50,10 +53,13 @@ TINY = 1e-11  # relative: ten times the limit of a comparison to rounding
 
 def victim(name: str) -> Robot:
     """Return a robot of the catalogue, or the one of general numbers."""
-    if name != GENERAL:
+    if name not in (GENERAL, LOSSY):
         return rpctl.load(name)
     with tempfile.TemporaryDirectory() as folder:
         text = generate(np.random.default_rng(SEED), 5).text
+        if name == LOSSY:
+            sizes = count(1)
+            text = re.sub("</joint>", lambda _: LOSSES.format(next(sizes)), text)
         return rpctl.load(write(Path(folder), text))
 
 
@@ -178,6 +184,17 @@ def pushed(found: tuple[Array, Array], *arguments: object) -> tuple[Array, Array
     return A, drift + SMALL * np.arange(1.0, len(drift) + 1.0)
 
 
+def braking(change: Callable[[Array], Array]) -> Injection:
+    """Plant another damping of the joints than that of the file, nv numbers."""
+
+    def changed(robot: Robot) -> Robot:
+        assert robot.losses is not None
+        damping = np.array([*np.zeros(3), *change(robot.losses.damping[3:])])
+        return dataclasses.replace(robot, losses=dataclasses.replace(robot.losses, damping=damping))
+
+    return of_robot(changed)
+
+
 def negative(robot: Robot) -> Robot:
     """Return a robot whose file itself gives its last arm link moments of inertia below zero."""
     name, description = robot.joints[-1].child.encode(), robot.description
@@ -214,9 +231,15 @@ FAULTS: dict[str, tuple[str, Injection]] = {
     ),
     "roller A: directions": ("mecanum", rolling_of(directions)),
     "omni A: directions": ("omni", rolling_of(directions)),
+    "damping: left out": (LOSSY, braking(np.zeros_like)),
+    "damping: wrong sign": (LOSSY, braking(np.negative)),
+    "damping: of the next joint": (LOSSY, braking(lambda damping: np.roll(damping, 1))),
+    "ℓ: left out": (LOSSY, in_class(ReducedDynamics, "losses", scaled(0.0))),
+    "ℓ: wrong sign": (LOSSY, in_class(ReducedDynamics, "losses", scaled(-1.0))),
     "file: an inertia below zero": (GENERAL, of_robot(negative)),
 }
 
+OF_LOSSES = [name for name in FAULTS if name.startswith(("damping: ", "ℓ: "))]
 OF_ROLLING = [name for name in FAULTS if "A: " in name or "Ȧv: " in name]  # the product's rows
 
 
@@ -262,6 +285,8 @@ PROBES: dict[str, tuple[str, Injection]] = {
     "MuJoCo: M": (GENERAL, in_class(MujocoEngine, "reduced", field("M"))),
     "MuJoCo: h": (GENERAL, in_class(MujocoEngine, "reduced", field("h"))),
     "MuJoCo: B": (GENERAL, in_class(MujocoEngine, "reduced", field("B"))),
+    "MuJoCo: damping left out": (LOSSY, in_class(MujocoEngine, "reduced", field("damping", 0.0))),
+    "MuJoCo: damping": (LOSSY, in_class(MujocoEngine, "reduced", field("damping"))),
     "Lagrange: v̇": (GENERAL, result_of(checks.constrained_motion, field("v_dot"))),
     "Lagrange: Aᵀλ": (GENERAL, result_of(checks.constrained_motion, field("force"))),
     "Lagrange: Ȧv": (GENERAL, in_class(RollingRows, "at", pushed)),

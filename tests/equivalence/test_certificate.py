@@ -124,3 +124,13 @@ def test_an_oracle_that_breaks_down_at_one_state_answers_at_the_others(
     assert {(c.name, c.against) for c in proof.checks} == {
         ("computed", group), *((c.name, c.against) for c in sound.checks)
     }  # fmt: skip
+
+
+def test_json_names_all_that_is_held_where_the_line_counts() -> None:
+    """Gibbs and MuJoCo share that list: a joint that is not on it would be questioned by none."""
+    robot = rpctl.load("tiago")
+    scope = rpctl.verify(robot, samples=1).scope
+    (held,) = [each for each in scope.to_dict()["assumes"] if each.startswith("held: ")]
+    assert len(robot.locked) == 36
+    assert held.removeprefix("held: ").split(", ") == list(robot.locked)
+    assert held not in scope.line and "and 32 more" in scope.line

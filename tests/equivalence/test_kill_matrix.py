@@ -17,6 +17,7 @@ from tests.equivalence.kill_matrix import (
     FAULTS,
     GENERAL,
     MAX_ROWS_TRIPPED,
+    OF_LOSSES,
     OF_ROLLING,
     PROBES,
     SAMPLES,
@@ -76,6 +77,14 @@ def test_mujoco_has_followers_of_its_own(who: str) -> None:
     found = tripped(robot_of(who), in_module(planar, "follower_rate", faster))
     assert {("reduced inertia M", "Gibbs-Appell")} <= {(c.name, c.against) for c in found}
     assert "MuJoCo" not in {check.against for check in found}
+
+
+@pytest.mark.parametrize("name", OF_LOSSES)
+def test_two_sources_question_the_losses(name: str) -> None:
+    """The file's own numbers by Gibbs's function, and the file as MuJoCo reads it."""
+    who, inject = FAULTS[name]
+    found = {(check.name, check.against) for check in tripped(robot_of(who), inject)}
+    assert found >= {("losses ℓ", "Gibbs-Appell"), ("damping of ℓ", "MuJoCo")}
 
 
 def test_every_row_is_tripped_by_a_fault_that_trips_few_others() -> None:

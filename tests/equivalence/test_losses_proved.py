@@ -74,7 +74,7 @@ def test_energy_that_is_lost_elsewhere_is_found(
 
     true = energy._lost
     monkeypatch.setattr(energy, "_lost", lambda *given: 0.99 * true(*given))
-    assert failed(robot) == {"energy rate / power of τ"}
+    assert failed(robot) == {"energy rate / power of τ", "power balance / work of τ"}
 
 
 def test_a_rotor_that_is_not_the_files_is_found(robot: Robot) -> None:

@@ -18,7 +18,6 @@ from rpctl.control.error import tracking_error
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.reference.named import reference_by_name
 from rpctl.study.attraction import (
-    REACH_M,
     RUN,
     Fraction,
     Placement,
@@ -44,7 +43,7 @@ SLOW = [each for each in GRID if each[:2] == ("paper", "unified")]
 
 def drawn_errors(count: int, seed: int) -> list[tuple[float, float, float]]:
     """Return errors drawn evenly from ±1.5 m and ±π."""
-    edge = np.array([REACH_M, REACH_M, math.pi])
+    edge = np.array([1.5, 1.5, math.pi])
     drawn = np.random.default_rng(seed).uniform(-edge, edge, (count, 3))
     return [(x, y, turn) for x, y, turn in drawn.tolist()]
 
@@ -64,7 +63,7 @@ def test_an_error_is_the_placement_seen_from_the_robot() -> None:
 def test_the_grid_fills_the_square_and_the_circle() -> None:
     found = np.array([placement(error) for error in start_errors(200)])
     assert len(found) == 200
-    assert np.abs(found[:, :2]).max() == pytest.approx(REACH_M)
+    assert np.abs(found[:, :2]).max() == pytest.approx(1.5)
     assert len({tuple(row) for row in found.round(6)}) == 200
     headings = np.unique(found[:, 2].round(6))
     np.testing.assert_allclose(np.diff(headings), 0.25 * math.pi, atol=1e-5)

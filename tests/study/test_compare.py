@@ -27,7 +27,6 @@ from rpctl.reference.named import reference_by_name
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.study.cells import CellRunner, Figures, References, Row, TimedLaw, run_cells
 from rpctl.study.compare import (
-    INITIAL_ERROR,
     LAW_PAIRS,
     PAPER,
     PROPOSED,
@@ -283,7 +282,7 @@ def test_its_runs_end_with_whole_control_periods(paper: Robot) -> None:
 @pytest.mark.thorough
 def test_what_the_table_of_the_readme_claims(paper: Robot) -> None:
     """On the cells of the paper's robot that tell most."""
-    run = RunSettings(duration=12.0, initial_error=INITIAL_ERROR)
+    run = RunSettings(duration=12.0, initial_error=(0.1, -0.1, 0.1))
     names = ["line", "spin", "circle"]
     cells = grid(paper, ["nominal", "wheel-bias"], names, [PAPER, PROPOSED], run)
     rows = run_cells(CellRunner(References(paper)), cells, Executor())

@@ -108,6 +108,10 @@ def test_runs_without_a_merit_count_as_the_worst(kind: str) -> None:
     result = found(design, values, points)
     assert result.replaced == np.isnan(values).sum() > 0
     assert result.ranking[0] == "x2"
+    worst = np.nanmax(values)
+    replaced = found(design, np.where(np.isnan(values), worst, values), points)
+    if kind == "morris":
+        assert result.measures["mu_star"] == replaced.measures["mu_star"]
     if kind == "monte-carlo":  # the sign is that of a merit that failures make worse
         assert result.measures["rank_correlation"][1].low > 0.8
 

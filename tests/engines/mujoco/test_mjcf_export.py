@@ -94,6 +94,17 @@ def test_the_file_has_the_names_limits_and_losses_of_the_urdf(exported: Path) ->
     assert tie.get("polycoef") == "0.1 -0.5 0 0 0"
 
 
+def test_rotors_are_in_the_file(tmp_path: Path) -> None:
+    """As given, in kg m²; the others have none."""
+    path = tmp_path / "robot.xml"
+    source = write(tmp_path, robot_text())
+    export_quickly(rpctl.load(source, armature={"bend": 0.25}), path)
+    joints = etree.parse(path).getroot().iter("joint")
+    rotors = {joint.get("name"): joint.get("armature") for joint in joints if joint.get("name")}
+    assert rotors.pop("bend") == "0.25"
+    assert rotors and set(rotors.values()) <= {None, "0"}
+
+
 def test_a_state_that_is_set_in_mujoco_is_measured(robot: rpctl.Robot, exported: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(exported))
     data, own = mujoco.MjData(model), rpctl.MjcfRobot(robot, model)

@@ -15,7 +15,6 @@ from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Program, Read, Rows, RowStream
 from rpctl.simulation.compiled.merit_fold import FIRST, merit_fold
 from rpctl.simulation.merits.measures import SampleMeasures, fold, measures, merits_of, spans_of
-from rpctl.simulation.merits.outcome import ON_PATH_M
 from tests.kernels.interpreted import Interpreted
 
 FIELDS = ("q", "nu", "e", "tau")
@@ -148,7 +147,7 @@ def test_merits_are_those_on_paper() -> None:
     [
         ([0.0, 0.0, 0.0], 0.0),
         ([1.0, 0.0, 1.0], np.inf),
-        ([1.0, ON_PATH_M, 0.0], 0.5),
+        ([1.0, 0.05, 0.0], 0.5),
         ([0.0, 1.0, 0.0], 1.0),
         ([0.0, 0.0, np.nan], np.inf),
     ],

@@ -14,7 +14,7 @@ from rpctl import Disc, HalfPlane, Robot, Run
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.pose_goal import goal_of_words
-from rpctl.robot.collision import TOUCH_M, Distances
+from rpctl.robot.collision import Distances
 from rpctl.robot.pair_motion import approach_rates, ball_gaps, joint_motion, joint_travel
 from rpctl.simulation.merits.collision_facts import GROUND, SELF
 from rpctl.simulation.merits.collisions import (
@@ -87,18 +87,18 @@ def test_nothing_is_missed(robot: Robot, seed: int) -> None:
         shown = np.searchsorted(t, found.times)
         np.testing.assert_allclose(found.series[thing], ours[shown].min(axis=1), atol=EPA_M)
     told = {(each.to, each.link, each.other): each for each in found.collisions}
-    deep = np.flatnonzero(every.min(axis=0) < -TOUCH_M - EPA_M)
+    deep = np.flatnonzero(every.min(axis=0) < -1e-3 - EPA_M)
     assert len(deep) > 2  # or the motion shows nothing
     for pair in deep.tolist():
         first, second = around.model.pairs[pair]
         thing = around.things[around.thing[pair]]
         one = told[thing, names[first], names[second] if thing == SELF else ""]
-        touches = every[:, pair] < -TOUCH_M
+        touches = every[:, pair] < -1e-3
         assert one.depth == pytest.approx(-every[:, pair].min(), abs=EPA_M)
         assert one.first_time >= t[np.argmax(touches)] - 1e-9
-        assert one.first_time <= t[np.argmax(every[:, pair] < -TOUCH_M - EPA_M)]
+        assert one.first_time <= t[np.argmax(every[:, pair] < -1e-3 - EPA_M)]
         assert one.duration == pytest.approx(touches[:-1].sum() * (t[1] - t[0]), abs=0.03)
-    assert len(told) <= (every.min(axis=0) < -TOUCH_M).sum()
+    assert len(told) <= (every.min(axis=0) < -1e-3).sum()
     depths = [each.depth for each in found.collisions]
     assert depths == sorted(depths, reverse=True)
 

@@ -11,7 +11,7 @@ import pytest
 from rpctl.arrays import Array
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
-from rpctl.simulation.merits.ground import felt_ground
+from rpctl.simulation.merits.ground import felt_ground, ground
 from rpctl.simulation.run.run import Run
 from rpctl.view.scene.motion import joint_poses
 from tests.golden import COUNT, golden_run, load_tricycle
@@ -51,7 +51,7 @@ def test_slip_load_and_tilt(robot: Robot) -> None:
 
 
 def test_a_wheel_that_hangs_says_so_and_does_not_slip(robot: Robot) -> None:
-    """Wheel 0 spins in the air throughout, wheel 1 lifts at row 2; wheel 1 slips on the ground."""
+    """Wheel 0 spins in the air, wheel 1 lifts at rows 1 and 2, and slips on the ground."""
     run = golden_run(robot)
     wheels = [wheel.joint for wheel in run.robot.drive.wheels]
     assert run.ground.contacts[:2] == (wheels[0], wheels[1])
@@ -59,7 +59,7 @@ def test_a_wheel_that_hangs_says_so_and_does_not_slip(robot: Robot) -> None:
     slip[:, 0, 0] = 9.0
     slip[2:4, 1, 0] = 5.0, 0.002
     load = np.full((COUNT, len(run.ground.contacts)), 50.0)
-    load[:, 0] = load[2, 1] = 0.0
+    load[:, 0] = load[1:3, 1] = 0.0
     pose = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8], (COUNT, 1))
     found = felt_ground(felt(run, root_pose=pose, ground_load=load, wheel_slip=slip))
     assert found is not None
@@ -68,6 +68,19 @@ def test_a_wheel_that_hangs_says_so_and_does_not_slip(robot: Robot) -> None:
         f"{wheels[1]} slipped most, 2 mm/s at {run.t[3]:.3g} s; {wheels[0]} bore nothing from the "
         f"start: the others carry the robot; {wheels[1]} lifted"
     )
+
+
+def test_three_contacts_share_the_load_in_one_way(robot: Robot) -> None:
+    """No range is logged of them: least and largest are over time alone."""
+    run = golden_run(robot)
+    load = 10.0 * np.array([1.0, 2.0, 3.0]) + np.arange(float(COUNT))[:, None]
+    none = np.empty((COUNT, 0))
+    assert len(run.ground.contacts) == 3
+    found = ground(felt(run, contact_load=load, load_range=none, slip_range=none)).contact_loads
+    assert found is not None
+    assert [(each.min, each.max) for each in found] == [
+        (least, least + COUNT - 1.0) for least in (10.0, 20.0, 30.0)
+    ]
 
 
 def test_wheels_that_roll_say_nothing(robot: Robot) -> None:

@@ -13,7 +13,7 @@ import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.errors import UnknownNameError
-from rpctl.simulation.plants.actuators import ROTOR_SHARE, Actuators, Backlash, rotor_inertias
+from rpctl.simulation.plants.actuators import Actuators, Backlash, rotor_inertias
 from tests.robots import SET_A, platform, write
 
 STILL = SimpleNamespace(q=np.zeros(8), nu=np.zeros(4))
@@ -96,7 +96,7 @@ def test_rotors_weigh_a_share_of_what_they_move(tmp_path: Path) -> None:
     M = gap.dynamics.inertia(gap.q)
     r, b = SET_A["r"], SET_A["b"]
     row = np.array([1.0 / r, -b / r])  # of the left wheel's effort on v and ω
-    expected = ROTOR_SHARE / (row @ np.linalg.solve(M, row))
+    expected = 0.1 / (row @ np.linalg.solve(M, row))
     np.testing.assert_allclose(gap.rotors, [expected, expected], rtol=1e-9)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.loop import recorder
 from rpctl.simulation.run.derived import Derivation
 from rpctl.simulation.run.log import COLUMNS
-from tests.robots import write
+from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle
 
 PERIOD, COUNT = 0.02, 20
@@ -96,6 +97,17 @@ def run(robot: Robot) -> Run:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recorder, "BATCH", 7)
         return simulated(robot)
+
+
+def test_a_slip_is_told(tmp_path: Path) -> None:
+    """A base that moves 0.3 m/s to its left slides so; one wheel at 2 rad/s alone skids by 2 r."""
+    robot = rpctl.load(write(tmp_path, platform(SET_A)))
+    derivation = Derivation(ReducedDynamics(robot), Config())
+    v = np.zeros((3, robot.nv))
+    v[0, 1], v[1, robot.velocity_index("left_joint")] = 0.3, 2.0
+    q = np.tile(robot.configuration(), (3, 1))
+    found = derivation._motion(q, v)["constraint_residual"]
+    np.testing.assert_allclose(found, [0.3, 2.0 * SET_A["r"], 0.0], atol=1e-12)
 
 
 def test_columns_are_what_the_robot_says_of_each_sample(robot: Robot, run: Run) -> None:
