@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,15 +15,13 @@ from rpctl.cli.options import JsonOption, LoadOptions, split_names, tell
 from rpctl.cli.streams import say
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.engines.comparison import EngineGap
+from rpctl.engines.comparison import gap_text
 from rpctl.engines.engine import ENGINES, Engine, installed_engines
 from rpctl.engines.referee import DURATION_S, EngineVerdict, Referee
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable
 from rpctl.robot.catalog import ENTRIES
 from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor
-
-SMALL_UNITS = {"m": ("mm", 1e3), "rad": ("°", 180.0 / math.pi)}
 
 
 @dataclass(frozen=True)
@@ -150,21 +147,13 @@ def _mark(verdict: EngineVerdict) -> str:
 
 def _cells(verdict: EngineVerdict) -> list[str]:
     """Return the cells of an engine's row."""
-    found = {gap.name: _size(gap) for gap in verdict.gaps}
+    found = {gap.name: gap_text(gap.gap, gap.unit) for gap in verdict.gaps}
     head = f"{verdict.engine} {verdict.version}"
-    gaps = [found.get(name, "-") for name in ("path", "heading", "slip", "load", "energy")]
+    gaps = [found.get(name, "–") for name in ("path", "heading", "slip", "load", "energy")]
     if verdict.trace is None:
         return [head, *gaps, "agrees"]
     causes = [" with ".join(cause.names) for cause in verdict.trace.causes]
     return [head, *gaps, f"disagrees: {', '.join(causes) or 'not traced'}"]
-
-
-def _size(gap: EngineGap) -> str:
-    if not math.isfinite(gap.gap):
-        return "-"
-    unit, scale = SMALL_UNITS.get(gap.unit, (gap.unit, 1.0))
-    size = scale * gap.gap
-    return f"{size:.0f} {unit}" if abs(size) >= 100.0 else f"{size:.2g} {unit}"
 
 
 def _to_dict(league: League, missing: Sequence[str]) -> dict[str, Any]:
