@@ -1,8 +1,7 @@
-"""The command that tells which simulator is right: ``rpctl referee``."""
+"""Which simulator is right: ``rpctl referee``; of many robots each in each engine, in processes."""
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,19 +11,17 @@ from typing import Annotated, Any
 
 import typer
 
-from rpctl.cli.league import League, play_league
 from rpctl.cli.options import JsonOption, LoadOptions, split_names, tell
 from rpctl.cli.streams import say
-from rpctl.cli.terminal import console, escape, new_table
+from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.engines.comparison import EngineGap
+from rpctl.engines.comparison import gap_text
 from rpctl.engines.engine import ENGINES, Engine, installed_engines
 from rpctl.engines.referee import DURATION_S, EngineVerdict, Referee
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable
 from rpctl.robot.catalog import ENTRIES
-
-SMALL_UNITS = {"m": ("mm", 1e3), "rad": ("°", 180.0 / math.pi)}
+from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor
 
 
 @dataclass(frozen=True)
@@ -150,21 +147,13 @@ def _mark(verdict: EngineVerdict) -> str:
 
 def _cells(verdict: EngineVerdict) -> list[str]:
     """Return the cells of an engine's row."""
-    found = {gap.name: _size(gap) for gap in verdict.gaps}
+    found = {gap.name: gap_text(gap.gap, gap.unit) for gap in verdict.gaps}
     head = f"{verdict.engine} {verdict.version}"
-    gaps = [found.get(name, "-") for name in ("path", "heading", "slip", "load", "energy")]
+    gaps = [found.get(name, "–") for name in ("path", "heading", "slip", "load", "energy")]
     if verdict.trace is None:
         return [head, *gaps, "agrees"]
     causes = [" with ".join(cause.names) for cause in verdict.trace.causes]
     return [head, *gaps, f"disagrees: {', '.join(causes) or 'not traced'}"]
-
-
-def _size(gap: EngineGap) -> str:
-    if not math.isfinite(gap.gap):
-        return "-"
-    unit, scale = SMALL_UNITS.get(gap.unit, (gap.unit, 1.0))
-    size = scale * gap.gap
-    return f"{size:.0f} {unit}" if abs(size) >= 100.0 else f"{size:.2g} {unit}"
 
 
 def _to_dict(league: League, missing: Sequence[str]) -> dict[str, Any]:
@@ -174,3 +163,88 @@ def _to_dict(league: League, missing: Sequence[str]) -> dict[str, Any]:
         "refused": {name: str(error) for name, error in league.refused.items()},
         "missing": list(missing),
     }
+
+
+@dataclass(frozen=True)
+class LeagueMatch:
+    """A robot, and the engine in which it is judged."""
+
+    robot: str
+    engine: Engine
+
+    def __str__(self) -> str:
+        """Return ``paper in Drake``."""
+        return f"{self.robot} in {self.engine.name}"
+
+
+@dataclass(frozen=True)
+class League:
+    """What became of many robots.
+
+    Attributes:
+        judged: The verdicts, by robot, in the order in which robots and engines were given.
+        refused: Why there is none, by robot; by match where an engine ended its process.
+        whole: Whether no engine ended its process.
+    """
+
+    judged: dict[str, tuple[EngineVerdict, ...]]
+    refused: dict[str, RpctlError]
+    whole: bool
+
+
+def play_league(
+    robots: Sequence[str],
+    engines: Sequence[Engine],
+    options: LoadOptions,
+    motion: tuple[float, float],
+    workers: int,
+    *,
+    as_json: bool = False,
+) -> League:
+    """Judge robots in engines, and say each verdict's line as soon as it is known.
+
+    Args:
+        robots: As the user names them.
+        options: How robots are loaded.
+        motion: Coefficient of the ground, and how long the robots drive, s.
+        as_json: Whether lines go to stderr.
+    """
+    matches = [LeagueMatch(robot, engine) for robot in robots for engine in engines]
+    found: dict[LeagueMatch, EngineVerdict] = {}
+    refused: dict[str, RpctlError] = {}
+    lost: dict[str, RpctlError] = {}
+    executor: Executor = Executor() if workers == 1 else ProcessExecutor(workers)
+    work = partial(judge_match, options, motion)
+    with executor, progress_bar("referee", f"{len(matches)} matches") as advance:
+        try:
+            for done, (match, verdict) in enumerate(executor.map_chunks(work, matches), 1):
+                if isinstance(verdict, RpctlError):
+                    refused[match.robot] = verdict
+                else:
+                    found[match] = verdict
+                    say(f"{match.robot}: {verdict.line}", err=as_json)
+                advance(done, len(matches))
+        except LostChunksError as error:
+            lost = {str(match): error for match in error.chunks}
+    judged = {
+        robot: verdicts
+        for robot in dict.fromkeys(robots)
+        if (verdicts := tuple(found[one] for one in matches if one.robot == robot and one in found))
+    }
+    return League(judged, refused | lost, not lost)
+
+
+def judge_match(
+    options: LoadOptions, motion: tuple[float, float], match: LeagueMatch
+) -> EngineVerdict | RpctlError:
+    """Return the verdict of a match, or why the robot is refused.
+
+    Args:
+        options: How the robot is loaded.
+        motion: Coefficient of the ground, and how long the robot drives, s.
+        match: The robot and the engine.
+    """
+    try:
+        return Referee(options.load(match.robot), *motion).judge(match.engine)
+    except RpctlError as error:
+        return error

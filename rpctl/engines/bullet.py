@@ -25,7 +25,7 @@ from rpctl.engines.engine import (
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
 from rpctl.errors import EngineMissing
 from rpctl.libraries import library
-from rpctl.robot.coordinates import read_root
+from rpctl.robot.coordinates import level_pose
 from rpctl.robot.model import Robot
 
 OUT, ERR = 1, 2  # descriptors
@@ -127,12 +127,10 @@ class BulletRun(UrdfRun):
 
     def _load(self, q: Array, mended: Mended) -> int:
         flags = self._p.URDF_USE_INERTIA_FROM_FILE if "inertia" in mended else 0
-        x, y, theta = read_root(q)
-        turn = (0.0, 0.0, math.sin(0.5 * theta), math.cos(0.5 * theta))
-        place, refusal = (x, y, -self.robot.drive.ground), None
+        pose, refusal = level_pose(q, -self.robot.drive.ground).tolist(), None
         with self.file(mended) as path, captured() as printed:
             try:
-                return int(self._p.loadURDF(path, place, turn, flags=flags))
+                return int(self._p.loadURDF(path, pose[:3], pose[3:], flags=flags))
             except self._p.error as error:
                 refusal = error
         raise EngineFault(f"PyBullet refuses {self.robot.name}: {' '.join(printed) or refusal}")

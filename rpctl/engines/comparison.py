@@ -232,6 +232,18 @@ def _lost(robot: Robot, name: str, recording: EngineRecording) -> float:
     return float(friction * np.abs(turns).sum() + (damping * turns**2 / times).sum())
 
 
+READ_IN = {"m": ("mm", 1e3), "rad": ("°", math.degrees(1.0))}  # units that gaps are read in
+
+
+def gap_text(value: float, unit: str) -> str:
+    """Return a gap or a band as tables have it; a dash where an engine could not go on."""
+    if not math.isfinite(value):
+        return "–"
+    word, scale = READ_IN.get(unit, (unit, 1.0))
+    size = scale * value
+    return f"{size:.0f} {word}" if abs(size) >= 100.0 else f"{size:.2g} {word}"
+
+
 def _degrees(angle: float) -> str:
     return f"{math.degrees(abs(angle)):.2g}°"
 

@@ -19,6 +19,7 @@ from rpctl.description.records import Shape
 from rpctl.dynamics.stance import find_supports
 from rpctl.engines.engine import Mended
 from rpctl.equivalence.contact.model import support_shapes, tyre
+from rpctl.errors import listed
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
@@ -184,13 +185,9 @@ def _resolve_meshes(root: Any, robot: Robot, dialect: Dialect) -> list[str]:
             reason = f"{dialect.name} refuses files with {path.suffix} as a collision shape"
         refused.setdefault(reason, []).append(element.getparent().get("name"))
         element.getparent().remove(element)
-    return [f"{why}: left out of {_several(names)}" for why, names in refused.items()]
-
-
-def _several(names: list[str]) -> str:
-    """Return the first of several names, and how many more there are."""
-    others = len(set(names)) - 1
-    return names[0] if not others else f"{names[0]} and {others} other link{'s' * (others > 1)}"
+    return [
+        f"{why}: left out of {listed(dict.fromkeys(names), 1)}" for why, names in refused.items()
+    ]
 
 
 def _drop_collisions(links: Iterable[Any]) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
-from rpctl.drive.wheels import mostly_left
 from rpctl.equivalence.contact.mujoco_body import planar, tilt
 from rpctl.equivalence.contact.plan import DrivenRobot
 from rpctl.errors import DivergedError, EngineMissing, RpctlError, UnknownNameError
@@ -42,6 +41,7 @@ SWITCHES = {  # what engines do differently by default, and how it is meant when
     "collisions": "Whether links of the robot collide with each other and, but for wheels and"
     " supports, with the ground.",
 }
+LEVEL = 1e-9  # cosine of an axle and the direction to the left: less is across it
 Mended = frozenset[str]  # names of the switches that are mended; the others are at default
 ALL_DEFAULT: Mended = frozenset()  # as the engine takes the URDF of a user who sets nothing
 ALL_MENDED: Mended = frozenset(SWITCHES)  # as the reduced model means it
@@ -126,19 +126,25 @@ class LinkMotion:
 def wheel_slip(robot: Robot, wheel: Wheel, motion: LinkMotion) -> tuple[float, float]:
     """Return the velocity (m/s) of a wheel's lowest point: along its rolling direction, leftward.
 
-    The rolling direction is level and across the axle; with all joints at 0 the axle
-    that points left fixes its sign.
+    The rolling direction is level and across the axle; the drive's heading, or its swivel's, with
+    all joints at 0, fixes its sign.
 
     Args:
         robot: The robot.
         wheel: The wheel.
         motion: Of the link that its joint turns.
     """
+    heading = robot.drive.heading
+    for swivel in robot.drive.swivels:
+        if swivel.joint == wheel.swivel:
+            heading = swivel.heading
+    start = robot.tree.axis(robot.description.joint[wheel.joint])
+    ahead = start[1] * math.cos(heading) - start[0] * math.sin(heading)
     axle = motion.rotation @ np.array(wheel.axis)
-    arm = wheel.offset * axle - np.array([0.0, 0.0, wheel.radius])
+    down = axle[2] * axle - np.array([0.0, 0.0, 1.0])
+    arm = wheel.offset * axle + wheel.radius * down / np.linalg.norm(down)
     velocity = motion.velocity + np.cross(motion.omega, arm)
-    sign = math.copysign(1.0, mostly_left(robot.tree.axis(robot.description.joint[wheel.joint])))
-    left = sign * axle[:2] / math.hypot(*axle[:2])
+    left = (-1.0 if ahead < -LEVEL else 1.0) * axle[:2] / math.hypot(*axle[:2])
     return float(velocity[0] * left[1] - velocity[1] * left[0]), float(velocity[:2] @ left)
 
 

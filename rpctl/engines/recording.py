@@ -15,7 +15,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.engine import EngineRun, EngineState, LinkMotion, wheel_slip
 from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, Course, ReducedRobot
 from rpctl.errors import DivergedError
-from rpctl.robot.coordinates import read_root
+from rpctl.robot.coordinates import level_pose
 from rpctl.robot.model import Robot
 
 LAST_SPEED_RATIO = 0.3  # of the top speed, after braking
@@ -67,14 +67,12 @@ class ReducedRun(ReducedRobot):
         """Return the state now."""
         robot, dynamics, q, nu = self.robot, self.dynamics, self.q, self.nu
         v = dynamics.basis(q) @ nu
-        x, y, turn = read_root(q)
-        pose = [x, y, -robot.drive.ground, 0.0, 0.0, math.sin(0.5 * turn), math.cos(0.5 * turn)]
         rates = {name: float(v[robot.velocity_index(name)]) for name in self._turned}
         pin.forwardKinematics(robot.model, dynamics.data, q, v)
         slip = [wheel_slip(robot, wheel, self._motion(wheel.joint)) for wheel in robot.drive.wheels]
         return EngineState(
             t=self._t,
-            pose=np.array(pose),
+            pose=level_pose(q, -robot.drive.ground),
             joints={name: (at, rates[name]) for name, at in self._turned.items()},
             load=ground_reaction(dynamics, self._known, q, nu, self._tau).load,
             slip=np.array(slip).reshape(-1, 2),

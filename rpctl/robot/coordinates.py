@@ -78,6 +78,17 @@ def read_root(q: Array) -> tuple[float, float, float]:
     return float(q[0]), float(q[1]), math.atan2(q[3], q[2])
 
 
+def level_pose(q: Array, height: float) -> Array:
+    """Return the pose of a root link that stays level (7,): x, y, z (m), quaternion x, y, z, w.
+
+    Args:
+        q: Configuration (nq,).
+        height: Of the root link above the ground, m.
+    """
+    x, y, theta = read_root(q)
+    return np.array([x, y, height, 0.0, 0.0, math.sin(0.5 * theta), math.cos(0.5 * theta)])
+
+
 class Workspace(threading.local):
     """A ``pinocchio.Data`` for each thread that asks: threads that share one overwrite it.
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from rpctl import Plant, Run, summarize
 from rpctl.cli.app import COMMANDS, app, load_command
 from rpctl.cli.options import LOADED
-from rpctl.cli.track_options import ResultOptions
+from rpctl.cli.track import ResultOptions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.config import Config
 from rpctl.view.run_folder import RunFolder

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.cli.league import LeagueMatch, judge_match, play_league
 from rpctl.cli.options import LoadOptions
+from rpctl.cli.referee import LeagueMatch, judge_match, play_league
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.engines.engine import Mended
 from rpctl.engines.mujoco.engine import MujocoRun, MujocoSimulator

@@ -11,8 +11,7 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.arrays import Array
-from rpctl.cli.track import reference_label
-from rpctl.cli.track_options import ConfigOptions
+from rpctl.cli.track import ConfigOptions, reference_label
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.load import load_reference
 from rpctl.reference.pose_goal import (

@@ -9,9 +9,10 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
+from rpctl.engines.engine import LinkMotion, wheel_slip
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.build import Built, Follower, linearised
-from rpctl.equivalence.contact.mujoco_body import UP, MujocoBody, muted
+from rpctl.equivalence.contact.mujoco_body import MujocoBody, muted
 from rpctl.errors import DivergedError
 from rpctl.robot.model import Robot
 
@@ -32,7 +33,6 @@ class MujocoWorld(MujocoBody):
         super().__init__(robot, built.compile(), root, built.contacts, built.geoms)
         self._timestep = float(self.mjm.opt.timestep)
         self._motors = np.array([self.mjm.actuator(name).trnid[0] for name in robot.actuators])
-        self._wheels = [_WheelFrame(robot, wheel) for wheel in robot.drive.wheels]
         self._ties = [_Tie(self, follower) for follower in built.followers]
         self._links: dict[str, tuple[int, int]] = {}
         self._settled: Array | None = None
@@ -131,7 +131,14 @@ class MujocoWorld(MujocoBody):
 
     def slips(self) -> Array:
         """Return the velocity of each wheel's lowest point (n_wheels, 2): along it, to its left."""
-        return np.array([wheel.slip(self) for wheel in self._wheels]).reshape(-1, 2)
+        wheels = self.robot.drive.wheels
+        slips = [wheel_slip(self.robot, wheel, self._motion(wheel)) for wheel in wheels]
+        return np.array(slips).reshape(-1, 2)
+
+    def _motion(self, wheel: Wheel) -> LinkMotion:
+        link = self.robot.description.joint[wheel.joint].child
+        velocity, R = self.velocity(link), self.data.body(body_name(link)).xmat.reshape(3, 3)
+        return LinkMotion(R, self.origin(link), velocity[:3], velocity[3:])
 
     def _step(self, steps: int) -> None:
         with muted():
@@ -174,36 +181,3 @@ class _Tie:
         place += math.pi * round((position - place) / math.pi)
         world.mjm.wrap_prm[self._wraps] = -jacobian
         world.mjm.eq_data[self._equality, 0] = place - jacobian @ at
-
-
-class _WheelFrame:
-    """A wheel's axle and the way it rolls."""
-
-    def __init__(self, robot: Robot, wheel: Wheel) -> None:
-        joint = robot.description.joint[wheel.joint]
-        self._link, self._radius = joint.child, wheel.radius
-        self._body, self._axis, self._offset = (
-            body_name(joint.child),
-            np.array(wheel.axis),
-            wheel.offset,
-        )
-        axle = robot.tree.pose(joint.child)[:3, :3] @ self._axis
-        heading = robot.drive.heading
-        for swivel in robot.drive.swivels:
-            if swivel.joint == wheel.swivel:
-                heading = swivel.heading
-        ahead = axle[1] * math.cos(heading) - axle[0] * math.sin(heading)
-        self._sign = -1.0 if ahead < -1e-9 else 1.0
-
-    def slip(self, world: MujocoWorld) -> tuple[float, float]:
-        """Return the velocity of its lowest point along its rolling and to its left, m/s."""
-        R = world.data.body(self._body).xmat.reshape(3, 3)
-        axle = self._sign * (R @ self._axis)
-        down = axle[2] * axle - UP
-        down /= np.linalg.norm(down)
-        velocity = world.velocity(self._link)
-        arm = self._offset * (R @ self._axis) + self._radius * down
-        x, y, _ = (velocity[:3] + np.cross(velocity[3:], arm)).tolist()
-        size = math.hypot(axle[0], axle[1])
-        cos, sin = axle[1] / size, -axle[0] / size
-        return cos * x + sin * y, cos * y - sin * x

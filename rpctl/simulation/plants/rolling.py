@@ -14,8 +14,7 @@ from rpctl.dynamics.motion import Step, Stretch, follow, step, travel
 from rpctl.dynamics.pushes import quasi_force
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
-from rpctl.robot.coordinates import read_root
-from rpctl.robot.model import Robot
+from rpctl.robot.coordinates import level_pose
 from rpctl.simulation.plants.protocol import Ground
 from rpctl.simulation.plants.settings import Wrench
 
@@ -40,7 +39,7 @@ class RollingMotion:
     @property
     def pose(self) -> Array:
         """Pose of the root link (7,): it stays level."""
-        return level_pose(self._dynamics.robot, self.q)
+        return level_pose(self.q, -self._dynamics.robot.drive.ground)
 
     def ground(self) -> Ground:
         """Return nothing: the log derives it from the motion."""
@@ -62,13 +61,6 @@ class RollingMotion:
         done = in_steps(one, self.q, self.nu, dt, self._longest)
         self.q, self.nu = done.q, done.nu
         return done
-
-
-def level_pose(robot: Robot, q: Array) -> Array:
-    """Return the pose of a root link that stays level (7,): x, y, z (m), quaternion x, y, z, w."""
-    x, y, heading = read_root(q)
-    height = -robot.drive.ground
-    return np.array([x, y, height, 0, 0, math.sin(0.5 * heading), math.cos(0.5 * heading)])
 
 
 def substeps(duration: float, longest: float) -> int:

@@ -23,10 +23,11 @@ from rpctl.dynamics.motion import Step
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
+from rpctl.robot.coordinates import level_pose
 from rpctl.robot.model import Robot
 from rpctl.simulation.plants.free_tree import FreeTree
 from rpctl.simulation.plants.protocol import Ground
-from rpctl.simulation.plants.rolling import level_pose, substeps
+from rpctl.simulation.plants.rolling import substeps
 from rpctl.simulation.plants.settings import Slipping, Wrench
 from rpctl.simulation.plants.slip_step import SlipStepper
 from rpctl.simulation.plants.tyres import TyreLaw
@@ -86,7 +87,7 @@ class SlippingMotion:
     @property
     def pose(self) -> Array:
         """Pose of the root link (7,): x, y, z (m), quaternion x, y, z, w; world."""
-        return level_pose(self.robot, self.q)
+        return level_pose(self.q, -self.robot.drive.ground)
 
     @property
     def notes(self) -> tuple[str, ...]:

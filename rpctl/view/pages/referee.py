@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.engines.comparison import EngineGap
+from rpctl.engines.comparison import EngineGap, gap_text
 from rpctl.engines.recording import EngineRecording
 from rpctl.engines.referee import Cause, EngineVerdict, beyond
 from rpctl.files.writing import write_atomically
@@ -121,16 +120,8 @@ def _cause(cause: Cause, verdict: EngineVerdict) -> tuple[str, str]:
 
 
 def _gap_row(gap: EngineGap) -> tuple[str, list[str]]:
-    cells = [_text(gap.gap, gap.unit), _text(gap.band, gap.unit), "" if gap.agrees else gap.words]
-    return gap.name.capitalize(), cells
-
-
-def _text(value: float, unit: str) -> str:
-    if not math.isfinite(value):
-        return "–"
-    scale, word = {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "°")}.get(unit, (1.0, unit))
-    size = abs(scale * value)
-    return f"{size:.0f} {word}" if size >= 100.0 else f"{size:.2g} {word}"
+    sizes = [gap_text(abs(gap.gap), gap.unit), gap_text(gap.band, gap.unit)]
+    return gap.name.capitalize(), [*sizes, "" if gap.agrees else gap.words]
 
 
 def _charts(verdicts: Sequence[EngineVerdict], shown: Sequence[Shown]) -> list[Chart]:

@@ -11,7 +11,7 @@ from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Program, Until
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.implicit_step import PlantBuffers
-from rpctl.simulation.compiled.plant import plant_fragment
+from rpctl.simulation.compiled.loop import plant_fragment
 from tests.grids import cells
 from tests.kernels.interpreted import Interpreted
 from tests.robots import add_losses
