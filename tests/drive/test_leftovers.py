@@ -431,3 +431,30 @@ def test_casters_without_a_swivel_slide_like_balls(files: Files, told: str) -> N
     assert driven == {"rear_left", "rear_right"}
     assert {w.joint for w in robot.drive.wheels if w.slides} == {"caster_left", "caster_right"}
     assert rpctl.verify(robot, samples=3).passed
+
+
+def test_a_swivel_that_carries_all_wheels_is_held(files: Files) -> None:
+    parts = body(z=0.5)
+    parts.swivel("hip", "0 0 0.4", "revolute")
+    for side, y in SIDES:
+        parts.wheel(f"wheel_{side}", "hip_fork", f"0 {y} -0.3")
+    refusal_text = files.refusal(parts)
+    assert "hip carries all wheels and so steers none: --lock hip" in refusal_text
+    assert files.load(parts, lock={"hip": 0.0}).drive.type == "differential"
+
+
+def test_wheels_5_mm_above_the_ground_and_with_limits_of_many_turns_are_wheels(
+    files: Files,
+) -> None:
+    """Files write 0.1 and 0.095 m, whose difference is a bit more than 0.005."""
+    parts = base()
+    for side, y in SIDES:
+        tyre = urdf.shape('cylinder radius="0.095" length="0.04"', rpy=(np.pi / 2, 0, 0))
+        parts.link(f"front_{side}_link", 1.0, tyre)
+        ends, limit = ("base", f"front_{side}_link"), urdf.limit(-1000, 1000, 9, 9)
+        parts.xml.append(
+            urdf.joint(f"front_{side}", "revolute", ends, f"0.5 {y} 0.1", "0 1 0", limit)
+        )
+    robot = files.load(parts, "skid-steer")
+    assert len(robot.drive.wheels) == 4
+    assert robot.quasi_velocities == ("v", "omega")
