@@ -446,14 +446,14 @@ def test_a_swivel_that_carries_all_wheels_is_held(files: Files) -> None:
 def test_wheels_5_mm_above_the_ground_and_with_limits_of_many_turns_are_wheels(
     files: Files,
 ) -> None:
-    """Files write 0.1 and 0.095 m, whose difference is a bit more than 0.005."""
+    """Files write 0.0425 and 0.0375 m, whose difference is a bit more than 0.005."""
     parts = base()
     for side, y in SIDES:
-        tyre = urdf.shape('cylinder radius="0.095" length="0.04"', rpy=(np.pi / 2, 0, 0))
+        tyre = urdf.shape('cylinder radius="0.0375" length="0.04"', rpy=(np.pi / 2, 0, 0))
         parts.link(f"front_{side}_link", 1.0, tyre)
         ends, limit = ("base", f"front_{side}_link"), urdf.limit(-1000, 1000, 9, 9)
         parts.xml.append(
-            urdf.joint(f"front_{side}", "revolute", ends, f"0.5 {y} 0.1", "0 1 0", limit)
+            urdf.joint(f"front_{side}", "revolute", ends, f"0.5 {y} 0.0425", "0 1 0", limit)
         )
     robot = files.load(parts, "skid-steer")
     assert len(robot.drive.wheels) == 4
