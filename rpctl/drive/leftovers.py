@@ -80,7 +80,7 @@ def find_leftovers(
         _leftover(tree, each, ground, usual, len(feet) > 1 and any(each is foot for foot in feet))
         for each in like
     ]
-    found += _idle_casters(tree, taken, free) if taken else []
+    found += _idle_casters(tree, taken, free, ground + (usual or 0.0)) if taken else []
     left = [each for each in found if each is not None]
     known = taken | {*free} | {each.joint.name for each in left}
     return (*left, *_driven(tree, [name for name in driven if name not in known]))
@@ -171,9 +171,12 @@ def _left_by_height(joint: Joint, gap: float) -> Leftover:
 
 
 def _idle_casters(
-    tree: FrozenTree, taken: Collection[str], free: Collection[str]
+    tree: FrozenTree, taken: Collection[str], free: Collection[str], top: float
 ) -> list[Leftover]:
-    """Return the upright joints that are called casters, and carry nothing that turns."""
+    """Return the upright joints that are called casters, and carry nothing that turns.
+
+    What is drawn above a height (m), such as a head that swivels, is none.
+    """
     return [
         Leftover(joint, "is called a caster, and its wheel does not turn")
         for joint in tree.description.joints
@@ -184,6 +187,7 @@ def _idle_casters(
         and joint.name not in free
         and is_named_caster(joint)
         and not moved_below(tree, joint.child)
+        and not top < tree.lowest(joint.child) < math.inf
     ]
 
 

@@ -458,3 +458,14 @@ def test_wheels_5_mm_above_the_ground_and_with_limits_of_many_turns_are_wheels(
     robot = files.load(parts, "skid-steer")
     assert len(robot.drive.wheels) == 4
     assert robot.quasi_velocities == ("v", "omega")
+
+
+@pytest.mark.parametrize("z", [0.05, 0.6])
+def test_a_head_that_swivels_is_no_caster(files: Files, z: float) -> None:
+    parts = base()
+    parts.link("head", 1.0, urdf.shape('sphere radius="0.05"'))
+    parts.joint("head_swivel", "continuous", ("base", "head"), f"-0.3 0 {z}", "0 0 1")
+    if z < 0.1:
+        assert "is called a caster, and its wheel does not turn" in files.refusal(parts)
+    else:
+        assert files.load(parts).quasi_velocities == ("v", "omega", "head_swivel")
