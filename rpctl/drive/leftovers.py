@@ -18,6 +18,7 @@ from rpctl.drive.wheels import (
     WheelCandidate,
     ground_tolerance,
     is_named_caster,
+    is_named_wheel,
     moved_below,
     wheel_like,
 )
@@ -81,6 +82,7 @@ def find_leftovers(
         for each in like
     ]
     found += _idle_casters(tree, taken, free, ground + (usual or 0.0)) if taken else []
+    found += _unrolling(tree, taken, free, ground) if taken else []
     left = [each for each in found if each is not None]
     known = taken | {*free} | {each.joint.name for each in left}
     return (*left, *_driven(tree, [name for name in driven if name not in known]))
@@ -188,6 +190,30 @@ def _idle_casters(
         and is_named_caster(joint)
         and not moved_below(tree, joint.child)
         and not top < tree.lowest(joint.child) < math.inf
+    ]
+
+
+def _unrolling(
+    tree: FrozenTree, taken: Collection[str], free: Collection[str], ground: float
+) -> list[Leftover]:
+    """Return the upright joints that turn what is called a wheel, which stands and cannot roll."""
+    return [
+        Leftover(
+            joint,
+            "steers a wheel that does not roll",
+            edit=f'put a "continuous" joint about its axle between "{joint.name}" '
+            f'(line {joint.line}) and "{joint.child}"',
+            steered=True,
+        )
+        for joint in tree.description.joints
+        if tree.is_free(joint)
+        and joint.kind != "prismatic"
+        and tree.is_upright(joint)
+        and is_named_wheel(joint)
+        and joint.name not in taken
+        and joint.name not in free
+        and not moved_below(tree, joint.child)
+        and abs(tree.lowest(joint.child) - ground) <= ground_tolerance(0.0)
     ]
 
 

@@ -469,3 +469,17 @@ def test_a_head_that_swivels_is_no_caster(files: Files, z: float) -> None:
         assert "is called a caster, and its wheel does not turn" in files.refusal(parts)
     else:
         assert files.load(parts).quasi_velocities == ("v", "omega", "head_swivel")
+
+
+def test_wheels_that_are_steered_and_do_not_roll_are_asked_about(files: Files) -> None:
+    """Taken for an arm's, they would slide on the ground as nothing does."""
+    parts = base()
+    for side, y in SIDES:
+        tyre = urdf.shape('cylinder radius="0.1" length="0.04"', rpy=(np.pi / 2, 0, 0))
+        parts.link(f"front_{side}_tyre", 1.0, tyre)
+        ends = ("base", f"front_{side}_tyre")
+        parts.joint(f"front_{side}", "revolute", ends, f"0.5 {y} 0.1", "0 0 1")
+    refusal_text = files.refusal(parts)
+    assert '"front_left", "front_right" steers a wheel that does not roll' in refusal_text
+    assert 'joint about its axle between "front_left"' in refusal_text
+    assert "--lock" not in refusal_text
