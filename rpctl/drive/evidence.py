@@ -123,20 +123,26 @@ def gather_evidence(
     swivels = find_swivels(tree, grounded.wheels, spec.swivels)
     _require_swivels(tree.description, spec, {swivel.joint.name for swivel in swivels})
     held = [wheel for wheel in grounded.wheels if wheel.swivel is None]
-    lines, balls = _split_balls(held)
     driven = tuple(dict.fromkeys(name for control in controls for name in control.joints))
+    lines, balls = _split_balls(held, tree.description.actuated.union(driven))
     leftovers = find_leftovers(tree, grounded.wheels, free, driven)
     return Evidence(tree, grounded, lines, balls, tuple(swivels), controls, spec, leftovers)
 
 
 def _split_balls(
-    held: list[WheelCandidate],
+    held: list[WheelCandidate], driven: Collection[str]
 ) -> tuple[tuple[tuple[WheelCandidate, ...], ...], tuple[WheelCandidate, ...]]:
     """Return the wheels on the root link grouped by common axle, and the ball casters beside them.
 
-    If all are spheres, their names tell which are balls; if no pair is left then, none is a ball.
+    What is called a caster, while others have motors and it has none, is as good as a ball. If all
+    are spheres, their names tell which are balls; if no pair is left then, none is a ball.
     """
-    spheres = tuple(wheel for wheel in held if wheel.ball)
+    motors = any(wheel.joint.name in driven for wheel in held)
+    spheres = tuple(
+        wheel
+        for wheel in held
+        if wheel.ball or (motors and wheel.joint.name not in driven and _is_named_ball(wheel))
+    )
     named = tuple(wheel for wheel in spheres if _is_named_ball(wheel))
     for balls in (spheres, named):
         lines = lines_of([wheel for wheel in held if wheel not in balls])

@@ -13,7 +13,15 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_LEAN_DEG, FrozenTree
 from rpctl.description.records import Joint
-from rpctl.drive.wheels import WheelCandidate, is_named_caster, moved_below, wheel_like
+from rpctl.drive.wheel_size import rollers_of
+from rpctl.drive.wheels import (
+    WheelCandidate,
+    ground_tolerance,
+    is_named_caster,
+    is_named_wheel,
+    moved_below,
+    wheel_like,
+)
 
 MIN_LETTERS = 3  # of a pattern beside its star
 MAX_LISTED = 8  # joints that a message lists
@@ -63,24 +71,42 @@ def find_leftovers(
         if each is not None
         and each.joint.name not in taken
         and each.joint.name not in free
-        and not any(above.name in taken and above.endless and not tree.is_upright(above)
+        and not any(above.name in taken and _is_roller(tree, each, above)
                     for above in tree.free_joints(each.joint.parent))
     ]  # fmt: skip
     ground = min((wheel.bottom for wheel in wheels), default=math.nan)
     usual = max((wheel.radius or 0.0 for wheel in wheels), default=None)
-    found = [_leftover(tree, each, ground, usual) for each in like]
-    found += _idle_casters(tree, taken, free) if taken else []
+    feet = [] if taken else [each for each in like if _is_foot(tree, each)]
+    found = [
+        _leftover(tree, each, ground, usual, len(feet) > 1 and any(each is foot for foot in feet))
+        for each in like
+    ]
+    found += _idle_casters(tree, taken, free, ground + (usual or 0.0)) if taken else []
+    found += _unrolling(tree, taken, free, ground) if taken else []
     left = [each for each in found if each is not None]
     known = taken | {*free} | {each.joint.name for each in left}
     return (*left, *_driven(tree, [name for name in driven if name not in known]))
 
 
+def _is_roller(tree: FrozenTree, like: WheelCandidate, wheel: Joint) -> bool:
+    """Return whether a joint on a wheel is its roller: what is called a wheel is one of several."""
+    several = any(roller.name == like.joint.name for roller in rollers_of(tree, wheel))
+    return wheel.endless and not tree.is_upright(wheel) and (several or not like.named)
+
+
+def _is_foot(tree: FrozenTree, like: WheelCandidate) -> bool:
+    """Return whether it is round, the last of its limb, and ends no higher than all else."""
+    reaches = like.bottom - tree.floor <= ground_tolerance(like.radius or 0.0)
+    return like.round and reaches and not moved_below(tree, like.joint.child)
+
+
 def _leftover(
-    tree: FrozenTree, like: WheelCandidate, ground: float, usual: float | None
+    tree: FrozenTree, like: WheelCandidate, ground: float, usual: float | None, foot: bool
 ) -> Leftover | None:
     """Return why a joint that looks like a wheel's was not taken; None if it is no wheel.
 
-    ``usual`` is the radius (m) of one whose shapes tell none.
+    ``usual`` is the radius (m) of one whose shapes tell none; ``foot`` is whether it ends one of
+    several legs, where no wheel was taken.
     """
     joint = like.joint
     moving = _tilting(tree, joint)
@@ -90,7 +116,7 @@ def _leftover(
     near = like.is_near(ground) if not moving or _is_strut(moving) else like.stands(ground)
     if math.isnan(ground) and _is_strut(moving):  # no wheel was taken, so all may hang on struts
         near = like.is_near(tree.floor)
-    if not (like.named or (like.round and near)):
+    if not (like.named or (like.round and near) or foot):
         return None
     if not joint.endless:
         if not (like.stands(ground) or (like.named and math.isnan(ground))):
@@ -147,9 +173,12 @@ def _left_by_height(joint: Joint, gap: float) -> Leftover:
 
 
 def _idle_casters(
-    tree: FrozenTree, taken: Collection[str], free: Collection[str]
+    tree: FrozenTree, taken: Collection[str], free: Collection[str], top: float
 ) -> list[Leftover]:
-    """Return the upright joints that are called casters, and carry nothing that turns."""
+    """Return the upright joints that are called casters, and carry nothing that turns.
+
+    What is drawn above a height (m), such as a head that swivels, is none.
+    """
     return [
         Leftover(joint, "is called a caster, and its wheel does not turn")
         for joint in tree.description.joints
@@ -160,6 +189,31 @@ def _idle_casters(
         and joint.name not in free
         and is_named_caster(joint)
         and not moved_below(tree, joint.child)
+        and not top < tree.lowest(joint.child) < math.inf
+    ]
+
+
+def _unrolling(
+    tree: FrozenTree, taken: Collection[str], free: Collection[str], ground: float
+) -> list[Leftover]:
+    """Return the upright joints that turn what is called a wheel, which stands and cannot roll."""
+    return [
+        Leftover(
+            joint,
+            "steers a wheel that does not roll",
+            edit=f'put a "continuous" joint about its axle between "{joint.name}" '
+            f'(line {joint.line}) and "{joint.child}"',
+            steered=True,
+        )
+        for joint in tree.description.joints
+        if tree.is_free(joint)
+        and joint.kind != "prismatic"
+        and tree.is_upright(joint)
+        and is_named_wheel(joint)
+        and joint.name not in taken
+        and joint.name not in free
+        and not moved_below(tree, joint.child)
+        and abs(tree.lowest(joint.child) - ground) <= ground_tolerance(0.0)
     ]
 
 

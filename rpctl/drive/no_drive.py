@@ -128,6 +128,10 @@ def _fixes(evidence: Evidence) -> str:
         )
     left = evidence.leftovers
     ways += [f'"{each.joint.name}" {each.why}; {each.edit}' for each in left if each.edit]
+    for swivel in evidence.swivels:
+        if len(swivel.wheels) == len(evidence.grounded.wheels):
+            option = lock_option(evidence.tree, [swivel.joint.name])
+            ways.append(f"{swivel.joint.name} carries all wheels and so steers none: {option}")
     holding = dict.fromkeys(name for each in left for name in each.hold)
     if holding:
         hanging = ", ".join(each.joint.name for each in left if each.hold)

@@ -184,15 +184,11 @@ def _carries_wheels_only(
 
 
 def _rollers(tree: FrozenTree, wheels: list[WheelCandidate]) -> Iterator[tuple[str, str]]:
-    """Yield each roller of a wheel, and the wheel: endless joints on it, which nothing drives."""
+    """Yield each roller of a wheel, and the wheel: endless joints, whatever a transmission says."""
     for wheel in wheels:
         rollers = rollers_of(tree, wheel.joint)
         if len(moved_below(tree, wheel.joint.child)) == len(rollers):
-            yield from (
-                (r.name, wheel.joint.name)
-                for r in rollers
-                if r.name not in tree.description.actuated
-            )
+            yield from ((roller.name, wheel.joint.name) for roller in rollers)
 
 
 def _at_rest(

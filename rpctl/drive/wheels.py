@@ -16,7 +16,7 @@ from rpctl.drive.wheel_size import rollers_of, round_parts, wheel_size
 
 MAX_AXLE_OFFSET = 0.02  # of the distance between two wheels: so far apart axles of a pair may be
 
-GROUND_TOLERANCE_M = 5e-3  # m; what is so near to the ground touches it (URDFs are in mm),
+GROUND_TOLERANCE_M = 5.001e-3  # m; what is so near to the ground touches it (URDFs are in mm),
 GROUND_TOLERANCE_RADII = 0.1  # and so is a wheel within this share of its radius
 MECANUM_DEG = (20.0, 70.0)  # between a mecanum wheel's rollers and its axle; of an omni wheel 90
 WHEEL_WORDS = ("wheel", "tyre", "tire")

@@ -6,7 +6,7 @@ The motion v = S ν is of the dynamics under test; everything else is of the fil
     v_c = v + ω × p + Σ q̇_i a_i × (p − o_i)   over the joints on the way,
 
 for the material point p below the wheel's centre. Slip is relative to the robot's speed, which is
-that of the fastest of its wheels' centres.
+that of the fastest of its wheels' centres, or of a tyre that its steering twists.
 """
 
 from __future__ import annotations
@@ -106,7 +106,9 @@ def slip(motion: FileMotion) -> Slip:
     skid-steer drive do. Swivels that share a lateral force are held sideways on average.
     """
     drive, wheels = motion.drive, [_rolling(motion, wheel) for wheel in motion.drive.wheels]
-    speed = max((each.speed for each in wheels), default=0.0)
+    twist = {each.joint: abs(motion.rates.get(each.joint, 0.0)) for each in drive.steered}
+    speeds = (max(e.speed, twist.get(e.wheel.swivel or "", 0.0) * e.wheel.radius) for e in wheels)
+    speed = max(speeds, default=0.0)
     constrained: dict[str, float] = {}
     by_design: dict[str, float] = {}
     for each in wheels:

@@ -13,6 +13,7 @@ from rpctl.drive.leftovers import lock_option
 from rpctl.errors import Finding
 from tests import urdf
 from tests.drive.drive_cases import TRANSMISSION, Files, body, xml
+from tests.drive.test_parallel_wheels import plugin, with_plugin
 from tests.robots import write
 from tests.vehicles import Parts, rear_axle
 
@@ -363,3 +364,122 @@ def body_of_four(name: str) -> Parts:
         for side, y in SIDES:
             parts.wheel(f"{place}_{side}_{name}", "base", f"{x} {y} 0.1")
     return parts
+
+
+def test_rollers_with_transmissions_are_held(files: Files) -> None:
+    parts = body()
+    rear_axle(parts)
+    for k in range(3):
+        parts.link(f"part_{k}", 0.05, urdf.shape('sphere radius="0.01"'))
+        ends = ("rear_left_link", f"part_{k}")
+        parts.joint(f"joint_{k}", "continuous", ends, f"{0.09 - 0.05 * k} 0 0", "0 1 0")
+        parts.xml.append(TRANSMISSION.format(f"joint_{k}"))
+    parts.xml += [TRANSMISSION.format(name) for name in ("rear_left", "rear_right")]
+    robot = files.load(parts)
+    assert {*robot.locked} == {"joint_0", "joint_1", "joint_2"}
+    assert robot.quasi_velocities == ("v", "omega")
+
+
+def test_a_wheel_on_a_fork_of_a_level_axis_is_no_roller(files: Files) -> None:
+    """Forks are round, too, and stand as high as their wheels; the wheels' names tell."""
+    parts = body()
+    for side, y in SIDES:
+        parts.wheel(f"fork_{side}", "base", f"0 {y} 0.1")
+        parts.wheel(f"wheel_{side}", f"fork_{side}_link", "0 0 -0.05", r=0.05)
+    refusal_text = files.refusal(parts)
+    assert '"wheel_left" hangs on "fork_left", which can move' in refusal_text
+    assert "--lock 'fork_*'" in refusal_text
+
+
+@pytest.mark.parametrize("legs", [2, 4])
+def test_wheels_at_the_ends_of_legs_are_no_arms(files: Files, legs: int) -> None:
+    """No name says wheel; what is held is named, and the robot stands on its wheels then."""
+    parts = body(z=0.5)
+    places = [(0.25, 0.3), (0.25, -0.3), (-0.25, 0.3), (-0.25, -0.3)][:legs]
+    for k, (x, y) in enumerate(places):
+        parts.link(f"shank_{k}", 1.0)
+        parts.joint(f"knee_{k}", "revolute", ("base", f"shank_{k}"), f"{x} {y} 0.35", "0 1 0")
+        parts.wheel(f"foot_{k}", f"shank_{k}", "0 0 -0.25")
+    refusal_text = files.refusal(parts)
+    assert "hang on joints that can move; hold these: --lock 'knee_*'" in refusal_text
+    robot = files.load(parts, lock={"knee_*": 0.0})
+    assert robot.drive.type == ("differential" if legs == 2 else "skid-steer")
+    assert files.load(parts, "fixed").drive.type == "fixed"
+
+
+def test_one_round_thing_at_the_end_of_an_arm_is_no_wheel(files: Files) -> None:
+    parts = body(z=0.5)
+    parts.link("shank", 1.0)
+    parts.joint("knee", "revolute", ("base", "shank"), "0.25 0 0.35", "0 1 0")
+    parts.wheel("foot", "shank", "0 0 -0.25")
+    assert files.load(parts).drive.type == "fixed"
+
+
+@pytest.mark.parametrize("told", ["transmission", "plugin"])
+def test_casters_without_a_swivel_slide_like_balls(files: Files, told: str) -> None:
+    """Beside wheels that have motors; P stays on the axle of these."""
+    parts = base()
+    for side, y in SIDES:
+        parts.wheel(f"caster_{side}", "base", f"-0.4 {y} 0.1")
+    inside = "<left_joint>rear_left</left_joint><right_joint>rear_right</right_joint>"
+    if told == "transmission":
+        parts.xml += [TRANSMISSION.format(name) for name in ("rear_left", "rear_right")]
+        inside = ""
+    robot = files.load(with_plugin(parts, plugin("libgazebo_ros_diff_drive.so", inside)))
+    assert robot.drive.type == "differential"
+    driven = {w.joint for w in robot.drive.wheels if w.driven}
+    assert driven == {"rear_left", "rear_right"}
+    assert {w.joint for w in robot.drive.wheels if w.slides} == {"caster_left", "caster_right"}
+    assert rpctl.verify(robot, samples=3).passed
+
+
+def test_a_swivel_that_carries_all_wheels_is_held(files: Files) -> None:
+    parts = body(z=0.5)
+    parts.swivel("hip", "0 0 0.4", "revolute")
+    for side, y in SIDES:
+        parts.wheel(f"wheel_{side}", "hip_fork", f"0 {y} -0.3")
+    refusal_text = files.refusal(parts)
+    assert "hip carries all wheels and so steers none: --lock hip" in refusal_text
+    assert files.load(parts, lock={"hip": 0.0}).drive.type == "differential"
+
+
+def test_wheels_5_mm_above_the_ground_and_with_limits_of_many_turns_are_wheels(
+    files: Files,
+) -> None:
+    """Files write 0.0425 and 0.0375 m, whose difference is a bit more than 0.005."""
+    parts = base()
+    for side, y in SIDES:
+        tyre = urdf.shape('cylinder radius="0.0375" length="0.04"', rpy=(np.pi / 2, 0, 0))
+        parts.link(f"front_{side}_link", 1.0, tyre)
+        ends, limit = ("base", f"front_{side}_link"), urdf.limit(-1000, 1000, 9, 9)
+        parts.xml.append(
+            urdf.joint(f"front_{side}", "revolute", ends, f"0.5 {y} 0.0425", "0 1 0", limit)
+        )
+    robot = files.load(parts, "skid-steer")
+    assert len(robot.drive.wheels) == 4
+    assert robot.quasi_velocities == ("v", "omega")
+
+
+@pytest.mark.parametrize("z", [0.05, 0.6])
+def test_a_head_that_swivels_is_no_caster(files: Files, z: float) -> None:
+    parts = base()
+    parts.link("head", 1.0, urdf.shape('sphere radius="0.05"'))
+    parts.joint("head_swivel", "continuous", ("base", "head"), f"-0.3 0 {z}", "0 0 1")
+    if z < 0.1:
+        assert "is called a caster, and its wheel does not turn" in files.refusal(parts)
+    else:
+        assert files.load(parts).quasi_velocities == ("v", "omega", "head_swivel")
+
+
+def test_wheels_that_are_steered_and_do_not_roll_are_asked_about(files: Files) -> None:
+    """Taken for an arm's, they would slide on the ground as nothing does."""
+    parts = base()
+    for side, y in SIDES:
+        tyre = urdf.shape('cylinder radius="0.1" length="0.04"', rpy=(np.pi / 2, 0, 0))
+        parts.link(f"front_{side}_tyre", 1.0, tyre)
+        ends = ("base", f"front_{side}_tyre")
+        parts.joint(f"front_{side}", "revolute", ends, f"0.5 {y} 0.1", "0 0 1")
+    refusal_text = files.refusal(parts)
+    assert '"front_left", "front_right" steers a wheel that does not roll' in refusal_text
+    assert 'joint about its axle between "front_left"' in refusal_text
+    assert "--lock" not in refusal_text

@@ -39,6 +39,13 @@ def test_a_single_wheel_at_p_is_held_sideways(tmp_path: Path) -> None:
     assert not found.by_design
 
 
+def test_a_robot_that_only_steers_has_a_speed(tmp_path: Path) -> None:
+    """Its tyre, of 0.1 m, twists at 2 rad/s: what moves 2 mm/s beside it is 1 % of 0.2 m/s."""
+    found = moved(tmp_path, "bicycle", (0.0, 0.002, 0.0), {"steer": -2.0}, {})
+    assert found.speed == pytest.approx(0.2)
+    assert found.constrained["rear, sideways"] == pytest.approx(0.01)
+
+
 def test_what_shares_a_lateral_force_slides_on_average(tmp_path: Path) -> None:
     """Straight on at 1 m/s with wheels at .4 and .36 rad, their axles to the left and right."""
     at = {"steer_left": 0.4, "steer_right": -0.36}  # its axis points down
