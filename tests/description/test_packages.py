@@ -119,8 +119,13 @@ def test_no_home_is_searched_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_many_meshes_of_a_missing_package_are_one_search(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    searched = []
-    monkeypatch.setattr("rpctl.description.packages._entries", lambda f: searched.append(f) or {})
+    searched: list[str] = []
+
+    def entries(folder: str) -> dict[str, str]:
+        searched.append(folder)
+        return {}
+
+    monkeypatch.setattr("rpctl.description.packages._entries", entries)
     paths = MeshPaths(tmp_path / "bot" / "r.urdf", [tmp_path / "packages"])
     for k in range(20):
         with pytest.raises(MeshError, match='package "gone" was not found'):
