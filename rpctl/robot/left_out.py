@@ -42,10 +42,11 @@ def _loops(tree: FrozenTree) -> Iterator[Finding]:
     means = "a URDF is a tree, so the model has it cut open: its parts move on their own; --lock "
     means += "their joints, or give those that follow a <mimic>"
     ends = "gazebo/joint[parent and child] | loop_joint[link1 and link2]"
+    ends += " | mujoco/equality/*[@body1 and @body2]"
     for each in description.document().xpath(ends):
         pair = [
-            (end.get("link") or end.text or "").split("::")[-1].strip()
-            for end in each.xpath("parent | child | link1 | link2")
+            str(end).split("::")[-1].strip()
+            for end in each.xpath("*/@link | parent/text() | child/text() | @body1 | @body2")
         ]
         if not all(name in description.link for name in pair):
             continue

@@ -35,6 +35,8 @@ LOOPS = (
     '<gazebo><joint name="closure" type="revolute"><parent>base</parent><child>arm::rocker</child>'
     "</joint></gazebo>",
     '<loop_joint name="closure"><link1 link="base"/><link2 link="rocker"/></loop_joint>',
+    '<mujoco><equality><connect name="pin" body1="base" body2="rocker" anchor="0 0 0"/></equality>'
+    "</mujoco>",
     "<!-- the four-bar's coupler was left out -->",
 )
 
