@@ -37,7 +37,9 @@ SINGLES: dict[str, tuple[type, ...]] = {  # the types of what is one value
     "told": TEXT, "error": TEXT, "file": (str, type(None)), "line": LINE,
     "argument": TEXT, "variable": TEXT, "no_file": TEXT,
 }  # fmt: skip
-TEXTS = ("dropped", "undeclared", "early", "unused", "macros", "asked")  # lists of texts
+TEXTS = (  # lists of texts
+    "dropped", "undeclared", "early", "unused", "macros", "asked", "open_arguments",
+)  # fmt: skip
 ROWS: dict[str, tuple[tuple[type, ...], ...]] = {  # lists of rows; a file's path is FILE
     "wants": (TEXT, TEXT, LINE, TEXT),
     "left_out": (TEXT, LINE, TEXT),

@@ -36,6 +36,8 @@ URDF_ELEMENTS = {
     "mimic", "dynamics", "calibration", "safety_controller", "actuator", "loop", "group",
 }  # fmt: skip
 OPAQUE = ("gazebo", "transmission", "ros2_control", "sensor")  # their elements are others' business
+COMMENT = re.compile(r"<!--(?:.*?-->|.*)", re.DOTALL)
+ASKED = re.compile(r"\$\(\s*arg\s+([\w.-]+)\s*\)")
 OLD_ELEMENTS = ("macro", "property", "include")  # written without a prefix before ROS Jade
 
 
@@ -344,6 +346,7 @@ class FileScan:
         old_element: Name and line of the first element of xacro that lacks its prefix.
         macros: Parameters and line of each macro that it defines, by name.
         plain: First line of each element without a prefix that could be one's.
+        asked: Names of the arguments that it looks up.
     """
 
     arguments: list[tuple[str, str | None, int]] = field(default_factory=list)
@@ -351,11 +354,14 @@ class FileScan:
     old_element: tuple[str, int] | None = None
     macros: dict[str, tuple[str, int]] = field(default_factory=dict)
     plain: dict[str, int] = field(default_factory=dict)
+    asked: list[str] = field(default_factory=list)
 
 
 def scan(data: bytes) -> FileScan:
     """Return what a file's bytes say, up to where they are no XML."""
     found, parser, above = FileScan(), expat.ParserCreate(), list[str]()
+    text = COMMENT.sub("", data.decode("utf-8", "replace"))
+    found.asked += dict.fromkeys(ASKED.findall(text))
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         name, line = attributes.get("name", ""), parser.CurrentLineNumber

@@ -53,7 +53,7 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
     if wants and not settings.ignore_missing_packages:
         lines += _missing_packages(path, answer, settings)
     if "argument" in answer:
-        lines += missing_argument(path, answer)
+        lines += missing_argument(path, answer, settings)
     elif "variable" in answer:
         lines += missing_variable(path, answer)
     elif "error" in answer and not lines:
@@ -270,12 +270,14 @@ def declared_arguments(answer: Answer) -> tuple[XacroArgument, ...]:
     return tuple(found.values())
 
 
-def missing_argument(path: Path, answer: Answer) -> list[str]:
-    """Return the lines of the message on an argument that nobody gives, with those declared."""
+def missing_argument(path: Path, answer: Answer, settings: ReadSettings) -> list[str]:
+    """Return the lines of the message on arguments that nobody gives, with those declared."""
     name, declared = answer["argument"], declared_arguments(answer)
     names = [each.name for each in declared]
     hint = _nearest(name, names) if name not in names else ", for it is declared too late"
-    fault = f'xacro: argument "{excerpt(name)}" has no value; add {name}:=VALUE{hint}'
+    others = {*answer["open_arguments"]} - {name, *settings.xacro_args}
+    more = "".join(f" {excerpt(each)}:=VALUE" for each in sorted(others))
+    fault = f'xacro: argument "{excerpt(name)}" has no value; add {name}:=VALUE{more}{hint}'
     return [say(answer.get("file") or path, answer["line"], fault), *listed(declared)]
 
 

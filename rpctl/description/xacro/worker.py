@@ -119,9 +119,14 @@ def _expand(request: dict[str, Any], outside: Outside) -> dict[str, Any]:
 
 def _told(hooks: Hooks, said: dict[str, FileScan], left: set[str]) -> dict[str, Any]:
     """Return what the files say, and what became of their includes and macros."""
+    known = {
+        name for scan in said.values() for name, default, _ in scan.arguments if default is not None
+    }
+    asked = dict.fromkeys(name for scan in said.values() for name in scan.asked)
     macros = left & {"insert_block"}.union(*(scan.macros for scan in said.values()))
     return {
         "plain": [(f, n, k) for f, s in said.items() for n, k in s.plain.items() if n in macros],
+        "open_arguments": [name for name in asked if name not in known],
         "wants": hooks.wants,
         "left_out": hooks.left_out,
         "moved": hooks.moved,

@@ -70,7 +70,7 @@ def test_an_argument_used_too_early_has_its_default(tmp_path: Path) -> None:
     assert mass(path, "mass:=4") == 4.0
     late = '<xacro:arg name="mass" default="$(arg other)"/>'
     path = xacro(tmp_path / "s.urdf.xacro", USE, late)
-    fault = r'xacro:2: error: xacro: argument "mass" has no value; add mass:=VALUE, for it is decl'
+    fault = r'xacro:2: error: xacro: argument "mass" has no value; add mass:=VALUE other:=VALUE, f'
     with pytest.raises(ExpansionError, match=fault):
         expand(path)
 
@@ -124,3 +124,14 @@ def test_inspect_lists_the_arguments(tmp_path: Path) -> None:
     plain = write(tmp_path / "plain.urdf", f'<robot name="r">{link("base")}</robot>')
     code, out, _ = call("inspect", plain, "--xacro-args", "--json")
     assert (code, json.loads(out)) == (0, [])
+
+
+def test_arguments_that_nobody_gives_are_told_at_once(tmp_path: Path) -> None:
+    """Those that are given, that have a default, or that a comment names are none of them."""
+    more = '<!-- $(arg old) --><xacro:arg name="side" default=""/>'
+    uses = "".join(f'<m v="$(arg {name})"/>' for name in ("mass", "size", "side", "given"))
+    path = xacro(tmp_path / "r.urdf.xacro", more, uses)
+    with pytest.raises(ExpansionError, match=r"no value; add mass:=VALUE size:=VALUE\n"):
+        expand(path, ReadSettings(xacro_args={"given": "1"}))
+    given = dict.fromkeys(("given", "mass", "size"), "1")
+    assert '<m v="1"/>' in expand(path, ReadSettings(xacro_args=given)).text

@@ -137,7 +137,7 @@ ANSWER: dict[str, Any] = {
     "told": "", "error": "no", "file": "/a", "line": 3, "macros": ["m"],
     "wants": [["p", "/a", None, "text"]], "left_out": [["/a", 4, "xacro:x"]],
     "moved": [["/a", "/b"]], "undeclared": ["/a"], "arguments": [["n", None, "/a", 2]],
-    "old": [["/a", "macro", 2]], "plain": [["/a", "wheel", 3]],
+    "open_arguments": ["n"], "old": [["/a", "macro", 2]], "plain": [["/a", "wheel", 3]],
     "defined": [["wheel", "side *origin", 2]],
     "early": [], "unused": ["u"], "asked": ["A"], "dropped": ["d"],
 }  # fmt: skip
