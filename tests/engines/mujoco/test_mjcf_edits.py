@@ -247,12 +247,13 @@ def test_a_heavier_wheel_fails_in_the_equations(exported: Path) -> None:
     assert [check.name for check in heavy.checks if not check.passed] == ["inertia M", "bias h"]
 
 
-@pytest.mark.parametrize("name", ["timestep", "motor of another joint", "key that moves"])
+@pytest.mark.parametrize("name", ["timestep", "key that moves"])
 def test_an_edit_that_no_row_shows_voids_the_certificate(exported: Path, name: str) -> None:
     """M and h of the file are those of the robot, and yet it would not move as the robot does."""
     file = parse_mjcf(edited(exported, VOID[name][0]), exported)
     found = check_file(file, find_certificate(file.texts, exported), None)
-    assert found.checks and all(check.passed for check in found.checks)
+    assert found.checks
+    assert [check for check in found.checks if not check.passed] == []
     assert not found.passed
 
 
