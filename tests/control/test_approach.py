@@ -281,3 +281,13 @@ def test_a_car_comes_home_from_behind_and_facing_away(
         figures = summarize(run)
         assert figures.final_base_error < 1e-3
         assert figures.kinematic_report["approaches"] == 1
+
+
+def test_a_bend_begins_over_two_fifths_of_its_radius(bicycle: Robot) -> None:
+    """The first arc's radius is 1.5 of the tightest; its bend is half there at a fifth of it."""
+    path = plan(bicycle, reference_by_name(bicycle, "line"), FAR[0]).path
+    radius = 1.5 * TIGHTEST
+    assert path(0.0).curvature[0] == 0.0
+    assert abs(path(0.2 * radius).curvature[0]) == pytest.approx(0.5 / radius)
+    assert abs(path(0.4 * radius).curvature[0]) == pytest.approx(1.0 / radius)
+    assert path(0.4 * radius).curvature[1] == pytest.approx(0.0, abs=1e-12)
