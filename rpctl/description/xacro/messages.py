@@ -187,8 +187,9 @@ def _fault(path: Path, answer: Answer) -> list[str]:
         ]
     macros, wants = answer.get("macros"), [w[0] for w in answer["wants"] if w[3] != "text"]
     within = f' (in macro "{excerpt(macros[-1])}")' if macros else ""
-    after = f" (without {', '.join(dict.fromkeys(wants))}, not found)" if wants else ""
-    fault = f"xacro: {answer['error']}{within}{after}; {RUN_IT}"
+    missing = ", ".join(dict.fromkeys(wants))
+    fix = f"it may be in a package that was not found ({missing}); {DECLARE}" if wants else RUN_IT
+    fault = f"xacro: {answer['error']}{within}; {fix}"
     place = answer.get("file") or path
     return [say(place, answer.get("line"), fault), *_choosing(answer)]
 

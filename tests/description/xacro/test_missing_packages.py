@@ -108,7 +108,7 @@ def test_files_that_must_be_read_are_needed_all_the_same(tmp_path: Path) -> None
     )  # fmt: skip
     with pytest.raises(ExpansionError, match="2 packages were not found: laser, sizes"):
         expand(path)
-    with pytest.raises(ExpansionError, match=r"\(without laser, sizes, not found\)"):
+    with pytest.raises(ExpansionError, match=r"that was not found \(laser, sizes\); declare"):
         expand(path, LENIENT)
 
 
