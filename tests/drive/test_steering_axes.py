@@ -75,6 +75,21 @@ def test_a_rear_axle_on_fixed_joints_is_told_whatever_the_drive(files: Files) ->
     assert files.load(fixed.replace("rear_", "caster_")).drive.doubts == ()  # these may slide
 
 
+def test_drawn_wheels_on_fixed_joints_count_where_the_others_axles_are(files: Files) -> None:
+    """A spare wheel high up, and a wheel's cover beside it, are drawn as meshes, too."""
+    parts = body()
+    parts.wheel("front_left", "base", "0.4 0.3 0.1")
+    parts.wheel("front_right", "base", "0.4 -0.3 0.1")
+    places = {"spare": "-0.5 0 0.6", "cover": "0.4 0.33 0.1", "rear": "-0.3 0.3 0.11"}
+    for name, place in places.items():
+        parts.link(f"{name}_wheel", 1.0, urdf.shape('mesh filename="gone.stl"', "visual"))
+        parts.joint(f"{name}_joint", "fixed", ("base", f"{name}_wheel"), place, "0 1 0")
+    (doubt,) = files.load(parts).drive.doubts
+    assert 'make "rear_joint" (line 1) type="continuous" with its axle as <axis>' in doubt
+    assert "spare" not in doubt
+    assert "cover" not in doubt
+
+
 def test_steering_hinges_that_are_fixed_are_told(files: Files) -> None:
     parts = body()
     rear_axle(parts)
