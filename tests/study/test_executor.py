@@ -53,6 +53,14 @@ def test_processes_find_what_one_does(two: ProcessExecutor) -> None:
     assert_same(results(Executor(), partial(draw, 0.0), chunks), chunks)
 
 
+def test_all_workers_start_before_one_can_die() -> None:
+    """One that started while another died would end the thread that tends them."""
+    before = set(mp.active_children())
+    with ProcessExecutor(3) as three:
+        list(three.map_chunks(partial(draw, 0.0), chunks_of(1)))
+        assert len(set(mp.active_children()) - before) == 3
+
+
 def test_work_is_loaded_once_a_process_by_processes_that_stay(two: ProcessExecutor) -> None:
     first = dict(two.map_chunks(chunk_works.Loaded(), chunks_of(8)))
     again = dict(two.map_chunks(chunk_works.Loaded(), chunks_of(8)))
