@@ -76,8 +76,7 @@ class FrozenTree:
 
     def heights(self, link: str) -> list[tuple[float, float]]:
         """Return the lowest and the highest point of each shape of a link but meshes, m."""
-        body = self.description.link[link]
-        shapes = (shape for shape in body.collisions + body.visuals if shape.kind != "mesh")
+        shapes = (each for each in self.description.link[link].shapes if each.kind != "mesh")
         return [_heights(shape, self.pose(link) @ shape.origin) for shape in shapes]
 
     def lowest(self, link: str) -> float:

@@ -62,6 +62,11 @@ class Link:
     collisions: tuple[Shape, ...]
     estimated: bool = False
 
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Its shapes, those of collision first."""
+        return self.collisions + self.visuals
+
 
 @dataclass(frozen=True)
 class Mimic:
@@ -289,11 +294,11 @@ class Description:
         return tuple(reversed(joints))
 
     def below(self, joint: Joint) -> list[Joint]:
-        """Return a joint and all that it carries."""
+        """Return a joint and all that it carries, in the order of the tree."""
         joints, stack = [], [joint]
         while stack:
             joints.append(stack.pop())
-            stack += self.child_joints[joints[-1].child]
+            stack += reversed(self.child_joints[joints[-1].child])
         return joints
 
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.records import Joint
 from rpctl.drive.drive import (
     POWERED_CASTERS,
-    TRAILING,
+    SWIVEL_ROLES,
     TYPES_WITH_AXLE,
     Drive,
     DriveSpec,
@@ -21,6 +24,7 @@ from rpctl.drive.drive import (
 )
 from rpctl.drive.evidence import Evidence
 from rpctl.drive.no_drive import drive_file_draft
+from rpctl.drive.rows import unit_ahead, unit_left
 from rpctl.drive.wheels import (
     SHARED_TRAIL_ROUNDING_M,
     SwivelCandidate,
@@ -43,11 +47,11 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
     Raises:
         DriveError: A swivel cannot have the role that the drive has for it.
     """
-    base = _Base(kind, evidence)
-    if kind == POWERED_CASTERS:
-        swivels = tuple(swivel.trailing() for swivel in evidence.swivels)
-    else:
-        swivels = tuple(swivel.towards(base.forward) for swivel in evidence.swivels)
+    base, forward = _Base(kind, evidence), unit_ahead(_Base(kind, evidence).heading)
+    swivels = tuple(
+        swivel.trailing() if kind == POWERED_CASTERS else swivel.towards(forward)
+        for swivel in evidence.swivels
+    )
     base = replace(base, evidence=replace(evidence, swivels=swivels))
     driven, doubts = _driven(base)
     return Drive(
@@ -57,7 +61,7 @@ def assemble(kind: str, evidence: Evidence) -> Drive:
         heading=base.heading if kind in TYPES_WITH_AXLE else 0.0,
         track=base.effective_track,
         ground=base.ground,
-        swivels=assign_roles(kind, base.evidence, base.forward, driven),
+        swivels=_assign_roles(kind, base.evidence, forward, driven),
         evidence=_evidence_sentences(kind, base.evidence),
         doubts=(*evidence.grounded.doubts, *_doubts(base.evidence), *doubts),
         declared=_declared(evidence.spec),
@@ -101,20 +105,10 @@ class _Base:
         across = sum((axle * math.copysign(1.0, float(axle @ left)) for axle in held), np.zeros(3))
         return _direction(across if held else left)
 
-    @property
-    def forward(self) -> Array:
-        """Unit vector (2,) along the heading."""
-        return np.array([math.cos(self.heading), math.sin(self.heading)])
-
-    @property
-    def left(self) -> Array:
-        """Unit vector (2,) to the left of the heading."""
-        return np.array([-math.sin(self.heading), math.cos(self.heading)])
-
     @cached_property
     def wheels(self) -> list[WheelCandidate]:
         """Front before rear and left before right; those of casters and sliding ones last."""
-        forward, left = self.forward, self.left
+        forward, left = unit_ahead(self.heading), unit_left(self.heading)
         return sorted(
             self.evidence.grounded.wheels,
             key=lambda wheel: (
@@ -146,8 +140,8 @@ class _Base:
         if pairs:
             ends = [wheel.centre[:2] for wheel in max(pairs, key=len)]
             return float(max(np.linalg.norm(a - b) for a in ends for b in ends))
-        wheels = self.evidence.grounded.wheels
-        return float(np.ptp([float(wheel.centre[:2] @ self.left) for wheel in wheels]))
+        left = unit_left(self.heading)
+        return float(np.ptp([float(wheel.centre[:2] @ left) for wheel in self.wheels]))
 
     @cached_property
     def effective_track(self) -> float:
@@ -170,13 +164,17 @@ def _middle(line: tuple[WheelCandidate, ...]) -> Array:
 
 def _wheel(base: _Base, wheel: WheelCandidate, driven: frozenset[str]) -> Wheel:
     """Return the record of a wheel; ``driven`` are the driven joints."""
-    name = wheel.joint.name
-    swivel = next((s for s in base.evidence.swivels if wheel in s.wheels), None)
+    name, swivel = wheel.joint.name, base.evidence.swivel_of(wheel)
     slides = name in base.sliding
-    shift, direction = 0.0, _rolling_direction(base, wheel)
-    if swivel is None and not slides and base.effective_track != base.track:
-        widening = 0.5 * (base.effective_track - base.track)
-        shift = math.copysign(widening, float((wheel.centre[:2] - base.point) @ base.left))
+    direction = _direction(leftward(wheel.axle))
+    if swivel is not None:
+        direction = swivel.swivel.heading
+    elif base.kind == "mecanum" and not slides:
+        direction = base.heading + _roller_angle(base, wheel)
+    elif base.kind in TYPES_WITH_AXLE and not slides:
+        direction = base.heading
+    beside = float((wheel.centre[:2] - base.point) @ unit_left(base.heading))
+    shift = math.copysign(0.5, beside) * (base.effective_track - base.track) + 0.0
     x, y, z = wheel.joint.axis.tolist()
     return Wheel(
         joint=name,
@@ -188,23 +186,10 @@ def _wheel(base: _Base, wheel: WheelCandidate, driven: frozenset[str]) -> Wheel:
         driven=name in driven,
         swivel=wheel.swivel.name if wheel.swivel else None,
         lateral=swivel.lateral(wheel) if swivel else 0.0,
-        shift=shift,
+        shift=0.0 if swivel or slides else shift,
         slides=slides,
         why=_why(base, wheel),
     )
-
-
-def _rolling_direction(base: _Base, wheel: WheelCandidate) -> float:
-    """Return the angle (rad) of :attr:`Wheel.direction` in the root link's frame."""
-    swivel = next((s for s in base.evidence.swivels if wheel in s.wheels), None)
-    if swivel is not None:
-        return swivel.heading
-    if wheel.joint.name not in base.sliding:
-        if base.kind == "mecanum":
-            return base.heading + _roller_angle(base, wheel)
-        if base.kind in TYPES_WITH_AXLE:
-            return base.heading
-    return _direction(leftward(wheel.axle))
 
 
 def _roller_angle(base: _Base, wheel: WheelCandidate) -> float:
@@ -218,7 +203,8 @@ def _roller_angle(base: _Base, wheel: WheelCandidate) -> float:
         return given.roller
     contact = contact_roller(base.evidence.tree, wheel)
     if contact is not None:
-        return math.atan(float(contact @ base.left) / float(contact @ base.forward))
+        ahead, left = (unit(base.heading) @ contact for unit in (unit_ahead, unit_left))
+        return math.atan(float(left) / float(ahead))
     on_diagonal = base.wheels.index(wheel) in (0, 3)  # from the front left
     return -ROLLER_ANGLE if on_diagonal else ROLLER_ANGLE
 
@@ -226,15 +212,15 @@ def _roller_angle(base: _Base, wheel: WheelCandidate) -> float:
 def _why(base: _Base, wheel: WheelCandidate) -> str:
     """Return why a wheel is one, in words."""
     gap = 1e3 * (wheel.bottom - base.ground)
-    foot = "ends on the ground"
-    if abs(gap) >= MIN_GAP_MM:
-        foot = f"ends {abs(gap):.2g} mm {'above' if gap > 0.0 else 'below'} the ground"
-    why = f"turns without limits about a level axle and {foot}"
+    foot = f"ends {abs(gap):.2g} mm {'above' if gap > 0.0 else 'below'} the ground"
+    if abs(gap) < MIN_GAP_MM:
+        foot = "ends on the ground"
+    slides = ""
     if wheel in base.evidence.balls:
-        return f"{why}; a ball, which slides sideways, too"
-    if wheel.joint.name in base.sliding:
-        return f"{why}; off the axle, so it rolls along, and slides sideways in bends"
-    return why
+        slides = "; a ball, which slides sideways, too"
+    elif wheel.joint.name in base.sliding:
+        slides = "; off the axle, so it rolls along, and slides sideways in bends"
+    return f"turns without limits about a level axle and {foot}{slides}"
 
 
 def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
@@ -246,24 +232,20 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
     file, a transmission or a plugin has a motor there.
     """
     evidence, spec = base.evidence, base.evidence.spec
-    said = {name: wheel.driven for name, wheel in spec.wheels.items()}
-    said |= {name: swivel.driven for name, swivel in spec.swivels.items()}
-    specified = {name: driven for name, driven in said.items() if driven is not None}
+    given = {each.joint: each.driven for each in (*spec.wheel, *spec.swivel)}
+    said = {name: driven for name, driven in given.items() if driven is not None}
+    casters = base.kind == POWERED_CASTERS
     names = {
         wheel.joint.name
         for wheel in evidence.grounded.wheels
-        if not evidence.on_caster(wheel) and wheel.joint.name not in base.sliding
+        if casters or not (evidence.on_caster(wheel) or wheel.joint.name in base.sliding)
     }
-    if base.kind == POWERED_CASTERS:
-        names = {wheel.joint.name for wheel in evidence.grounded.wheels}
-        names |= {swivel.joint.name for swivel in evidence.swivels}
-    rolling, doubts = _driven_joints(evidence, names - evidence.idle)
-    if specified.keys() >= names:
-        doubts = ()
+    names |= {swivel.joint.name for swivel in evidence.swivels if casters}
+    driven, doubts = _driven_joints(evidence, names - evidence.idle)
     steering = {s.joint.name for s in evidence.steered if s.joint.mimic is None}
-    driven = rolling | (steering - evidence.idle)
-    driven = {name for name in driven if specified.get(name, True)}
-    return frozenset(driven | {name for name, yes in specified.items() if yes}), doubts
+    driven |= steering - evidence.idle | {name for name, yes in said.items() if yes}
+    driven -= {name for name, yes in said.items() if not yes}
+    return frozenset(driven), () if said.keys() >= names else doubts
 
 
 def _driven_joints(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple[str, ...]]:
@@ -276,15 +258,13 @@ def _driven_joints(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple
     whole = all(pair <= limited or not pair & limited for pair in pairs)
     if limited and limited != names and whole:
         return limited, ()
-    if not names:
-        return names, ()
-    if evidence.steered and evidence.fixed:
+    if names and evidence.steered and evidence.fixed:
         doubt = (
             "no transmission tells which wheels are driven: the fixed ones are taken to be, the "
             "steered ones not; say driven = true or false of each [[wheel]] in a drive file"
         )
         return names & {wheel.joint.name for wheel in evidence.fixed}, (doubt,)
-    if not evidence.lines and not evidence.steered:
+    if names and not evidence.lines and not evidence.steered:
         doubt = (
             "no transmission tells which joints of the casters are driven: all of them are taken "
             "to be, wheels and swivels; say driven = true or false of each [[wheel]] and "
@@ -322,26 +302,24 @@ def _doubts(evidence: Evidence) -> tuple[str, ...]:
 
 def _evidence_sentences(kind: str, evidence: Evidence) -> tuple[str, ...]:
     """Return how the drive was found, in sentences."""
-    sentences = []
-    if evidence.spec.type is not None:
-        sentences.append(f"{kind}, for the drive file or option says so")
-    for line in evidence.pairs:
-        names = ", ".join(wheel.joint.name for wheel in line)
-        sentences.append(f"{len(line)} wheels on one axle, held by the root link: {names}")
-    lone = [line[0].joint.name for line in evidence.lines if len(line) == 1]
-    balls = [wheel.joint.name for wheel in evidence.balls]
-    for what, group in (("on axles of their own", lone), ("balls", balls)):
-        sentences += [f"{what}, held by the root link: {', '.join(group)}"] if group else []
-    for role in ("steered", *TRAILING):
-        names = ", ".join(s.joint.name for s in evidence.swivels if s.role == role)
-        sentences += [f"wheels on upright joints, {role}: {names}"] if names else []
-    return (*sentences, *evidence.grounded.rejected)
+    root = "held by the root link"
+    groups = [
+        *((f"{len(pair)} wheels on one axle, {root}", pair) for pair in evidence.pairs),
+        (f"on axles of their own, {root}", [line[0] for line in evidence.lines if len(line) == 1]),
+        (f"balls, {root}", evidence.balls),
+    ]
+    for role in SWIVEL_ROLES:
+        swivels = [swivel for swivel in evidence.swivels if swivel.role == role]
+        groups.append((f"wheels on upright joints, {role}", swivels))
+    said = [f"{kind}, for the drive file or option says so"] if evidence.spec.type else []
+    found = (f"{what}: {', '.join(e.joint.name for e in each)}" for what, each in groups if each)
+    return (*said, *found, *evidence.grounded.rejected)
 
 
-def assign_roles(
+def _assign_roles(
     kind: str, evidence: Evidence, forward: Array, driven: frozenset[str]
 ) -> tuple[Swivel, ...]:
-    """Return the records of the swivels, each with its role in a drive.
+    """Return the swivels, each with its role in a drive.
 
     Args:
         evidence: The swivels, and what the user says of them.
@@ -351,24 +329,23 @@ def assign_roles(
         DriveError: A swivel cannot have the role that the drive has for it.
     """
     steered = _leading(kind, evidence, forward)
-    lead = 2 if kind == "steered" else 1
-    leaders = {swivel.joint.name for swivel in steered[:lead]}
-    records = []
-    for swivel in (*steered, *(s for s in evidence.swivels if s.role in TRAILING)):
-        name, shares, role = swivel.joint.name, None, swivel.role
-        if swivel.joint.mimic is not None:
-            role, shares = "mimic", _leader(evidence, swivel)
-        elif role == "steered" and name not in leaders:
-            free = evidence.spec.steering == "free"
-            role = "steered" if free else "follower"
-            shares = steered[0].joint.name if free else None
-        records.append(swivel.record(role, name in driven, shares))
-    _require_leaders(kind, evidence, records)
-    _require_trails(kind, evidence, records)
-    if kind == "steered" or any(record.role == "follower" for record in records):
-        records = [_without_rounded_trail(record) for record in records]
-        _require_contacts(kind, evidence, records)
-    return tuple(records)
+    leaders = steered[: 2 if kind == "steered" else 1]
+    swivels = []
+    for each in (*steered, *(each for each in evidence.swivels if each.swivel.trails)):
+        swivel = replace(each.swivel, driven=each.joint.name in driven)
+        if each.joint.mimic is not None:
+            swivel = replace(swivel, role="mimic", shares=_leader(evidence, each.joint))
+        elif each in steered and each not in leaders and evidence.spec.steering == "free":
+            swivel = replace(swivel, shares=leaders[0].joint.name)
+        elif each in steered and each not in leaders:
+            swivel = replace(swivel, role="follower")
+        swivels.append(swivel)
+    if kind == "steered" or any(swivel.role == "follower" for swivel in swivels):
+        swivels = [_without_rounded_trail(swivel) for swivel in swivels]
+    for swivel, fault in _faults(kind, evidence, swivels):
+        line = evidence.description.joint[swivel.joint].line
+        raise DriveError(f"{evidence.description.path}:{line}: {fault}")
+    return tuple(swivels)
 
 
 def _without_rounded_trail(swivel: Swivel) -> Swivel:
@@ -377,42 +354,58 @@ def _without_rounded_trail(swivel: Swivel) -> Swivel:
     return replace(swivel, trail=0.0) if rounding else swivel
 
 
-def _leader(evidence: Evidence, swivel: SwivelCandidate) -> str:
-    """Return the joint that a swivel mimics in the end."""
-    joint = swivel.joint
+def _leader(evidence: Evidence, joint: Joint) -> str:
+    """Return the joint that one mimics in the end."""
     while joint.mimic is not None:
         joint = evidence.description.joint[joint.mimic.joint]
     return joint.name
 
 
-def _require_leaders(kind: str, evidence: Evidence, swivels: list[Swivel]) -> None:
-    """Refuse swivels that mimic what does not steer, or that would share more than one centre."""
-    steered = {swivel.joint for swivel in swivels if swivel.role == "steered"}
+def _faults(
+    kind: str, evidence: Evidence, swivels: Sequence[Swivel]
+) -> Iterator[tuple[Swivel, str]]:
+    """Yield the swivels that cannot have their role in a drive, why not, and the way out."""
+    draft = drive_file_draft(evidence, kind)
+    leaders = {swivel.joint for swivel in swivels if swivel.role == "steered"}
     for swivel in swivels:
-        if swivel.role != "mimic" or (swivel.shares in steered and kind != "steered"):
-            continue
-        joint = evidence.description.joint[swivel.joint]
-        why = "which steers no wheel; let it mimic another swivel, or take its <mimic> out"
-        if kind == "steered":
-            why = "but no multiple keeps all wheels on one centre of rotation; take its <mimic> out"
-            why += ", and it follows the others exactly"
-        raise DriveError(
-            f'{evidence.description.path}:{joint.line}: the swivel "{swivel.joint}" mimics '
-            f'"{swivel.shares}", {why}'
-        )
-
-
-def _require_trails(kind: str, evidence: Evidence, swivels: list[Swivel]) -> None:
-    """Refuse casters whose wheels stand under their axis: no motion would turn them."""
-    for swivel in swivels:
-        if swivel.trails and not swivel.trail:
-            joint = evidence.description.joint[swivel.joint]
-            raise DriveError(
-                f'{evidence.description.path}:{joint.line}: the wheels of "{swivel.joint}" stand '
-                "under its axis, so it trails nothing and is no caster; move their contact off the "
-                'axis, or say role = "steered" of its [[swivel]] in a drive file'
-                f"{drive_file_draft(evidence, kind)}"
+        mimics = f'the swivel "{swivel.joint}" mimics "{swivel.shares}"'
+        if swivel.role == "mimic" and kind == "steered":
+            yield (
+                swivel,
+                f"{mimics}, but no multiple keeps all wheels on one centre of rotation; take its "
+                "<mimic> out, and it follows the others exactly",
             )
+        elif swivel.role == "mimic" and swivel.shares not in leaders:
+            yield (
+                swivel,
+                f"{mimics}, which steers no wheel; let it mimic another swivel, or take its "
+                "<mimic> out",
+            )
+        elif swivel.trails and not swivel.trail:
+            yield (
+                swivel,
+                f'the wheels of "{swivel.joint}" stand under its axis, so it trails nothing and is '
+                'no caster; move their contact off the axis, or say role = "steered" of its '
+                f"[[swivel]] in a drive file{draft}",
+            )
+    shared = {
+        swivel.joint: swivel
+        for swivel in swivels
+        if swivel.trail and (swivel.role == "follower" or (kind == "steered" and not swivel.trails))
+    }
+    for swivel in shared.values():
+        edits = (
+            _under_axis(evidence.tree, wheel, shared[wheel.swivel.name])
+            for wheel in evidence.grounded.wheels
+            if wheel.swivel is not None and wheel.swivel.name in shared
+        )
+        yield (
+            swivel,
+            f'the wheels of "{swivel.joint}" stand {1e3 * abs(swivel.trail):.3g} mm off its axis, '
+            "where several steered wheels are to share one centre of rotation; put what stands off "
+            f'under it: {", ".join(edits)}; or say role = "caster" of its [[swivel]] in a drive '
+            f"file if it trails{draft}",
+        )
 
 
 def _leading(kind: str, evidence: Evidence, forward: Array) -> list[SwivelCandidate]:
@@ -421,54 +414,28 @@ def _leading(kind: str, evidence: Evidence, forward: Array) -> list[SwivelCandid
     Of several axles two wheels one behind the other lead: their axles fix one centre of rotation
     but where both point at each other, and straight ahead, in bends and on the spot they do not.
     """
-    left = np.array([-forward[1], forward[0]])
-    steered = sorted(
-        evidence.steered,
-        key=lambda s: (-round(float(s.pivot @ forward), 3), -float(s.pivot @ left)),
-    )
-    steered.sort(key=lambda swivel: swivel.joint.mimic is not None)
+    axes = np.array([forward, [-forward[1], forward[0]]])
+    places = {each.joint.name: axes @ each.swivel.pivot for each in evidence.steered}
+
+    def order(each: SwivelCandidate) -> tuple[bool, float, float]:
+        ahead, beside = places[each.joint.name]
+        return each.joint.mimic is not None, -round(float(ahead), 3), -float(beside)
+
+    def spacing(pair: tuple[SwivelCandidate, SwivelCandidate]) -> float:
+        """Return how much further one swivel is ahead of another than beside it, m."""
+        ahead, beside = np.abs(places[pair[0].joint.name] - places[pair[1].joint.name])
+        return float(ahead - beside)
+
+    steered = sorted(evidence.steered, key=order)
     if kind != "steered":
         return steered
-    pairs = [(a, b) for i, a in enumerate(steered) for b in steered[i + 1 :]]
-    first, second = max(pairs, key=lambda pair: _spacing(pair[0], pair[1], forward))
-    return [first, second, *(s for s in steered if s not in (first, second))]
-
-
-def _spacing(a: SwivelCandidate, b: SwivelCandidate, forward: Array) -> float:
-    """Return how much further one swivel is ahead of another than beside it, m."""
-    between = a.pivot - b.pivot
-    ahead = abs(float(between @ forward))
-    return ahead - math.sqrt(max(0.0, float(between @ between) - ahead**2))
-
-
-def _require_contacts(kind: str, evidence: Evidence, swivels: list[Swivel]) -> None:
-    """Refuse wheels off the axes that share a centre: they have none to keep to."""
-    shared = [
-        swivel
-        for swivel in swivels
-        if swivel.trail and (swivel.role == "follower" or (kind == "steered" and not swivel.trails))
-    ]
-    if not shared:
-        return
-    first = shared[0]
-    edits = [
-        _under_axis(evidence.tree, wheel, swivel)
-        for swivel in shared
-        for wheel in evidence.grounded.wheels
-        if wheel.swivel is not None and wheel.swivel.name == swivel.joint
-    ]
-    raise DriveError(
-        f"{evidence.description.path}:{evidence.description.joint[first.joint].line}: the wheels "
-        f'of "{first.joint}" stand {1e3 * abs(first.trail):.3g} mm off its axis, where several '
-        "steered wheels are to share one centre of rotation; put what stands off under it: "
-        f'{", ".join(edits)}; or say role = "caster" of its [[swivel]] in a drive file if it trails'
-        f"{drive_file_draft(evidence, kind)}"
-    )
+    leaders = max(combinations(steered, 2), key=spacing)
+    return [*leaders, *(swivel for swivel in steered if swivel not in leaders)]
 
 
 def _under_axis(tree: FrozenTree, wheel: WheelCandidate, swivel: Swivel) -> str:
     """Return the place of a wheel's joint that takes it below the axis of its swivel."""
-    ahead = np.array([math.cos(swivel.heading), math.sin(swivel.heading), 0.0])
+    ahead = np.append(unit_ahead(swivel.heading), 0.0)
     held = tree.pose(wheel.joint.parent)
     place = held[:3, :3].T @ (wheel.origin - swivel.trail * ahead - held[:3, 3])
     numbers = " ".join(f"{number:.6g}" for number in np.round(place, 6) + 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -122,6 +122,15 @@ class Swivel:
     def trails(self) -> bool:
         """Whether the motion of what carries it fixes its rate."""
         return self.role in TRAILING
+
+    def reversed(self) -> Swivel:
+        """Return it with wheels that roll the other way."""
+        heading = math.remainder(self.heading + math.pi, 2.0 * math.pi)
+        return replace(self, heading=heading, trail=0.0 - self.trail)
+
+    def behind(self) -> Swivel:
+        """Return it with a contact behind its axis."""
+        return self.reversed() if self.trail > 0.0 else self
 
 
 @dataclass(frozen=True)

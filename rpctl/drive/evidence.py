@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.controls import BaseControl
-from rpctl.drive.drive import TRAILING, DriveSpec
+from rpctl.drive.drive import DriveSpec
 from rpctl.drive.leftovers import Leftover, find_leftovers
 from rpctl.drive.wheels import (
     CASTER_WORDS,
@@ -17,12 +17,20 @@ from rpctl.drive.wheels import (
     SwivelCandidate,
     WheelCandidate,
     coaxial,
+    find_candidates,
     find_swivels,
     ground_tolerance,
+    is_called,
 )
-from rpctl.errors import DriveError, UnknownNameError
+from rpctl.errors import DriveError, require_known
 
 BALL_WORDS = ("ball", *CASTER_WORDS)
+UNFIT = {
+    "wheel": "cannot carry a wheel: it has to be continuous, about a level axis, and held by the "
+    "root link, rigidly or by one upright joint",
+    "swivel": "is no swivel: it has to turn about an upright axis, be held by the root link, and "
+    "carry a wheel that stands on the ground",
+}
 PLACEHOLDER_RADIUS_M = 0.1  # of a wheel whose size the user is asked for
 MAX_RADIUS_RATIO = 2.0  # largest ratio of an unknown wheel's radius to the largest known radius
 
@@ -87,8 +95,8 @@ class Evidence:
         """Whether every wheel trails an upright joint, powered or not, and none is held firmly."""
         told = {each.joint for each in self.spec.swivel if each.role is not None}
         trails = (
-            swivel.role in TRAILING or (swivel.trails and swivel.joint.name not in told)
-            for swivel in self.swivels
+            each.swivel.trails or (each.off_axis and each.joint.name not in told)
+            for each in self.swivels
         )
         return not self.lines and bool(self.swivels) and all(trails)
 
@@ -98,35 +106,57 @@ class Evidence:
         joints = {wheel.joint.name for wheel in self.grounded.wheels}
         return bool(self.actuated & (joints | {swivel.joint.name for swivel in self.swivels}))
 
+    def swivel_of(self, wheel: WheelCandidate) -> SwivelCandidate | None:
+        """Return the swivel that carries a wheel."""
+        return next((swivel for swivel in self.swivels if wheel in swivel.wheels), None)
+
     def on_caster(self, wheel: WheelCandidate) -> bool:
         """Return whether a caster or a trailer carries a wheel."""
-        return any(wheel in swivel.wheels for swivel in self.swivels if swivel.role in TRAILING)
+        carrier = self.swivel_of(wheel)
+        return carrier is not None and carrier.swivel.trails
 
 
 def gather_evidence(
     tree: FrozenTree,
-    candidates: list[WheelCandidate],
     spec: DriveSpec,
     controls: tuple[BaseControl, ...],
     free: Collection[str] = (),
 ) -> Evidence:
-    """Return the wheels among the candidates, sorted by what holds them.
+    """Return the wheels of a robot, sorted by what holds them.
 
     Args:
         free: Joints that the user wants free: they are no wheels.
 
     Raises:
-        DriveError: A joint that is called a swivel carries no wheel.
-        UnknownNameError: A swivel's joint is not known.
+        DriveError: A joint cannot be the wheel's or the swivel that the specification calls it.
+        UnknownNameError: Such a joint is not known.
     """
+    candidates = find_candidates(tree, spec.wheels)
+    _require_fit(tree.description, "wheel", spec.wheels, [c.joint.name for c in candidates])
+    if spec.wheels:
+        candidates = [each for each in candidates if each.joint.name in spec.wheels]
     grounded = find_grounded(tree, candidates, bool(spec.wheels))
     swivels = find_swivels(tree, grounded.wheels, spec.swivels)
-    _require_swivels(tree.description, spec, {swivel.joint.name for swivel in swivels})
+    _require_fit(tree.description, "swivel", spec.swivels, [s.joint.name for s in swivels])
     held = [wheel for wheel in grounded.wheels if wheel.swivel is None]
     driven = tuple(dict.fromkeys(name for control in controls for name in control.joints))
     lines, balls = _split_balls(held, tree.description.actuated.union(driven))
     leftovers = find_leftovers(tree, grounded.wheels, free, driven)
-    return Evidence(tree, grounded, lines, balls, tuple(swivels), controls, spec, leftovers)
+    return Evidence(tree, grounded, lines, balls, swivels, controls, spec, leftovers)
+
+
+def _require_fit(
+    description: Description, what: str, names: Iterable[str], fit: Collection[str]
+) -> None:
+    """Refuse joints that a drive file calls wheels' (or swivels), and that are none of the fit."""
+    require_known(f"{what} joint", names, description.joint)
+    for name in names:
+        if name not in fit:
+            listed = f"; swivels are {', '.join(sorted(fit))}" if fit and what == "swivel" else ""
+            raise DriveError(
+                f'{description.path}:{description.joint[name].line}: joint "{name}" '
+                f"{UNFIT[what]}{listed}"
+            )
 
 
 def _split_balls(
@@ -138,22 +168,14 @@ def _split_balls(
     are spheres, their names tell which are balls; if no pair is left then, none is a ball.
     """
     motors = any(wheel.joint.name in driven for wheel in held)
-    spheres = tuple(
-        wheel
-        for wheel in held
-        if wheel.ball or (motors and wheel.joint.name not in driven and _is_named_ball(wheel))
-    )
-    named = tuple(wheel for wheel in spheres if _is_named_ball(wheel))
-    for balls in (spheres, named):
+    named = [wheel for wheel in held if is_called(wheel.joint, BALL_WORDS)]
+    idle = [wheel for wheel in named if motors and wheel.joint.name not in driven]
+    spheres = tuple(wheel for wheel in held if wheel.ball or wheel in idle)
+    for balls in (spheres, tuple(wheel for wheel in spheres if wheel in named)):
         lines = lines_of([wheel for wheel in held if wheel not in balls])
         if any(len(line) > 1 for line in lines):
             return lines, balls
     return lines_of(held), ()
-
-
-def _is_named_ball(wheel: WheelCandidate) -> bool:
-    names = f"{wheel.joint.name} {wheel.joint.child}".lower()
-    return any(word in names for word in BALL_WORDS)
 
 
 def lines_of(wheels: list[WheelCandidate]) -> tuple[tuple[WheelCandidate, ...], ...]:
@@ -166,26 +188,6 @@ def lines_of(wheels: list[WheelCandidate]) -> tuple[tuple[WheelCandidate, ...], 
         else:
             line.append(wheel)
     return tuple(map(tuple, lines))
-
-
-def _require_swivels(description: Description, spec: DriveSpec, found: set[str]) -> None:
-    """Refuse swivels of a drive file that are none.
-
-    Raises:
-        DriveError: A joint carries no wheel.
-        UnknownNameError: A joint is not known.
-    """
-    for name in spec.swivels:
-        if name not in description.joint:
-            raise UnknownNameError("swivel joint", name, description.joint)
-        if name not in found:
-            joint = description.joint[name]
-            listed = f"; swivels are {', '.join(sorted(found))}" if found else ""
-            raise DriveError(
-                f'{description.path}:{joint.line}: joint "{name}" is no swivel: it has to turn '
-                "about an upright axis, be held by the root link, and carry a wheel that stands "
-                f"on the ground{listed}"
-            )
 
 
 @dataclass(frozen=True)
@@ -228,22 +230,24 @@ def find_grounded(
     wheels, doubts, sizeless = [], [], []
     for candidate in candidates:
         height, name = float(candidate.centre[2]) - ground, candidate.joint.name
-        wheel = candidate
-        if candidate.radius is None:
-            if height <= 0.0:
-                wheels.append(replace(candidate, radius=PLACEHOLDER_RADIUS_M))
-                sizeless.append(candidate.joint)
-                continue
-            if height > MAX_RADIUS_RATIO * widest and not declared:
-                rejected.append(f'"{name}": its axle is {height:.3g} m above the ground: no wheel')
-                continue
-            wheel = replace(candidate, radius=height, source=f"axle height over {place}")
-            doubts.append(_radius_doubt(candidate, wheel))
-        gap = wheel.bottom - ground
-        if gap > ground_tolerance(wheel.radius or 0.0) and not declared:
+        gap, tolerance = candidate.bottom - ground, ground_tolerance(candidate.radius or 0.0)
+        if candidate.radius is None and height <= 0.0:
+            wheels.append(replace(candidate, radius=PLACEHOLDER_RADIUS_M))
+            sizeless.append(candidate.joint)
+        elif candidate.radius is None and (declared or height <= MAX_RADIUS_RATIO * widest):
+            source = f"axle height over {place}"
+            wheels.append(replace(candidate, radius=height, source=source))
+            note = f" ({candidate.source})" if candidate.source else ""
+            doubts.append(
+                f'no shape tells the size of wheel "{name}"{note}: its radius, {height:.4g} m, is '
+                f"the {source}; give its radius in a drive file if it is another"
+            )
+        elif candidate.radius is None:
+            rejected.append(f'"{name}": its axle is {height:.3g} m above the ground: no wheel')
+        elif gap > tolerance and not declared:
             rejected.append(f'"{name}": it ends {gap:.3g} m above the ground: no wheel')
-            continue
-        wheels.append(wheel)
+        else:
+            wheels.append(candidate)
     return GroundedWheels(tuple(wheels), tuple(rejected), tuple(doubts), tuple(sizeless))
 
 
@@ -261,9 +265,8 @@ def _clear_of_body(
     )
     kept, rejected = [], []
     for candidate in candidates:
-        name, radius = candidate.joint.name, candidate.radius
-        if radius is not None and candidate.bottom - floor > radius:
-            gap = candidate.bottom - floor
+        name, gap = candidate.joint.name, candidate.bottom - floor
+        if gap > (candidate.radius or 0.0):
             rejected.append(f'"{name}": the body reaches {gap:.3g} m lower: no wheel')
         elif len(candidates) == 1:
             rejected.append(
@@ -272,13 +275,3 @@ def _clear_of_body(
         else:
             kept.append(candidate)
     return kept, rejected
-
-
-def _radius_doubt(candidate: WheelCandidate, wheel: WheelCandidate) -> str:
-    """Return the doubt about a candidate of unknown radius that became a wheel."""
-    note = f" ({candidate.source})" if candidate.source else ""
-    return (
-        f'no shape tells the size of wheel "{wheel.joint.name}"{note}: its radius, '
-        f"{wheel.radius:.4g} m, is the {wheel.source}; give its radius in a drive file if it is "
-        "another"
-    )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from itertools import takewhile
+from os.path import commonprefix
 
 import numpy as np
 
@@ -15,13 +15,16 @@ from rpctl.description.frozen_tree import MAX_LEAN_DEG, FrozenTree
 from rpctl.description.records import Joint
 from rpctl.drive.wheel_size import rollers_of
 from rpctl.drive.wheels import (
+    CASTER_WORDS,
+    WHEEL_WORDS,
     WheelCandidate,
     ground_tolerance,
-    is_named_caster,
-    is_named_wheel,
+    is_called,
     moved_below,
+    tilting,
     wheel_like,
 )
+from rpctl.errors import listed
 
 MIN_LETTERS = 3  # of a pattern beside its star
 MAX_LISTED = 8  # joints that a message lists
@@ -65,12 +68,15 @@ def find_leftovers(
     """
     taken = {wheel.joint.name for wheel in wheels}
     taken |= {wheel.swivel.name for wheel in wheels if wheel.swivel is not None}
+    others = [
+        joint
+        for joint in tree.description.joints
+        if tree.is_free(joint) and joint.name not in taken and joint.name not in free
+    ]
     like = [
         each
-        for each in (wheel_like(tree, joint) for joint in tree.description.joints)
+        for each in (wheel_like(tree, joint) for joint in others)
         if each is not None
-        and each.joint.name not in taken
-        and each.joint.name not in free
         and not any(above.name in taken and _is_roller(tree, each, above)
                     for above in tree.free_joints(each.joint.parent))
     ]  # fmt: skip
@@ -81,11 +87,17 @@ def find_leftovers(
         _leftover(tree, each, ground, usual, len(feet) > 1 and any(each is foot for foot in feet))
         for each in like
     ]
-    found += _idle_casters(tree, taken, free, ground + (usual or 0.0)) if taken else []
-    found += _unrolling(tree, taken, free, ground) if taken else []
+    if taken:
+        found += [_unrolling(tree, joint, ground, usual or 0.0) for joint in others]
     left = [each for each in found if each is not None]
-    known = taken | {*free} | {each.joint.name for each in left}
-    return (*left, *_driven(tree, [name for name in driven if name not in known]))
+    known = {each.joint.name for each in left}
+    why = "is driven as a wheel by a plugin or a controller, and does not stand as one"
+    left += [
+        Leftover(joint, why, hold=_names(tilting(tree, joint)))
+        for joint in others
+        if joint.name in driven and joint.name not in known and joint.kind != "prismatic"
+    ]
+    return tuple(left)
 
 
 def _is_roller(tree: FrozenTree, like: WheelCandidate, wheel: Joint) -> bool:
@@ -97,7 +109,7 @@ def _is_roller(tree: FrozenTree, like: WheelCandidate, wheel: Joint) -> bool:
 def _is_foot(tree: FrozenTree, like: WheelCandidate) -> bool:
     """Return whether it is round, the last of its limb, and ends no higher than all else."""
     reaches = like.bottom - tree.floor <= ground_tolerance(like.radius or 0.0)
-    return like.round and reaches and not moved_below(tree, like.joint.child)
+    return like.round and reaches and not moved_below(tree, like.joint)
 
 
 def _leftover(
@@ -108,133 +120,86 @@ def _leftover(
     ``usual`` is the radius (m) of one whose shapes tell none; ``foot`` is whether it ends one of
     several legs, where no wheel was taken.
     """
-    joint = like.joint
-    moving = _tilting(tree, joint)
+    joint, moving = like.joint, tilting(tree, like.joint)
+    strut = len(moving) == 1 and moving[0].kind == "prismatic"
     like = like if like.radius is not None else replace(like, radius=usual)
     if not tree.is_level(joint) and not like.is_near(ground):
         return None
-    near = like.is_near(ground) if not moving or _is_strut(moving) else like.stands(ground)
-    if math.isnan(ground) and _is_strut(moving):  # no wheel was taken, so all may hang on struts
+    near = like.stands(ground) if moving and not strut else like.is_near(ground)
+    if math.isnan(ground) and strut:  # no wheel was taken, so all may hang on struts
         near = like.is_near(tree.floor)
     if not (like.named or (like.round and near) or foot):
         return None
-    if not joint.endless:
-        if not (like.stands(ground) or (like.named and math.isnan(ground))):
-            return None
+    if joint.endless:
+        return next(_faults(tree, joint, moving, like.bottom - ground))
+    if like.stands(ground) or (like.named and math.isnan(ground)):
         return Leftover(joint, "has limits", edit=f'make it "continuous" (line {joint.line})')
-    return _fault(tree, joint, moving) or _left_by_height(joint, like.bottom - ground)
-
-
-def _fault(tree: FrozenTree, joint: Joint, moving: Sequence[Joint]) -> Leftover | None:
-    """Return why an endless joint cannot carry a wheel of the drive, but for its height."""
-    above, below = tree.free_joints(joint.parent), moved_below(tree, joint.child)
-    leaning = [carrier for carrier in moving if tree.is_leaning(carrier)]
-    if leaning:
-        edits = (f'"{c.name}" (line {c.line}) {_upright_axis(tree, c)}' for c in leaning)
-        why = f"is steered about an axis more than {MAX_LEAN_DEG:g}° off the upright"
-        return Leftover(joint, why, edit=f"give {', '.join(edits)}", steered=True)
-    if moving:
-        names = tuple(carrier.name for carrier in moving)
-        why = f"hangs on {_quoted(names)}, which can move and may be no suspension"
-        return Leftover(joint, why, hold=names)
-    if len(above) > 1:
-        names = tuple(carrier.name for carrier in above[:-1])
-        return Leftover(joint, f"swivels about {len(above)} upright axes", hold=names)
-    if joint.mimic is not None:
-        edit = f"take its <mimic> out (line {joint.line}) if it rolls on the ground"
-        return Leftover(joint, f'mimics "{joint.mimic.joint}"', edit=edit)
-    if not tree.is_level(joint):
-        tilt = math.degrees(math.asin(min(1.0, abs(float(tree.axis(joint)[2])))))
-        edit = f"level its <axis> (line {joint.line})"
-        return Leftover(joint, f"has an axle {tilt:.2g}° off the level", edit=edit)
-    if below:
-        names = tuple(each.name for each in below)
-        return Leftover(joint, f"moves other joints, {_quoted(names)}", hold=names)
     return None
 
 
-def _upright_axis(tree: FrozenTree, joint: Joint) -> str:
-    """Return the element of a joint that stands upright, and points up or down as it does."""
-    up = np.array([0.0, 0.0, math.copysign(1.0, tree.axis(joint)[2])])
-    return axis_element(tree.frame(joint)[:3, :3].T @ up)
+def _faults(
+    tree: FrozenTree, joint: Joint, moving: Sequence[Joint], gap: float
+) -> Iterator[Leftover]:
+    """Yield why an endless joint carries no wheel of the drive, what matters most first.
 
-
-def axis_element(axis: Array) -> str:
-    """Return the <axis> of a joint along a direction (3,) in its own frame."""
-    numbers = np.round(axis, 6) + 0.0
-    return f'<axis xyz="{" ".join(f"{value:.6g}" for value in numbers)}"/>'
-
-
-def _left_by_height(joint: Joint, gap: float) -> Leftover:
-    """Return how far (m) above the ground a joint ends; NaN where there is none."""
-    if math.isnan(gap):
-        return Leftover(joint, "has no other beside it that stands on the ground")
-    return Leftover(joint, f"ends {1e3 * gap:.3g} mm above the ground")
-
-
-def _idle_casters(
-    tree: FrozenTree, taken: Collection[str], free: Collection[str], top: float
-) -> list[Leftover]:
-    """Return the upright joints that are called casters, and carry nothing that turns.
-
-    What is drawn above a height (m), such as a head that swivels, is none.
+    ``moving`` are the joints that tilt it; ``gap`` is how far above the ground it ends, m.
     """
-    return [
-        Leftover(joint, "is called a caster, and its wheel does not turn")
-        for joint in tree.description.joints
-        if tree.is_free(joint)
-        and joint.endless
-        and tree.is_upright(joint)
-        and joint.name not in taken
-        and joint.name not in free
-        and is_named_caster(joint)
-        and not moved_below(tree, joint.child)
-        and not top < tree.lowest(joint.child) < math.inf
-    ]
+    above, below = tree.free_joints(joint.parent), moved_below(tree, joint)
+    leaning = [carrier for carrier in moving if tree.is_leaning(carrier)]
+    if leaning:
+        upright = (axis_edit(tree, c, np.array([0.0, 0.0, tree.axis(c)[2]])) for c in leaning)
+        why = f"is steered about an axis more than {MAX_LEAN_DEG:g}° off the upright"
+        yield Leftover(joint, why, edit=f"give {', '.join(upright)}", steered=True)
+    if moving:
+        why = f"hangs on {_quoted(_names(moving))}, which can move and may be no suspension"
+        yield Leftover(joint, why, hold=_names(moving))
+    if len(above) > 1:
+        yield Leftover(joint, f"swivels about {len(above)} upright axes", hold=_names(above[:-1]))
+    if joint.mimic is not None:
+        edit = f"take its <mimic> out (line {joint.line}) if it rolls on the ground"
+        yield Leftover(joint, f'mimics "{joint.mimic.joint}"', edit=edit)
+    if not tree.is_level(joint):
+        tilt = math.degrees(math.asin(min(1.0, abs(float(tree.axis(joint)[2])))))
+        edit = f"level its <axis> (line {joint.line})"
+        yield Leftover(joint, f"has an axle {tilt:.2g}° off the level", edit=edit)
+    if below:
+        yield Leftover(joint, f"moves other joints, {_quoted(_names(below))}", hold=_names(below))
+    if math.isnan(gap):
+        yield Leftover(joint, "has no other beside it that stands on the ground")
+    yield Leftover(joint, f"ends {1e3 * gap:.3g} mm above the ground")
 
 
-def _unrolling(
-    tree: FrozenTree, taken: Collection[str], free: Collection[str], ground: float
-) -> list[Leftover]:
-    """Return the upright joints that turn what is called a wheel, which stands and cannot roll."""
-    return [
-        Leftover(
-            joint,
-            "steers a wheel that does not roll",
-            edit=f'put a "continuous" joint about its axle between "{joint.name}" '
-            f'(line {joint.line}) and "{joint.child}"',
-            steered=True,
-        )
-        for joint in tree.description.joints
-        if tree.is_free(joint)
-        and joint.kind != "prismatic"
-        and tree.is_upright(joint)
-        and is_named_wheel(joint)
-        and joint.name not in taken
-        and joint.name not in free
-        and not moved_below(tree, joint.child)
-        and abs(tree.lowest(joint.child) - ground) <= ground_tolerance(0.0)
-    ]
+def axis_edit(tree: FrozenTree, joint: Joint, axis: Array, change: str = "") -> str:
+    """Return what to write of a joint: its <axis> along a direction (3,) of the root link's frame.
+
+    Args:
+        change: What else, before it.
+    """
+    own = tree.frame(joint)[:3, :3].T @ (axis / np.linalg.norm(axis))
+    numbers = " ".join(f"{value:.6g}" for value in np.round(own, 6) + 0.0)
+    return f'"{joint.name}" (line {joint.line}) {change}<axis xyz="{numbers}"/>'
 
 
-def _driven(tree: FrozenTree, names: Sequence[str]) -> list[Leftover]:
-    """Return the joints of these names that turn; something drives them as wheels."""
-    joints = [tree.description.joint[n] for n in names if n in tree.description.joint]
-    why = "is driven as a wheel by a plugin or a controller, and does not stand as one"
-    return [
-        Leftover(joint, why, hold=tuple(c.name for c in _tilting(tree, joint)))
-        for joint in joints
-        if tree.is_free(joint) and joint.kind != "prismatic"
-    ]
+def _unrolling(tree: FrozenTree, joint: Joint, ground: float, usual: float) -> Leftover | None:
+    """Return an upright joint that turns what is called a caster or a wheel, and cannot roll.
+
+    A wheel stands on the ground; a caster that is drawn higher than a wheel's usual radius (m), as
+    a head that swivels, is none.
+    """
+    if not tree.is_upright(joint) or moved_below(tree, joint):
+        return None
+    height = tree.lowest(joint.child) - ground
+    if joint.endless and is_called(joint, CASTER_WORDS) and not usual < height < math.inf:
+        return Leftover(joint, "is called a caster, and its wheel does not turn")
+    if is_called(joint, WHEEL_WORDS) and abs(height) <= ground_tolerance(0.0):
+        edit = f'put a "continuous" joint about its axle between "{joint.name}" '
+        edit += f'(line {joint.line}) and "{joint.child}"'
+        return Leftover(joint, "steers a wheel that does not roll", edit=edit, steered=True)
+    return None
 
 
-def _tilting(tree: FrozenTree, joint: Joint) -> list[Joint]:
-    """Return the free joints above one that are no swivels."""
-    return [carrier for carrier in tree.free_joints(joint.parent) if not tree.is_upright(carrier)]
-
-
-def _is_strut(moving: Sequence[Joint]) -> bool:
-    return len(moving) == 1 and moving[0].kind == "prismatic"
+def _names(joints: Sequence[Joint]) -> tuple[str, ...]:
+    return tuple(joint.name for joint in joints)
 
 
 def explain_leftovers(tree: FrozenTree, kind: str, leftovers: Sequence[Leftover]) -> str:
@@ -283,7 +248,8 @@ def option(tree: FrozenTree, flag: str, names: Sequence[str]) -> str:
 
 def _patterns(names: Sequence[str]) -> Iterator[str]:
     """Yield patterns that fit all names: of the words in front, behind, at both ends, inside."""
-    start, end = _start(names), _start([name[::-1] for name in names])[::-1]
+    turned = [name[::-1] for name in names]
+    start, end = commonprefix(names), commonprefix(turned)[::-1]  # noqa: RUF071  (letters, no paths)
     start, end = start[: start.rfind("_") + 1], end[end.find("_") :] if "_" in end else ""
     yield from (f"{start}*", f"*{end}", f"{start}*{end}")
     words = names[0].split("_") if len(names) > 2 else []  # of two, names are clearer
@@ -294,14 +260,5 @@ def _patterns(names: Sequence[str]) -> Iterator[str]:
             yield f"*{inside}*"
 
 
-def _start(names: Sequence[str]) -> str:
-    """Return the letters that all names begin with."""
-    first, last = min(names), max(names)
-    alike = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
-    return "".join(letter for letter, _ in alike)
-
-
 def _quoted(names: Sequence[str]) -> str:
-    more = len(names) - MAX_LISTED
-    listed = ", ".join(f'"{name}"' for name in names[:MAX_LISTED])
-    return listed + (f" and {more} more" if more > 0 else "")
+    return listed([f'"{name}"' for name in names], MAX_LISTED)

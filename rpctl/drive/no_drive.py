@@ -3,43 +3,81 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
-from rpctl.description.records import Joint, Shape
+from rpctl.description.records import Joint
 from rpctl.drive.drive import POWERED_CASTERS, suggest
 from rpctl.drive.evidence import Evidence
-from rpctl.drive.leftovers import MAX_LISTED, axis_element, lock_option
+from rpctl.drive.leftovers import MAX_LISTED, axis_edit, lock_option
 from rpctl.drive.wheel_size import round_parts
 from rpctl.drive.wheels import (
+    CASTER_WORDS,
+    WHEEL_WORDS,
     WheelCandidate,
     ground_tolerance,
-    is_named_caster,
-    is_named_wheel,
+    is_called,
     leftward,
     moved_below,
     parallel,
 )
 
-NEEDS = {
-    "differential": "one pair of wheels on one axle, held by the root link, and none steered",
-    "skid-steer": "two or more pairs of wheels, held by the root link, and none steered",
-    "mecanum": "two pairs of wheels, held by the root link, and none steered",
-    "omni": "three or more wheels, held by the root link, and none steered",
-    "bicycle": "a wheel that the root link holds, and a steered one",
-    "tricycle": "a pair of wheels that the root link holds, and a steered wheel",
-    "articulated": "a pair of wheels that the root link holds, and one on a driven hitch behind it",
-    "car-like": "wheels that the root link holds, and two or more steered ones",
-    "steered": "two or more steered wheels, and none that the root link holds",
-    POWERED_CASTERS: "wheels that all trail upright joints, and none that the root link holds",
+NEEDS: dict[str, tuple[str, Callable[[Evidence], bool]]] = {  # of wheels, by the drive's type
+    "differential": (
+        "one pair of wheels on one axle, held by the root link, and none steered",
+        lambda found: len(found.pairs) == 1 and not found.steered,
+    ),
+    "skid-steer": (
+        "two or more pairs of wheels, held by the root link, and none steered",
+        lambda found: len(found.pairs) > 1 and not found.steered,
+    ),
+    "mecanum": (
+        "two pairs of wheels, held by the root link, and none steered",
+        lambda found: len(found.pairs) == 2 and len(found.fixed) == 4 and not found.steered,
+    ),
+    "omni": (
+        "three or more wheels, held by the root link, and none steered",
+        lambda found: len(found.fixed) > 2 and not found.steered,
+    ),
+    "bicycle": (
+        "a wheel that the root link holds, and a steered one",
+        lambda found: bool(found.fixed) and len(found.steered) == 1,
+    ),
+    "tricycle": (
+        "a pair of wheels that the root link holds, and a steered wheel",
+        lambda found: bool(found.pairs) and len(found.steered) == 1,
+    ),
+    "articulated": (
+        "a pair of wheels that the root link holds, and one on a driven hitch behind it",
+        lambda found: bool(found.pairs) and [each.off_axis for each in found.steered] == [True],
+    ),
+    "car-like": (
+        "wheels that the root link holds, and two or more steered ones",
+        lambda found: bool(found.fixed) and len(found.steered) > 1,
+    ),
+    "steered": (
+        "two or more steered wheels, and none that the root link holds",
+        lambda found: not found.fixed and len(found.steered) > 1,
+    ),
+    POWERED_CASTERS: (
+        "wheels that all trail upright joints, and none that the root link holds",
+        lambda found: found.trailing,
+    ),
 }
 MIN_APART_M = 1e-3  # joints nearer to each other than this lie on no line
 STEERING_WORDS = ("steer", "hinge", "kingpin", "knuckle")
+LEFT, UP = np.eye(3)[1:]
 UNSTEERED = ("differential", "skid-steer", "mecanum", "omni")
+
+
+def fits(kind: str, evidence: Evidence) -> bool:
+    """Return whether there are the wheels that a drive of a type needs."""
+    _, enough = NEEDS[kind]
+    return enough(evidence)
 
 
 def explain_no_drive(evidence: Evidence, kind: str | None) -> str:
@@ -48,46 +86,47 @@ def explain_no_drive(evidence: Evidence, kind: str | None) -> str:
     Args:
         kind: Type of the drive that was asked for, or None.
     """
-    grounded = evidence.grounded
-    message = f"{evidence.description.path}: no {kind or 'known'} drive: "
-    if kind is not None:
-        message += f"it takes {NEEDS[kind]}; "
+    wheels = evidence.grounded.wheels
+    needs = "" if kind is None else f"it takes {NEEDS[kind][0]}; "
+    found = "no joint could carry a wheel"
     if evidence.pairs or evidence.swivels:
-        message += _counts(evidence)
-    elif grounded.wheels:
-        message += (
-            f"no two wheels share one axle; joints on a level axis: {_wheel_places(evidence)}"
+        found = _counts(evidence)
+    elif wheels:
+        places = (
+            f'"{c.joint.name}" (line {c.joint.line}, axle {(np.round(c.axle, 3) + 0.0).tolist()} '
+            f"at {(np.round(c.origin, 3) + 0.0).tolist()})"
+            for c in wheels[:MAX_LISTED]
         )
-    else:
-        message += "no joint could carry a wheel"
-    message += "".join(f"; {reason}" for reason in grounded.rejected) + _ways_out(evidence, kind)
-    return message
+        found = f"no two wheels share one axle; joints on a level axis: {', '.join(places)}"
+    faults = (f"{needs}{found}", *evidence.grounded.rejected, *_ways_out(evidence, kind))
+    return f"{evidence.description.path}: no {kind or 'known'} drive: {'; '.join(faults)}"
 
 
-def _ways_out(evidence: Evidence, kind: str | None) -> str:
-    """Return what to write to have a drive, as the end of the message."""
-    message, grounded = "", evidence.grounded
-    fix = _fixes(evidence)
-    if fix:
-        arm = "" if grounded.wheels else "; or say --drive fixed for an arm"
-        return f"{message}; {fix}{arm}"
-    if not grounded.wheels:
-        return (
-            f"{message}; it needs continuous joints about level axles that reach the ground, held "
+def _ways_out(evidence: Evidence, kind: str | None) -> Iterator[str]:
+    """Yield what to write to have a drive."""
+    wheels, fixes = evidence.grounded.wheels, [*_fixes(evidence)]
+    yield from fixes
+    if fixes and not wheels:
+        yield "or say --drive fixed for an arm"
+    elif not wheels:
+        yield (
+            "it needs continuous joints about level axles that reach the ground, held "
             f'by the root link "{evidence.description.root}"; make the wheels\' joints '
             'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
         )
+    if fixes or not wheels:
+        return
     if kind in UNSTEERED and evidence.steered:
         names = [swivel.joint.name for swivel in evidence.steered]
-        message += f"; {lock_option(evidence.tree, names)} holds what steers"
+        yield f"{lock_option(evidence.tree, names)} holds what steers"
     if kind is None and evidence.trailing:
-        message += (
-            "; all of them trail, and nothing tells that motors drive them: say --drive "
+        yield (
+            "all of them trail, and nothing tells that motors drive them: say --drive "
             f"{POWERED_CASTERS} if motors do"
         )
     if kind is None and len(evidence.pairs) > 1 and not evidence.steered:
-        message += "; nothing in a URDF tells skid-steer from mecanum wheels"
-    return f"{message}; say which it is{drive_file_draft(evidence, kind)}"
+        yield "nothing in a URDF tells skid-steer from mecanum wheels"
+    yield f"say which it is{drive_file_draft(evidence, kind)}"
 
 
 def _counts(evidence: Evidence) -> str:
@@ -102,44 +141,31 @@ def _counts(evidence: Evidence) -> str:
     return axles + (f", wheels on swivels: {', '.join(turning)}" if turning else "")
 
 
-def _wheel_places(evidence: Evidence) -> str:
-    return ", ".join(
-        f'"{c.joint.name}" (line {c.joint.line}, axle {(np.round(c.axle, 3) + 0.0).tolist()} '
-        f"at {(np.round(c.origin, 3) + 0.0).tolist()})"
-        for c in evidence.grounded.wheels[:MAX_LISTED]
-    )
-
-
-def _fixes(evidence: Evidence) -> str:
-    """Return changes to the URDF or the options that would let a drive be detected, or nothing."""
-    ways = _turned_axes(evidence.fixed) if not evidence.pairs else []
-    still = [] if evidence.pairs else wheels_on_fixed_joints(evidence.tree)
+def _fixes(evidence: Evidence) -> Iterator[str]:
+    """Yield changes to the URDF or the options that would let a drive be detected."""
+    tree, left = evidence.tree, evidence.leftovers
+    if not evidence.pairs:
+        yield from _turned_axes(tree, evidence.fixed)
+    still = [] if evidence.pairs else wheels_on_fixed_joints(tree)
     if still:
-        ways.append(f"wheels are held by fixed joints; make {'; '.join(still)}")
-    spinners = [] if evidence.grounded.wheels else upright_spinners(evidence.tree)
+        yield f"wheels are held by fixed joints; make {'; '.join(still)}"
+    spinners = [] if evidence.grounded.wheels else upright_spinners(tree)
     if spinners:
-        axes = (
-            f'"{j.name}" (line {j.line}) {axis_element(evidence.tree.frame(j)[:3, :3].T[:, 1])}'
-            for j in spinners
-        )
-        ways.append(
+        axes = (axis_edit(tree, joint, LEFT) for joint in spinners)
+        yield (
             f"joints turn upright side by side; if they carry wheels, give {', '.join(axes)}, or "
             "the axle as it lies"
         )
-    left = evidence.leftovers
-    ways += [f'"{each.joint.name}" {each.why}; {each.edit}' for each in left if each.edit]
+    yield from (f'"{each.joint.name}" {each.why}; {each.edit}' for each in left if each.edit)
     for swivel in evidence.swivels:
         if len(swivel.wheels) == len(evidence.grounded.wheels):
-            option = lock_option(evidence.tree, [swivel.joint.name])
-            ways.append(f"{swivel.joint.name} carries all wheels and so steers none: {option}")
+            option = lock_option(tree, [swivel.joint.name])
+            yield f"{swivel.joint.name} carries all wheels and so steers none: {option}"
     holding = dict.fromkeys(name for each in left for name in each.hold)
     if holding:
         hanging = ", ".join(each.joint.name for each in left if each.hold)
-        ways.append(
-            f"{hanging} hang on joints that can move; hold these: "
-            f"{lock_option(evidence.tree, list(holding))}"
-        )
-    return "; ".join(ways)
+        option = lock_option(tree, list(holding))
+        yield f"{hanging} hang on joints that can move; hold these: {option}"
 
 
 def upright_spinners(tree: FrozenTree) -> list[Joint]:
@@ -154,26 +180,20 @@ def upright_spinners(tree: FrozenTree) -> list[Joint]:
         and joint.mimic is None
         and (tree.is_upright(joint) or tree.is_leaning(joint))
         and not tree.free_joints(joint.parent)
-        and not moved_below(tree, joint.child)
+        and not moved_below(tree, joint)
     ]
     return joints if len(joints) > 1 else []
 
 
-def _turned_axes(candidates: tuple[WheelCandidate, ...]) -> list[str]:
-    """Return what to write where the axles of two wheels lie across the line that joins them."""
-    advice = []
-    for a, b in combinations(candidates, 2):
+def _turned_axes(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> Iterator[str]:
+    """Yield what to write where the axles of two wheels lie across the line that joins them."""
+    for a, b in combinations(wheels, 2):
         line = a.origin - b.origin
         apart = float(np.linalg.norm(line))
-        if apart < MIN_APART_M:
-            continue
-        line = line / apart
-        if parallel(a, b) and max(abs(float(a.axle @ line)), abs(line[2])) < MAX_TILT_SINE:
-            axes = (f'"{c.joint.name}" {_axis(line, c.frame)}' for c in (a, b))
-            advice.append(
-                f"their axles lie across the line that joins them: give {', '.join(axes)}"
-            )
-    return advice
+        across = max(abs(float(a.axle @ line)), abs(line[2])) < MAX_TILT_SINE * apart
+        if apart >= MIN_APART_M and across and parallel(a, b):
+            axes = ", ".join(axis_edit(tree, each.joint, leftward(line)) for each in (a, b))
+            yield f"their axles lie across the line that joins them: give {axes}"
 
 
 def explain_unknown_radius(evidence: Evidence, kind: str | None) -> str:
@@ -194,14 +214,13 @@ def explain_unknown_radius(evidence: Evidence, kind: str | None) -> str:
 
 def drive_file_draft(evidence: Evidence, kind: str | None) -> str:
     """Return the end of a message that asks for a drive file: one of what was found."""
-    roles = {swivel.joint.name: swivel.role for swivel in evidence.swivels}
     guess = "skid-steer" if len(evidence.pairs) > 1 else "differential"
-    swivelling = POWERED_CASTERS if evidence.trailing else "steered"
-    guess = guess if evidence.pairs else swivelling
-    wheels = {wheel.joint.name: wheel.radius for wheel in evidence.grounded.wheels}
-    unknown = {joint.name for joint in evidence.grounded.sizeless}
-    wheels = {name: None if name in unknown else radius for name, radius in wheels.items()}
-    return f"; to start from (--drive FILE):\n{suggest(kind or guess, wheels, roles)}"
+    if not evidence.pairs:
+        guess = POWERED_CASTERS if evidence.trailing else "steered"
+    roles = {swivel.joint.name: swivel.role for swivel in evidence.swivels}
+    radii = {wheel.joint.name: wheel.radius for wheel in evidence.grounded.wheels}
+    radii |= {joint.name: None for joint in evidence.grounded.sizeless}
+    return f"; to start from (--drive FILE):\n{suggest(kind or guess, radii, roles)}"
 
 
 def wheels_on_fixed_joints(tree: FrozenTree, wheels: Sequence[WheelCandidate] = ()) -> list[str]:
@@ -217,40 +236,25 @@ def wheels_on_fixed_joints(tree: FrozenTree, wheels: Sequence[WheelCandidate] = 
     advice = []
     floor = min((wheel.bottom for wheel in wheels), default=tree.floor)
     for joint in tree.description.joints:
-        if joint.kind != "fixed" or tree.description.child_joints[joint.child]:
+        place = tree.pose(joint.child)[:3, 3]
+        if (
+            joint.kind != "fixed"
+            or tree.description.child_joints[joint.child]
+            or is_called(joint, CASTER_WORDS)
+            or any(np.linalg.norm(place - w.centre) < 2.0 * (w.radius or 0.0) for w in wheels)
+            or not all(map(tree.is_upright, tree.free_joints(joint.parent)))
+        ):
             continue
-        if is_named_caster(joint) or _beside_a_wheel(tree, joint, wheels):
-            continue
-        if not all(map(tree.is_upright, tree.free_joints(joint.parent))):
-            continue
-        pose = tree.pose(joint.child)
-        axle = _level_cylinder(_shapes(tree, joint), pose, floor)
+        kinds = {shape.kind for shape in tree.description.link[joint.child].shapes}
+        drawn = is_called(joint, WHEEL_WORDS) and bool(kinds) and kinds <= {"mesh", "sphere"}
+        heights = [(abs(place[2] - w.centre[2]), w.radius or 0.0) for w in wheels]
+        axle = _level_cylinder(tree, joint, floor)
         if axle is not None:
-            axis = _axis(axle, pose[:3, :3])
-        elif _is_drawn_wheel(tree, joint) and (not wheels or _as_high(pose[2, 3], wheels)):
-            axis = "its axle as <axis>"
-        else:
-            continue
-        advice.append(f'"{joint.name}" (line {joint.line}) type="continuous" with {axis}')
+            advice.append(axis_edit(tree, joint, leftward(axle), 'type="continuous" with '))
+        elif drawn and (not wheels or any(off < 0.5 * radius for off, radius in heights)):
+            change = 'type="continuous" with its axle as <axis>'
+            advice.append(f'"{joint.name}" (line {joint.line}) {change}')
     return advice
-
-
-def _beside_a_wheel(tree: FrozenTree, joint: Joint, wheels: Sequence[WheelCandidate]) -> bool:
-    """Return whether a joint is nearer to a wheel than another wheel could be."""
-    place = tree.frame(joint)[:3, 3]
-    return any(
-        float(np.linalg.norm(place - each.centre)) < 2.0 * (each.radius or 0.0) for each in wheels
-    )
-
-
-def _is_drawn_wheel(tree: FrozenTree, joint: Joint) -> bool:
-    kinds = {shape.kind for shape in _shapes(tree, joint)}
-    return is_named_wheel(joint) and bool(kinds) and kinds <= {"mesh", "sphere"}
-
-
-def _as_high(height: float, wheels: Sequence[WheelCandidate]) -> bool:
-    """Return whether some wheel's axle is about so high (m)."""
-    return any(abs(height - each.centre[2]) < 0.5 * (each.radius or 0.0) for each in wheels)
 
 
 def fixed_steering(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> list[str]:
@@ -261,57 +265,34 @@ def fixed_steering(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> list[s
     chains = [tree.description.chain(w.joint.parent) for w in wheels if w.swivel is None]
     carried = Counter(joint.name for chain in chains for joint in chain)
     return [
-        f'"{joint.name}" (line {joint.line}) type="revolute" with '
-        f"{axis_element(tree.frame(joint)[:3, :3].T[:, 2])} and its <limit>"
+        axis_edit(tree, joint, UP, 'type="revolute" with ') + " and its <limit>"
         for chain in chains
         for joint in chain
-        if joint.kind == "fixed"
-        and carried[joint.name] == 1
-        and any(word in f"{joint.name} {joint.child}".lower() for word in STEERING_WORDS)
+        if joint.kind == "fixed" and carried[joint.name] == 1 and is_called(joint, STEERING_WORDS)
     ]
 
 
-def misaligned_axes(tree: FrozenTree, candidates: tuple[WheelCandidate, ...]) -> list[str]:
+def misaligned_axes(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> list[str]:
     """Return a corrected <axis> for each wheel whose joint axis lies across its cylinder's axis.
 
     A URDF without an <axis> has (1 0 0), wherever the wheel points.
     """
     advice = []
-    for candidate in candidates:
-        joint = candidate.joint
-        if round_parts(tree, joint):
-            continue
-        for shape in _shapes(tree, joint):
-            axle = candidate.frame @ shape.origin[:3, 2]
-            tilt = max(abs(float(axle @ candidate.axle)), abs(axle[2]))
-            if shape.kind == "cylinder" and tilt <= MAX_TILT_SINE:
-                axis = _axis(axle, candidate.frame)
-                advice.append(f'"{joint.name}" (line {joint.line}) {axis}')
-                break
+    for wheel in wheels:
+        link = tree.description.link[wheel.joint.child]
+        cylinders = (shape for shape in link.shapes if shape.kind == "cylinder")
+        axles = [(tree.pose(link.name) @ shape.origin)[:3, 2] for shape in cylinders]
+        across = [a for a in axles if max(abs(a @ wheel.axle), abs(a[2])) <= MAX_TILT_SINE]
+        if across and not round_parts(tree, wheel.joint):
+            advice.append(axis_edit(tree, wheel.joint, leftward(across[0])))
     return advice
 
 
-def _axis(axle: Array, frame: Array) -> str:
-    """Return the element of a joint in a frame (3, 3) whose axle (3,), turned left, is this."""
-    return axis_element(frame.T @ leftward(axle))
-
-
-def _shapes(tree: FrozenTree, joint: Joint) -> tuple[Shape, ...]:
-    link = tree.description.link[joint.child]
-    return link.collisions + link.visuals
-
-
-def _level_cylinder(shapes: tuple[Shape, ...], pose: Array, floor: float) -> Array | None:
-    """Return the axle (3,) of the level cylinder that reaches the floor (m), or None.
-
-    ``pose`` (4, 4) is the link's whose shapes they are.
-    """
-    for shape in shapes:
-        place = pose @ shape.origin
-        axle = np.asarray(place[:3, 2])
-        if shape.kind != "cylinder" or abs(axle[2]) > MAX_TILT_SINE:
-            continue
-        radius = shape.size[0]
-        if float(place[2, 3]) - radius - floor <= ground_tolerance(radius):
-            return axle
+def _level_cylinder(tree: FrozenTree, joint: Joint, floor: float) -> Array | None:
+    """Return the axle (3,) of a link's level cylinder that reaches the floor (m), or None."""
+    for shape in tree.description.link[joint.child].shapes:
+        place, radius = tree.pose(joint.child) @ shape.origin, shape.size[0]
+        level = shape.kind == "cylinder" and abs(place[2, 2]) <= MAX_TILT_SINE
+        if level and place[2, 3] - radius - floor <= ground_tolerance(radius):
+            return np.asarray(place[:3, 2])
     return None

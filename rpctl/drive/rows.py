@@ -37,26 +37,30 @@ Angle = TypeVar("Angle", float, Array)
 PLANAR = 3  # entries of a twist of the base
 
 
+def unit_ahead(angle: float | Array) -> Array:
+    """Return d (2, ...) along angles (...), rad."""
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def unit_left(angle: float | Array) -> Array:
+    """Return n (2, ...) to the left of angles (...), rad."""
+    return np.array([-np.sin(angle), np.cos(angle)])
+
+
 def rolling_row(pivot: tuple[float, float], angle: float | Array) -> Array:
     """Return k (..., 3) of a wheel at ``pivot`` (m) that heads along angles (...), rad."""
-    return np.asarray(np.array([np.cos(angle), np.sin(angle)]).T @ _rolling(pivot))
+    return np.asarray(unit_ahead(angle).T @ velocity_of(pivot))
 
 
 def lateral_row(pivot: tuple[float, float], angle: float | Array) -> Array:
     """Return l (..., 3) of a wheel at ``pivot`` (m) that heads along angles (...), rad."""
-    return np.asarray(np.array([np.cos(angle), np.sin(angle)]).T @ _lateral(pivot))
+    return np.asarray(unit_left(angle).T @ velocity_of(pivot))
 
 
-def _rolling(pivot: tuple[float, float]) -> Array:
-    """Return the factors (2, 3) of cos θ and sin θ in k."""
-    x, y = pivot
+def velocity_of(place: tuple[float, float]) -> Array:
+    """Return what makes a twist the velocity of a place (m) of the base (2, 3)."""
+    x, y = place
     return np.array([[1.0, 0.0, -y], [0.0, 1.0, x]])
-
-
-def _lateral(pivot: tuple[float, float]) -> Array:
-    """Return the factors (2, 3) of cos θ and sin θ in l."""
-    x, y = pivot
-    return np.array([[0.0, 1.0, x], [-1.0, 0.0, y]])
 
 
 def angle_of(swivel: Swivel, position: Angle) -> Angle:

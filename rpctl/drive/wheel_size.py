@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -73,22 +74,10 @@ def wheel_size(tree: FrozenTree, joint: Joint) -> WheelSize:
     round visual ones, collision meshes, visual meshes. The widest of a kind is the tyre; if there
     are several of its radius, the wheel's centre is in the middle between them.
     """
-    parts, paths = wheel_parts(tree, joint), tree.description.mesh_paths
     reasons: list[str] = []
-    rollers = _rollers_size(tree, joint)
-    if rollers is not None:
-        return rollers
-    for role in SHAPE_ROLES:
-        size = _round_size(parts, joint.axis, role)
-        if size is not None:
-            return size
-    for role in SHAPE_ROLES:
-        unread: list[str] = []
-        size = _mesh_size(parts, joint.axis, role, paths, unread)
-        if size is not None:
-            return size._replace(unread="".join(unread[:1]))
-        reasons += unread
-    return WheelSize(None, reasons[-1] if reasons else "", 0.0)
+    sizes = (size for _, size in shape_sizes(tree, joint, reasons))
+    size = _rollers_size(tree, joint) or next(sizes, None)
+    return size or WheelSize(None, reasons[-1] if reasons else "", 0.0)
 
 
 def _rollers_size(tree: FrozenTree, joint: Joint) -> WheelSize | None:
@@ -96,23 +85,42 @@ def _rollers_size(tree: FrozenTree, joint: Joint) -> WheelSize | None:
     reaches, places = [], []
     links = dict(tree.rigid_links(joint.child))
     for roller in rollers_of(tree, joint):
-        shapes = [s for s in wheel_parts(tree, roller) if is_round(s, roller.axis)]
-        if roller.child not in links or not shapes:
-            continue
-        centre = (links[roller.child] @ shapes[0].shape.origin)[:3, 3]
-        reaches.append(_distance(centre, joint.axis) + max(s.shape.size[0] for s in shapes))
-        places.append(float(centre @ joint.axis))
-    if not reaches:
-        return None
-    return WheelSize(max(reaches), "its rollers", float(np.mean(places)))
+        shapes = [each.shape for each in round_parts(tree, roller)]
+        if roller.child in links and shapes:
+            centre = (links[roller.child] @ shapes[0].origin)[:3, 3]
+            reaches.append(_distance(centre, joint.axis) + max(s.size[0] for s in shapes))
+            places.append(float(centre @ joint.axis))
+    return WheelSize(max(reaches), "its rollers", float(np.mean(places))) if reaches else None
 
 
-def shape_sizes(tree: FrozenTree, joint: Joint) -> list[tuple[str, WheelSize]]:
-    """Return the size from each kind of shape, with its role: round shapes first, then meshes."""
+def shape_sizes(
+    tree: FrozenTree, joint: Joint, reasons: list[str] | None = None
+) -> Iterator[tuple[str, WheelSize]]:
+    """Yield the size from each kind of shape, with its role: round shapes first, then meshes.
+
+    Args:
+        reasons: Where to add why meshes cannot be read.
+    """
     parts, paths = wheel_parts(tree, joint), tree.description.mesh_paths
-    found = [(role, _round_size(parts, joint.axis, role)) for role in SHAPE_ROLES]
-    found += [(role, _mesh_size(parts, joint.axis, role, paths, [])) for role in SHAPE_ROLES]
-    return [(role, size) for role, size in found if size is not None]
+    for role in SHAPE_ROLES:
+        shapes = [each.shape for each in parts if each.role == role and is_round(each, joint.axis)]
+        if shapes:
+            yield role, _widest([_round_size(shape, joint.axis, role) for shape in shapes])
+    for role in SHAPE_ROLES:
+        sizes, unread = [], []
+        for part in parts:
+            if part.role == role and part.shape.kind == "mesh":
+                try:
+                    size = _bounds(part.shape, joint.axis, role, paths)
+                except MeshError as error:
+                    unread.append(f'mesh "{part.shape.mesh}" {error}')
+                else:
+                    near = part.own or size.aside <= MAX_ECCENTRICITY * (size.radius or 0.0)
+                    sizes += [size] * near
+        if sizes:
+            yield role, _widest(sizes)._replace(unread="".join(unread[:1]))
+        if reasons is not None:
+            reasons += unread
 
 
 def is_round(part: WheelShape, axis: Array) -> bool:
@@ -134,45 +142,20 @@ def _distance(point: Array, axis: Array) -> float:
     return float(np.linalg.norm(np.cross(point, axis)))
 
 
-def _round_size(parts: list[WheelShape], axis: Array, role: str) -> WheelSize | None:
-    """Return the size of the widest round part of a role, if there is one."""
-    found = []
-    for shape in (part.shape for part in parts if part.role == role and is_round(part, axis)):
-        middle = shape.origin[:3, 3]
-        aside = _distance(middle, axis)
-        width = 0.0 if shape.kind == "sphere" else shape.size[1]
-        source = f"{role} {shape.kind}, line {shape.line}"
-        found.append(
-            WheelSize(shape.size[0], source, float(middle @ axis), aside=aside, width=width)
-        )
-    return _widest(found)
+def _round_size(shape: Shape, axis: Array, role: str) -> WheelSize:
+    """Return the size of a round shape about an axle (3,) through the frame's origin."""
+    middle = shape.origin[:3, 3]
+    return WheelSize(
+        radius=shape.size[0],
+        source=f"{role} {shape.kind}, line {shape.line}",
+        offset=float(middle @ axis),
+        aside=_distance(middle, axis),
+        width=0.0 if shape.kind == "sphere" else shape.size[1],
+    )
 
 
-def _mesh_size(
-    parts: list[WheelShape], axis: Array, role: str, paths: MeshPaths, reasons: list[str]
-) -> WheelSize | None:
-    """Return the size of a role's widest mesh, from its bounds, if one can be read.
-
-    The reason why one cannot be read is added to ``reasons``.
-    """
-    found = []
-    for shape, its_role, own in parts:
-        if shape.kind != "mesh" or its_role != role:
-            continue
-        try:
-            size = _bounds(shape, axis, role, paths)
-        except MeshError as error:
-            reasons.append(f'mesh "{shape.mesh}" {error}')
-            continue
-        if own or size.aside <= MAX_ECCENTRICITY * (size.radius or 0.0):
-            found.append(size)
-    return _widest(found)
-
-
-def _widest(found: list[WheelSize]) -> WheelSize | None:
+def _widest(found: list[WheelSize]) -> WheelSize:
     """Return the widest of some sizes; of several so wide, with their middle's offset."""
-    if not found:
-        return None
     widest = max(found, key=lambda size: size.radius or 0.0)
     reach = widest.radius or 0.0
     tyres = [size.offset for size in found if reach - (size.radius or 0.0) <= RADIUS_ROUNDING_M]
@@ -204,11 +187,6 @@ def _bounds(shape: Shape, axis: Array, role: str, paths: MeshPaths) -> WheelSize
 
 def rollers_of(tree: FrozenTree, wheel: Joint) -> tuple[Joint, ...]:
     """Return the rollers on a wheel that hold still or turn freely; none, if too few."""
-    found, stack = [], [*tree.description.child_joints[wheel.child]]
-    while stack:
-        joint = stack.pop()
-        if joint.endless:
-            found.append(joint)
-        elif not tree.is_free(joint):
-            stack += tree.description.child_joints[joint.child]
-    return tuple(found) if len(found) >= MIN_ROLLERS else ()
+    below = (tree.description.child_joints[link] for link, _ in tree.rigid_links(wheel.child))
+    rollers = tuple(joint for joints in below for joint in joints if joint.endless)
+    return rollers if len(rollers) >= MIN_ROLLERS else ()

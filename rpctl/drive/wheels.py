@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
 from rpctl.description.records import Joint
-from rpctl.drive.drive import TRAILING, Swivel, SwivelSpec, WheelSpec
+from rpctl.drive.drive import Swivel, SwivelSpec, WheelSpec
+from rpctl.drive.rows import unit_ahead, unit_left
 from rpctl.drive.wheel_size import rollers_of, round_parts, wheel_size
 
 MAX_AXLE_OFFSET = 0.02  # of the distance between two wheels: so far apart axles of a pair may be
@@ -19,7 +20,9 @@ MAX_AXLE_OFFSET = 0.02  # of the distance between two wheels: so far apart axles
 GROUND_TOLERANCE_M = 5.001e-3  # m; what is so near to the ground touches it (URDFs are in mm),
 GROUND_TOLERANCE_RADII = 0.1  # and so is a wheel within this share of its radius
 MECANUM_DEG = (20.0, 70.0)  # between a mecanum wheel's rollers and its axle; of an omni wheel 90
-WHEEL_WORDS = ("wheel", "tyre", "tire")
+WHEEL_WORDS = ("wheel", "tyre", "tire")  # in names, see `is_called`
+CASTER_WORDS = ("caster", "castor", "swivel")
+TRAILER_WORDS = ("trailer", "hitch", "drawbar")
 MAX_CAMBER_SINE = 0.9  # of a wheel's axle off the level; a steeper one steers
 NEAR_RADII = 1.0  # so many of its radii above the ground a wheel may end that hangs in a suspension
 
@@ -37,7 +40,6 @@ class WheelCandidate:
         joint: The joint.
         origin: Its origin (3,), m.
         axle: Its unit axis (3,).
-        frame: Its rotation (3, 3).
         swivel: The upright joint that carries it, or None where the root link does.
         radius: m; None if it is unknown.
         source: Where the radius came from.
@@ -51,7 +53,6 @@ class WheelCandidate:
     joint: Joint
     origin: Array
     axle: Array
-    frame: Array
     swivel: Joint | None
     radius: float | None
     source: str
@@ -74,7 +75,7 @@ class WheelCandidate:
     @property
     def named(self) -> bool:
         """Whether a name says that it is a wheel."""
-        return is_named_wheel(self.joint)
+        return is_called(self.joint, WHEEL_WORDS)
 
     def stands(self, ground: float) -> bool:
         """Return whether it ends on the ground, whose height is given in m."""
@@ -117,13 +118,11 @@ def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec) -> WheelCandidat
     size = wheel_size(tree, joint)
     if spec.radius is not None:
         size = size._replace(radius=spec.radius, source="drive file", uneven="", unread="")
-    frame = tree.frame(joint)
     parts = round_parts(tree, joint)
     return WheelCandidate(
         joint=joint,
-        origin=frame[:3, 3],
+        origin=tree.frame(joint)[:3, 3],
         axle=tree.axis(joint),
-        frame=frame[:3, :3],
         swivel=next(reversed(tree.free_joints(joint.parent)), None),
         radius=size.radius,
         source=size.source,
@@ -142,16 +141,11 @@ def turns_like_wheel(tree: FrozenTree, joint: Joint) -> bool:
 
 def _carries_arm(tree: FrozenTree, joint: Joint) -> bool:
     """Return whether a joint moves others than the rollers of a wheel, which turn freely on it."""
-    child_joints = tree.description.child_joints
-    stack = [(below, 0) for below in child_joints[joint.child]]
-    while stack:
-        below, depth = stack.pop()
-        if tree.is_free(below):
-            depth += 1
-            if depth > 1 or not below.endless:
-                return True
-        stack.extend((further, depth) for further in child_joints[below.child])
-    return False
+    above = len(tree.free_joints(joint.child))
+    return any(
+        not below.endless or len(tree.free_joints(below.parent)) > above
+        for below in moved_below(tree, joint)
+    )
 
 
 def coaxial(a: WheelCandidate, b: WheelCandidate) -> bool:
@@ -205,7 +199,7 @@ def wheel_like(tree: FrozenTree, joint: Joint) -> WheelCandidate | None:
 
     Its axis is about level, and it turns without limits, or is called a wheel.
     """
-    named = is_named_wheel(joint)
+    named = is_called(joint, WHEEL_WORDS)
     if not tree.is_free(joint) or joint.kind == "prismatic" or not (named or joint.endless):
         return None
     if abs(float(tree.axis(joint)[2])) > (MAX_CAMBER_SINE if named else MAX_TILT_SINE):
@@ -213,30 +207,23 @@ def wheel_like(tree: FrozenTree, joint: Joint) -> WheelCandidate | None:
     return _candidate(tree, joint, WheelSpec(joint.name))
 
 
-def is_named_wheel(joint: Joint) -> bool:
-    """Return whether the name of a joint, or of the link that it moves, is a wheel's."""
-    return any(word in f"{joint.name} {joint.child}".lower() for word in WHEEL_WORDS)
+def is_called(joint: Joint, words: Iterable[str]) -> bool:
+    """Return whether the name of a joint, or of the link that it moves, has one of these words."""
+    return any(word in f"{joint.name} {joint.child}".lower() for word in words)
 
 
-def is_named_caster(joint: Joint) -> bool:
-    """Return whether the name of a joint, or of the link that it moves, is a caster's."""
-    return any(word in f"{joint.name} {joint.child}".lower() for word in CASTER_WORDS)
+def moved_below(tree: FrozenTree, joint: Joint) -> list[Joint]:
+    """Return the free joints below a joint, in the order of the tree."""
+    return [below for below in tree.description.below(joint)[1:] if tree.is_free(below)]
 
 
-def moved_below(tree: FrozenTree, link: str) -> list[Joint]:
-    """Return the free joints below a link, in the order of the tree."""
-    found, stack = [], [*reversed(tree.description.child_joints[link])]
-    while stack:
-        joint = stack.pop()
-        found += [joint] * tree.is_free(joint)
-        stack += reversed(tree.description.child_joints[joint.child])
-    return found
+def tilting(tree: FrozenTree, joint: Joint) -> list[Joint]:
+    """Return the free joints above one that are no swivels."""
+    return [carrier for carrier in tree.free_joints(joint.parent) if not tree.is_upright(carrier)]
 
 
 MIN_TRAIL_M = 5e-3  # m, or
 MIN_TRAIL_RADII = 0.1  # of the radius: a contact nearer to the swivel's axis does not trail
-CASTER_WORDS = ("caster", "castor", "swivel")  # in a joint's name they end the doubt
-TRAILER_WORDS = ("trailer", "hitch", "drawbar")
 MIN_TRACK_RADII = 3.0  # between the wheels of a trailer; twin wheels of a caster stand closer
 SHARED_TRAIL_ROUNDING_M = 2e-3  # m; rounding of a file: a smaller trail of one of several
 TRAIL_ROUNDING_M = 1e-9  # m; a smaller one is that of numbers
@@ -244,100 +231,58 @@ TRAIL_ROUNDING_M = 1e-9  # m; a smaller one is that of numbers
 
 @dataclass(frozen=True)
 class SwivelCandidate:
-    """A swivel joint of a description: its pivot, heading, trail and role, at position 0.
+    """An upright joint of a description that carries wheels.
 
     Attributes:
         joint: The joint.
         wheels: The wheels that it carries.
-        pivot: Where its axis meets the ground (x, y) in the root link's frame, m.
-        sign: 1 where its axis points up, −1 where it points down.
-        ahead: Rolling direction of its wheels (2,), forward, or away from the contact of a caster.
-        trail: Distance of the contact ahead of the axis, m.
-        parent: The upright joint that carries it, or None where the root link does.
-        role: ``"steered"``, ``"caster"`` or ``"trailer"``.
-        trails: Whether its contact is so far off its axis that it would trail.
-        body: Whether it carries a pair of wheels so wide, or another swivel, as no caster does.
-        why: The reason for the role, in words.
-        doubt: The evidence for the other role, in words; empty if there is none.
+        swivel: What a drive has of it, its role seen by itself: steered, a caster or a trailer.
+        off_axis: Whether its contact is so far off its axis that it would trail.
+        body: Whether it trails and carries a pair of wheels so wide, or another swivel, as no
+            caster does.
+        doubt: The evidence for another role, in words; empty if there is none.
     """
 
     joint: Joint
     wheels: tuple[WheelCandidate, ...]
-    pivot: Array
-    sign: float
-    ahead: Array
-    trail: float
-    parent: Joint | None
-    role: str
-    trails: bool
+    swivel: Swivel
+    off_axis: bool
     body: bool
-    why: str
     doubt: str
 
     @property
-    def heading(self) -> float:
-        """Rolling direction at position 0 in the root link's frame, rad."""
-        return math.atan2(self.ahead[1], self.ahead[0])
+    def role(self) -> str:
+        """Its role seen by itself."""
+        return self.swivel.role
 
     def lateral(self, wheel: WheelCandidate) -> float:
         """Return the distance of a wheel's contact to the left of the axis, m."""
-        left = np.array([-self.ahead[1], self.ahead[0]])
-        return float(left @ (wheel.centre[:2] - self.pivot))
+        return float(unit_left(self.swivel.heading) @ (wheel.centre[:2] - self.swivel.pivot))
 
     def towards(self, forward: Array) -> SwivelCandidate:
         """Return the swivel with wheels that roll towards a direction (2,), unless they trail.
 
         Swivels that share a lateral force take its mean over one left.
         """
-        if self.role in TRAILING or float(self.ahead @ forward) >= 0.0:
+        if self.swivel.trails or float(unit_ahead(self.swivel.heading) @ forward) >= 0.0:
             return self
-        return replace(self, ahead=-self.ahead, trail=-self.trail)
+        return replace(self, swivel=self.swivel.reversed())
 
     def trailing(self) -> SwivelCandidate:
         """Return the swivel as a caster: its contact lies behind its axis."""
-        side, doubt, why = 1.0 if self.trail < 0.0 else -1.0, "", self.why
+        doubt, why, swivel = "", self.swivel.why, self.swivel.behind()
         if self.role != "caster":
-            why = f"contact {1e3 * abs(self.trail):.3g} mm off its axis; {why}"
+            why = f"contact {1e3 * abs(swivel.trail):.3g} mm off its axis; {why}"
         if math.isfinite(self.joint.upper - self.joint.lower):
             doubt = f'"{self.joint.name}" is a caster, yet it has limits, into which it would run'
-        return replace(
-            self,
-            ahead=side * self.ahead,
-            trail=side * self.trail,
-            role="caster",
-            why=why,
-            doubt=doubt,
-        )
-
-    def record(self, role: str, driven: bool, shares: str | None = None) -> Swivel:
-        """Return the drive's record of it.
-
-        Args:
-            role: Its role in the drive, see :class:`Swivel`.
-            shares: Swivel with which it shares one lateral constraint, or None.
-        """
-        mimic = self.joint.mimic
-        return Swivel(
-            joint=self.joint.name,
-            role=role,
-            pivot=(float(self.pivot[0]), float(self.pivot[1])),
-            heading=self.heading,
-            sign=self.sign,
-            trail=0.0 if abs(self.trail) < TRAIL_ROUNDING_M else self.trail,
-            driven=driven,
-            shares=shares,
-            ratio=1.0 if mimic is None else mimic.multiplier,
-            offset=0.0 if mimic is None else mimic.offset,
-            parent=None if self.parent is None else self.parent.name,
-            why=self.why,
-        )
+        return replace(self, swivel=replace(swivel, role="caster", why=why), doubt=doubt)
 
 
 def find_swivels(
     tree: FrozenTree,
     wheels: tuple[WheelCandidate, ...],
     specs: Mapping[str, SwivelSpec],
-) -> list[SwivelCandidate]:
+) -> tuple[SwivelCandidate, ...]:
     """Return the swivels that carry the given wheels, in file order, each after what carries it.
 
     Args:
@@ -347,90 +292,81 @@ def find_swivels(
     for wheel in wheels:
         if wheel.swivel is not None:
             groups.setdefault(wheel.swivel.name, []).append(wheel)
-    joints = {name: tree.description.joint[name] for name in groups}
-    above = {name: tree.free_joints(joint.parent) for name, joint in joints.items()}
+    above = {name: tree.free_joints(tree.description.joint[name].parent) for name in groups}
     towing = {each.name for carriers in above.values() for each in carriers}
-    return [
+    return tuple(
         _swivel_candidate(tree, tuple(groups[name]), specs.get(name, SwivelSpec(name)), towing)
         for name in sorted(groups, key=lambda name: len(above[name]))
-    ]
+    )
 
 
 def _swivel_candidate(
     tree: FrozenTree, wheels: tuple[WheelCandidate, ...], spec: SwivelSpec, towing: Collection[str]
 ) -> SwivelCandidate:
-    joint = wheels[0].swivel
-    assert joint is not None
+    joint = tree.description.joint[spec.joint]
     origin, axis = tree.frame(joint)[:3, 3], tree.axis(joint)
     pivot = origin[:2]
     if tree.is_leaning(joint):
         height = origin[2] - np.mean([wheel.bottom for wheel in wheels])
         pivot = pivot - height / axis[2] * axis[:2]
     left = leftward(wheels[0].axle)
-    ahead = np.array([left[1], -left[0]]) / math.hypot(left[0], left[1])
+    heading = math.atan2(-left[0], left[1])
     contact = np.mean([wheel.centre[:2] for wheel in wheels], axis=0)
-    trail = float(ahead @ (contact - pivot))
+    trail = float(unit_ahead(heading) @ (contact - pivot))
     radius = max(wheel.radius or 0.0 for wheel in wheels)
-    trails = abs(trail) > max(MIN_TRAIL_M, MIN_TRAIL_RADII * radius)
+    off_axis = abs(trail) > max(MIN_TRAIL_M, MIN_TRAIL_RADII * radius)
     apart = np.ptp([float(wheel.centre @ left) for wheel in wheels])
-    body = joint.name in towing or apart > MIN_TRACK_RADII * radius
-    role, why, doubt = _role(joint, trail, trails, body, spec, tree.description.actuated)
-    if role in TRAILING and trail > 0.0:
-        ahead, trail = -ahead, -trail
-    return SwivelCandidate(
-        joint=joint,
-        wheels=wheels,
-        pivot=pivot,
-        sign=math.copysign(1.0, axis[2]),
-        ahead=ahead,
-        trail=trail,
-        parent=next(reversed(tree.free_joints(joint.parent)), None),
+    body = off_axis and bool(joint.name in towing or apart > MIN_TRACK_RADII * radius)
+    actuated = joint.name in tree.description.actuated
+    role, why, doubt = _role(joint, trail, off_axis, body, spec, actuated)
+    swivel = Swivel(
+        joint=joint.name,
         role=role,
-        trails=trails,
-        body=trails and body,
+        pivot=(float(pivot[0]), float(pivot[1])),
+        heading=heading,
+        sign=math.copysign(1.0, axis[2]),
+        trail=0.0 if abs(trail) < TRAIL_ROUNDING_M else trail,
+        ratio=1.0 if joint.mimic is None else joint.mimic.multiplier,
+        offset=0.0 if joint.mimic is None else joint.mimic.offset,
+        parent=next((above.name for above in reversed(tree.free_joints(joint.parent))), None),
         why=why,
-        doubt=doubt,
     )
+    swivel = swivel.behind() if swivel.trails else swivel
+    return SwivelCandidate(joint, wheels, swivel, off_axis, body, doubt)
 
 
 def _role(
-    joint: Joint,
-    trail: float,
-    trails: bool,
-    body: bool,
-    spec: SwivelSpec,
-    actuated: Collection[str],
+    joint: Joint, trail: float, off_axis: bool, body: bool, spec: SwivelSpec, actuated: bool
 ) -> tuple[str, str, str]:
     """Return whether a swivel steers or trails, why, and what speaks against it.
 
-    ``body`` is whether it carries a pair of wheels so wide, or another swivel, as no caster does.
+    ``off_axis`` and ``body`` are those of :class:`SwivelCandidate`.
     """
-    limited = math.isfinite(joint.upper - joint.lower)
-    distance = f"contact {1e3 * abs(trail):.3g} mm off its axis"
-    if abs(trail) < SHARED_TRAIL_ROUNDING_M:
-        distance = "contact below its axis"
     if spec.role is not None:
         return spec.role, "the drive file says so", ""
     if joint.mimic is not None:
         return "steered", f'it mimics "{joint.mimic.joint}"', ""
-    caster = trails and any(word in joint.name.lower() for word in CASTER_WORDS)
-    if joint.name in actuated and not caster:
+    caster = off_axis and any(word in joint.name.lower() for word in CASTER_WORDS)
+    if actuated and not caster:
         return "steered", "a transmission drives it", ""
+    limited = math.isfinite(joint.upper - joint.lower)
+    below = abs(trail) < SHARED_TRAIL_ROUNDING_M
+    why = "contact below its axis" if below else f"contact {1e3 * abs(trail):.3g} mm off its axis"
     choice = 'say role = "steered" of its [[swivel]] in a drive file if it steers'
-    named = any(word in f"{joint.name} {joint.child}".lower() for word in TRAILER_WORDS)
-    if trails and (named or (body and not (limited and joint.effort))):
-        why = f"{distance}, {'its name' if named else 'a pair of wheels or a further body'}"
+    named = off_axis and is_called(joint, TRAILER_WORDS)
+    if named or (body and not (limited and joint.effort)):
+        why += ", its name" if named else ", a pair of wheels or a further body"
         doubt = (
             f'"{joint.name}" is taken for the hitch of a trailer, which no motor turns; {choice}'
         )
         return "trailer", why, "" if named or not joint.effort else doubt
     doubt = f'"{joint.name}" is taken for a caster; {choice}, "caster" if not'
-    if caster and joint.name in actuated:
-        why = f"{distance}, its name; but a transmission drives it"
-        return "caster", why, f"{doubt}; a transmission drives it"
-    if trails and not limited:
-        return "caster", f"{distance}, no limits", "" if caster else doubt
+    if caster and actuated:
+        but = "a transmission drives it"
+        return "caster", f"{why}, its name; but {but}", f"{doubt}; {but}"
+    if off_axis and not limited:
+        return "caster", f"{why}, no limits", "" if caster else doubt
     if caster:
-        why = f"{distance}, its name; but it has limits"
-        return "caster", why, f"{doubt}; a caster would run into its limits"
-    return "steered", f"{distance}, {'limits' if limited else 'no limits'}", ""
+        doubt += "; a caster would run into its limits"
+        return "caster", f"{why}, its name; but it has limits", doubt
+    return "steered", f"{why}, {'limits' if limited else 'no limits'}", ""

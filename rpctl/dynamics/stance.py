@@ -102,7 +102,7 @@ def _mesh_reaches(robot: Robot, link: Link) -> bool:
     tree = robot.tree
     if not all(map(tree.is_upright, tree.free_joints(link.name))):
         return False
-    for shape in link.collisions + link.visuals:
+    for shape in link.shapes:
         if shape.kind != "mesh":
             continue
         try:
@@ -195,7 +195,7 @@ def _mesh_caster(robot: Robot, link: Link, chain: tuple[Joint, ...]) -> bool:
 
     It turns without end about a level axle no higher above the ground than a wheel's radius.
     """
-    shapes = link.collisions + link.visuals
+    shapes = link.shapes
     if not shapes or any(shape.kind != "mesh" for shape in shapes) or not chain:
         return False
     joint = chain[-1]

@@ -168,9 +168,8 @@ def _placed(robot: Robot, index: int) -> WheelCandidate:
     """Return a wheel of the drive where the file has it, in the root link's frame."""
     record, description = robot.drive.wheels[index], robot.description
     joint = description.joint[record.joint]
-    frame = robot.tree.frame(joint)
     swivel = None if record.swivel is None else description.joint[record.swivel]
-    place = (frame[:3, 3], robot.tree.axis(joint), frame[:3, :3], swivel)
+    place = (robot.tree.frame(joint)[:3, 3], robot.tree.axis(joint), swivel)
     return WheelCandidate(joint, *place, record.radius, record.source, record.offset, False, "")
 
 

@@ -85,7 +85,7 @@ def support_shapes(robot: Robot, supports: Supports) -> Iterator[tuple[str, str,
         yield (
             part.name,
             part.link,
-            next(shape for shape in link.collisions + link.visuals if shape.line == part.line),
+            next(shape for shape in link.shapes if shape.line == part.line),
         )
 
 

@@ -124,7 +124,7 @@ def _grips_one_way(robot: Robot, wheel: Wheel) -> bool:
     """Return whether nothing holds a wheel across its row: it has rollers, or is a ball."""
     if wheel.slides:
         link = robot.description.link[robot.description.joint[wheel.joint].child]
-        return any(shape.kind == "sphere" for shape in link.collisions + link.visuals)
+        return any(shape.kind == "sphere" for shape in link.shapes)
     return wheel.swivel is None and robot.drive.type in ROLLER_DRIVES
 
 
