@@ -23,6 +23,7 @@ from rpctl.drive.drive import (
     Wheel,
 )
 from rpctl.drive.evidence import Evidence
+from rpctl.drive.leftovers import lock_option
 from rpctl.drive.no_drive import drive_file_draft
 from rpctl.drive.rows import unit_ahead, unit_left
 from rpctl.drive.wheels import (
@@ -368,6 +369,14 @@ def _faults(
     draft = drive_file_draft(evidence, kind)
     leaders = {swivel.joint for swivel in swivels if swivel.role == "steered"}
     for swivel in swivels:
+        if swivel.parent is not None and not swivel.trails:
+            yield (
+                swivel,
+                f'"{swivel.joint}" steers on "{swivel.parent}", which turns, too, where only what '
+                'the root link holds can steer; say role = "trailer" of its [[swivel]] in a drive '
+                "file if no motor turns it, or hold it at 0: "
+                f"{lock_option(evidence.tree, [swivel.joint])}{draft}",
+            )
         mimics = f'the swivel "{swivel.joint}" mimics "{swivel.shares}"'
         if swivel.role == "mimic" and kind == "steered":
             yield (
@@ -395,9 +404,10 @@ def _faults(
     }
     for swivel in shared.values():
         edits = (
-            _under_axis(evidence.tree, wheel, shared[wheel.swivel.name])
+            _under_axis(evidence.tree, wheel, each)
+            for each in shared.values()
             for wheel in evidence.grounded.wheels
-            if wheel.swivel is not None and wheel.swivel.name in shared
+            if wheel.swivel is not None and wheel.swivel.name == each.joint
         )
         yield (
             swivel,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from glob import escape
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.description.packages import MANIFEST, find_packages
-from rpctl.description.records import Description, Plugin
+from rpctl.description.records import Description
 from rpctl.description.urdf.joints import positive_number
 from rpctl.drive.drive import Drive
 from rpctl.errors import DescriptionError, Finding
@@ -32,7 +32,9 @@ KINDS = (  # words of a plugin's file or name, or of a controller's type, withou
     ("planarmove", PLANAR),
     ("forcebasedmove", PLANAR),
 )
-JOINT_TAG = re.compile(r".*(joint|wheel)(name)?s?")  # an element that names a wheel's joint
+Texts = tuple[str, ...]
+JOINT_KEY = re.compile(r".*joint(name)?s?")  # names a wheel's joint, as one with "wheel" does,
+NO_JOINT = re.compile("steer|multiplier|separation|radius")  # if none of these is in it
 MAX_FILES = 100  # that are read
 MAX_CHARACTERS = 2**19  # of all that are read, for one robot; YAML takes 8 s per million
 MAX_NODES = 100_000  # of one file: with aliases, a few lines stand for billions
@@ -82,7 +84,12 @@ def read_controls(description: Description) -> tuple[BaseControl, ...]:
 
 def plugin_controls(description: Description) -> tuple[BaseControl, ...]:
     """Return the plugins that move the base."""
-    return tuple(control for plugin in description.plugins for control in _control(plugin))
+    kinds = ((kind_of(f"{each.file} {each.name}"), each) for each in description.plugins)
+    return tuple(
+        _control(kind, f'plugin "{plugin.file or plugin.name}"', plugin.line, plugin.texts)
+        for kind, plugin in kinds
+        if kind is not None
+    )
 
 
 def kind_of(text: str) -> str | None:
@@ -91,39 +98,39 @@ def kind_of(text: str) -> str | None:
     return next((kind for word, kind in KINDS if word in words), None)
 
 
-def _control(plugin: Plugin) -> Iterator[BaseControl]:
-    """Yield the control of the base that a plugin is, if it is one."""
-    kind = kind_of(f"{plugin.file} {plugin.name}")
-    if kind is None:
-        return
-    diameter, radius = _first(plugin, "wheeldiameter"), _first(plugin, "wheelradius")
-    yield BaseControl(
-        kind=kind,
-        label=f'plugin "{plugin.file or plugin.name}"',
-        line=plugin.line,
-        joints=tuple(
-            text
-            for key, texts in plugin.texts.items()
-            if JOINT_TAG.fullmatch(key) and "steer" not in key
-            for text in texts
-        ),
-        radius=0.5 * diameter if radius is None and diameter is not None else radius,
-        separation=_first(plugin, "wheelseparation"),
+def _control(kind: str, label: str, line: int | None, texts: Mapping[str, Texts]) -> BaseControl:
+    """Return a control of the base whose settings are texts by key, in small letters without _."""
+
+    def first(*keys: str) -> float | None:
+        numbers = (positive_number(text) for key in keys for text in texts.get(key, ()))
+        return next((number for number in numbers if number is not None), None)
+
+    radius, diameter = first("wheelradius"), first("wheeldiameter")
+    named = (
+        text
+        for key, values in texts.items()
+        if ("wheel" in key or JOINT_KEY.fullmatch(key)) and not NO_JOINT.search(key)
+        for text in values
+        if positive_number(text) is None and text.lower() not in FLAGS
     )
-
-
-def _first(plugin: Plugin, key: str) -> float | None:
-    """Return the first number of a key, or None."""
-    numbers = map(positive_number, plugin.texts.get(key, ()))
-    return next((number for number in numbers if number is not None), None)
+    return BaseControl(
+        kind=kind,
+        label=label,
+        line=line,
+        joints=tuple(dict.fromkeys(named)),
+        radius=0.5 * diameter if radius is None and diameter is not None else radius,
+        separation=first("wheelseparation", "wheelseparationy"),
+        radius_multiplier=first("wheelradiusmultiplier", "leftwheelradiusmultiplier") or 1.0,
+        separation_multiplier=first("wheelseparationmultiplier") or 1.0,
+    )
 
 
 @dataclass(frozen=True)
 class _Entry:
-    """A value of a file of parameters: the keys that lead to it, and its line."""
+    """Values of a file of parameters: the keys that lead to them, and their line."""
 
     keys: tuple[str, ...]
-    value: str | list[str]
+    texts: Texts
     line: int
 
 
@@ -182,44 +189,18 @@ def _texts(files: Sequence[Path]) -> Iterator[tuple[Path, str]]:
 
 def _controllers(file: Path, text: str) -> Iterator[BaseControl]:
     """Yield the controllers of a base in a file of parameters; none, if it is no YAML."""
-    entries = _read(text)
-    types = {e.keys[-2]: e.value for e in entries if e.keys[-1] == "type" and len(e.keys) > 1}
-    groups: dict[str, list[_Entry]] = {}
-    for entry in entries:
-        if len(entry.keys) > 1 and entry.keys[-1] != "type":
-            groups.setdefault(entry.keys[-2], []).append(entry)
-    for name, group in groups.items():
-        kind = kind_of(str(types.get(name, ""))) or kind_of(name)
-        if kind is None:
-            continue
-        values = {entry.keys[-1]: entry for entry in group}
-        yield BaseControl(
-            kind=kind,
-            label=f'controller "{name}" ({"/".join(file.parts[-3:])}:{group[0].line})',
-            line=None,
-            joints=tuple(dict.fromkeys(joint for e in group for joint in _wheel_joints(e))),
-            radius=_number(values, "wheel_radius"),
-            separation=_number(values, "wheel_separation") or _number(values, "wheel_separation_y"),
-            radius_multiplier=_number(values, "wheel_radius_multiplier")
-            or _number(values, "left_wheel_radius_multiplier")
-            or 1.0,
-            separation_multiplier=_number(values, "wheel_separation_multiplier") or 1.0,
-        )
-
-
-def _wheel_joints(entry: _Entry) -> list[str]:
-    """Return the joints that an entry names as wheels'."""
-    key = entry.keys[-1]
-    names = "wheel" in key or key.endswith(("joint_name", "joint_names"))
-    if not names or "steer" in key or "multiplier" in key or "separation" in key or "radius" in key:
-        return []
-    texts = entry.value if isinstance(entry.value, list) else [entry.value]
-    return [text for text in texts if positive_number(text) is None and text.lower() not in FLAGS]
-
-
-def _number(values: dict[str, _Entry], key: str) -> float | None:
-    entry = values.get(key)
-    return None if entry is None else positive_number(entry.value)
+    tables: dict[str, list[_Entry]] = {}
+    for entry in _read(text):
+        if len(entry.keys) > 1:
+            tables.setdefault(entry.keys[-2], []).append(entry)
+    for name, entries in tables.items():
+        types = [text for each in entries if each.keys[-1] == "type" for text in each.texts]
+        settings = [each for each in entries if each.keys[-1] != "type"]
+        kind = kind_of(types[-1] if types else "") or kind_of(name)
+        if kind is not None and settings:
+            place = f"{'/'.join(file.parts[-3:])}:{settings[0].line}"
+            texts = {each.keys[-1].lower().replace("_", ""): each.texts for each in settings}
+            yield _control(kind, f'controller "{name}" ({place})', None, texts)
 
 
 def _read(text: str) -> list[_Entry]:
@@ -239,10 +220,10 @@ def _read(text: str) -> list[_Entry]:
         if isinstance(node, yaml.MappingNode) and len(keys) < MAX_DEPTH:
             pending += [(value, (*keys, *_words(key))) for key, value in reversed(node.value)]
         elif isinstance(node, yaml.ScalarNode) and keys:
-            entries.append(_Entry(keys, str(node.value), node.start_mark.line + 1))
+            entries.append(_Entry(keys, (str(node.value),), node.start_mark.line + 1))
         elif isinstance(node, yaml.SequenceNode) and keys:
-            texts = [str(each.value) for each in node.value if isinstance(each, yaml.ScalarNode)]
-            entries.append(_Entry(keys, texts, node.start_mark.line + 1))
+            texts = (str(each.value) for each in node.value if isinstance(each, yaml.ScalarNode))
+            entries.append(_Entry(keys, tuple(texts), node.start_mark.line + 1))
     return []
 
 

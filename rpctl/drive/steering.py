@@ -18,7 +18,7 @@ from rpctl import math
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
 from rpctl.drive.drive import Drive, Swivel
-from rpctl.drive.rows import PLANAR, angle_of, lateral_row, rolling_row
+from rpctl.drive.rows import PLANAR, angle_of, lateral_row, rolling_row, unit_ahead, unit_left
 from rpctl.kernels.scalars import rounded
 from rpctl.kernels.sheet import Evaluator, Sheet
 
@@ -247,9 +247,7 @@ def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
     Args:
         joints: Joints by name.
     """
-    if not (drive.has_axle and drive.steered):
-        return 0.0
-    return _tightest_bend(drive, joints, drive.steered)
+    return heading_radius(drive, joints) if drive.has_axle else 0.0
 
 
 def heading_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
@@ -262,21 +260,16 @@ def heading_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
     Args:
         joints: Joints by name.
     """
-    swivels = [swivel for swivel in drive.swivels if not swivel.trails]
-    return _tightest_bend(drive, joints, drive.steered if drive.has_axle else swivels)
-
-
-def _tightest_bend(drive: Drive, joints: Mapping[str, Joint], swivels: Sequence[Swivel]) -> float:
-    """Return the radius (m) of P's tightest bend within the limits of swivels; 0 without any."""
-    ahead = np.array([numbers.cos(drive.heading), numbers.sin(drive.heading)])
-    left = np.array([-ahead[1], ahead[0]])
-    radii = []
-    for swivel in swivels:
-        joint, reach = joints[swivel.joint], np.subtract(swivel.pivot, drive.point)
+    axes, radii = np.array([unit_ahead(drive.heading), unit_left(drive.heading)]), []
+    for swivel in drive.swivels:
+        if swivel.trails or (drive.has_axle and swivel.role != "steered"):
+            continue
+        joint = joints[swivel.joint]
         turn = swivel.sign * np.array([joint.lower, joint.upper]) + swivel.heading - drive.heading
         limit = min(float(np.abs(turn).min()), MAX_STEERING)
-        along = abs(float(reach @ ahead) * numbers.cos(limit) + swivel.trail)
-        radii.append(along / numbers.sin(limit) + abs(float(reach @ left)))
+        ahead, beside = (axes @ np.subtract(swivel.pivot, drive.point)).tolist()
+        along = abs(ahead * numbers.cos(limit) + swivel.trail)
+        radii.append(along / numbers.sin(limit) + abs(beside))
     return max(radii, default=0.0)
 
 

@@ -11,6 +11,7 @@ import rpctl
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.urdf.reader import read
 from rpctl.drive.wheels import find_candidates
+from tests import urdf
 from tests.drive.drive_cases import TRANSMISSION, Files, axles, body, tricycle, xml
 from tests.robots import write
 from tests.vehicles import Parts, rear_axle, vehicle
@@ -220,3 +221,59 @@ def test_a_follower_without_limits_stops_short_of_a_right_angle(tmp_path: Path, 
     end = -math.atan2(0.7, 0.5)
     assert end <= limits.lower[0] < end + 1.3 / 250 + 1e-9
     assert limits.upper[0] == 1.25
+
+
+def hitched(*efforts: float) -> Parts:
+    """Return a body with an axle, and one behind another on hitches of these effort limits, N m."""
+    parts, puller, place = body(), "base", "-0.5 0 0.3"
+    rear_axle(parts)
+    for k, effort in enumerate(efforts):
+        parts.link(f"body_{k}", 8.0)
+        limit, ends = urdf.limit(-1.2, 1.2, effort, 6), (puller, f"body_{k}")
+        parts.xml.append(urdf.joint(f"waist_{k}", "revolute", ends, place, "0 0 1", limit))
+        parts.wheel(f"left_{k}", f"body_{k}", "-0.45 0.3 -0.2")
+        parts.wheel(f"right_{k}", f"body_{k}", "-0.45 -0.3 -0.2", "0 -1 0")
+        puller, place = f"body_{k}", "-0.9 0 0"
+    return parts
+
+
+def steered_on_a_steered_one(kind: str) -> Parts:
+    parts = tricycle() if kind == "axle" else body()
+    if kind != "axle":
+        parts.swivel("steer", "0.6 0 0.3", "revolute")
+        parts.wheel("front", "steer_fork", "0 0 -0.2")
+    parts.link("dolly", 0.6)
+    parts.joint("waist_1", "revolute", ("steer_fork", "dolly"), "-0.9 0 0", "0 0 1")
+    parts.wheel("middle", "dolly", "0 0 -0.2")
+    return parts
+
+
+@pytest.mark.parametrize(
+    ("parts", "carrier"),
+    [
+        (hitched(0, 40), "waist_0"),
+        (hitched(40, 40), "waist_0"),
+        (steered_on_a_steered_one("axle"), "steer"),
+        (steered_on_a_steered_one(""), "steer"),
+    ],
+)
+def test_what_another_swivel_carries_does_not_steer(
+    files: Files, parts: Parts, carrier: str
+) -> None:
+    """The rates of what steers are chosen freely, so none may hang on an angle that follows."""
+    refusal = files.refusal(parts)
+    assert f':1: "waist_1" steers on "{carrier}", which turns, too' in refusal
+    assert "--lock waist_1" in refusal
+    assert 'joint = "waist_1"\nrole = "steered"' in refusal  # of the drive file to start from
+
+
+def test_a_trailer_behind_a_driven_hitch_is_pulled(files: Files) -> None:
+    """So is one whose hitch is held, or said to have no motor."""
+    robot = files.load(hitched(40, 0))
+    assert robot.quasi_velocities == ("v", "waist_0")
+    assert [swivel.role for swivel in robot.drive.swivels] == ["steered", "trailer"]
+    assert rpctl.verify(robot, samples=2).passed
+    assert files.load(hitched(0, 40), lock=["waist_1"]).drive.type == "differential"
+    told = 'type = "articulated"\n[[swivel]]\njoint = "waist_1"\nrole = "trailer"\n'
+    roles = [swivel.role for swivel in files.load(hitched(40, 40), told).drive.swivels]
+    assert roles == ["steered", "trailer"]

@@ -310,6 +310,14 @@ def test_skid_steer_with_an_effective_track_and_centre(files: Files) -> None:
     assert rpctl.verify(robot, samples=2).passed
 
 
+@pytest.mark.parametrize("track", [0.9, 0.5])
+def test_contacts_stand_half_an_effective_track_from_the_middle(files: Files, track: float) -> None:
+    """φ̇ r = ∓ ω track/2, whether the track is wider than the 0.6 m of the file or narrower."""
+    robot = files.load(axles(0.25, -0.25), f'type = "skid-steer"\ntrack = {track}\n')
+    for name, speed in rolling_speeds(robot, [0.0, 1.0]).items():
+        assert speed == pytest.approx((-0.5 if "left" in name else 0.5) * track)
+
+
 def test_rollers_of_mecanum_wheels(files: Files) -> None:
     """At 45° the default; rollers at another angle c roll at vx + vy/tan c at each wheel."""
     default = files.load(axles(0.25, -0.25), "mecanum")
