@@ -342,17 +342,16 @@ def _assign_roles(
             swivel = replace(swivel, role="follower")
         swivels.append(swivel)
     if kind == "steered" or any(swivel.role == "follower" for swivel in swivels):
-        swivels = [_without_rounded_trail(swivel) for swivel in swivels]
+        swivels = [  # those that share a centre, without the trail that rounding makes
+            replace(each, trail=0.0)
+            if not each.trails and abs(each.trail) < SHARED_TRAIL_ROUNDING_M
+            else each
+            for each in swivels
+        ]
     for swivel, fault in _faults(kind, evidence, swivels):
         line = evidence.description.joint[swivel.joint].line
         raise DriveError(f"{evidence.description.path}:{line}: {fault}")
     return tuple(swivels)
-
-
-def _without_rounded_trail(swivel: Swivel) -> Swivel:
-    """Return a swivel of several that share a centre, without the trail that rounding makes."""
-    rounding = not swivel.trails and abs(swivel.trail) < SHARED_TRAIL_ROUNDING_M
-    return replace(swivel, trail=0.0) if rounding else swivel
 
 
 def _leader(evidence: Evidence, joint: Joint) -> str:

@@ -244,14 +244,13 @@ def vendor_findings(drive: Drive, controls: Iterable[BaseControl]) -> tuple[Find
     """
     if drive.type == "fixed" or "drive" in drive.declared:
         return ()
-    found = [finding for control in controls for finding in _compare(drive, control)]
+    real = (control for control in controls if control.kind != PLANAR)
+    found = [finding for control in real for finding in _compare(drive, control)]
     return tuple(dict.fromkeys(found))
 
 
 def _compare(drive: Drive, control: BaseControl) -> Iterator[Finding]:
     """Yield where a plugin or a controller differs from a drive."""
-    if control.kind == PLANAR:
-        return
     if drive.type not in KINDS_OF[control.kind]:
         yield Finding(
             "warning",

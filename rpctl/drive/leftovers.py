@@ -208,27 +208,22 @@ def explain_leftovers(tree: FrozenTree, kind: str, leftovers: Sequence[Leftover]
     Args:
         leftovers: What it leaves out; at least one.
     """
-    first = leftovers[0].joint
     reasons: dict[str, list[str]] = {}
     for each in leftovers:
         reasons.setdefault(each.why, []).append(each.joint.name)
-    listed = "; ".join(f"{_quoted(names)} {why}" for why, names in reasons.items())
-    lead = f"{tree.description.path}:{first.line}: the {kind} drive leaves out what looks like "
-    return f"{lead}a wheel: {listed}; say which it is:\n" + "\n".join(ways_out(tree, leftovers))
-
-
-def ways_out(tree: FrozenTree, leftovers: Sequence[Leftover]) -> list[str]:
-    """Return what would settle what leftovers are, one way a line."""
+    looks = "; ".join(f"{_quoted(names)} {why}" for why, names in reasons.items())
+    lead = f"{tree.description.path}:{leftovers[0].joint.line}: the {kind} drive leaves out what "
+    lead += f"looks like a wheel: {looks}; say which it is:"
     hold = dict.fromkeys(name for each in leftovers for name in each.hold)
     names = [each.joint.name for each in leftovers if not each.steered]
-    lines = []
+    lines = [lead]
     if hold:
-        lines.append(f"  {lock_option(tree, list(hold))}  (holds it at 0; NAME=POSITION elsewhere)")
-    lines += dict.fromkeys(f"  {each.edit}" for each in leftovers if each.edit)
+        lines.append(f"{lock_option(tree, [*hold])}  (holds it at 0; NAME=POSITION elsewhere)")
+    lines += dict.fromkeys(each.edit for each in leftovers if each.edit)
     if names:
-        lines.append(f"  {lock_option(tree, names)}  (part of the body, it does not turn)")
-        lines.append(f"  {option(tree, '--free', names)}  (no wheel: a joint of the arm)")
-    return lines
+        lines.append(f"{lock_option(tree, names)}  (part of the body, it does not turn)")
+        lines.append(f"{option(tree, '--free', names)}  (no wheel: a joint of the arm)")
+    return "\n  ".join(lines)
 
 
 def lock_option(tree: FrozenTree, names: Sequence[str]) -> str:

@@ -219,11 +219,7 @@ def drive_rows(drive: Drive, gliding: Collection[str] = ()) -> DriveRows:
     constant = np.zeros(shape)
     if drive.has_axle:
         constant[len(wheels), :PLANAR] = lateral_row(drive.point, drive.heading)
-    followers = [s for s in drive.followers if s.joint not in gliding]
-    motions = {s.joint: swivel_motion(drive, s) for s in swivels if s.joint not in gliding}
-    count = sum(len(motion.G) for motion in motions.values()) + 3 * len(followers)
-    harmonics, waves = np.zeros((2, count, *shape)), slice(0, 0)
-    G, phase = np.zeros((count, len(swivels))), np.zeros(count)
+    waves = [(np.zeros((0, len(swivels))), np.zeros(0), np.zeros((2, 0, *shape)))]
     glide: list[int] = []
     for i, swivel in enumerate(swivels):
         row, carried = lateral[swivel.joint], list(drive.carried(swivel))
@@ -231,20 +227,28 @@ def drive_rows(drive: Drive, gliding: Collection[str] = ()) -> DriveRows:
             constant[row, PLANAR + i] = 1.0
             glide += [*carried, row]
             continue
-        motion = motions[swivel.joint]
-        waves = slice(waves.stop, waves.stop + len(motion.G))
-        G[waves], phase[waves] = motion.G, swivel.heading
+        motion = swivel_motion(drive, swivel)
+        factors = np.zeros((2, len(motion.G), *shape))
+        waves.append((motion.G, np.full(len(motion.G), swivel.heading), factors))
         for wheel in carried:
-            harmonics[:, waves, wheel] = motion.forward
+            factors[:, :, wheel] = motion.forward
             constant[wheel] -= wheels[wheel].lateral * motion.turning
         if swivel.role != "follower":
-            harmonics[:, waves, row] = motion.leftward
+            factors[:, :, row] = motion.leftward
             constant[row] += swivel.trail * motion.turning
-    for swivel in followers:
-        waves = slice(waves.stop, waves.stop + 3)
-        row = lateral[swivel.joint]
-        G[waves], phase[waves], harmonics[:, waves, row, PLANAR:] = _concurrence(drive, swivel)
-    matrix = TurningMatrix(constant, harmonics.reshape(2 * count, *shape), phase, G)
+    for swivel in drive.followers:
+        if swivel.joint not in gliding:
+            G, phase, concurrence = _concurrence(drive, swivel)
+            factors = np.zeros((2, len(G), *shape))
+            factors[:, :, lateral[swivel.joint], PLANAR:] = concurrence
+            waves.append((G, phase, factors))
+    harmonics = np.concatenate([factors for _, _, factors in waves], axis=1)
+    matrix = TurningMatrix(
+        constant=constant,
+        harmonics=harmonics.reshape(-1, *shape),
+        phase=np.concatenate([phase for _, phase, _ in waves]),
+        G=np.concatenate([G for G, _, _ in waves]),
+    )
     return DriveRows(matrix, _across(drive, lateral), tuple(glide))
 
 

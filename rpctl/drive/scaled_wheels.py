@@ -9,6 +9,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.drive.drive import Drive
+from rpctl.drive.rows import unit_left
 from rpctl.drive.wheels import ground_tolerance
 from rpctl.errors import RpctlError
 
@@ -25,9 +26,7 @@ def with_radii(drive: Drive, tree: FrozenTree, radii: Array) -> Drive:
     Raises:
         RpctlError: A wheel would not reach the ground.
     """
-    changed = {
-        wheel.joint for wheel, r in zip(drive.wheels, radii, strict=True) if r != wheel.radius
-    }
+    changed = [w.joint for w, r in zip(drive.wheels, radii, strict=True) if r != w.radius]
     if not changed:
         return drive
     wheels = tuple(
@@ -42,9 +41,7 @@ def with_radii(drive: Drive, tree: FrozenTree, radii: Array) -> Drive:
             "the radii of all wheels alike, or by less"
         )
     lower = float(np.mean(radii - [wheel.radius for wheel in drive.wheels]))
-    declared = dict.fromkeys(
-        (*drive.declared, *(f"radius of {w.joint}" for w in wheels if w.joint in changed))
-    )
+    declared = dict.fromkeys((*drive.declared, *(f"radius of {name}" for name in changed)))
     return replace(drive, wheels=wheels, ground=drive.ground - lower, declared=tuple(declared))
 
 
@@ -55,7 +52,7 @@ def lifted_wheels(drive: Drive, tree: FrozenTree, radii: Array) -> Array:
         radii: Of the wheels (..., n_wheels), m.
     """
     now = np.array([wheel.radius for wheel in drive.wheels])
-    height = np.array([centre[2] for centre in _centres(drive, tree)])
+    height = _centres(drive, tree)[:, 2]
     tolerance = np.array([ground_tolerance(radius) for radius in now.tolist()])
     gap, gap_now = (
         bottom - bottom.min(axis=-1, keepdims=True) for bottom in (height - radii, height - now)
@@ -92,19 +89,15 @@ def scale_track(drive: Drive, tree: FrozenTree, scale: float) -> Drive:
 
 def contact_laterals(drive: Drive, tree: FrozenTree) -> Array:
     """Return how far (n_wheels,) to the left of P each contact is, m; 0 of what no track moves."""
-    left = np.array([-np.sin(drive.heading), np.cos(drive.heading)])
-    found = []
-    for wheel, centre in zip(drive.wheels, _centres(drive, tree), strict=True):
-        lateral = float((centre[:2] - np.array(drive.point)) @ left) + wheel.shift
-        moves = wheel.swivel is None and not wheel.slides and abs(lateral) > LEAST_LATERAL_M
-        found.append(lateral if moves else 0.0)
-    return np.array(found)
+    beside = (_centres(drive, tree)[:, :2] - drive.point) @ unit_left(drive.heading)
+    lateral = beside + [wheel.shift for wheel in drive.wheels]
+    moves = [wheel.swivel is None and not wheel.slides for wheel in drive.wheels]
+    return np.where(moves & (np.abs(lateral) > LEAST_LATERAL_M), lateral, 0.0)
 
 
-def _centres(drive: Drive, tree: FrozenTree) -> list[Array]:
-    """Return the centre (3,) of each wheel in the root link's frame, m."""
+def _centres(drive: Drive, tree: FrozenTree) -> Array:
+    """Return the centres (n_wheels, 3) of the wheels in the root link's frame, m."""
     joints = [tree.description.joint[wheel.joint] for wheel in drive.wheels]
-    return [
-        tree.frame(joint)[:3, 3] + wheel.offset * tree.axis(joint)
-        for wheel, joint in zip(drive.wheels, joints, strict=True)
-    ]
+    offsets = np.array([[wheel.offset] for wheel in drive.wheels])
+    origins = np.array([tree.frame(joint)[:3, 3] for joint in joints])
+    return origins + offsets * np.array([tree.axis(joint) for joint in joints])

@@ -6,7 +6,6 @@ N = l₁ × l₂, and every further wheel has to head along the velocity that N 
 
 from __future__ import annotations
 
-import cmath
 import math as numbers
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -18,11 +17,20 @@ from rpctl import math
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
 from rpctl.drive.drive import Drive, Swivel
-from rpctl.drive.rows import PLANAR, angle_of, lateral_row, rolling_row, unit_ahead, unit_left
+from rpctl.drive.rows import (
+    PLANAR,
+    angle_of,
+    lateral_row,
+    rolling_row,
+    swivel_motion,
+    unit_ahead,
+    unit_left,
+)
 from rpctl.kernels.scalars import rounded
 from rpctl.kernels.sheet import Evaluator, Sheet
 
 NEWTON_STEPS = 4  # steps to the angle of wheels that mimic one another; quadratic from near
+TURN = 2.0 * numbers.pi
 MIN_SPEED = 1e-12  # m/s: a place that stands still has no heading
 LEADER_SAMPLES = 251  # positions of a leader to each side at which its followers are looked at
 MAX_FOLLOWER_JUMP = 0.5  # rad; no follower turns so far between two of them
@@ -88,8 +96,7 @@ def is_regular(drive: Drive, positions: Mapping[str, float]) -> bool:
         return True
     size = max(numbers.dist(drive.point, swivel.pivot) for swivel in drive.steered)
     scale = np.array([1.0, 1.0, 1.0 / size])
-    first = drive.steered[0]
-    speed = rolling_row(drive.point, drive.heading)
+    first, speed = drive.steered[0], rolling_row(drive.point, drive.heading)
     if not drive.has_axle:
         speed = rolling_row(first.pivot, angle_of(first, positions.get(first.joint, 0.0)))
     reach = free_twist(drive, positions) @ speed
@@ -211,7 +218,7 @@ def _safe_inverse(value: Any) -> Any:
 def trailing_positions(
     drive: Drive, twist: Array, casters: Sequence[Swivel] | None = None
 ) -> Array:
-    """Return the positions (n_casters,) at which casters trail, rad.
+    """Return the positions (..., n_casters) at which casters trail, rad.
 
     In steady motion along a twist a caster stands still: its contact, k behind its axis, lies
     asin(k ω/|V|) off the direction of its pivot's velocity V. In a bend tighter than its trail it
@@ -219,24 +226,26 @@ def trailing_positions(
     seen from what pulls it.
 
     Args:
-        twist: Twist of the root link (3,), of any length.
+        twist: Twists of the root link (..., 3), of any length.
         casters: Which; None: those whose joint or wheels have actuators.
     """
-    positions: dict[str, float] = {}
-    twists: dict[str | None, Array] = {None: twist}  # of root and trailers, in their own axes
-    for swivel in (swivel for swivel in drive.swivels if swivel.trails):
-        (x, y), position = swivel.pivot, 0.0
-        ahead, left, turning = twists.get(swivel.parent, twist)
-        V = complex(ahead - turning * y, left + turning * x)
-        if abs(V) > MIN_SPEED:
-            lag = numbers.asin(max(-1.0, min(1.0, -swivel.trail * turning / abs(V))))
-            turn = cmath.phase(V) - lag - swivel.heading
-            position = swivel.sign * numbers.remainder(turn, 2.0 * numbers.pi)
-        positions[swivel.joint] = position
-        V *= cmath.exp(-1j * swivel.sign * position)
-        twists[swivel.joint] = np.array([V.real + turning * y, V.imag - turning * x, turning])
+    positions, turning = np.zeros((*twist.shape[:-1], len(drive.swivels))), twist[..., 2]
+    for i, swivel in enumerate(drive.swivels):
+        if swivel.trails:
+            motion = swivel_motion(drive, swivel)
+            angles = positions @ motion.G.T + swivel.heading  # of what pulls it: it is at 0
+            waves = np.stack([np.cos(angles), np.sin(angles)], axis=-2)
+            ahead, left = (  # the speeds of its pivot, seen along its heading at 0
+                np.einsum("...ak,akc,...c->...", waves, factors[..., :PLANAR], twist)
+                for factors in (motion.forward, motion.leftward)
+            )
+            speed = np.maximum(np.hypot(ahead, left), MIN_SPEED)
+            lag = np.arcsin(np.clip(-swivel.trail * turning / speed, -1.0, 1.0))
+            turn = np.arctan2(left, ahead) - lag
+            turn -= TURN * np.rint(turn / TURN)
+            positions[..., i] = np.where(speed > MIN_SPEED, swivel.sign * turn, 0.0)
     wanted = drive.powered_casters if casters is None else casters
-    return np.array([positions[swivel.joint] for swivel in wanted])
+    return positions[..., [drive.swivels.index(swivel) for swivel in wanted]]
 
 
 def turning_radius(drive: Drive, joints: Mapping[str, Joint]) -> float:
@@ -295,12 +304,11 @@ def steering_limits(drive: Drive, joints: Mapping[str, Joint]) -> SteeringLimits
         np.array([getattr(joint, name) for joint in own]) for name in ("lower", "upper", "velocity")
     )
     if len(own) == 1 and drive.has_axle and drive.followers:
-        (name,) = (joint.name for joint in own)
         for swivel in drive.followers:
             follower = joints[swivel.joint]
             places = [
                 _allowed_branch(
-                    drive, name, follower, bound * np.linspace(0.0, 1.0, LEADER_SAMPLES)
+                    drive, own[0].name, follower, bound * np.linspace(0.0, 1.0, LEADER_SAMPLES)
                 )
                 for bound in (max(lower[0], -MAX_STEERING), min(upper[0], MAX_STEERING))
             ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Joint
@@ -109,15 +109,19 @@ def _wheels(tree: FrozenTree) -> list[WheelCandidate]:
 
 def _steering_wheels(
     tree: FrozenTree, wheels: Sequence[WheelCandidate], ground: float
-) -> Iterator[Joint]:
-    """Yield the joints of steering wheels: so called, and higher than any wheel on the ground."""
+) -> list[Joint]:
+    """Return the joints of steering wheels: so called, and higher than any wheel on the ground."""
     top = ground + 2.0 * max((w.radius for w in wheels if w.radius and w.round), default=math.nan)
-    for joint in tree.description.joints:
-        named = "steeringwheel" in f"{joint.name} {joint.child}".lower().replace("_", "")
-        turns = tree.is_free(joint) and joint.kind != "prismatic" and not tree.is_upright(joint)
-        high = float(tree.frame(joint)[2, 3]) > top
-        if named and turns and high and not moved_below(tree, joint):
-            yield joint
+    return [
+        joint
+        for joint in tree.description.joints
+        if "steeringwheel" in f"{joint.name} {joint.child}".lower().replace("_", "")
+        and tree.is_free(joint)
+        and joint.kind != "prismatic"
+        and not tree.is_upright(joint)
+        and float(tree.frame(joint)[2, 3]) > top
+        and not moved_below(tree, joint)
+    ]
 
 
 def _gives_way(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable
-from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -219,8 +218,7 @@ def steering(robot: Robot, state: ReferenceState) -> Array:
 
 def trailing(robot: Robot, state: ReferenceState) -> Array:
     """Return the positions (..., n_powered_casters) at which a reference's casters trail, rad."""
-    twists = direction(state)[..., 0, :] @ robot.root_velocity.T
-    return np.apply_along_axis(partial(trailing_positions, robot.drive), -1, twists)
+    return trailing_positions(robot.drive, direction(state)[..., 0, :] @ robot.root_velocity.T)
 
 
 def configuration_along(robot: Robot, state: ReferenceState, pose: Array | None = None) -> Array:
