@@ -158,9 +158,8 @@ def _direction(axle: Array) -> float:
 
 def _middle(line: tuple[WheelCandidate, ...]) -> Array:
     """Return the middle (2,) between the outermost wheels of a line."""
-    along = [float(wheel.centre @ line[0].axle) for wheel in line]
-    ends = line[int(np.argmin(along))], line[int(np.argmax(along))]
-    return 0.5 * (ends[0].centre[:2] + ends[1].centre[:2])
+    along = sorted(line, key=lambda wheel: float(wheel.centre @ line[0].axle))
+    return 0.5 * (along[0].centre[:2] + along[-1].centre[:2])
 
 
 def _wheel(base: _Base, wheel: WheelCandidate, driven: frozenset[str]) -> Wheel:
@@ -277,11 +276,13 @@ def _driven_joints(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple
 
 def _declared(spec: DriveSpec) -> tuple[str, ...]:
     """Return which numbers of the drive are the drive file's; see :attr:`Drive.declared`."""
-    wheels = spec.wheels.items()
-    radii = [f"radius of {name}" for name, wheel in wheels if wheel.radius is not None]
-    rollers = [f"direction of {name}" for name, wheel in wheels if wheel.roller is not None]
-    whole = [key for key in ("track", "point") if getattr(spec, key) is not None]
-    return (*radii, *rollers, *whole)
+    given = [
+        *((f"radius of {wheel.joint}", wheel.radius) for wheel in spec.wheel),
+        *((f"direction of {wheel.joint}", wheel.roller) for wheel in spec.wheel),
+        ("track", spec.track),
+        ("point", spec.point),
+    ]
+    return tuple(what for what, value in given if value is not None)
 
 
 def _doubts(evidence: Evidence) -> tuple[str, ...]:

@@ -73,7 +73,7 @@ def detect(
     if spec.type is None:
         _refuse_swivels_of_mecanum_wheels(evidence)
     kind, why, doubt = (spec.type, "", "") if spec.type else _kind(evidence)
-    if evidence.grounded.sizeless:
+    if any(wheel.radius is None for wheel in evidence.grounded.wheels):
         raise DriveError(explain_unknown_radius(evidence, kind))
     if kind is None or not fits(kind, evidence):
         raise DriveError(explain_no_drive(evidence, spec.type))

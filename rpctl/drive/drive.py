@@ -353,11 +353,11 @@ def suggest(
         wheels: Radius (m) of each joint that could carry a wheel, None where it is not known.
         swivels: Role of each joint that could be a swivel.
     """
-    rolling = ""
-    for joint, radius in wheels.items():
-        size = 0.1 if radius is None else radius
-        rolling += f"\n[[wheel]]\njoint = {_quoted(joint)}\n# radius = {size:.6g}  # m\n"
-        rolling += "# driven = true  # false where no motor turns it\n"
+    rolling = "".join(
+        f"\n[[wheel]]\njoint = {_quoted(joint)}\n# radius = {radius or 0.1:.6g}  # m\n"
+        "# driven = true  # false where no motor turns it\n"
+        for joint, radius in wheels.items()
+    )
     turning = "".join(
         f'\n[[swivel]]\njoint = {_quoted(joint)}\nrole = "{role}"  # {", ".join(SWIVEL_ROLES)}\n'
         for joint, role in (swivels or {}).items()

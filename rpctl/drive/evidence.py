@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.records import Description, Joint
+from rpctl.description.records import Description
 from rpctl.drive.controls import BaseControl
 from rpctl.drive.drive import DriveSpec
 from rpctl.drive.leftovers import Leftover, find_leftovers
@@ -31,7 +31,6 @@ UNFIT = {
     "swivel": "is no swivel: it has to turn about an upright axis, be held by the root link, and "
     "carry a wheel that stands on the ground",
 }
-PLACEHOLDER_RADIUS_M = 0.1  # of a wheel whose size the user is asked for
 MAX_RADIUS_RATIO = 2.0  # largest ratio of an unknown wheel's radius to the largest known radius
 
 
@@ -195,16 +194,14 @@ class GroundedWheels:
     """Which candidates touch the ground.
 
     Attributes:
-        wheels: Those that do, with their radii.
+        wheels: Those that do, with their radii; None where nothing tells it.
         rejected: Why each of the others does not, in sentences.
         doubts: What was assumed of their sizes, in sentences.
-        sizeless: Joints of wheels whose radius nothing tells: it is a placeholder.
     """
 
     wheels: tuple[WheelCandidate, ...]
     rejected: tuple[str, ...]
     doubts: tuple[str, ...]
-    sizeless: tuple[Joint, ...]
 
 
 def find_grounded(
@@ -227,13 +224,12 @@ def find_grounded(
     least = min((float(c.centre[2]) - ground for c in candidates), default=0.0)
     widest = max((float(c.radius) for c in known if c.radius is not None), default=least)
     place = "the other wheels' ground" if known else f'the root link "{tree.description.root}"'
-    wheels, doubts, sizeless = [], [], []
+    wheels, doubts = [], []
     for candidate in candidates:
         height, name = float(candidate.centre[2]) - ground, candidate.joint.name
         gap, tolerance = candidate.bottom - ground, ground_tolerance(candidate.radius or 0.0)
         if candidate.radius is None and height <= 0.0:
-            wheels.append(replace(candidate, radius=PLACEHOLDER_RADIUS_M))
-            sizeless.append(candidate.joint)
+            wheels.append(candidate)
         elif candidate.radius is None and (declared or height <= MAX_RADIUS_RATIO * widest):
             source = f"axle height over {place}"
             wheels.append(replace(candidate, radius=height, source=source))
@@ -248,7 +244,7 @@ def find_grounded(
             rejected.append(f'"{name}": it ends {gap:.3g} m above the ground: no wheel')
         else:
             wheels.append(candidate)
-    return GroundedWheels(tuple(wheels), tuple(rejected), tuple(doubts), tuple(sizeless))
+    return GroundedWheels(tuple(wheels), tuple(rejected), tuple(doubts))
 
 
 def _clear_of_body(

@@ -202,7 +202,7 @@ def explain_unknown_radius(evidence: Evidence, kind: str | None) -> str:
     Args:
         kind: Type of the drive that was found, or None.
     """
-    joint = evidence.grounded.sizeless[0]
+    joint = next(wheel.joint for wheel in evidence.grounded.wheels if wheel.radius is None)
     return (
         f'{evidence.description.path}:{joint.line}: the radius of wheel "{joint.child}" is not '
         "known: no cylinder or sphere among its shapes, no mesh that can be read, and its axle is "
@@ -219,7 +219,6 @@ def drive_file_draft(evidence: Evidence, kind: str | None) -> str:
         guess = POWERED_CASTERS if evidence.trailing else "steered"
     roles = {swivel.joint.name: swivel.role for swivel in evidence.swivels}
     radii = {wheel.joint.name: wheel.radius for wheel in evidence.grounded.wheels}
-    radii |= {joint.name: None for joint in evidence.grounded.sizeless}
     return f"; to start from (--drive FILE):\n{suggest(kind or guess, radii, roles)}"
 
 

@@ -47,15 +47,13 @@ def wheel_parts(tree: FrozenTree, joint: Joint) -> list[WheelShape]:
 
     A joint that is locked holds as a fixed one does.
     """
-    links = [*tree.rigid_links(joint.child)]
-    parts = []
-    for role in SHAPE_ROLES:
-        for name, pose in links:
-            link = tree.description.link[name]
-            for shape in link.collisions if role == "collision" else link.visuals:
-                placed = replace(shape, origin=pose @ shape.origin)
-                parts.append(WheelShape(placed, role, name == joint.child))
-    return parts
+    links = [(tree.description.link[name], pose) for name, pose in tree.rigid_links(joint.child)]
+    return [
+        WheelShape(replace(shape, origin=pose @ shape.origin), role, link.name == joint.child)
+        for role in SHAPE_ROLES
+        for link, pose in links
+        for shape in (link.collisions if role == "collision" else link.visuals)
+    ]
 
 
 def round_parts(tree: FrozenTree, joint: Joint) -> list[WheelShape]:
