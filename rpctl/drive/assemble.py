@@ -232,7 +232,8 @@ def _driven(base: _Base) -> tuple[frozenset[str], tuple[str, ...]]:
     file, a transmission or a plugin has a motor there.
     """
     evidence, spec = base.evidence, base.evidence.spec
-    given = {each.joint: each.driven for each in (*spec.wheel, *spec.swivel)}
+    given = {name: wheel.driven for name, wheel in spec.wheels.items()}
+    given |= {name: swivel.driven for name, swivel in spec.swivels.items()}
     said = {name: driven for name, driven in given.items() if driven is not None}
     casters = base.kind == POWERED_CASTERS
     names = {
@@ -305,14 +306,13 @@ def _doubts(evidence: Evidence) -> tuple[str, ...]:
 def _evidence_sentences(kind: str, evidence: Evidence) -> tuple[str, ...]:
     """Return how the drive was found, in sentences."""
     root = "held by the root link"
-    groups = [
+    swivels = {role: [s for s in evidence.swivels if s.role == role] for role in SWIVEL_ROLES}
+    groups: list[tuple[str, Sequence[WheelCandidate | SwivelCandidate]]] = [
         *((f"{len(pair)} wheels on one axle, {root}", pair) for pair in evidence.pairs),
         (f"on axles of their own, {root}", [line[0] for line in evidence.lines if len(line) == 1]),
         (f"balls, {root}", evidence.balls),
+        *((f"wheels on upright joints, {role}", each) for role, each in swivels.items()),
     ]
-    for role in SWIVEL_ROLES:
-        swivels = [swivel for swivel in evidence.swivels if swivel.role == role]
-        groups.append((f"wheels on upright joints, {role}", swivels))
     said = [f"{kind}, for the drive file or option says so"] if evidence.spec.type else []
     found = (f"{what}: {', '.join(e.joint.name for e in each)}" for what, each in groups if each)
     return (*said, *found, *evidence.grounded.rejected)

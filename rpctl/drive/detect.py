@@ -82,12 +82,12 @@ def detect(
     drive = assemble(kind, evidence)
     return replace(
         drive,
-        evidence=(*([f"{kind}: {why}"] if why else ()), *drive.evidence),
-        doubts=(*([doubt] if doubt else ()), *drive.doubts, *_held(evidence)),
+        evidence=(*filter(None, [why]), *drive.evidence),
+        doubts=(*filter(None, [doubt]), *drive.doubts, *_unused(evidence)),
     )
 
 
-def _held(evidence: Evidence) -> Iterator[str]:
+def _unused(evidence: Evidence) -> Iterator[str]:
     """Yield the doubts about what is no wheel of the drive, or is kept from rolling or steering."""
     tree, wheels = evidence.tree, evidence.grounded.wheels
     if evidence.leftovers:
@@ -171,7 +171,7 @@ def _parallel_kind(evidence: Evidence) -> tuple[str, str, str]:
             f"{told[SKID_STEER]}; {CHOICE}"
         )
     for kind, why in told.items():
-        return kind, why, ""
+        return kind, f"{kind}: {why}", ""
     count = len(evidence.fixed)
     planar = next((c for c in evidence.controls if c.kind == PLANAR), None)
     if planar is not None and count == 4:

@@ -245,7 +245,7 @@ def drive_rows(drive: Drive, gliding: Collection[str] = ()) -> DriveRows:
     harmonics = np.concatenate([factors for _, _, factors in waves], axis=1)
     matrix = TurningMatrix(
         constant=constant,
-        harmonics=harmonics.reshape(-1, *shape),
+        harmonics=harmonics.reshape(2 * harmonics.shape[1], *shape),
         phase=np.concatenate([phase for _, phase, _ in waves]),
         G=np.concatenate([G for G, _, _ in waves]),
     )

@@ -149,7 +149,7 @@ def _gives_way(
 
 def _rollers(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> dict[str, str]:
     """Return the rollers of wheels, and whose each is, whatever a transmission says."""
-    whose = {}
+    whose: dict[str, str] = {}
     for wheel in wheels:
         rollers = rollers_of(tree, wheel.joint)
         if len(moved_below(tree, wheel.joint)) == len(rollers):

@@ -136,3 +136,9 @@ def test_swivels_that_glide_keep_their_angle(tmp_path: Path, rng: np.random.Gene
     np.testing.assert_array_equal(found[rows], np.eye(6)[4:])
     others = [row for row in range(len(A)) if row not in held]
     np.testing.assert_allclose(found[others], A[others], atol=ROUNDING)
+
+
+def test_a_fixed_base_has_no_rows() -> None:
+    rows = drive_rows(Drive("fixed"))
+    assert rows.matrix.constant.shape == (0, 3)
+    assert rows.matrix.harmonics.shape == (0, 0, 3)
