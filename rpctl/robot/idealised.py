@@ -319,7 +319,7 @@ def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]
     """Yield other radii than the one used, shapes off the axle, and the width that is left out."""
     widest, others = 0.0, dict[tuple[object, ...], list[tuple[WheelCandidate, _OtherRadius]]]()
     for wheel in wheels:
-        sizes = shape_sizes(robot.tree, wheel.joint)
+        sizes = [*shape_sizes(robot.tree, wheel.joint)]
         drawn = _unambiguous_roles(robot, wheel)
         for other in _others(wheel, [each for each in sizes if each[0] in drawn]):
             others.setdefault(other[:2] + other[3:], []).append((wheel, other))
