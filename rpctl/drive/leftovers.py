@@ -244,7 +244,7 @@ def option(tree: FrozenTree, flag: str, names: Sequence[str]) -> str:
 def _patterns(names: Sequence[str]) -> Iterator[str]:
     """Yield patterns that fit all names: of the words in front, behind, at both ends, inside."""
     turned = [name[::-1] for name in names]
-    start, end = commonprefix(names), commonprefix(turned)[::-1]  # noqa: RUF071  (letters, no paths)
+    start, end = commonprefix(names), commonprefix(turned)[::-1]  # noqa: RUF071 - no paths
     start, end = start[: start.rfind("_") + 1], end[end.find("_") :] if "_" in end else ""
     yield from (f"{start}*", f"*{end}", f"{start}*{end}")
     words = names[0].split("_") if len(names) > 2 else []  # of two, names are clearer
