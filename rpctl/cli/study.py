@@ -214,7 +214,7 @@ def _outcomes(result: StudyResult) -> str:
 def _show_statistics(out: Console, result: StudyResult) -> None:
     table = new_table("merit", ">median", ">5 to 95 % of runs", ">worst", "unit")
     for each in result.statistics:
-        at = {found.level: found.value for found in each.quantiles}
+        at = {level: found.value for level, found in each.quantiles.items()}
         unit = unit_of(result.units.get(each.name, ""), each.largest)
         table.add_row(
             merit_words(each.name),

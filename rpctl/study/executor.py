@@ -36,6 +36,7 @@ ALONE_S = 10.0  # s after which they are started whatever is left: more may be a
 
 Chunk = TypeVar("Chunk")
 Result = TypeVar("Result")
+Own = TypeVar("Own", bound="Executor")
 Work = Callable[[Chunk], Result]
 
 
@@ -75,7 +76,7 @@ class Executor:
         for chunk in chunks:
             yield chunk, work(chunk)
 
-    def __enter__(self) -> Executor:
+    def __enter__(self: Own) -> Own:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -98,9 +99,6 @@ class ProcessExecutor(Executor):
             raise RpctlError(f"{workers} workers; give 1 or more")
         self.workers, self._sparing, self._alone_s = workers, sparing, 0.0
         self._pool: ProcessPoolExecutor | None = None
-
-    def __enter__(self) -> ProcessExecutor:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self._end()
@@ -210,14 +208,12 @@ def _for_children() -> Iterator[None]:
 
 def _watch_parent() -> None:
     """Have this process end when the one that started it was killed."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
 
+    def end_with_parent() -> None:
+        mp.parent_process().join()  # type: ignore[union-attr]  # each child has one
+        os._exit(1)
 
-def _end_with_parent() -> None:
-    parent = mp.parent_process()
-    if parent is not None:
-        parent.join()
-    os._exit(1)
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 class _Pickler(pickle.Pickler):

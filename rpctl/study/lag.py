@@ -91,19 +91,6 @@ class SpeedLog:
         object.__setattr__(self, "names", names)
 
 
-def log_of_run(run: Run) -> SpeedLog:
-    """Return the speeds of a run.
-
-    Raises:
-        RpctlError: Its output were efforts.
-    """
-    if not run.log.nu_cmd.shape[1]:
-        raise RpctlError(
-            "the run has no commanded speeds, its output were efforts; track with output velocity"
-        )
-    return SpeedLog(run.t, run.log.nu_cmd, run.nu, run.robot.quasi_velocities)
-
-
 def read_speed_log(path: str | Path) -> SpeedLog:
     """Read a log in CSV: a header that names ``t`` and pairs of columns, and a row a sample.
 
@@ -219,7 +206,10 @@ def lag_from(log: Run | SpeedLog | str | Path, max_dead_time: float = MAX_DEAD_T
     if isinstance(log, str | Path):
         log = read_speed_log(log) if str(log).lower().endswith(".csv") else Run.load(log)
     if isinstance(log, Run):
-        log = log_of_run(log)
+        if not log.log.nu_cmd.shape[1]:
+            raise RpctlError("the run has no commanded speeds, its output were efforts; track with "
+                             "output velocity")  # fmt: skip
+        log = SpeedLog(log.t, log.log.nu_cmd, log.nu, log.robot.quasi_velocities)
     longest = min(max_dead_time, 0.5 * float(log.t[-1] - log.t[0]))
     found = [_identify(log, index, longest) for index in range(len(log.names))]
     fits = {k: each for k, each in enumerate(found) if isinstance(each, _Fit)}

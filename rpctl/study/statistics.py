@@ -25,15 +25,6 @@ class Interval(NamedTuple):
     high: float
 
 
-class Quantile(NamedTuple):
-    """The quantile of a level (0 to 1) and its confidence interval."""
-
-    level: float
-    value: float
-    low: float
-    high: float
-
-
 class MeritStatistics(NamedTuple):
     """What is known of a merit over all runs.
 
@@ -42,7 +33,7 @@ class MeritStatistics(NamedTuple):
         runs: How many there are.
         missing: Runs without it, as those that diverged; for quantiles it is infinite there.
         mean: Over the runs that have it.
-        quantiles: In the order of :data:`LEVELS`.
+        quantiles: By level (0 to 1).
         largest: The worst that is finite.
     """
 
@@ -50,7 +41,7 @@ class MeritStatistics(NamedTuple):
     runs: int
     missing: int
     mean: Interval
-    quantiles: tuple[Quantile, ...]
+    quantiles: dict[float, Interval]
     largest: float
 
 
@@ -72,7 +63,7 @@ def describe(
         len(values),
         int((~known).sum()),
         mean(values[known], confidence),
-        tuple(Quantile(p, *quantile(ordered, p, confidence)) for p in levels),
+        {p: quantile(ordered, p, confidence) for p in levels},
         float(values[known].max()) if known.any() else math.nan,
     )
 

@@ -37,8 +37,7 @@ from rpctl.study.cells import ROLLING, CellRunner, Figures, References, run_cell
 from rpctl.study.compare import PAPER, LawPair
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Progress, run_seed
-from rpctl.study.journal import Journal
-from rpctl.study.provenance import installed, reference_digest
+from rpctl.study.journal import Journal, installed, reference_digest
 from rpctl.study.scatter import with_values
 
 JOURNAL_FILE = "cells.jsonl"
@@ -111,7 +110,7 @@ class Stress:
 
 
 def _no_effort_limits(robot: Robot) -> str | None:
-    limited = bool(np.isfinite(robot.effort_limits).any())
+    limited = np.isfinite(robot.effort_limits).any()
     return None if limited else "its file has no effort limits"
 
 
@@ -120,9 +119,7 @@ def _no_wheels(robot: Robot) -> str | None:
 
 
 def _no_losses(robot: Robot) -> str | None:
-    losses = robot.losses
-    some = losses is not None and bool(np.any(losses.damping) or np.any(losses.friction))
-    return None if some else "its file has no damping or friction of joints"
+    return "its file has no damping or friction of joints" if robot.losses is None else None
 
 
 STRESSES = {
@@ -261,15 +258,14 @@ class Battery:
     @cached_property
     def left_out(self) -> Mapping[tuple[str, str], str]:
         """Why a stress means nothing on a plant, by plant and stress."""
-        reasons = {}
-        for plant in self.plants:
-            for stress in self.stresses:
-                reason = stress.why_not(self.robot)
-                if stress.needs_slip and plant == ROLLING:
-                    reason = "its wheels cannot slip"
-                if reason is not None:
-                    reasons[plant, stress.name] = reason
-        return reasons
+        reasons = {
+            (plant, stress.name): "its wheels cannot slip"
+            if stress.needs_slip and plant == ROLLING
+            else stress.why_not(self.robot)
+            for plant in self.plants
+            for stress in self.stresses
+        }
+        return {where: reason for where, reason in reasons.items() if reason is not None}
 
     def stresses_on(self, plant: str) -> tuple[Stress, ...]:
         """Return the stresses that mean something on a plant."""

@@ -18,10 +18,17 @@ from rpctl.files.records import fields_of, read_record
 from rpctl.files.toml import Table
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import CONFIG_TABLES, Config, config_from_tables
-from rpctl.study.distributions import DISTRIBUTIONS, Distribution, Fixed
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import MERITS, merits_for
-from rpctl.study.scatter import Scatter, scatter_of, scattered_paths, with_values
+from rpctl.study.scatter import (
+    DISTRIBUTIONS,
+    Distribution,
+    Fixed,
+    Scatter,
+    scatter_of,
+    scattered_paths,
+    with_values,
+)
 from rpctl.study.study import Optimisation, Study, StudySettings
 
 OWN_TABLES = ("study", "scatter", "success", "optimize")

@@ -15,12 +15,11 @@ from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled import rollouts as compiled_rollouts
 from rpctl.simulation.config import Config, RunSettings, read_config, write_config
 from rpctl.simulation.loop.track import simulate
-from rpctl.study.distributions import AnyOf, Normal, Uniform
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import run_merits
 from rpctl.study.rollout import Rollouts, draw, rollout
 from rpctl.study.runner import Runner
-from rpctl.study.scatter import scatter_of
+from rpctl.study.scatter import AnyOf, Normal, Uniform, scatter_of
 
 SCATTER = {
     "run.initial_error.y": Normal(0.0, 0.05),

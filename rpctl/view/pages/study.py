@@ -133,11 +133,11 @@ def _figures(result: StudyResult) -> list[tuple[str, str, str]]:
         if each.name != result.merit:
             continue
         unit = _unit(result, each)
-        names = {0.5: "median", 0.95: "95 % of runs below"}
-        for level in (q for q in each.quantiles if q.level in names):
-            title = f"{_capital(merit_words(result.merit))}: {names[level.level]}"
-            span = f"{number(level.low, unit)} to {number(level.high, unit)}"
-            rows.append((title, number(level.value, unit), span))
+        for level, name in ((0.5, "median"), (0.95, "95 % of runs below")):
+            found = each.quantiles[level]
+            title = f"{_capital(merit_words(result.merit))}: {name}"
+            span = f"{number(found.low, unit)} to {number(found.high, unit)}"
+            rows.append((title, number(found.value, unit), span))
     return rows
 
 
@@ -154,7 +154,7 @@ def _quantiles(result: StudyResult, found: MeritStatistics) -> dict[str, Any]:
         "name": merit_words(found.name) + (f" ({unit.name})" if unit.name else ""),
         "cells": [
             (number(q.value, plain), f"{number(q.low, plain)} … {number(q.high, plain)}")
-            for q in found.quantiles
+            for q in found.quantiles.values()
         ],
         "rest": [
             number(found.largest, plain),
