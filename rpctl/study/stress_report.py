@@ -184,8 +184,8 @@ class StressReport:
     def reaches(self) -> list[dict[str, Any]]:
         """Return how far each law holds on each plant along each ladder, as JSON says it.
 
-        ``passes`` are the first and last level up to which all pass, from the nominal one on without
-        a break; None: that one does not. ``tracks`` are likewise those up to which none fails.
+        ``passes`` are the first and last level up to which all pass, from the nominal one on
+        without a break; None: that one does not. ``tracks``, likewise: up to which none fails.
         """
         return [
             {

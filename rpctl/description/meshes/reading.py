@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from rpctl.files.caps import cap
 from rpctl.files.opening import read_input
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # how a file not yet fetched begins
+MATERIAL = re.compile(rb"mtllib([^\n]{1,1024})")  # of an OBJ
 CAPS = ("MAX_MESH_TRIANGLES", "MAX_MESH_PARTS", "MAX_MESH_SECONDS", "MAX_MESH_MEMORY")
 KEPT_BYTES = 2**25  # of meshes and hulls that are not made again; a wheel is asked for four times
 FAULT_BYTES = 2**10  # that a mesh counts for that is not tried again
@@ -107,11 +109,15 @@ def read_mesh(path: Path) -> Mesh:
         StalledMeshError: It takes too long or too much memory to read.
         MeshError: The file is too large, is damaged, or shows nothing that can be used.
     """
-    content, kind = _bytes(path), path.suffix.lower().removeprefix(".")
+    kind = path.suffix.lower().removeprefix(".")
+    try:
+        content = read_input(path, "MAX_MESH_BYTES", "a mesh")
+    except InputError as error:
+        raise MeshError(f"not readable: {error.fault}") from None
     if content.startswith(LFS_POINTER):
         raise MeshError("only a pointer of Git LFS, not the mesh; run: git lfs pull")
     material = _material(content, path) if kind == "obj" else None
-    key = _digest(kind, content, material)
+    key = hashlib.sha256(repr([kind, material, *map(cap, CAPS)]).encode() + content).digest()
     return _once(key, lambda: _ask(kind, content, material))
 
 
@@ -180,19 +186,10 @@ def require_extent(surfaces: Sequence[Surface], pose: Array, where: str) -> None
         raise MeshError(f"refused: it is {extent:.3g} m large{where}; {IN_METRES}")
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        return read_input(path, "MAX_MESH_BYTES", "a mesh")
-    except InputError as error:
-        raise MeshError(f"not readable: {error.fault}") from None
-
-
 def _material(content: bytes, path: Path) -> tuple[str, bytes] | None:
     """Return name and content of the MTL that an OBJ names, if it lies beside it."""
-    begin = content.find(b"mtllib")
-    if begin < 0:
-        return None
-    name = content[begin + 6 :].partition(b"\n")[0][:1024].decode("utf-8", "replace").strip()
+    named = MATERIAL.search(content)
+    name = named[1].decode("utf-8", "replace").strip() if named else ""
     if not name or not name.isprintable():
         return None
     target = (path.parent / name).resolve()
@@ -202,13 +199,6 @@ def _material(content: bytes, path: Path) -> tuple[str, bytes] | None:
         return name, read_input(target, "MAX_MESH_BYTES", "an MTL")
     except InputError:
         return None
-
-
-def _digest(kind: str, content: bytes, material: tuple[str, bytes] | None) -> bytes:
-    """Return a digest of all that a mesh comes from."""
-    digest = hashlib.sha256(repr([kind, material, *map(cap, CAPS)]).encode())
-    digest.update(content)
-    return digest.digest()
 
 
 def _ask(kind: str, content: bytes, material: tuple[str, bytes] | None) -> Mesh:
@@ -248,7 +238,9 @@ def _checked(answer: dict[str, Any], arrays: Sequence[Any]) -> Mesh:
             raise ValueError
         if faces.dtype != np.uint32 or faces.max() >= len(vertices):
             raise ValueError
-        surfaces.append(Surface(vertices, _read_only(faces.astype(np.int64)), colour))
+        faces = faces.astype(np.int64)
+        faces.setflags(write=False)
+        surfaces.append(Surface(vertices, faces, colour))
     remarks = [str(each)[:200] for each in answer["remarks"] if str(each).isprintable()]
     return Mesh(tuple(surfaces), tuple(remarks))
 
@@ -258,11 +250,6 @@ def _colour(values: Sequence[float]) -> tuple[float, ...]:
     if len(rgba) != 4 or not all(math.isfinite(value) and 0.0 <= value <= 1.0 for value in rgba):
         raise ValueError
     return rgba
-
-
-def _read_only(array: NDArray[np.int64]) -> NDArray[np.int64]:
-    array.setflags(write=False)
-    return array
 
 
 def convex_hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
