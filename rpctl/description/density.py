@@ -10,7 +10,8 @@ import coal
 import numpy as np
 from lxml import etree
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
+from rpctl.description.meshes.jobs import stack
 from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.meshes.reading import read_shape
 from rpctl.description.meshes.service import StalledMeshError, ask
@@ -94,26 +95,22 @@ class _Estimator:
             return link
         shapes, kind = link.collisions or link.visuals, "collision" if link.collisions else "visual"
         solids = list(filter(None, (self._solid(link, shape) for shape in shapes)))
+        lacks = f'link "{link.name}" has no <inertial>'
         if not solids:
             if link.name in self._moved:
-                self.findings.add_at(
-                    "warning",
-                    link.line,
-                    f'link "{link.name}" has no <inertial> and no shape to estimate it from; '
-                    "give one of them",
-                )
+                text = f"{lacks} and no shape to estimate it from; give one of them"
+                self.findings.add_at("warning", link.line, text)
             return link
         whole = _sum(solids)
         mass, inertia = self._density * whole.volume, self._density * whole.moment
         self.findings.add_at(
             "info",
             link.line,
-            f'link "{link.name}" has no <inertial>; estimated: {mass:.4g} kg from '
-            f"{len(solids)} {kind} shape{'s' * (len(solids) > 1)} at {self._density:g} kg/m3",
+            f"{lacks}; estimated: {mass:.4g} kg from {len(solids)} {kind} "
+            f"shape{'s' * (len(solids) > 1)} at {self._density:g} kg/m3",
         )
-        for array in (whole.centroid, inertia):
-            array.setflags(write=False)
-        return replace(link, mass=mass, com=whole.centroid, inertia=inertia, estimated=True)
+        com, inertia = read_only(whole.centroid), read_only(inertia)
+        return replace(link, mass=mass, com=com, inertia=inertia, estimated=True)
 
     def _solid(self, link: Link, shape: Shape) -> Solid | None:
         if shape.kind == "mesh":
@@ -126,19 +123,16 @@ class _Estimator:
         name = f'mesh "{excerpt(shape.mesh or "")}" of link "{link.name}"'
         try:
             solid, closed = _mesh_solid(shape, self._paths)
-        except MeshError as error:
-            fault, severity = f"{name} gives no estimate: {error}", "warning"
-            if not isinstance(error, FlatMeshError):  # what is not known is not nothing
-                severity = "error"
-                fault += "; its link has no <inertial>: give one, or the mesh"
-            self.findings.add_at(severity, shape.line, fault)
+        except FlatMeshError as error:
+            self.findings.add_at("warning", shape.line, f"{name} gives no estimate: {error}")
+            return None
+        except MeshError as error:  # what is not known is not nothing
+            text = "its link has no <inertial>: give one, or the mesh"
+            self.findings.add_at("error", shape.line, f"{name} gives no estimate: {error}; {text}")
             return None
         if not closed:
-            self.findings.add_at(
-                "warning",
-                shape.line,
-                f"{name} is not watertight; its convex hull is taken, close the mesh",
-            )
+            text = f"{name} is not watertight; its convex hull is taken, close the mesh"
+            self.findings.add_at("warning", shape.line, text)
         return solid.placed(shape.origin)
 
 
@@ -154,12 +148,8 @@ def _mesh_solid(shape: Shape, paths: MeshPaths) -> tuple[Solid, bool]:
         FlatMeshError: It encloses nothing.
         MeshError: There is no such mesh, or it cannot be read.
     """
-    vertices, faces, count = [], [], 0
-    for surface in read_shape(shape.mesh or "", shape.size, paths).surfaces:
-        vertices.append(surface.vertices)
-        faces.append(surface.faces + count)
-        count += len(surface.vertices)
-    arrays = [np.concatenate(vertices), np.concatenate(faces).astype("<u4")]
+    surfaces = read_shape(shape.mesh or "", shape.size, paths).surfaces
+    arrays = stack([(surface.vertices, surface.faces) for surface in surfaces])
     try:
         answer, numbers = ask("solid", {"scale": list(shape.size)}, arrays)
         volume, centroid, moment = (np.array(each, dtype=float) for each in numbers)

@@ -7,7 +7,7 @@ from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 
 EXAMPLE_ROBOT_DATA = "example-robot-data"
 
@@ -131,10 +131,8 @@ def find(name: str) -> Entry:
     Raises:
         UnknownNameError: No robot of the catalogue has the name; the nearest are suggested.
     """
-    for entry in ENTRIES:
-        if entry.name == name:
-            return entry
-    raise UnknownNameError("robot", name, names())
+    require_known("robot", [name], names())
+    return next(entry for entry in ENTRIES if entry.name == name)
 
 
 @lru_cache(maxsize=1)

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.density import primitive
 from rpctl.description.meshes.paths import MeshError
 from rpctl.description.meshes.reading import Hull, Surface, convex_hull, read_shape
@@ -148,7 +148,10 @@ def collision_model(robot: Robot) -> CollisionModel:
     floor[2, 3] = robot.drive.ground
     half_space = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
     everything = (*shapes, standing(GROUND, floor, half_space))
-    pairs = np.array([*_self_pairs(robot, shapes), *_ground_pairs(robot, shapes)], dtype=np.intp)
+    # Wheels and base stand on the ground; of a fixed base the file does not say how high it is.
+    moved = arm_joints(robot) if robot.drive.base_speeds else set()
+    touching = [(k, len(shapes)) for k, shape in enumerate(shapes) if shape.joint in moved]
+    pairs = np.array([*_self_pairs(robot, shapes), *touching], dtype=np.intp)
     whole = _model(robot, everything, pairs.reshape(-1, 2), (), notes)
     return _without_built(whole)
 
@@ -181,15 +184,6 @@ def _self_pairs(robot: Robot, shapes: Sequence[CollisionShape]) -> list[tuple[in
         and parent[first.joint] != second.joint
         and parent[second.joint] != first.joint
     ]
-
-
-def _ground_pairs(robot: Robot, shapes: Sequence[CollisionShape]) -> list[tuple[int, int]]:
-    """Return the pairs of the arm's shapes and the ground; wheels and base stand on it.
-
-    A fixed base has none: its file does not say how high it is mounted.
-    """
-    moved = arm_joints(robot) if robot.drive.base_speeds else set()
-    return [(k, len(shapes)) for k, shape in enumerate(shapes) if shape.joint in moved]
 
 
 def _model(
@@ -282,7 +276,7 @@ def read_collision_shapes(robot: Robot) -> tuple[tuple[CollisionShape, ...], tup
             edges = np.maximum(2.0 * half, THINNEST_M)
             found.append(_placed(robot, link.name, pose, coal.Box(*edges.tolist())))
     notes = [
-        f"the collision mesh of {_listed(names)} is not there ({fault}); "
+        f"the collision mesh of {listed(dict.fromkeys(names), NAMED)} is not there ({fault}); "
         "a box of the link's inertia stands in"
         for fault, names in faults.items()
     ]
@@ -313,9 +307,7 @@ def _shape(name: str, joint: int, pose: Array, geometry: Any) -> CollisionShape:
     radius = float(geometry.aabb_radius)
     if isinstance(geometry, coal.Halfspace):
         centre, radius = np.zeros(3), np.inf
-    for array in (pose, centre):
-        array.setflags(write=False)
-    return CollisionShape(name, joint, pose, geometry, centre, radius)
+    return CollisionShape(name, joint, read_only(pose), geometry, read_only(centre), radius)
 
 
 def _geometry(robot: Robot, shape: Shape) -> Any:
@@ -361,8 +353,3 @@ def _convex(vertices: Array, faces: NDArray[np.int64]) -> Any:
     for corners in faces.tolist():
         triangles.append(coal.Triangle(*corners))
     return coal.Convex(points, triangles)
-
-
-def _listed(names: list[str]) -> str:
-    """Return names in words, each once; more than ``NAMED`` are counted."""
-    return listed(dict.fromkeys(names), NAMED)

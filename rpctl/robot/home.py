@@ -10,7 +10,7 @@ import numpy as np
 
 from rpctl.description.records import Joint
 from rpctl.description.srdf import read_state
-from rpctl.errors import Finding, RpctlError, UnknownNameError, is_number
+from rpctl.errors import Finding, RpctlError, is_number, require_known
 from rpctl.robot.model import Robot
 from rpctl.robot.posture import find_posture, judge
 
@@ -55,11 +55,10 @@ def with_home(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Robot:
         DescriptionError: The SRDF cannot be used.
     """
     wish = _wish(robot, home)
-    rest, named = robot.home, set(wish.positions)
-    posture, reasons = rest, tuple[str, ...]()
+    findings, named = wish.findings, set(wish.positions)
+    posture, reasons = robot.home, tuple[str, ...]()
     if robot.joints and wish.word != ZERO and not named.issuperset(robot.joint_names):
-        posture, reasons = find_posture(robot, rest, force=wish.word == AUTO)
-    findings = wish.findings
+        posture, reasons = find_posture(robot, robot.home, force=wish.word == AUTO)
     if reasons and wish.word != AUTO:
         text = f"home is chosen: at zero, {'; '.join(reasons)}"
         findings.append(Finding("info", None, f"{text}; --home sets it, --home {ZERO} keeps zero"))
@@ -113,16 +112,18 @@ def _checked(robot: Robot, name: str, position: float) -> float:
         RpctlError: The joint is none of the arm's, or the position is none of its.
     """
     if name in robot.locked:
-        text = f"home of {name}: this joint is frozen at {robot.locked[name]:g}"
-        raise RpctlError(f"{text}; --free {name} releases it, --lock {name}=POSITION moves it")
-    if name not in robot.joint_names:
-        raise UnknownNameError("joint at home", name, robot.joint_names)
+        raise RpctlError(
+            f"home of {name}: this joint is frozen at {robot.locked[name]:g}; --free {name} "
+            f"releases it, --lock {name}=POSITION moves it"
+        )
+    require_known("joint at home", [name], robot.joint_names)
     if not is_number(position):
         raise RpctlError(f"home of {name} is {position!r}; give a number, rad or m")
     joint = robot.description.joint[name]
     if _outside(joint, position):
-        limits = f"{joint.lower:g} to {joint.upper:g} {_unit(joint)}"
-        raise RpctlError(f"home of {name} is {position:g}, outside its limits; give {limits}")
+        raise RpctlError(
+            f"home of {name} is {position:g}, outside its limits; give {_limits(joint)}"
+        )
     return float(np.clip(position, joint.lower, joint.upper))
 
 
@@ -136,29 +137,31 @@ def _add_state(wish: Wish, robot: Robot, path: str, state: str) -> None:
             wish.positions[joint.name] = float(np.clip(stated.value, joint.lower, joint.upper))
             if _outside(joint, stated.value):
                 text = (
-                    f'{path}:{stated.line}: state "{state}" puts {joint.name} at {stated.value:g}'
+                    f'{path}:{stated.line}: state "{state}" puts {joint.name} at {stated.value:g}; '
+                    f"its limits are {_limits(joint)}, the nearer is taken"
                 )
-                limits = f"{joint.lower:g} to {joint.upper:g} {_unit(joint)}"
-                wish.findings.append(
-                    Finding(
-                        "warning", None, f"{text}; its limits are {limits}, the nearer is taken"
-                    )
-                )
+                wish.findings.append(Finding("warning", None, text))
         elif stated.joint not in known:
             strange.append(f"{stated.joint} (line {stated.line})")
         elif robot.locked.get(stated.joint, stated.value) != stated.value:
             still.append(stated.joint)
-    if strange:
-        text = f'{path}: joints of state "{state}" that the robot does not have are left out'
-        wish.findings.append(Finding("warning", None, f"{text}: {', '.join(strange)}"))
-    if still:
-        text = f'{path}: frozen joints keep their positions, not those of state "{state}"'
-        wish.findings.append(Finding("info", None, f"{text}: {', '.join(still)}"))
+    for severity, names, text in (
+        (
+            "warning",
+            strange,
+            f'joints of state "{state}" that the robot does not have are left out',
+        ),
+        ("info", still, f'frozen joints keep their positions, not those of state "{state}"'),
+    ):
+        if names:
+            told = Finding(severity, None, f"{path}: {text}: {', '.join(names)}")
+            wish.findings.append(told)
 
 
 def _outside(joint: Joint, position: float) -> bool:
     return not joint.lower - BEYOND_LIMIT <= position <= joint.upper + BEYOND_LIMIT
 
 
-def _unit(joint: Joint) -> str:
-    return "m" if joint.kind == "prismatic" else "rad"
+def _limits(joint: Joint) -> str:
+    unit = "m" if joint.kind == "prismatic" else "rad"
+    return f"{joint.lower:g} to {joint.upper:g} {unit}"

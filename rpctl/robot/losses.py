@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.records import Description
 from rpctl.robot.coordinates import joint_entries
 
@@ -37,9 +37,7 @@ class Losses:
     def __post_init__(self) -> None:
         """Keep read-only copies."""
         for name in ("damping", "friction", "rate"):
-            kept = np.array(getattr(self, name), dtype=float)
-            kept.setflags(write=False)
-            object.__setattr__(self, name, kept)
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def force(self, v: Array) -> Array:
         """Return the generalised force (nv,) at v (nv,), N·m or N; it opposes v."""

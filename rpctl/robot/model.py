@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
-from rpctl.errors import Finding, RpctlError, UnknownNameError, require_known
+from rpctl.errors import Finding, RpctlError, require_known
 from rpctl.robot.coordinates import (
     BASE_NQ,
     ROOT_JOINT,
@@ -292,8 +292,7 @@ class Robot:
         Raises:
             UnknownNameError: The joint is not among the model's.
         """
-        if joint not in self.entries:
-            raise UnknownNameError("joint", joint, self.entries)
+        require_known("joint", [joint], self.entries)
         self.entries[joint].write(q, position)
 
     def joint_position(self, q: Array, joint: str) -> float:
@@ -374,9 +373,7 @@ class Robot:
         """A posture (n_joints,) of the arm: as given, or 0, kept well inside the limits."""
         given = self.loaded_with.home
         positions = given if isinstance(given, Mapping) else {}
-        home = np.array([positions.get(joint.name, _home(joint)) for joint in self.joints])
-        home.setflags(write=False)
-        return home
+        return read_only([positions.get(joint.name, _home(joint)) for joint in self.joints])
 
 
 def _home(joint: Joint) -> float:

@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.density import write_inertials
 from rpctl.description.records import Link
 from rpctl.drive.scaled_wheels import scale_track, with_radii
@@ -117,10 +117,9 @@ class BuiltNumbers:
     @cached_property
     def changed(self) -> NDArray[np.bool_]:
         """Which links (K, L) have another mass, centre or inertia than the robot's."""
-        masses = np.array([link.mass for link in self._links])
-        centres = np.array([link.com for link in self._links])
-        moved = (self.centres != centres).any(axis=2)
-        return np.asarray((self.masses != masses) | (self.spreads != 1.0) | moved)
+        heavier = self.masses != np.array([link.mass for link in self._links])
+        moved = (self.centres != np.array([link.com for link in self._links])).any(axis=2)
+        return np.asarray(heavier | (self.spreads != 1.0) | moved)
 
     @cached_property
     def body(self) -> list[int]:
@@ -190,25 +189,18 @@ class Perturbation(NamedTuple):
     neutral: Any = 0.0
 
 
-def _scale_masses(numbers: BuiltNumbers, scales: Array) -> None:
-    numbers.masses *= scales
-    numbers.spreads *= scales
+def _scale(*names: str) -> Callable[[BuiltNumbers, Any], None]:
+    """Return what scales some of the numbers of robots, all alike."""
+
+    def change(numbers: BuiltNumbers, scales: Any) -> None:
+        for name in names:
+            getattr(numbers, name)[...] *= scales
+
+    return change
 
 
 def _move_centres(numbers: BuiltNumbers, offsets: Array) -> None:
     numbers.centres += offsets
-
-
-def _scale_inertias(numbers: BuiltNumbers, scales: Array) -> None:
-    numbers.spreads *= scales
-
-
-def _scale_radii(numbers: BuiltNumbers, scales: Array) -> None:
-    numbers.radii *= scales
-
-
-def _scale_track(numbers: BuiltNumbers, scales: Sequence[float]) -> None:
-    numbers.track *= scales
 
 
 def _add_damping(numbers: BuiltNumbers, added: Array) -> None:
@@ -301,7 +293,7 @@ class Variation(Record):
             "Scales of the masses by pattern of link names, and with them of the "
             "inertias, as of another density.",
         ),
-        Perturbation(_scale_masses, LINK, 1.0),
+        Perturbation(_scale("masses", "spreads"), LINK, 1.0),
     ] = field(default_factory=dict)
     centres: Annotated[
         Mapping[str, Offset],
@@ -322,7 +314,7 @@ class Variation(Record):
             "Scale of the inertia",
             "Further scales of the inertias about the centres of mass, by pattern of link names.",
         ),
-        Perturbation(_scale_inertias, LINK, 1.0),
+        Perturbation(_scale("spreads"), LINK, 1.0),
     ] = field(default_factory=dict)
     radii: Annotated[
         Mapping[str, float],
@@ -333,7 +325,7 @@ class Variation(Record):
             "Scales of the wheels' radii, by pattern of wheel joints. The ground is where "
             "the wheels end then.",
         ),
-        Perturbation(_scale_radii, WHEEL, 1.0),
+        Perturbation(_scale("radii"), WHEEL, 1.0),
     ] = field(default_factory=dict)
     track: Annotated[
         float,
@@ -344,7 +336,7 @@ class Variation(Record):
             "Scale of the distances of the wheels' contacts from the middle line; the "
             "wheels themselves stay.",
         ),
-        Perturbation(_scale_track),
+        Perturbation(_scale("track")),
     ] = 1.0
     damping: Annotated[
         Mapping[str, float],
@@ -448,11 +440,13 @@ def _with_inertias(robot: Robot, built: BuiltNumbers) -> Robot:
         pseudo = pin.PseudoInertia.FromMatrix(built.unloaded[0, body])
         # It need not be that of a body alone: a robot is sound if its inertia matrix is.
         model.inertias[body + ROOT_JOINT] = pin.Inertia.FromPseudoInertia(pseudo)
-        link, com = robot.description.link[name], built.centres[0, k].copy()
-        about = built.spreads[0, k] * link.inertia
-        for array in (com, about):
-            array.setflags(write=False)
-        links[name] = replace(link, mass=float(built.masses[0, k]), com=com, inertia=about)
+        link = robot.description.link[name]
+        links[name] = replace(
+            link,
+            mass=float(built.masses[0, k]),
+            com=read_only(built.centres[0, k]),
+            inertia=read_only(built.spreads[0, k] * link.inertia),
+        )
     # What was estimated stays an estimate, which the user's text does not have.
     written = {name: link for name, link in links.items() if not link.estimated}
     description = robot.description.edited(

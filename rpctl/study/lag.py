@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.control.velocity_output import MAX_LAG, VelocityOutput
 from rpctl.errors import RpctlError, require_known, require_positive
 from rpctl.reference.recorded.table_file import (
@@ -86,8 +86,7 @@ class SpeedLog:
         if span < MIN_SPAN_S:
             raise RpctlError(f"the log lasts {span:.3g} s; give {MIN_SPAN_S:g} s or more, t in s")
         for name, value in (("t", t), ("commanded", commanded), ("measured", measured)):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, read_only(value))
         object.__setattr__(self, "names", names)
 
 

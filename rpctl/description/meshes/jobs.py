@@ -56,7 +56,7 @@ def read_mesh(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
     groups: dict[Any, list[tuple[Any, Any]]] = {}
     for vertices, faces, colour in pieces:
         groups.setdefault(colour, []).append((vertices, faces))
-    surfaces = {colour: _stack(group) for colour, group in groups.items()}
+    surfaces = {colour: stack(group) for colour, group in groups.items()}
     _require_areas(list(surfaces.values()))
     answer = {"colours": list(surfaces), "remarks": remarks}
     return answer, [array for surface in surfaces.values() for array in surface]
@@ -147,7 +147,8 @@ def _loose_vertices(mesh: Any) -> list[str]:
     return [f"{what} beyond its triangles, in none of them, and counts for nothing"]
 
 
-def _stack(pieces: list[tuple[Any, Any]]) -> tuple[Any, Any]:
+def stack(pieces: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return the vertices (n, 3) and corners (k, 3) of several pieces as one."""
     counts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
     vertices = np.concatenate([vertices for vertices, _ in pieces])
     faces = [faces + first for (_, faces), first in zip(pieces, counts[:-1], strict=True)]
