@@ -27,8 +27,7 @@ from rpctl.study.design import extra
 from rpctl.study.executor import Executor, executor_for
 from rpctl.study.merits import REFUSED
 from rpctl.study.optimise import BETTER, optimise, optimum_sentence, statistic_words
-from rpctl.study.sensitivity import Sensitivity, importances
-from rpctl.study.statistics import Interval
+from rpctl.study.statistics import Interval, Sensitivity, importances
 from rpctl.study.store import RUNS_FILE
 from rpctl.study.study import Study, run_study
 from rpctl.study.study_file import read_study, study_template

@@ -131,31 +131,26 @@ def _add_state(wish: Wish, robot: Robot, path: str, state: str) -> None:
     """Add the positions of an SRDF's state; what the arm has no use for is told."""
     arm, known = {joint.name: joint for joint in robot.joints}, robot.description.joint
     strange, still = [], []
-    for stated in read_state(path, state, robot.description.read_with):
-        joint = arm.get(stated.joint)
+    for name, (value, line) in read_state(path, state, robot.description.read_with).items():
+        joint = arm.get(name)
         if joint is not None:
-            wish.positions[joint.name] = float(np.clip(stated.value, joint.lower, joint.upper))
-            if _outside(joint, stated.value):
+            wish.positions[name] = float(np.clip(value, joint.lower, joint.upper))
+            if _outside(joint, value):
                 text = (
-                    f'{path}:{stated.line}: state "{state}" puts {joint.name} at {stated.value:g}; '
-                    f"its limits are {_limits(joint)}, the nearer is taken"
+                    f'{path}:{line}: state "{state}" puts {name} at {value:g}; its limits are '
+                    f"{_limits(joint)}, the nearer is taken"
                 )
                 wish.findings.append(Finding("warning", None, text))
-        elif stated.joint not in known:
-            strange.append(f"{stated.joint} (line {stated.line})")
-        elif robot.locked.get(stated.joint, stated.value) != stated.value:
-            still.append(stated.joint)
-    for severity, names, text in (
-        (
-            "warning",
-            strange,
-            f'joints of state "{state}" that the robot does not have are left out',
-        ),
-        ("info", still, f'frozen joints keep their positions, not those of state "{state}"'),
-    ):
-        if names:
-            told = Finding(severity, None, f"{path}: {text}: {', '.join(names)}")
-            wish.findings.append(told)
+        elif name not in known:
+            strange.append(f"{name} (line {line})")
+        elif robot.locked.get(name, value) != value:
+            still.append(name)
+    if strange:
+        text = f'{path}: joints of state "{state}" that the robot does not have are left out: '
+        wish.findings.append(Finding("warning", None, text + ", ".join(strange)))
+    if still:
+        text = f'{path}: frozen joints keep their positions, not those of state "{state}": '
+        wish.findings.append(Finding("info", None, text + ", ".join(still)))
 
 
 def _outside(joint: Joint, position: float) -> bool:

@@ -39,11 +39,9 @@ def scale_limits(robot: Robot, effort: float = 1.0, velocity: float = 1.0) -> Ro
     """
     require_positive("effort", effort)
     require_positive("velocity", velocity)
-
-    def scaled(joint: Joint) -> Joint:
-        return replace(joint, effort=effort * joint.effort, velocity=velocity * joint.velocity)
-
-    return _with_joints(robot, scaled)
+    return _with_joints(
+        robot, lambda j: replace(j, effort=effort * j.effort, velocity=velocity * j.velocity)
+    )
 
 
 def set_limits(
@@ -69,12 +67,14 @@ def set_limits(
             require_positive(f"the {kind} limit of {pattern}", limit)
     names = robot.moving_joint_names
     efforts, rates = (by_pattern(limits or {}, names, "joint") for limits in (effort, velocity))
-
-    def limited(joint: Joint) -> Joint:
-        own = efforts.get(joint.name, joint.effort), rates.get(joint.name, joint.velocity)
-        return replace(joint, effort=own[0], velocity=own[1])
-
-    return _with_joints(robot, limited)
+    return _with_joints(
+        robot,
+        lambda joint: replace(
+            joint,
+            effort=efforts.get(joint.name, joint.effort),
+            velocity=rates.get(joint.name, joint.velocity),
+        ),
+    )
 
 
 def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:

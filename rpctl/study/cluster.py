@@ -75,7 +75,7 @@ from rpctl.study.executor import (
     pickled,
     run_pickled,
 )
-from rpctl.study.journal import CODE, installed
+from rpctl.study.store import CODE, installed
 
 CONNECT_S = 10.0  # s in which a scheduler has to answer
 JOIN_S = 60.0  # s in which a first worker has to join

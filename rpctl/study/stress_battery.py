@@ -37,8 +37,8 @@ from rpctl.study.cells import ROLLING, CellRunner, Figures, References, run_cell
 from rpctl.study.compare import PAPER, LawPair
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Progress, run_seed
-from rpctl.study.journal import Journal, installed, reference_digest
 from rpctl.study.scatter import with_values
+from rpctl.study.store import Journal, installed, reference_digest
 
 JOURNAL_FILE = "cells.jsonl"
 DURATION = 10.0  # s: references start softly, for 3 s; the second half is what is judged

@@ -25,12 +25,20 @@ from rpctl.simulation.merits.outcome import ON_PATH_M, TRACKED
 from rpctl.study.design import DESIGNS, Design, extra, whole
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Experiment, Progress, RunTable, join_tables
-from rpctl.study.journal import Journal, code_identity, experiment_identity
 from rpctl.study.merits import MERITS, merits_for
 from rpctl.study.runner import Runner, run_rows
 from rpctl.study.scatter import Scatter, settings_at
 from rpctl.study.statistics import worst_rows
-from rpctl.study.store import RUNS_FILE, read_runs, record_of, table_of, write_runs
+from rpctl.study.store import (
+    RUNS_FILE,
+    Journal,
+    code_identity,
+    experiment_identity,
+    read_runs,
+    record_of,
+    table_of,
+    write_runs,
+)
 
 STUDY_FILE, JOURNAL_FILE = "study.toml", "runs.jsonl"
 STATISTICS = ("mean", "quantile", "worst")

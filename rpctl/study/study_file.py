@@ -47,12 +47,9 @@ def read_study(path: str | Path, robot: Robot, backend: str = "auto") -> Study:
     Raises:
         DescriptionError: The file is missing, is not TOML, or has faults; all are named.
     """
-
-    def schema(data: Table, faults: list[str]) -> Study:
-        return cast(Study, _study(data, robot, backend, faults))  # None: there are faults
-
     text = read_text(path, "MAX_TOML_BYTES", KIND)
-    study = replace(toml.read(path, schema, KIND), text=text)
+    found = toml.read(path, lambda data, faults: _study(data, robot, backend, faults), KIND)
+    study = replace(cast(Study, found), text=text)  # else there were faults
     try:
         study.design.size(len(study.scatter.names))
     except RpctlError as error:

@@ -18,8 +18,17 @@ from rpctl.files.strict_json import read_json
 from rpctl.study.design import Design
 from rpctl.study.experiment import RunTable
 from rpctl.study.optimise import OPTIMUM_FILE
-from rpctl.study.sensitivity import ParameterMap, Sensitivity, parameter_map, sensitivity
-from rpctl.study.statistics import Interval, MeritStatistics, describe, share, worst_rows
+from rpctl.study.statistics import (
+    Interval,
+    MeritStatistics,
+    ParameterMap,
+    Sensitivity,
+    describe,
+    parameter_map,
+    sensitivity,
+    share,
+    worst_rows,
+)
 from rpctl.study.store import RUNS_FILE, read_runs
 from rpctl.study.study import succeeded, worst_file
 

@@ -30,7 +30,7 @@ ELSEWHERE = {  # what opens no input, and why
     "kernels/cache.py": "reads back what it has written, if it is its own",
     "description/xacro/hooks.py": "replaces xacro's open by asking for what the one way reads",
     "engines/mujoco/settings.py": "reads what the one way has read, as numbers",
-    "study/journal.py": "adds to what it writes, and reads the package's own modules",
+    "study/store.py": "adds to what it writes, and reads the package's own modules",
     "view/film.py": "writes a film, and reads back what it has written",
     "view/serve/live.py": "reads back the report that it has written",
     "view/pages/page.py": "reads the package's own assets",

@@ -20,7 +20,7 @@ from rpctl.errors import RpctlError
 from rpctl.study import cluster
 from rpctl.study.cluster import DaskExecutor, check_workers, run_asked
 from rpctl.study.executor import LostChunksError
-from rpctl.study.journal import CODE, installed
+from rpctl.study.store import CODE, installed
 from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
 from tests.study import chunk_works

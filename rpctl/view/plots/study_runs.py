@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.study.sensitivity import EITHER_SIDE, Sensitivity, importances
-from rpctl.study.statistics import LEVELS, envelope
+from rpctl.study.statistics import EITHER_SIDE, LEVELS, Sensitivity, envelope, importances
 from rpctl.study.study_result import StudyResult
 from rpctl.study.words import (
     Unit,

@@ -19,12 +19,14 @@ from rpctl.arrays import Array
 from rpctl.study.design import Design
 from rpctl.study.experiment import RunTable
 from rpctl.study.optimise import BETTER, UNCLEAR, WORSE, optimum_sentence
-from rpctl.study.sensitivity import (
+from rpctl.study.statistics import (
+    Interval,
     ParameterMap,
     Sensitivity,
+    describe,
     parameter_map,
+    share,
 )
-from rpctl.study.statistics import Interval, describe, share
 from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, WorstRun
