@@ -282,17 +282,17 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
                       _span(value.low, value.high, unit.factor))  # fmt: skip
     out.print(table)
     out.print()
-    judged = optimum_sentence(found)
-    style = {BETTER: "green"}.get(judged.verdict, "yellow")
-    sentence = judged.text.removeprefix(judged.verdict)
-    out.print(f"[{style}]{judged.verdict}[/]{escape(sentence)}", soft_wrap=True)
+    verdict, text = optimum_sentence(found)
+    style = {BETTER: "green"}.get(verdict, "yellow")
+    sentence = text.removeprefix(verdict)
+    out.print(f"[{style}]{verdict}[/]{escape(sentence)}", soft_wrap=True)
     share = Interval(**checked["better"])
     out.print(f"smaller in {percent(share.value)} of the runs ({share_span(share)}), each with the "
               f"same scatter; {found['evaluations']} sets of settings were tried")  # fmt: skip
-    if judged.verdict != BETTER:
+    if verdict != BETTER:
         out.print("the search met too few runs to tell: give it more, or keep the file's settings")
     config = Path(found["config"])
-    kind = "the settings found" if judged.verdict == BETTER else "what was found"
+    kind = "the settings found" if verdict == BETTER else "what was found"
     out.print(f"use {kind}: [bold]{escape(replay_command(command, config))}[/]", soft_wrap=True)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import coal
@@ -18,11 +19,10 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array, read_only
 from rpctl.description.density import primitive
 from rpctl.description.meshes.paths import MeshError
-from rpctl.description.meshes.reading import Hull, Surface, convex_hull, read_shape
+from rpctl.description.meshes.reading import Surface, convex_hull, read_shape
 from rpctl.description.records import Shape
 from rpctl.errors import listed
 from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.kept import kept
 from rpctl.robot.link_boxes import mass_box
 from rpctl.robot.model import Robot
 
@@ -137,7 +137,7 @@ class Distances:
         )
 
 
-@kept(KEPT_MODELS)
+@lru_cache(maxsize=KEPT_MODELS)
 def collision_model(robot: Robot) -> CollisionModel:
     """Return the shapes of a robot, with the ground, and the pairs that must not touch.
 
@@ -318,11 +318,11 @@ def _geometry(robot: Robot, shape: Shape) -> Any:
     """
     if shape.mesh is not None:
         mesh = read_shape(shape.mesh, shape.size, robot.description.mesh_paths)
-        return _convex(*_hull(mesh.surfaces, shape.size))
+        return _convex(_hull(mesh.surfaces, shape.size))
     return primitive(shape)
 
 
-def _hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
+def _hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Surface:
     """Return the convex hull of the surfaces of a mesh, with as many corners as coal can take.
 
     coal counts the neighbours of a corner in eight bits, and a disc may have one corner that all
@@ -345,11 +345,9 @@ def _hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
     return convex_hull([Surface(hull.vertices[far], hull.faces[:0], None)], (1.0, 1.0, 1.0))
 
 
-def _convex(vertices: Array, faces: NDArray[np.int64]) -> Any:
-    """Return a convex body of vertices (n, 3), m, and corners (k, 3)."""
+def _convex(hull: Surface) -> Any:
+    """Return a convex body as coal has it."""
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for vertex in vertices:
-        points.append(vertex)
-    for corners in faces.tolist():
-        triangles.append(coal.Triangle(*corners))
+    points.extend([*hull.vertices])
+    triangles.extend([coal.Triangle(*corners) for corners in hull.faces.tolist()])
     return coal.Convex(points, triangles)

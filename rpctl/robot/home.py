@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,21 +18,6 @@ AUTO, ZERO = "auto", "zero"
 STATE = re.compile(r"(?P<path>.*\.srdf(?:\.xacro)?)(?::(?P<state>.*))?", re.IGNORECASE)
 BEYOND_LIMIT = 1e-9  # rad or m; a position this far outside is at the limit
 FORMS = f"NAME=POSITION, {AUTO}, {ZERO}, or a state of an SRDF, as robot.srdf:home"
-
-
-@dataclass
-class Wish:
-    """What was asked of the home posture, in order.
-
-    Attributes:
-        word: ``"auto"``, ``"zero"``, or empty for neither.
-        positions: Positions by joint, rad or m.
-        findings: What of a file could not be used.
-    """
-
-    word: str = ""
-    positions: dict[str, float] = field(default_factory=dict)
-    findings: list[Finding] = field(default_factory=list)
 
 
 def with_home(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Robot:
@@ -54,18 +39,18 @@ def with_home(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Robot:
             outside the limits.
         DescriptionError: The SRDF cannot be used.
     """
-    wish = _wish(robot, home)
-    findings, named = wish.findings, set(wish.positions)
+    findings: list[Finding] = []
+    word, named = _wish(robot, home, findings)
     posture, reasons = robot.home, tuple[str, ...]()
-    if robot.joints and wish.word != ZERO and not named.issuperset(robot.joint_names):
-        posture, reasons = find_posture(robot, robot.home, force=wish.word == AUTO)
-    if reasons and wish.word != AUTO:
+    if word != ZERO and not named.keys() >= {*robot.joint_names}:
+        posture, reasons = find_posture(robot, robot.home, force=word == AUTO)
+    if reasons and word != AUTO:
         text = f"home is chosen: at zero, {'; '.join(reasons)}"
         findings.append(Finding("info", None, f"{text}; --home sets it, --home {ZERO} keeps zero"))
     if named:
         posture = posture.copy()
         for index, joint in enumerate(robot.joints):
-            posture[index] = wish.positions.get(joint.name, posture[index])
+            posture[index] = named.get(joint.name, posture[index])
         findings += [
             Finding("info", None, f"at home, {reason}") for reason in judge(robot, posture)
         ]
@@ -74,24 +59,27 @@ def with_home(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Robot:
     return replace(robot, loaded_with=settings, findings=(*robot.findings, *findings))
 
 
-def _wish(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Wish:
-    """Return what was asked for, every joint and position checked."""
-    wish = Wish()
+def _wish(
+    robot: Robot, home: Mapping[str, float] | Sequence[str], findings: list[Finding]
+) -> tuple[str, dict[str, float]]:
+    """Return which word was asked for, and the positions of joints (rad or m), all checked.
+
+    Args:
+        findings: Gets what of a file could not be used.
+    """
     if isinstance(home, Mapping):
-        for name, position in home.items():
-            wish.positions[name] = _checked(robot, name, position)
-        return wish
+        return "", {name: _checked(robot, name, position) for name, position in home.items()}
+    word, positions = "", dict[str, float]()
     for item in home:
         state = STATE.fullmatch(item)
         if item in (AUTO, ZERO):
-            wish.word = item
+            word = item
         elif state:
-            _add_state(wish, robot, state["path"], state["state"] or "")
+            positions |= _state(robot, state["path"], state["state"] or "", findings)
         else:
-            for pair in item.split(","):
-                name, position = _pair(pair)
-                wish.positions[name] = _checked(robot, name, position)
-    return wish
+            pairs = map(_pair, item.split(","))
+            positions |= {name: _checked(robot, name, position) for name, position in pairs}
+    return word, positions
 
 
 def _pair(text: str) -> tuple[str, float]:
@@ -127,30 +115,31 @@ def _checked(robot: Robot, name: str, position: float) -> float:
     return float(np.clip(position, joint.lower, joint.upper))
 
 
-def _add_state(wish: Wish, robot: Robot, path: str, state: str) -> None:
-    """Add the positions of an SRDF's state; what the arm has no use for is told."""
+def _state(robot: Robot, path: str, state: str, findings: list[Finding]) -> dict[str, float]:
+    """Return the positions of an SRDF's state; what the arm has no use for is told."""
     arm, known = {joint.name: joint for joint in robot.joints}, robot.description.joint
-    strange, still = [], []
+    positions, strange, still = dict[str, float](), list[str](), list[str]()
     for name, (value, line) in read_state(path, state, robot.description.read_with).items():
         joint = arm.get(name)
         if joint is not None:
-            wish.positions[name] = float(np.clip(value, joint.lower, joint.upper))
+            positions[name] = float(np.clip(value, joint.lower, joint.upper))
             if _outside(joint, value):
                 text = (
                     f'{path}:{line}: state "{state}" puts {name} at {value:g}; its limits are '
                     f"{_limits(joint)}, the nearer is taken"
                 )
-                wish.findings.append(Finding("warning", None, text))
+                findings.append(Finding("warning", None, text))
         elif name not in known:
             strange.append(f"{name} (line {line})")
         elif robot.locked.get(name, value) != value:
             still.append(name)
     if strange:
         text = f'{path}: joints of state "{state}" that the robot does not have are left out: '
-        wish.findings.append(Finding("warning", None, text + ", ".join(strange)))
+        findings.append(Finding("warning", None, text + ", ".join(strange)))
     if still:
         text = f'{path}: frozen joints keep their positions, not those of state "{state}": '
-        wish.findings.append(Finding("info", None, text + ", ".join(still)))
+        findings.append(Finding("info", None, text + ", ".join(still)))
+    return positions
 
 
 def _outside(joint: Joint, position: float) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from rpctl.description.density import fill
 from rpctl.description.frozen_tree import FrozenTree
@@ -96,24 +96,29 @@ def assemble(source: Source, description: Description, settings: LoadSettings) -
     """
     if settings.density is not None:
         description = fill(description, settings.density)
-    body = _body(source, description, settings)
-    description = body.tree.description
-    model = build(body.tree)
+    tree, drive, grippers, findings = _body(source, description, settings)
+    description, joints = tree.description, _arm_joints(tree, drive)
+    model = build(tree)
     set_armature(description, model, settings.rotors)
-    end_effector, choice = _end_effector(body, settings.end_effector)
+    end_effector = settings.end_effector
+    if end_effector is None:
+        end_effector, choice = find_end_effector(tree, drive, joints, grippers)
+        findings += choice
+    else:
+        require_known("link", [end_effector], description.link)
     robot = Robot(
         name=source.name or description.name,
         source=source.name or str(source.path.resolve()),
         description=description,
         model=model,
-        drive=body.drive,
-        locked=body.tree.locked,
-        joints=_arm_joints(body),
+        drive=drive,
+        locked=tree.locked,
+        joints=joints,
         end_effector=end_effector,
-        findings=(*body.findings, *choice),
+        findings=findings,
         loaded_with=replace(  # with which the robot loads again, its home left to with_home
             settings,
-            lock=dict(body.tree.locked),
+            lock=dict(tree.locked),
             end_effector=end_effector,
             package_dirs=tuple(map(str, description.read_with.package_dirs)),
             xacro_args=dict(description.read_with.xacro_args),
@@ -126,17 +131,10 @@ def assemble(source: Source, description: Description, settings: LoadSettings) -
     return at_home
 
 
-class _Body(NamedTuple):
-    """A robot before its model: what is locked, its wheels, its grippers, and remarks."""
-
-    tree: FrozenTree
-    drive: Drive
-    grippers: tuple[Gripper, ...]
-    findings: tuple[Finding, ...]
-
-
-def _body(source: Source, description: Description, settings: LoadSettings) -> _Body:
-    """Return which joints are locked, and which are wheels."""
+def _body(
+    source: Source, description: Description, settings: LoadSettings
+) -> tuple[FrozenTree, Drive, tuple[Gripper, ...], tuple[Finding, ...]]:
+    """Return what is locked of a robot before it has a model, its wheels, grippers, and remarks."""
     drive = source.drive if settings.drive is None else settings.drive
     given = drive if isinstance(drive, Drive) else _specification(drive)
     moving = [joint.name for joint in description.joints if joint.moving]
@@ -162,7 +160,7 @@ def _body(source: Source, description: Description, settings: LoadSettings) -> _
     tree, idle = _with_motors(tree, found)
     differences = (*vendor_findings(found, controls), *idle, *left_out(tree, found))
     _refuse_doubts(source.path, differences, settings)
-    return _Body(tree, found, grippers, (*findings, *held, *frozen, *differences))
+    return tree, found, grippers, (*findings, *held, *frozen, *differences)
 
 
 def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Finding, ...]]:
@@ -204,22 +202,13 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
     return FrozenTree(replace(tree.description, joints=joints), tree.locked), tuple(findings)
 
 
-def _end_effector(body: _Body, given: str | None) -> tuple[str | None, tuple[Finding, ...]]:
-    """Return the link to track, None without an arm, and what to tell of the choice."""
-    if given is None:
-        return find_end_effector(body.tree, body.drive, _arm_joints(body), body.grippers)
-    require_known("link", [given], body.tree.description.link)
-    return given, ()
-
-
-def _arm_joints(body: _Body) -> tuple[Joint, ...]:
+def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:
     """Return the free joints that are no wheels, swivels or mimics, in file order."""
-    drive = body.drive
     rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
     return tuple(
         joint
-        for joint in body.tree.description.joints
-        if body.tree.is_free(joint) and joint.mimic is None and joint.name not in rolling
+        for joint in tree.description.joints
+        if tree.is_free(joint) and joint.mimic is None and joint.name not in rolling
     )
 
 

@@ -32,9 +32,9 @@ BASE_NV = 3  # entries of v that are the planar root's
 HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
-    """A wheeled robot on flat ground.
+    """A wheeled robot on flat ground; two of them are the same if they are one object.
 
     Attributes:
         name: The robot's name.

@@ -393,7 +393,11 @@ class Variation(Record):
         for pattern, offset in self.centres.items():
             if len(offset) != 3:
                 raise RpctlError(f"centres of {pattern} is {offset}; give x, y, z in m")
-        require_slope(self.slope)
+        if len(self.slope) != 2:
+            raise RpctlError(f"slope is {self.slope}; give the angles along x and along y, in rad")
+        require_within("slope", self.slope, 0.5 * math.pi)
+        if not sum(math.sin(angle) ** 2 for angle in self.slope) < 1.0:
+            raise RpctlError(f"slope is {self.slope}; no ground rises so along x and y at once")
 
 
 PERTURBATIONS: Mapping[str, Perturbation] = {
@@ -467,16 +471,3 @@ def _with_inertias(robot: Robot, built: BuiltNumbers) -> Robot:
 def pseudo_inertia(inertia: pin.Inertia) -> Array:
     """Return the pseudo-inertia (4, 4) of Pinocchio's inertia, about its frame's origin."""
     return np.asarray(inertia.toPseudoInertia().toMatrix())
-
-
-def require_slope(slope: Slope) -> None:
-    """Refuse what is no slope of a ground.
-
-    Raises:
-        RpctlError: There are not two angles, or no plane rises so.
-    """
-    if len(slope) != 2:
-        raise RpctlError(f"slope is {slope}; give the angles along x and along y, in rad")
-    require_within("slope", slope, 0.5 * math.pi)
-    if not sum(math.sin(angle) ** 2 for angle in slope) < 1.0:
-        raise RpctlError(f"slope is {slope}; no ground rises so along x and y at once")

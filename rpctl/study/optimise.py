@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -295,13 +295,6 @@ def cost_change(asked: Optimisation, before: Judged, after: Judged, seed: int) -
     return Interval(change(runs), low, high)
 
 
-class OptimumVerdict(NamedTuple):
-    """Whether settings are :data:`BETTER`, :data:`WORSE`, or neither, and a sentence on it."""
-
-    verdict: str
-    text: str
-
-
 def statistic_words(optimum: Mapping[str, Any]) -> str:
     """Return what a search made small, as ``95 % quantile of base error, rms``."""
     name = {"quantile": f"{100.0 * optimum['level']:g} % quantile", "worst": "largest"}
@@ -309,11 +302,14 @@ def statistic_words(optimum: Mapping[str, Any]) -> str:
     return f"{statistic} of {merit_words(optimum['merit'])}"
 
 
-def optimum_sentence(optimum: Mapping[str, Any]) -> OptimumVerdict:
+def optimum_sentence(optimum: Mapping[str, Any]) -> tuple[str, str]:
     """Return whether the settings found are better than the file's on fresh runs, and by how much.
 
     Args:
         optimum: What ``optimum.json`` holds.
+
+    Returns:
+        :data:`BETTER`, :data:`WORSE`, or :data:`UNCLEAR`; and a sentence that begins so.
     """
     checked = optimum["validation"]
     costs = [checked[name]["cost"] for name in (BEFORE, AFTER)]
@@ -334,7 +330,7 @@ def optimum_sentence(optimum: Mapping[str, Any]) -> OptimumVerdict:
         if kept:
             low, high = (_percent(each / before) for each in (change.low, change.high))
             text += f" (95 % interval {low.removesuffix(' %')} to {high})"
-    return OptimumVerdict(verdict, text)
+    return verdict, text
 
 
 def _percent(ratio: float) -> str:

@@ -196,8 +196,10 @@ def reference_digest(reference: str) -> str | None:
 # ---- all runs in one Parquet file ---------------------------------------------------------
 
 RUNS_FILE = "runs.parquet"
-SERIES_TYPES = ("fixed_size_list<item: float>", "fixed_size_list<element: float>")
-TYPES = ("int64", "double", "bool", "string", *SERIES_TYPES)
+TYPES = (  # of columns; the last two are the same of two releases of pyarrow
+    "int64", "double", "bool", "string", "fixed_size_list<item: float>",
+    "fixed_size_list<element: float>",
+)  # fmt: skip
 KEY = b"rpctl"  # of the metadata
 FORMAT = 1
 DAMAGED = (

@@ -48,7 +48,6 @@ OTHERS = (PAPER, LawPair("kanayama", "paper"))  # that the robot's own laws are 
 LOCALISATION = Noise(
     position=0.01, heading=0.005, joints=0.0005, speed=0.01, turn_rate=0.01, joint_rates=0.005
 )
-Reason = Callable[[Robot], str | None]
 Levels = tuple[tuple[str, float], ...]  # names of stresses and their levels
 
 
@@ -76,7 +75,7 @@ class Stress:
     nominal: float
     summary: str
     changes: Mapping[str, tuple[float, float]]
-    why_not: Reason = lambda robot: None
+    why_not: Callable[[Robot], str | None] = lambda robot: None
     drawn: tuple[float, float] | None = None
     whole: bool = False
     needs_slip: bool = False
@@ -102,11 +101,6 @@ class Stress:
         """Return it with its nominal level and its ends alone."""
         kept = {self.nominal, self.levels[0], self.levels[-1]}
         return replace(self, levels=tuple(level for level in self.levels if level in kept))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what it is as JSON says it."""
-        names = ("name", "unit", "levels", "nominal", "summary")
-        return {name: getattr(self, name) for name in names}
 
 
 def _no_effort_limits(robot: Robot) -> str | None:

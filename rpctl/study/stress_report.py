@@ -254,7 +254,10 @@ class StressReport:
             "run": to_plain(battery.run),
             "plants": list(battery.plants),
             "laws": list(map(str, battery.laws)),
-            "stresses": [each.to_dict() for each in battery.stresses],
+            "stresses": [
+                {key: getattr(x, key) for key in ("name", "unit", "levels", "nominal", "summary")}
+                for x in battery.stresses
+            ],
             "left_out": [
                 {"plant": plant, "stress": stress, "reason": reason}
                 for (plant, stress), reason in battery.left_out.items()

@@ -86,7 +86,10 @@ def _study(data: Table, robot: Robot, backend: str, faults: list[str]) -> Study 
     ]
     if faults:
         return None
-    config, scatter = _with_fixed(config, scatter)
+    given = scatter.distributions
+    fixed = {name: each.value for name, each in given.items() if isinstance(each, Fixed)}
+    config = with_values(config, tuple(fixed), np.array([*fixed.values()]))
+    scatter = Scatter({name: each for name, each in given.items() if name not in fixed})
     with _told(faults, "scatter"):
         _require_fit(robot, config, scatter)
     experiment = Experiment(
@@ -179,14 +182,6 @@ def _optimisation(
         if not (np.isfinite([low, high]).all() and low < high):
             faults.append(f'optimize.parameters."{name}": has no range; give [low, high]')
     return scatter, asked
-
-
-def _with_fixed(config: Config, scatter: Scatter) -> tuple[Config, Scatter]:
-    """Return a configuration with what is the same in all runs, and what differs."""
-    given = scatter.distributions
-    fixed = {name: each.value for name, each in given.items() if isinstance(each, Fixed)}
-    config = with_values(config, tuple(fixed), np.array([*fixed.values()]))
-    return config, Scatter({name: each for name, each in given.items() if name not in fixed})
 
 
 def _require_fit(robot: Robot, config: Config, scatter: Scatter) -> None:

@@ -194,15 +194,13 @@ def make_primitive(head: Mapping[str, Any], arrays: Sequence[Any] = ()) -> Answe
     creation = library("trimesh.creation")
     unit = max(head["size"])  # trimesh drops triangles that are tiny in its own unit
     size = [edge / unit for edge in head["size"]]
-    if head["kind"] == "box":
-        mesh = creation.box(size)
-    elif head["kind"] == "cylinder":
-        mesh = creation.cylinder(*size, sections=SIDES)
-    elif head["kind"] == "capsule":
-        radius, length = size
-        mesh = creation.capsule(length, radius, count=[SIDES, SIDES])
-    else:
-        mesh = creation.uv_sphere(*size, count=[SIDES // 2, SIDES])
+    makers = {
+        "box": lambda: creation.box(size),
+        "cylinder": lambda: creation.cylinder(*size, sections=SIDES),
+        "capsule": lambda: creation.capsule(size[1], size[0], count=[SIDES, SIDES]),
+        "sphere": lambda: creation.uv_sphere(*size, count=[SIDES // 2, SIDES]),
+    }
+    mesh = makers[head["kind"]]()
     vertices = unit * np.asarray(mesh.vertices, "<f8")
     return {"colours": [None], "remarks": []}, [vertices, np.asarray(mesh.faces, "<u4")]
 

@@ -7,18 +7,17 @@ Their bytes are read here and understood in a confined process
 from __future__ import annotations
 
 import hashlib
-import math
 import re
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.meshes.jobs import MAX_COORDINATE, make_primitive
 from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.meshes.service import StalledMeshError, ask
@@ -30,11 +29,11 @@ LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # how a file not yet 
 MATERIAL = re.compile(rb"mtllib([^\n]{1,1024})")  # of an OBJ
 CAPS = ("MAX_MESH_TRIANGLES", "MAX_MESH_PARTS", "MAX_MESH_SECONDS", "MAX_MESH_MEMORY")
 KEPT_BYTES = 2**25  # of meshes and hulls that are not made again; a wheel is asked for four times
-FAULT_BYTES = 2**10  # that a mesh counts for that is not tried again
+FAULT_BYTES = 2**10  # that a mesh counts for that is not tried again, and any other besides its own
 MAX_STALLED = 2  # meshes of a robot that may take too long; the rest is not tried
 EXTENT_RANGE_M = (1e-6, 1e4)  # m: of a mesh at its scale, and how far it reaches from its origin
 IN_METRES = "is it in another unit? give m"
-KEPT: OrderedDict[bytes, Mesh | Hull | MeshError] = OrderedDict()  # by a digest of what is read
+KEPT: OrderedDict[bytes, Mesh | MeshError] = OrderedDict()  # by a digest of what is read
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,19 +64,9 @@ class Mesh:
     remarks: tuple[str, ...] = ()
 
 
-class Hull(NamedTuple):
-    """A convex body with triangles for faces."""
-
-    vertices: Array  # (n, 3) m, read-only
-    faces: NDArray[np.int64]  # (k, 3) read-only
-
-
-Made = TypeVar("Made", Mesh, Hull)
-
-
-def _once(key: bytes, make: Callable[[], Made]) -> Made:
+def _once(key: bytes, make: Callable[[], Mesh]) -> Mesh:
     """Return what is made of the same bytes, or raise its fault; the oldest are given up."""
-    made: Any = KEPT.get(key)
+    made = KEPT.get(key)
     if made is None:
         try:
             made = make()
@@ -91,12 +80,9 @@ def _once(key: bytes, make: Callable[[], Made]) -> Made:
     return made
 
 
-def _size(kept: Mesh | Hull | MeshError) -> int:
-    if isinstance(kept, MeshError):
-        return FAULT_BYTES
-    if isinstance(kept, Hull):
-        return kept.vertices.nbytes + kept.faces.nbytes
-    return sum(s.vertices.nbytes + s.faces.nbytes for s in kept.surfaces)
+def _size(kept: Mesh | MeshError) -> int:
+    surfaces = () if isinstance(kept, MeshError) else kept.surfaces
+    return FAULT_BYTES + sum(each.vertices.nbytes + each.faces.nbytes for each in surfaces)
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -247,12 +233,12 @@ def _checked(answer: dict[str, Any], arrays: Sequence[Any]) -> Mesh:
 
 def _colour(values: Sequence[float]) -> tuple[float, ...]:
     rgba = tuple(float(value) for value in values)
-    if len(rgba) != 4 or not all(math.isfinite(value) and 0.0 <= value <= 1.0 for value in rgba):
+    if len(rgba) != 4 or not all(0.0 <= value <= 1.0 for value in rgba):
         raise ValueError
     return rgba
 
 
-def convex_hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
+def convex_hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Surface:
     """Return the convex hull of the surfaces of a mesh.
 
     Args:
@@ -263,10 +249,10 @@ def convex_hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
     """
     points = np.unique(np.concatenate([s.vertices for s in surfaces]), axis=0) * np.array(scale)
     key = hashlib.sha256(points.tobytes()).digest()
-    return _once(key, lambda: _checked_hull(points, ask("hull", {}, [points])[1]))
+    return _once(key, lambda: _checked_hull(points, ask("hull", {}, [points])[1])).surfaces[0]
 
 
-def _checked_hull(points: Array, answer: Sequence[NDArray[np.generic]]) -> Hull:
+def _checked_hull(points: Array, answer: Sequence[NDArray[np.generic]]) -> Mesh:
     """Return the hull of points (n, 3) from the answer: corners (k, 3), as numbers of points.
 
     Raises:
@@ -277,7 +263,6 @@ def _checked_hull(points: Array, answer: Sequence[NDArray[np.generic]]) -> Hull:
     if not triangles or corners.max() >= len(points):
         raise MeshError("its reader answered with no hull")
     used, faces = np.unique(corners.astype(np.int64), return_inverse=True)
-    hull = Hull(points[used], faces.reshape(-1, 3))
-    for array in hull:
-        array.setflags(write=False)
-    return hull
+    faces = faces.reshape(-1, 3)
+    faces.setflags(write=False)
+    return Mesh((Surface(read_only(points[used]), faces, None),))

@@ -91,9 +91,12 @@ class XacroFiles:
         }  # fmt: skip
         if not isinstance(asked, str) or "\0" in asked:
             raise ValueError("a path or a name is a text")
-        if verb == "read":
-            return self._read(asked)
-        return json.dumps(verbs[verb](asked)).encode()
+        if verb != "read":
+            return json.dumps(verbs[verb](asked)).encode()
+        try:
+            return READ + self.read(asked)
+        except OSError as error:
+            return GONE + json.dumps((error.errno, error.strerror)).encode()
 
     def read(self, path: str) -> bytes:
         """Return a file's bytes.
@@ -164,12 +167,6 @@ class XacroFiles:
         except OSError:
             return []
         return [os.path.join(folder, name) for name in names if name[0] != "."]  # noqa: PTH118
-
-    def _read(self, path: str) -> bytes:
-        try:
-            return READ + self.read(path)
-        except OSError as error:
-            return GONE + json.dumps((error.errno, error.strerror)).encode()
 
     def _refusal(self, real: str) -> str | None:
         """Return why a path, symlinks followed, may not be read; None if it may."""

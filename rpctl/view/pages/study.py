@@ -182,7 +182,7 @@ def _optimum(result: StudyResult) -> dict[str, Any] | None:
         before = "–" if each["before"] is None else number(each["before"])
         span = " to ".join(number(end) for end in each["range"])
         rows.append((name, str(parameter_words(name)), [before, number(each["after"]), span]))
-    return {"sentence": _capital(optimum_sentence(result.optimum).text), "rows": rows}
+    return {"sentence": _capital(optimum_sentence(result.optimum)[1]), "rows": rows}
 
 
 def _scatter(result: StudyResult) -> list[tuple[str, str, str]]:

@@ -203,21 +203,21 @@ OPTIMUM: dict[str, Any] = {
 
 
 def test_a_sentence_says_whether_settings_are_better() -> None:
-    assert optimum_sentence(OPTIMUM).text == (
+    assert optimum_sentence(OPTIMUM)[1] == (
         "better: 95 % quantile of base error, rms goes from 20 mm to 15 mm on 50 fresh runs, −25 % "
         "(95 % interval −35 to −20 %)"
     )
     for low, high, verdict in ((-0.01, 0.01, UNCLEAR), (0.001, 0.002, WORSE), (-2, -1, BETTER)):
         change = {"value": 0.5 * (low + high), "low": low, "high": high}
         changed = {**OPTIMUM, "validation": {**OPTIMUM["validation"], "change": change}}
-        assert optimum_sentence(changed).verdict == verdict
+        assert optimum_sentence(changed)[0] == verdict
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_page_shows_settings_that_were_found() -> None:
     page = study.study_page(result(optimum=OPTIMUM)).decode()
     assert ">kinematic horizon (s)</th><td>0.5</td><td>0.25</td><td>0.1 to 1</td>" in page
-    assert f"<p>B{optimum_sentence(OPTIMUM).text[1:]}</p>" in page
+    assert f"<p>B{optimum_sentence(OPTIMUM)[1][1:]}</p>" in page
 
 
 @pytest.mark.usefixtures("undrawn")
