@@ -25,14 +25,8 @@ from rpctl.simulation.loop.backend import BACKENDS
 from rpctl.study.cluster import DaskExecutor
 from rpctl.study.design import extra
 from rpctl.study.executor import Executor, executor_for
-from rpctl.study.merits import REFUSED
-from rpctl.study.optimise import BETTER, optimise, optimum_sentence, statistic_words
-from rpctl.study.statistics import Interval, Sensitivity, importances
-from rpctl.study.store import RUNS_FILE
-from rpctl.study.study import Study, run_study
-from rpctl.study.study_file import read_study, study_template
-from rpctl.study.study_result import StudyResult, read_result, replay_command
-from rpctl.study.words import (
+from rpctl.study.merits import (
+    REFUSED,
     Unit,
     grouped,
     merit_unit,
@@ -43,6 +37,12 @@ from rpctl.study.words import (
     share_span,
     unit_of,
 )
+from rpctl.study.optimise import BETTER, optimise, optimum_sentence, statistic_words
+from rpctl.study.statistics import Interval, Sensitivity, importances
+from rpctl.study.store import RUNS_FILE
+from rpctl.study.study import Study, run_study
+from rpctl.study.study_file import read_study, study_template
+from rpctl.study.study_result import StudyResult, read_result, replay_command
 
 SUMMARY_FILE = "study.json"
 PAGE = "rpctl.view.pages.study"

@@ -241,7 +241,8 @@ def read_toml(path: str | Path, kind: Callable[..., Made], what: str) -> Made:
     Raises:
         DescriptionError: The file is missing, is not TOML, or has faults; all are named.
     """
-    return toml.read(path, lambda data, faults: read_record(kind, data, "", faults), what)  # type: ignore[arg-type]  # None: there are faults
+    # It raises where there is no record, for then there are faults.
+    return toml.read(path, lambda data, faults: read_record(kind, data, "", faults), what)  # type: ignore[return-value]
 
 
 def read_record(

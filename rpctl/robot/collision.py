@@ -296,9 +296,8 @@ def standing(what: str, pose: Array, geometry: Any) -> CollisionShape:
 
 def _placed(robot: Robot, link: str, origin: Array, geometry: Any) -> CollisionShape:
     """Return a shape that stands at ``origin`` (4, 4) in a link's frame."""
-    frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
-    pose = np.asarray(frame.placement.homogeneous @ origin)
-    return _shape(link, int(frame.parentJoint), pose, geometry)
+    frame = robot.frame(link)
+    return _shape(link, int(frame.parentJoint), frame.placement.homogeneous @ origin, geometry)
 
 
 def _shape(name: str, joint: int, pose: Array, geometry: Any) -> CollisionShape:

@@ -315,7 +315,14 @@ def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]
             others.setdefault(alike, []).append((wheel, radius, text))
         for _, size in sizes:
             if size.source == wheel.source:
-                yield from _off_axle(wheel, size)
+                if size.aside > LENGTH_ROUNDING_M:
+                    yield Idealisation(
+                        "eccentric wheel",
+                        1e3 * size.aside,
+                        "mm",
+                        f"the shape that {listed(wheel.joint)} rolls on ({size.source}) is centred "
+                        f"{1e3 * size.aside:.3g} mm off its axle, and taken to be on it",
+                    )
                 yield from _drawn_beside(wheel, size, [each for _, each in sizes])
                 widest = max(widest, size.width)
     for group in others.values():  # wheels with the same values are told of together
@@ -360,17 +367,6 @@ def _others(
             text = f"that of the {role} shape {radius:.4g} m ({other}); {rolls}"
             alike = (role, radius, used, source, rolls)
             yield alike, radius, f"{used:.4g} m ({source}), {text}"
-
-
-def _off_axle(wheel: WheelCandidate, size: WheelSize) -> Iterator[Idealisation]:
-    if size.aside > LENGTH_ROUNDING_M:
-        yield Idealisation(
-            "eccentric wheel",
-            1e3 * size.aside,
-            "mm",
-            f"the shape that {listed(wheel.joint)} rolls on ({size.source}) is centred "
-            f"{1e3 * size.aside:.3g} mm off its axle, and taken to be on it",
-        )
 
 
 def _drawn_beside(

@@ -132,7 +132,7 @@ class LinkPoints:
 
 def _on_joint(robot: Robot, link: str) -> tuple[int, Array]:
     """Return the joint of the model that moves a link and the link's pose there (4, 4)."""
-    frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
+    frame = robot.frame(link)
     return int(frame.parentJoint), np.asarray(frame.placement.homogeneous)
 
 

@@ -41,8 +41,6 @@ class Losses:
 
     def force(self, v: Array) -> Array:
         """Return the generalised force (nv,) at v (nv,), N·m or N; it opposes v."""
-        if self._viscous:
-            return np.asarray(-self.damping * v)
         return np.asarray(-self.secant(v) * v)
 
     def slope(self, v: Array) -> Array:
@@ -53,10 +51,6 @@ class Losses:
     def secant(self, v: Array) -> Array:
         """Return −force/v (nv,) at v (nv,): at least the slope, and positive."""
         return np.asarray(self.damping + self.friction / np.sqrt(v * v + self._squares))
-
-    @cached_property
-    def _viscous(self) -> bool:
-        return not self.friction.any()
 
     @cached_property
     def _squares(self) -> Array:

@@ -131,6 +131,10 @@ class Robot:
             if joint.moving and joint.mimic is not None and self.model.existJointName(joint.name)
         )
 
+    def frame(self, link: str) -> pin.Frame:
+        """Return the frame of a link in the model: the joint that moves it, and its pose there."""
+        return self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)]
+
     def end_effector_pose(self, data: pin.Data, q: Array) -> pin.SE3:
         """Return the pose of the end effector in the world; ``data`` is overwritten.
 
@@ -145,7 +149,7 @@ class Robot:
 
     def end_effector_poses(self, q: Array) -> Array:
         """Return the poses (K, 4, 4) of the end effector in the world at q (K, nq)."""
-        frame = self.model.frames[self.model.getFrameId(str(self.end_effector), pin.FrameType.BODY)]
+        frame = self.frame(str(self.end_effector))
         pose = self.joint_poses(q, [frame.parentJoint])[frame.parentJoint]
         found = np.tile(np.eye(4), (len(q), 1, 1))
         found[:, :3] = np.einsum("ijk,jl->kil", pose[:, :3], frame.placement.homogeneous[:3])

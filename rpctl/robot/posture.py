@@ -53,13 +53,10 @@ class Scale:
     manipulability: float
     lightness: float
 
-    def manipulability_ratio(self, measures: Measures) -> float:
-        """Return a posture's manipulability over the best one, in [0, 1] as a rule."""
-        return float(np.prod(measures.singular[: self.rank])) / self.manipulability
-
-    def lightness_ratio(self, measures: Measures) -> float:
-        """Return a posture's smallest scaled inertia over the best one, in [0, 1] as a rule."""
-        return measures.lightness / self.lightness
+    def ratios(self, measures: Measures) -> tuple[float, float]:
+        """Return a posture's manipulability and lightness over the best, in [0, 1] as a rule."""
+        manipulability = float(np.prod(measures.singular[: self.rank])) / self.manipulability
+        return manipulability, measures.lightness / self.lightness
 
 
 def find_posture(robot: Robot, posture: Array, force: bool) -> tuple[Array, tuple[str, ...]]:
@@ -127,10 +124,10 @@ def _scale(branch: Branch, draws: Array) -> Scale:
 def _weakness(branch: Branch, scale: Scale, positions: Array) -> str:
     """Return why a posture is none to work from; empty if it is one."""
     measures, who = branch.measure(positions), f"the arm to {branch.end}"
-    ratio = scale.manipulability_ratio(measures)
+    ratio, lightness = scale.ratios(measures)
     if ratio < WEAK_MANIPULABILITY:
         return f"{who} is stretched or near singular ({ratio:.1%} of its best manipulability)"
-    if scale.lightness_ratio(measures) < WEAK_LIGHTNESS:
+    if lightness < WEAK_LIGHTNESS:
         return f"joints of {who} turn about nearly one axis, with next to no inertia between them"
     if branch.robot.drive.wheels and measures.height < SUNK_HEIGHT:
         return f"{who} reaches {-measures.height:.2g} m into the ground"
@@ -180,9 +177,7 @@ def _refine(
 def _score(branch: Branch, scale: Scale, positions: Array, with_clearance: bool = True) -> float:
     """Return how good a posture is: logarithms of its ratios, less what stands against it."""
     measures = branch.measure(positions, with_clearance)
-    manipulability = max(scale.manipulability_ratio(measures), 1e-12)
-    lightness = max(scale.lightness_ratio(measures), 1e-12)
-    score = math.log(manipulability) + math.log(lightness)
+    score = sum(math.log(max(ratio, 1e-12)) for ratio in scale.ratios(measures))
     score -= BEARING_WEIGHT * measures.bearing + _strain(branch, positions)
     if branch.robot.drive.wheels:
         behind = FORWARD_CLEARANCE - measures.forward

@@ -124,11 +124,7 @@ class BuiltNumbers:
     @cached_property
     def body(self) -> list[int]:
         """Index of each link's body: that of its joint in the model, less the root's."""
-        return [self._frame(name).parentJoint - ROOT_JOINT for name in self.names[LINK]]
-
-    def _frame(self, link: str) -> pin.Frame:
-        model = self.robot.model
-        return model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        return [self.robot.frame(name).parentJoint - ROOT_JOINT for name in self.names[LINK]]
 
     @cached_property
     def _own(self) -> Array:
@@ -145,7 +141,7 @@ class BuiltNumbers:
         found = np.array([self._own] * len(self.masses))
         for k in np.flatnonzero(self.changed.any(axis=0)).tolist():
             link = self._links[k]
-            pose = self._frame(link.name).placement.homogeneous
+            pose = self.robot.frame(link.name).placement.homogeneous
             spread, com = np.zeros((4, 4)), np.array(link.com)[None]
             spread[:3, :3] = 0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia
             more = (self.spreads[:, k, None, None] - 1.0) * (pose @ spread @ pose.T)
@@ -158,7 +154,7 @@ class BuiltNumbers:
         """Pseudo-inertias (K, n_bodies, 4, 4) of the bodies with their payloads."""
         if not self.payload:
             return self.unloaded
-        frame, found = self._frame(self.payload), self.unloaded.copy()
+        frame, found = self.robot.frame(self.payload), self.unloaded.copy()
         point = _point(frame.placement.homogeneous, self.places)
         found[:, frame.parentJoint - ROOT_JOINT] += self.loads[:, None, None] * point
         return found

@@ -194,8 +194,7 @@ def with_payload(
     description = _attached(robot.description, link, mass, centre, about)
     payload = Payload(link, mass, tuple(centre.tolist()), tuple(map(tuple, about.tolist())))
     settings = replace(robot.loaded_with, payloads=(*robot.loaded_with.payloads, payload))
-    model = robot.model.copy()
-    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+    model, frame = robot.model.copy(), robot.frame(link)
     model.appendBodyToJoint(frame.parentJoint, pin.Inertia(mass, centre, about), frame.placement)
     return replace(robot, description=description, model=model, loaded_with=settings)
 

@@ -21,13 +21,12 @@ from rpctl.simulation.config import Config, write_config
 from rpctl.study.design import Design
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Progress, RunTable, join_tables
-from rpctl.study.merits import merits_for
+from rpctl.study.merits import merit_unit, merit_words, merits_for, number, unit_of
 from rpctl.study.runner import Runner, run_rows
 from rpctl.study.scatter import Scatter, settings_at, with_values
 from rpctl.study.statistics import CONFIDENCE, Interval, mean, quantile, share
 from rpctl.study.store import Journal, code_identity, experiment_identity
 from rpctl.study.study import Optimisation, Study, succeeded
-from rpctl.study.words import merit_unit, merit_words, number, unit_of
 
 SEARCH_FOLDER, JOURNAL_FILE = "optimize", "generations.jsonl"
 OPTIMUM_FILE, CONFIG_FILE = "optimum.json", "optimized.toml"

@@ -251,7 +251,11 @@ def _lanes(
     Raises:
         RpctlError: Machine code is asked for and cannot do it.
     """
-    reason = why_not(robot, experiment, count)
+    reason = refusal(robot, experiment.config)
+    reason = reason or plant_refusal(experiment.config.plant, experiment.names)
+    short = reason is None and experiment.backend == "auto" and not pays(robot, RUNS * count)
+    if experiment.backend == "pinocchio" or short:
+        return None
     if reason is None:
         from rpctl.study.lanes import Lanes
 
@@ -262,14 +266,3 @@ def _lanes(
     if experiment.backend == "compiled":
         raise RpctlError(f'these runs cannot be compiled: {reason}; take backend "auto"')
     return None
-
-
-def why_not(robot: Robot, experiment: Experiment, count: int) -> str | None:
-    """Return why runs of ``count`` samples are not done by machine code; None if they are."""
-    if experiment.backend == "pinocchio":
-        return "Pinocchio is asked for"
-    reason = refusal(robot, experiment.config)
-    reason = reason or plant_refusal(experiment.config.plant, experiment.names)
-    if reason is None and experiment.backend == "auto" and not pays(robot, RUNS * count):
-        return "runs are too short for that"
-    return reason

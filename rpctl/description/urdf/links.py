@@ -81,6 +81,7 @@ def _doubt_inertia(
     least, middle, most = moments.tolist()
     listed = f"principal moments {', '.join(f'{m:.3g}' for m in moments)} kg·m²"
     slack = SPD_MARGIN * max(most, 0.0)
+    ball = 3.0 * mass / (4.0 * math.pi * OSMIUM_DENSITY)  # r³ of one of osmium, m³
     if mass == 0:
         if inertia.any():
             findings.warn(
@@ -108,17 +109,12 @@ def _doubt_inertia(
             f'inertia of link "{name}" is that of {mass:g} kg at {radius:.3g} m from the axis; '
             "is it in kg·mm² (divide by 1e6) or g·mm² (by 1e9)? give kg·m²",
         )
-    elif most < MIN_OSMIUM_INERTIA * 0.4 * mass * _osmium_radius(mass) ** 2:
+    elif most < MIN_OSMIUM_INERTIA * 0.4 * mass * ball ** (2.0 / 3.0):
         findings.warn(
             element,
             f'inertia of link "{name}" is too small for {mass:g} kg: the largest moment, '
             f"{most:.3g} kg·m², is less than osmium's; check its unit, kg·m²",
         )
-
-
-def _osmium_radius(mass: float) -> float:
-    """Return the radius (m) of a ball of osmium of a mass (kg)."""
-    return float((3.0 * mass / (4.0 * math.pi * OSMIUM_DENSITY)) ** (1.0 / 3.0))
 
 
 def read_colour(findings: Findings, material: Any) -> tuple[float, ...] | None:

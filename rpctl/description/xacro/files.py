@@ -214,9 +214,8 @@ def check_answer(answer: Any, known: Container[str], missing: Container[str]) ->
         else:
             _require(isinstance(value, list), name)
             value = value[:MAX_TOLD]
-            for row in value:
-                _require(_is_row(row, name), name)
-                _require(name not in FILES or row[FILES[name]] in known, name)
+            _require(all(_is_row(row, name) for row in value), name)
+            _require(name not in FILES or all(row[FILES[name]] in known for row in value), name)
         checked[name] = value
     _require(checked["file"] is None or checked["file"] in known, "file")
     _require(all(file in known for file in checked["undeclared"]), "undeclared")

@@ -403,12 +403,12 @@ def scan_all(
 
 def constant_defaults(scans: Mapping[str, FileScan]) -> dict[str, str]:
     """Return the defaults without variables that files declare, by argument; the first counts."""
-    found: dict[str, str] = {}
-    for each in scans.values():
-        for name, default, _ in each.arguments:
-            if default is not None and "$" not in default:
-                found.setdefault(name, default)
-    return found
+    declared = [each for scan in scans.values() for each in scan.arguments]
+    return {
+        name: default
+        for name, default, _ in reversed(declared)
+        if default is not None and "$" not in default
+    }
 
 
 def _included(file: str, spec: str, find: Callable[[str], tuple[str, ...]]) -> str | None:

@@ -16,11 +16,8 @@ from rpctl.simulation.config import read_config
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.run.run import Run
-from rpctl.study.merits import MERITS
-from rpctl.study.optimise import optimum_sentence
-from rpctl.study.statistics import LEVELS, MeritStatistics
-from rpctl.study.study_result import StudyResult, WorstRun, read_result
-from rpctl.study.words import (
+from rpctl.study.merits import (
+    MERITS,
     Unit,
     grouped,
     merit_words,
@@ -30,6 +27,9 @@ from rpctl.study.words import (
     share_span,
     unit_of,
 )
+from rpctl.study.optimise import optimum_sentence
+from rpctl.study.statistics import LEVELS, MeritStatistics
+from rpctl.study.study_result import StudyResult, WorstRun, read_result
 from rpctl.view.pages.page import Badge, render_page
 from rpctl.view.pages.report import report_page, report_policy
 from rpctl.view.plots.figures import svg_address, to_png

@@ -18,6 +18,7 @@ import rpctl
 from rpctl.arrays import Array
 from rpctl.study.design import Design
 from rpctl.study.experiment import RunTable
+from rpctl.study.merits import Unit, number
 from rpctl.study.optimise import BETTER, UNCLEAR, WORSE, optimum_sentence
 from rpctl.study.statistics import (
     Interval,
@@ -30,7 +31,6 @@ from rpctl.study.statistics import (
 from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, WorstRun
-from rpctl.study.words import Unit, number
 from rpctl.view.pages import study
 from rpctl.view.pages.report import report_policy
 from rpctl.view.plots import style
