@@ -102,8 +102,7 @@ def _estimated(findings: Findings, description: Description, link: Link, density
         f"{lacks}; estimated: {mass:.4g} kg from {len(solids)} {kind} "
         f"shape{'s' * (len(solids) > 1)} at {density:g} kg/m3",
     )
-    com = read_only(whole.centroid)
-    return replace(link, mass=mass, com=com, inertia=inertia, estimated=True)
+    return replace(link, mass=mass, com=read_only(whole.centroid), inertia=inertia, estimated=True)
 
 
 def _solid(findings: Findings, paths: MeshPaths, link: Link, shape: Shape) -> Solid | None:

@@ -147,12 +147,12 @@ def line_of(text: str, path: str) -> int | None:
             ``kinematic.base_obstacles[2].radius``.
     """
     wanted = QUOTES.sub("", path)
-    found: tuple[int, int] | None = None  # length of what matches, line
-    for name, line in _places(text):
-        inside = wanted == name or (wanted.startswith(name) and wanted[len(name)] in ".[")
-        if inside and (found is None or len(name) > found[0]):
-            found = len(name), line
-    return None if found is None else found[1]
+    around = [
+        (name, line)
+        for name, line in _places(text)
+        if wanted == name or (wanted.startswith(name) and wanted[len(name)] in ".[")
+    ]
+    return max(around, key=lambda each: len(each[0]), default=("", None))[1]
 
 
 def _places(text: str) -> list[tuple[str, int]]:

@@ -301,9 +301,7 @@ class Robot:
 
     def joint_position(self, q: Array, joint: str) -> float:
         """Return a joint's position (rad or m) in q, or where it is locked."""
-        if joint in self.locked:
-            return self.locked[joint]
-        return self.entries[joint].read(q)
+        return self.locked[joint] if joint in self.locked else self.entries[joint].read(q)
 
     def joint_positions(self, q: Array) -> Array:
         """Return the arm's positions (n_joints,), rad or m; continuous joints in (−π, π]."""

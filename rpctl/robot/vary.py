@@ -213,8 +213,9 @@ def _attached(
     while name in description.link or name + JOINT in description.joint:
         name += "_"
     link = Link(name, line, mass, read_only(com), read_only(inertia), (), ())
-    place, limits = (read_only(np.eye(4)), read_only([1.0, 0.0, 0.0])), (-math.inf, *[math.inf] * 3)
-    joint = Joint(name + JOINT, line, "fixed", carrier, name, *place, *limits, None, 0.0, 0.0)
+    inf, place = math.inf, (read_only(np.eye(4)), read_only([1.0, 0.0, 0.0]))
+    ends, limits = (carrier, name), (-inf, inf, inf, inf)
+    joint = Joint(name + JOINT, line, "fixed", *ends, *place, *limits, None, 0.0, 0.0)
     write = partial(_write_payload, link=link, joint=joint)
     return description.edited(
         write,

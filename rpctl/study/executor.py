@@ -22,7 +22,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from multiprocessing import resource_tracker
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from rpctl.errors import RpctlError
 from rpctl.files.own_code import sent
@@ -235,8 +235,7 @@ def run_pickled(work: bytes, chunk: bytes) -> Any:
 
 @lru_cache(maxsize=1)
 def _loaded(work: bytes) -> Callable[[Any], Any]:
-    loaded: Callable[[Any], Any] = pickle.loads(work)
-    return loaded
+    return cast("Callable[[Any], Any]", pickle.loads(work))
 
 
 def executor_for(workers: int) -> Executor:

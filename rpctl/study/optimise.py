@@ -15,7 +15,6 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.writing import make_folder, to_json, write_atomically
 from rpctl.libraries import library
-from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.study.design import Design
@@ -25,7 +24,7 @@ from rpctl.study.merits import merit_unit, merit_words, merits_for, number, unit
 from rpctl.study.runner import Runner, run_rows
 from rpctl.study.scatter import Scatter, settings_at, with_values
 from rpctl.study.statistics import CONFIDENCE, Interval, mean, quantile, share
-from rpctl.study.store import Journal, code_identity, experiment_identity
+from rpctl.study.store import Journal, identity
 from rpctl.study.study import Optimisation, Study, succeeded
 
 SEARCH_FOLDER, JOURNAL_FILE = "optimize", "generations.jsonl"
@@ -124,19 +123,17 @@ class _Search:
     def begin(self, resume: bool) -> None:
         """Make the journal, or take what it holds: the search walks the same way again."""
         study, own = self.study, asdict(self.asked)
-        identity = {
-            "robot": robot_identity(self.robot),
+        follows_from = {
+            **identity(self.robot, study.experiment, study.scatter, study.design),
             "seed": study.settings.seed,
-            "experiment": experiment_identity(study.experiment, study.scatter),
             "success": dict(study.success),
             "optimize": {
                 **{key: own[key] for key in own if key not in ("validation", "evaluations")},
                 "parameters": self._ends(),
             },
-            "versions": code_identity(study.design),
         }
         path = self.out / SEARCH_FOLDER / JOURNAL_FILE
-        self._journal = Journal(path, identity, "a search")
+        self._journal = Journal(path, follows_from, "a search")
         for record in self._journal.begin(resume):
             self._known |= zip(map(_key, record["points"]), record["costs"], strict=True)
 

@@ -128,9 +128,11 @@ class Runner:
         for first in range(0, count, BLOCK):
             rows = slice(first, min(first + BLOCK, count))
             if lanes is not None:
-                verdicts |= lanes.fill(
-                    table, rows, values[rows], lambda done, _, n=first: notify(n + done, count)
-                )
+
+                def told(done: int, _: int, first: int = first) -> None:
+                    notify(first + done, count)
+
+                verdicts |= lanes.fill(table, rows, values[rows], told)
             for row in range(rows.start, rows.stop):
                 if row not in verdicts:
                     verdicts[row] = self._run_row(table, row, values[row])

@@ -13,7 +13,8 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, field
-from typing import Any, Protocol, get_args, get_origin, runtime_checkable
+from fnmatch import fnmatchcase
+from typing import Any, Protocol, cast, get_args, get_origin, runtime_checkable
 
 import numpy as np
 
@@ -71,17 +72,9 @@ def scatter_of(given: Scatter | Mapping[str, Any] | None, config: Config) -> Sca
         scatter = Scatter({name: distribution_of(value, name) for name, value in items})
     choices = scattered_paths(config)
     for name in scatter.names:
-        if not any(_is_path(name, choice) for choice in choices):
+        if not any(fnmatchcase(name, choice.replace(PATTERN, "?*")) for choice in choices):
             raise UnknownNameError("scattered setting", name, choices)
     return scatter
-
-
-def _is_path(name: str, choice: str) -> bool:
-    """Return whether a path is one of the list of what there is."""
-    head, pattern, tail = choice.partition(PATTERN)
-    long = len(name) > len(head) + len(tail)
-    matches = pattern and long and name.startswith(head) and name.endswith(tail)
-    return name == choice or bool(matches)
 
 
 def scattered_paths(config: Config) -> tuple[str, ...]:
@@ -147,8 +140,7 @@ def with_entries(config: Config, paths: Sequence[Sequence[str]], values: Sequenc
         for key in above:
             place = place.setdefault(key, {})
         place[last] = value
-    changed: Config = _changed(config, changes)
-    return changed
+    return cast("Config", _changed(config, changes))
 
 
 def settings_at(scatter: Scatter, points: Array) -> Array:

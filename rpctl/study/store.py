@@ -30,6 +30,8 @@ from rpctl.files.opening import open_input, read_input
 from rpctl.files.records import to_plain
 from rpctl.files.strict_json import read_json
 from rpctl.files.writing import make_folder, write_atomically, writing
+from rpctl.robot.inspection import robot_identity
+from rpctl.robot.model import Robot
 from rpctl.simulation.loop.budget import in_bytes
 from rpctl.study.design import Design, extra
 from rpctl.study.experiment import Experiment, RunTable
@@ -38,7 +40,7 @@ from rpctl.study.scatter import Scatter, distribution_table
 DIGEST = "sha256"  # of the rest of a line, or of all rows
 MOST_SHOWN = 5  # differences that a message names
 PACKAGES = ("rpctl", "numpy", "pin", "casadi", "llvmlite")  # that results depend on
-DRAWN_BY = {"sobol": "SALib", "morris": "SALib"}  # other designs are NumPy's and SciPy's
+DRAWN_BY = {"sobol": ("SALib",), "morris": ("SALib",)}  # other designs are NumPy's and SciPy's
 PYTHON, CODE = "python", "rpctl's code"
 DIGITS = 12  # of a digest: enough to tell two checkouts apart
 
@@ -163,10 +165,16 @@ def _code_digest() -> str:
     return digest.hexdigest()[:DIGITS]
 
 
-def code_identity(design: Design) -> dict[str, str]:
-    """Return the versions of what computes the runs of a design, and draws its points."""
-    packages = ("scipy", *((DRAWN_BY[design.kind],) if design.kind in DRAWN_BY else ()))
-    return {**installed(), **{name: version(name) for name in packages}}
+def identity(
+    robot: Robot, experiment: Experiment, scatter: Scatter, design: Design
+) -> dict[str, Any]:
+    """Return what the runs of an experiment follow from, at the points of a design."""
+    drawn_by = ("scipy", *DRAWN_BY.get(design.kind, ()))
+    return {
+        "robot": robot_identity(robot),
+        "experiment": experiment_identity(experiment, scatter),
+        "versions": {**installed(), **{name: version(name) for name in drawn_by}},
+    }
 
 
 def experiment_identity(experiment: Experiment, scatter: Scatter) -> dict[str, Any]:

@@ -17,7 +17,6 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.records import NOT_NEGATIVE, POSITIVE, OneOf, Range, Record, Setting
 from rpctl.files.writing import write_atomically
-from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.loop.track import require_affordable
@@ -32,8 +31,7 @@ from rpctl.study.statistics import worst_rows
 from rpctl.study.store import (
     RUNS_FILE,
     Journal,
-    code_identity,
-    experiment_identity,
+    identity,
     read_runs,
     record_of,
     table_of,
@@ -194,13 +192,9 @@ def run_study(
     design = vars(study.design)
     if study.design.kind == "monte-carlo":  # of which more runs extend a study
         design = {name: value for name, value in design.items() if name != "count"}
-    identity = {
-        "robot": robot_identity(robot),
-        "design": design,
-        "experiment": experiment_identity(study.experiment, study.scatter),
-        "versions": code_identity(study.design),
-    }
-    journal = Journal(out / JOURNAL_FILE, identity, "a study")
+    follows_from = identity(robot, study.experiment, study.scatter, study.design)
+    follows_from["design"] = design
+    journal = Journal(out / JOURNAL_FILE, follows_from, "a study")
     tables = _kept(journal, resume)
     if study.text:
         write_atomically(out / STUDY_FILE, study.text.encode(), follow_links=False)

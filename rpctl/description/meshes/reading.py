@@ -218,11 +218,10 @@ def _checked(answer: dict[str, Any], arrays: Sequence[Any]) -> Mesh:
         raise ValueError
     surfaces = []
     for colour, vertices, faces in zip(colours, arrays[::2], arrays[1::2], strict=True):
-        if vertices.dtype != np.float64 or vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
-            raise ValueError
-        if not len(faces) or not np.abs(vertices).max() <= MAX_COORDINATE:
-            raise ValueError
-        if faces.dtype != np.uint32 or faces.max() >= len(vertices):
+        of_vertices = vertices.dtype == np.float64 and vertices.shape[1:] == (3,)
+        of_faces = faces.dtype == np.uint32 and faces.shape[1:] == (3,) and len(faces)
+        sound = of_vertices and of_faces and faces.max() < len(vertices)
+        if not (sound and np.abs(vertices).max() <= MAX_COORDINATE):
             raise ValueError
         faces = faces.astype(np.int64)
         faces.setflags(write=False)

@@ -180,9 +180,7 @@ def _size(findings: Findings, solid: Any) -> tuple[float, ...] | None:
     else:
         findings.warn(solid, f"<{kind}> is no URDF shape; it is left out")
         return None
-    if len(findings.items) == before:
-        return _sane(findings, solid, size)
-    return tuple(size)
+    return _sane(findings, solid, size) if len(findings.items) == before else tuple(size)
 
 
 def _sane(findings: Findings, solid: Any, size: list[float]) -> tuple[float, ...] | None:
