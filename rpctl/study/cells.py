@@ -171,7 +171,8 @@ class CellRunner:
             reference = self.references(config.run)
             if self.timed:
                 kinematic, dynamic = (
-                    TimedLaw(law, seconds) for law in (config.kinematic, config.dynamic)
+                    TimedLaw(law, seconds)  # type: ignore[arg-type]
+                    for law in (config.kinematic, config.dynamic)
                 )
                 config = replace(config, kinematic=kinematic, dynamic=dynamic)
             run = simulate(self.references.robot, config, reference, ended=ended.append)
