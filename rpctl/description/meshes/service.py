@@ -76,11 +76,7 @@ class MeshService:
             except StalledMeshError:
                 if time.monotonic() - self._asked >= cap("MAX_MESH_SECONDS"):
                     raise
-        try:
-            worker = Worker(self._module, cap("MAX_MESH_MEMORY"), LIFE_S)
-        except WorkerError as error:
-            raise MeshError(f"not read: {excerpt(str(error))}; meshes need a process") from None
-        return self._ask_worker(worker, request, most)
+        return self._ask_worker(self._start(), request, most)
 
     def _ask_worker(self, worker: Worker, request: bytes, most: int) -> bytes:
         """Return one process's answer; without one it is ended."""
@@ -103,6 +99,12 @@ class MeshService:
             raise
         self._worker = worker
         return answer
+
+    def _start(self) -> Worker:
+        try:
+            return Worker(self._module, cap("MAX_MESH_MEMORY"), LIFE_S)
+        except WorkerError as error:
+            raise MeshError(f"not read: {excerpt(str(error))}; meshes need a process") from None
 
     def close(self) -> None:
         """End the process, if there is one."""
