@@ -61,15 +61,15 @@ from rpctl.simulation.plants.settings import Slipping as Slipping
 from rpctl.simulation.plants.settings import Wrench as Wrench
 from rpctl.simulation.plants.starting import start_plant as start_plant
 from rpctl.simulation.run.run import Run as Run
-from rpctl.study.distributions import AnyOf as AnyOf
-from rpctl.study.distributions import Fixed as Fixed
-from rpctl.study.distributions import LogUniform as LogUniform
-from rpctl.study.distributions import Normal as Normal
-from rpctl.study.distributions import Uniform as Uniform
 from rpctl.study.lag import SpeedLog as SpeedLog
 from rpctl.study.lag import lag_from as lag_from
 from rpctl.study.rollout import Rollouts as Rollouts
 from rpctl.study.rollout import rollout as rollout
+from rpctl.study.scatter import AnyOf as AnyOf
+from rpctl.study.scatter import Fixed as Fixed
+from rpctl.study.scatter import LogUniform as LogUniform
+from rpctl.study.scatter import Normal as Normal
+from rpctl.study.scatter import Uniform as Uniform
 from rpctl.view.pages.report import write_report as write_report
 
 __version__: str

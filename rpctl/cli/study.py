@@ -25,15 +25,8 @@ from rpctl.simulation.loop.backend import BACKENDS
 from rpctl.study.cluster import DaskExecutor
 from rpctl.study.design import extra
 from rpctl.study.executor import Executor, executor_for
-from rpctl.study.merits import REFUSED
-from rpctl.study.optimise import BETTER, optimise, optimum_sentence, statistic_words
-from rpctl.study.sensitivity import Sensitivity, importances
-from rpctl.study.statistics import Interval
-from rpctl.study.store import RUNS_FILE
-from rpctl.study.study import Study, run_study
-from rpctl.study.study_file import read_study, study_template
-from rpctl.study.study_result import StudyResult, read_result, replay_command
-from rpctl.study.words import (
+from rpctl.study.merits import (
+    REFUSED,
     Unit,
     grouped,
     merit_unit,
@@ -44,6 +37,12 @@ from rpctl.study.words import (
     share_span,
     unit_of,
 )
+from rpctl.study.optimise import BETTER, optimise, optimum_sentence, statistic_words
+from rpctl.study.statistics import Interval, Sensitivity, importances
+from rpctl.study.store import RUNS_FILE
+from rpctl.study.study import Study, run_study
+from rpctl.study.study_file import read_study, study_template
+from rpctl.study.study_result import StudyResult, read_result, replay_command
 
 SUMMARY_FILE = "study.json"
 PAGE = "rpctl.view.pages.study"
@@ -214,7 +213,7 @@ def _outcomes(result: StudyResult) -> str:
 def _show_statistics(out: Console, result: StudyResult) -> None:
     table = new_table("merit", ">median", ">5 to 95 % of runs", ">worst", "unit")
     for each in result.statistics:
-        at = {found.level: found.value for found in each.quantiles}
+        at = {level: found.value for level, found in each.quantiles.items()}
         unit = unit_of(result.units.get(each.name, ""), each.largest)
         table.add_row(
             merit_words(each.name),
@@ -283,17 +282,17 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
                       _span(value.low, value.high, unit.factor))  # fmt: skip
     out.print(table)
     out.print()
-    judged = optimum_sentence(found)
-    style = {BETTER: "green"}.get(judged.verdict, "yellow")
-    sentence = judged.text.removeprefix(judged.verdict)
-    out.print(f"[{style}]{judged.verdict}[/]{escape(sentence)}", soft_wrap=True)
+    verdict, text = optimum_sentence(found)
+    style = {BETTER: "green"}.get(verdict, "yellow")
+    sentence = text.removeprefix(verdict)
+    out.print(f"[{style}]{verdict}[/]{escape(sentence)}", soft_wrap=True)
     share = Interval(**checked["better"])
     out.print(f"smaller in {percent(share.value)} of the runs ({share_span(share)}), each with the "
               f"same scatter; {found['evaluations']} sets of settings were tried")  # fmt: skip
-    if judged.verdict != BETTER:
+    if verdict != BETTER:
         out.print("the search met too few runs to tell: give it more, or keep the file's settings")
     config = Path(found["config"])
-    kind = "the settings found" if judged.verdict == BETTER else "what was found"
+    kind = "the settings found" if verdict == BETTER else "what was found"
     out.print(f"use {kind}: [bold]{escape(replay_command(command, config))}[/]", soft_wrap=True)
 
 

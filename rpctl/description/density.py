@@ -10,7 +10,8 @@ import coal
 import numpy as np
 from lxml import etree
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
+from rpctl.description.meshes.jobs import stack
 from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.meshes.reading import read_shape
 from rpctl.description.meshes.service import StalledMeshError, ask
@@ -65,9 +66,9 @@ def fill(description: Description, density: float) -> Description:
     """
     if not 0.0 < density <= MAX_DENSITY:
         raise RpctlError(f"density is {density:g}; give kg/m3, as 1000 for water")
-    estimator = _Estimator(description, density)
-    links = tuple(estimator.link(link) for link in description.links)
-    errors = [each for each in estimator.findings.items if each.severity == "error"]
+    findings = Findings()
+    links = tuple(_estimated(findings, description, link, density) for link in description.links)
+    errors = [each for each in findings.items if each.severity == "error"]
     if errors:
         raise DescriptionError(description.path, errors)
     filled = {link.name: link for link in links if link.estimated}
@@ -75,71 +76,55 @@ def fill(description: Description, density: float) -> Description:
         lambda root: write_inertials(root, filled),
         None,
         links=links,
-        findings=(*description.findings, *estimator.findings.items),
+        findings=(*description.findings, *findings.items),
     )
 
 
-class _Estimator:
-    """Estimates links, and collects what there is to say of them."""
+def _estimated(findings: Findings, description: Description, link: Link, density: float) -> Link:
+    """Return a link with the inertia of its shapes, or as it is; what there is to say is noted."""
+    if link.mass is not None:
+        return link
+    shapes, kind = link.collisions or link.visuals, "collision" if link.collisions else "visual"
+    paths = description.mesh_paths
+    solids = [*filter(None, (_solid(findings, paths, link, shape) for shape in shapes))]
+    lacks = f'link "{link.name}" has no <inertial>'
+    if not solids:
+        above = description.parent_joint.get(link.name)
+        if above is not None and above.moving:
+            text = f"{lacks} and no shape to estimate it from; give one of them"
+            findings.add_at("warning", link.line, text)
+        return link
+    whole = _sum(solids)
+    mass, inertia = density * whole.volume, read_only(density * whole.moment)
+    findings.add_at(
+        "info",
+        link.line,
+        f"{lacks}; estimated: {mass:.4g} kg from {len(solids)} {kind} "
+        f"shape{'s' * (len(solids) > 1)} at {density:g} kg/m3",
+    )
+    return replace(link, mass=mass, com=read_only(whole.centroid), inertia=inertia, estimated=True)
 
-    def __init__(self, description: Description, density: float) -> None:
-        self.findings = Findings()
-        self._paths = description.mesh_paths
-        self._density = density
-        self._moved = {joint.child for joint in description.joints if joint.moving}
 
-    def link(self, link: Link) -> Link:
-        """Return the link with the inertia of its shapes, or as it is."""
-        if link.mass is not None:
-            return link
-        shapes, kind = link.collisions or link.visuals, "collision" if link.collisions else "visual"
-        solids = list(filter(None, (self._solid(link, shape) for shape in shapes)))
-        if not solids:
-            if link.name in self._moved:
-                self.findings.add_at(
-                    "warning",
-                    link.line,
-                    f'link "{link.name}" has no <inertial> and no shape to estimate it from; '
-                    "give one of them",
-                )
-            return link
-        whole = _sum(solids)
-        mass, inertia = self._density * whole.volume, self._density * whole.moment
-        self.findings.add_at(
-            "info",
-            link.line,
-            f'link "{link.name}" has no <inertial>; estimated: {mass:.4g} kg from '
-            f"{len(solids)} {kind} shape{'s' * (len(solids) > 1)} at {self._density:g} kg/m3",
-        )
-        for array in (whole.centroid, inertia):
-            array.setflags(write=False)
-        return replace(link, mass=mass, com=whole.centroid, inertia=inertia, estimated=True)
-
-    def _solid(self, link: Link, shape: Shape) -> Solid | None:
-        if shape.kind == "mesh":
-            return self._mesh(link, shape)
+def _solid(findings: Findings, paths: MeshPaths, link: Link, shape: Shape) -> Solid | None:
+    """Return the body of a shape in its link's frame; None of one that encloses nothing."""
+    if shape.kind != "mesh":
         body = primitive(shape)
         solid = Solid(body.computeVolume(), np.zeros(3), body.computeMomentofInertia())
         return solid.placed(shape.origin) if solid.volume > LEAST_VOLUME else None
-
-    def _mesh(self, link: Link, shape: Shape) -> Solid | None:
-        name = f'mesh "{excerpt(shape.mesh or "")}" of link "{link.name}"'
-        try:
-            solid, closed = _mesh_solid(shape, self._paths)
-        except MeshError as error:
-            fault, severity = f"{name} gives no estimate: {error}", "warning"
-            if not isinstance(error, FlatMeshError):  # what is not known is not nothing
-                severity = "error"
-                fault += "; its link has no <inertial>: give one, or the mesh"
-            self.findings.add_at(severity, shape.line, fault)
-            return None
-        if not closed:
-            self.findings.add_at(
-                "warning",
-                shape.line,
-                f"{name} is not watertight; its convex hull is taken, close the mesh",
-            )
-        return solid.placed(shape.origin)
+    name = f'mesh "{excerpt(shape.mesh or "")}" of link "{link.name}"'
+    try:
+        solid, closed = _mesh_solid(shape, paths)
+    except FlatMeshError as error:
+        findings.add_at("warning", shape.line, f"{name} gives no estimate: {error}")
+        return None
+    except MeshError as error:  # what is not known is not nothing
+        text = "its link has no <inertial>: give one, or the mesh"
+        findings.add_at("error", shape.line, f"{name} gives no estimate: {error}; {text}")
+        return None
+    if not closed:
+        text = f"{name} is not watertight; its convex hull is taken, close the mesh"
+        findings.add_at("warning", shape.line, text)
+    return solid.placed(shape.origin)
 
 
 def primitive(shape: Shape) -> Any:
@@ -154,12 +139,8 @@ def _mesh_solid(shape: Shape, paths: MeshPaths) -> tuple[Solid, bool]:
         FlatMeshError: It encloses nothing.
         MeshError: There is no such mesh, or it cannot be read.
     """
-    vertices, faces, count = [], [], 0
-    for surface in read_shape(shape.mesh or "", shape.size, paths).surfaces:
-        vertices.append(surface.vertices)
-        faces.append(surface.faces + count)
-        count += len(surface.vertices)
-    arrays = [np.concatenate(vertices), np.concatenate(faces).astype("<u4")]
+    surfaces = read_shape(shape.mesh or "", shape.size, paths).surfaces
+    arrays = stack([(surface.vertices, surface.faces) for surface in surfaces])
     try:
         answer, numbers = ask("solid", {"scale": list(shape.size)}, arrays)
         volume, centroid, moment = (np.array(each, dtype=float) for each in numbers)

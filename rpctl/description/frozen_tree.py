@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.records import Description, Joint, Shape
 
 MAX_TILT_SINE = 0.02  # sine of the largest angle off a level or parallel line (rounding)
@@ -98,9 +98,7 @@ class FrozenTree:
             for below in self.description.child_joints[name]:
                 poses[below.child] = poses[name] @ self._motion(below)
                 stack.append(below.child)
-        for pose in poses.values():
-            pose.setflags(write=False)
-        return poses
+        return {name: read_only(pose) for name, pose in poses.items()}
 
     def _motion(self, joint: Joint) -> Array:
         """Return the pose (4, 4) of a joint's child link in its parent link's frame."""

@@ -90,7 +90,8 @@ class Packages:
         if name in ("", ".", "..") or "/" in name or "\0" in name:
             return ()
         first, rest = _named(self.declared, name), _named(self.around, name)
-        folders = [*first, *self.index.get(name, ()), *sorted(rest, key=_is_bare)]
+        rest.sort(key=has_manifest, reverse=True)
+        folders = [*first, *self.index.get(name, ()), *rest]
         return tuple(dict.fromkeys(f for f in folders if os.path.isdir(f)))  # noqa: PTH112
 
 
@@ -156,11 +157,6 @@ def _named(places: Iterable[str], name: str) -> list[str]:
         folders += [place] * (Path(place).name == name or package_name(place) == name)
         folders += [os.path.join(place, name)]  # noqa: PTH118 - as os.path.realpath's
     return [os.path.realpath(folder) for folder in folders]
-
-
-def _is_bare(folder: str) -> bool:
-    """Whether a folder has no manifest."""
-    return not has_manifest(folder)
 
 
 @lru_cache(maxsize=64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,29 +16,17 @@ from rpctl.files.opening import read_input
 SAME_POSITION = 1e-9  # rad or m; two groups may both state a joint that they share
 
 
-@dataclass(frozen=True)
-class StatedPosition:
-    """Where a group state puts a joint.
-
-    Attributes:
-        joint: Name of the joint.
-        value: Position, rad or m.
-        line: Line of the file.
-    """
-
-    joint: str
-    value: float
-    line: int
-
-
 def read_state(
     path: str | Path, name: str, settings: ReadSettings = READ_DEFAULTS
-) -> tuple[StatedPosition, ...]:
+) -> dict[str, tuple[float, int]]:
     """Return the positions of a group state; those of several groups of that name are joined.
 
     Args:
         path: The SRDF, or the .xacro that becomes one; lines are those of what it becomes.
         settings: Of the robot: its packages, and the values of arguments that the SRDF has, too.
+
+    Returns:
+        By joint its position, rad or m, and the line of the file.
 
     Raises:
         DescriptionError: The file is no SRDF, has no such state, or contradicts itself.
@@ -54,17 +42,24 @@ def read_state(
         raise fault_at(
             path, root.sourceline, f'no group state is called "{excerpt(name)}"; {listed}'
         )
-    stated: dict[str, StatedPosition] = {}
-    for state in chosen:
-        for element in state.findall("joint"):
-            _add(stated, findings, element)
+    stated: dict[str, tuple[float, int]] = {}
+    for element in (each for state in chosen for each in state.findall("joint")):
+        joint = element.get("name", "")
+        if not joint:
+            findings.error(element, "<joint> of a group state without a name; name it")
+        elif len(element.get("value", "").split()) < 2:  # else the base's own, planar or floating
+            value = findings.number(element, "value")
+            before, line = stated.setdefault(joint, (value, element.sourceline))
+            if abs(before - value) > SAME_POSITION:
+                text = f'joint "{joint}" is at {value:g} here and at {before:g} at line {line}; '
+                findings.error(element, f"{text}states of one name are joined, correct one of them")
     if findings.errors:
         raise DescriptionError(path, findings.sorted())
-    return tuple(stated.values())
+    return stated
 
 
 def _document(path: Path, findings: Findings, settings: ReadSettings) -> Any:
-    """Return the root element of an SRDF.
+    """Return the root element of an SRDF; of a .xacro with the robot's arguments that it declares.
 
     Raises:
         DescriptionError: There is none in the file.
@@ -73,35 +68,13 @@ def _document(path: Path, findings: Findings, settings: ReadSettings) -> Any:
     data = read_input(path, "MAX_BYTES", "an SRDF and a state in it, as robot.srdf:home")
     try:
         if is_xacro(path, data):
-            data = _expanded(path, settings)
+            given = settings.xacro_args
+            declared = {each.name for each in list_arguments(path, settings)} if given else ()
+            given = {name: value for name, value in given.items() if name in declared}
+            data = expand(path, replace(settings, xacro_args=given)).text.encode("utf-8")
         root = parse_document(data, findings)
         if root.find("link") is not None:
             raise Refusal("this is a URDF; give the SRDF beside it", root.sourceline)
     except Refusal as refusal:
         raise fault_at(path, refusal.line, str(refusal)) from None
     return root
-
-
-def _expanded(path: Path, settings: ReadSettings) -> bytes:
-    """Return what a .xacro becomes, with the robot's arguments as far as it declares them."""
-    given = settings.xacro_args
-    if given:
-        declared = {argument.name for argument in list_arguments(path, settings)}
-        given = {name: value for name, value in given.items() if name in declared}
-    return expand(path, replace(settings, xacro_args=given)).text.encode("utf-8")
-
-
-def _add(stated: dict[str, StatedPosition], findings: Findings, element: Any) -> None:
-    """Add the position of one <joint>, or note what is wrong with it."""
-    name = element.get("name", "")
-    if not name:
-        findings.error(element, "<joint> of a group state without a name; name it")
-        return
-    if len(element.get("value", "").split()) > 1:
-        return  # a planar or floating joint, which no URDF has: the base's own
-    value = findings.number(element, "value")
-    known = stated.get(name)
-    if known is not None and abs(known.value - value) > SAME_POSITION:
-        text = f'joint "{name}" is at {value:g} here and at {known.value:g} at line {known.line}'
-        findings.error(element, f"{text}; states of one name are joined, correct one of them")
-    stated.setdefault(name, StatedPosition(name, value, element.sourceline))

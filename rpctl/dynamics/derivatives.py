@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 from rpctl import math as casadi
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
-from rpctl.robot.kept import kept
 from rpctl.robot.model import Robot
 
 KEPT_ROBOTS = 4  # whose formulas are kept
@@ -74,7 +74,7 @@ class LinearDynamics:
         return LinearModel(*(found.full() for found in self._function(q, nu, tau)))
 
 
-@kept(KEPT_ROBOTS)
+@lru_cache(maxsize=KEPT_ROBOTS)
 def linear_dynamics(robot: Robot) -> LinearDynamics:
     """Return the linear models of a robot; those of the last robots are kept."""
     return LinearDynamics(robot)

@@ -35,7 +35,7 @@ from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
 from rpctl.errors import RpctlError, require_known
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.robot.inspection import idealisations
+from rpctl.robot.idealised import idealisations
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:

@@ -15,12 +15,12 @@ A_URDF = "a URDF file or a name listed by `rpctl robots`"
 CHUNK = 2**20  # bytes that one read asks for: a file's size is only what it was when asked
 # Non-blocking, so that neither a pipe nobody writes to nor a locked file can hold the process.
 FLAGS = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY
-SPECIAL = (
-    (stat.S_ISFIFO, "a pipe, not a regular file; save what it brings to a file, and"),
-    (stat.S_ISCHR, "a character device, not a regular file;"),
-    (stat.S_ISBLK, "a block device, not a regular file;"),
-    (stat.S_ISSOCK, "a socket, not a regular file;"),
-)
+SPECIAL = {
+    stat.S_IFIFO: "a pipe, not a regular file; save what it brings to a file, and",
+    stat.S_IFCHR: "a character device, not a regular file;",
+    stat.S_IFBLK: "a block device, not a regular file;",
+    stat.S_IFSOCK: "a socket, not a regular file;",
+}
 
 
 def open_input(path: str | Path, cap_name: str, kind: str) -> BinaryIO:
@@ -133,12 +133,9 @@ def unreadable(path: str | Path, error: Exception, kind: str) -> InputError:
 
 
 def _require_regular(found: os.stat_result, path: str | Path, kind: str) -> None:
-    if stat.S_ISREG(found.st_mode):
-        return
-    for is_such, fault in SPECIAL:
-        if is_such(found.st_mode):
-            raise InputError(path, f"{fault} give {kind}")
-    raise InputError(path, f"Is a directory; give {kind}")
+    if not stat.S_ISREG(found.st_mode):
+        fault = SPECIAL.get(stat.S_IFMT(found.st_mode), "Is a directory;")
+        raise InputError(path, f"{fault} give {kind}")
 
 
 def _require_within(size: int, cap_name: str, path: str | Path) -> None:

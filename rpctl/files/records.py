@@ -241,11 +241,8 @@ def read_toml(path: str | Path, kind: Callable[..., Made], what: str) -> Made:
     Raises:
         DescriptionError: The file is missing, is not TOML, or has faults; all are named.
     """
-
-    def schema(data: Plain, faults: list[str]) -> Any:
-        return read_record(kind, data, "", faults)
-
-    return toml.read(path, schema, what)
+    # It raises where there is no record, for then there are faults.
+    return toml.read(path, lambda data, faults: read_record(kind, data, "", faults), what)  # type: ignore[return-value]
 
 
 def read_record(

@@ -54,8 +54,15 @@ def read(path: str | Path, schema: Schema[Content], kind: str) -> Content:
     Raises:
         DescriptionError: The file is missing, too long, no TOML, or has faults; all are named.
     """
-    text = read_text(path, "MAX_TOML_BYTES", kind)
-    data = _parse(path, text, kind)
+    text = read_text(path, "MAX_TOML_BYTES", kind).replace("\r\n", "\n")
+    if beyond := too_deep_or_long(text):
+        raise fault_at(path, *beyond)
+    try:
+        data = tomllib.loads(text, parse_float=read_float)
+    except tomllib.TOMLDecodeError as error:
+        at = AT_LINE.search(str(error))  # in the text only: the exception has no line before 3.14
+        fault = f"not TOML: {AT_LINE.sub('', str(error))}; {kind} is TOML"
+        raise fault_at(path, int(at[1]) if at else None, fault) from None
     faults = value_faults(data)
     if not faults:  # else a schema would have to expect them
         content = schema(data, faults)
@@ -63,20 +70,6 @@ def read(path: str | Path, schema: Schema[Content], kind: str) -> Content:
         found = [Finding("error", _line(text, fault), fault) for fault in faults]
         raise DescriptionError(path, found)
     return content
-
-
-def _parse(path: str | Path, text: str, kind: str) -> Table:
-    text = text.replace("\r\n", "\n")
-    if beyond := too_deep_or_long(text):
-        raise fault_at(path, *beyond)
-    try:
-        return tomllib.loads(text, parse_float=read_float)
-    except tomllib.TOMLDecodeError as error:
-        at = AT_LINE.search(str(error))  # in the text only: the exception has no line before 3.14
-        reason = AT_LINE.sub("", str(error))
-        raise fault_at(
-            path, int(at[1]) if at else None, f"not TOML: {reason}; {kind} is TOML"
-        ) from None
 
 
 def _line(text: str, fault: str) -> int | None:
@@ -154,12 +147,12 @@ def line_of(text: str, path: str) -> int | None:
             ``kinematic.base_obstacles[2].radius``.
     """
     wanted = QUOTES.sub("", path)
-    found: tuple[int, int] | None = None  # length of what matches, line
-    for name, line in _places(text):
-        inside = wanted == name or (wanted.startswith(name) and wanted[len(name)] in ".[")
-        if inside and (found is None or len(name) > found[0]):
-            found = len(name), line
-    return None if found is None else found[1]
+    around = [
+        (name, line)
+        for name, line in _places(text)
+        if wanted == name or (wanted.startswith(name) and wanted[len(name)] in ".[")
+    ]
+    return max(around, key=lambda each: len(each[0]), default=("", None))[1]
 
 
 def _places(text: str) -> list[tuple[str, int]]:

@@ -27,7 +27,6 @@ from rpctl.reference.motion import configurations
 from rpctl.reference.path_reference import PathReference, Waves, waves
 from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, comfortable_radius, robot_length
 from rpctl.robot.collision import TOUCH_M, CollisionModel, collision_model
-from rpctl.robot.kept import kept
 from rpctl.robot.model import Robot
 from rpctl.robot.pair_motion import approach_rates, joint_motion, joint_travel
 
@@ -74,7 +73,7 @@ BASE_PATHS: dict[str, NamedPath] = {
 }
 
 
-@kept(KNOWN)
+@lru_cache(maxsize=KNOWN)
 def reference_by_name(
     robot: Robot, name: str, wish: SizingRequest | None = None, collisions: bool = True
 ) -> PathReference:

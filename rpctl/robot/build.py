@@ -37,7 +37,15 @@ def check(tree: FrozenTree) -> None:
     Raises:
         DescriptionError: Too many joints move, or joints move no mass.
     """
-    _require_few_joints(tree)
+    free = [joint for joint in tree.description.joints if tree.is_free(joint)]
+    most = cap("MAX_MOVING_JOINTS")
+    if len(free) > most:
+        raise fault_at(
+            tree.description.path,
+            free[most].line,
+            f"{len(free)} moving joints, where {most} are the limit (memory grows with "
+            f"their cube); freeze some with --lock, or {how_to_raise('MAX_MOVING_JOINTS')}",
+        )
     _require_mass(tree)
 
 
@@ -61,7 +69,13 @@ def build(tree: FrozenTree) -> pin.Model:
                 None,
                 f"Pinocchio refuses this robot: {reason}; correct or simplify it",
             ) from None
-    _require_unique(description, model)
+    names = list(model.names[2:])
+    if len(set(names)) < len(names) or not set(names) <= description.joint.keys():
+        raise fault_at(
+            description.path,
+            None,
+            "Pinocchio reads other joints than the file names; give every joint its own name",
+        )
     require_dynamics(description, model)
     return model
 
@@ -123,19 +137,6 @@ def _captured_stderr() -> Iterator[Callable[[], str]]:
             os.close(kept)
 
 
-def _require_few_joints(tree: FrozenTree) -> None:
-    """Refuse more degrees of freedom than Pinocchio's memory allows."""
-    free = [joint for joint in tree.description.joints if tree.is_free(joint)]
-    most = cap("MAX_MOVING_JOINTS")
-    if len(free) > most:
-        raise fault_at(
-            tree.description.path,
-            free[most].line,
-            f"{len(free)} moving joints, where {most} are the limit (memory grows with "
-            f"their cube); freeze some with --lock, or {how_to_raise('MAX_MOVING_JOINTS')}",
-        )
-
-
 def _require_mass(tree: FrozenTree) -> None:
     """Refuse a joint that moves no mass: the inertia matrix would be singular.
 
@@ -152,25 +153,16 @@ def _require_mass(tree: FrozenTree) -> None:
             continue
         first = description.link[joint.child]
         lacking = "has no <inertial>" if first.mass is None else "has no mass"
-        fix = "give its <inertial> (mass, centre of mass, inertia)"
-        if first.mass is None and (first.collisions or first.visuals):
-            fix = f"{fix}, estimate it with {DENSITY_OPTION}"
-        text = f'link "{first.name}" {lacking}, yet joint "{joint.name}" moves it; {fix}'
-        faults.append(Finding("error", first.line, f"{text}, or freeze it: --lock {joint.name}"))
+        shown = first.mass is None and (first.collisions or first.visuals)
+        estimate = f", estimate it with {DENSITY_OPTION}" if shown else ""
+        text = (
+            f'link "{first.name}" {lacking}, yet joint "{joint.name}" moves it; give its '
+            f"<inertial> (mass, centre of mass, inertia){estimate}, or freeze it: --lock "
+            f"{joint.name}"
+        )
+        faults.append(Finding("error", first.line, text))
     if faults:
         raise DescriptionError(description.path, faults)
-
-
-def _require_unique(description: Description, model: pin.Model) -> None:
-    """Refuse a model whose joints are not those of the file, one for each name."""
-    names = list(model.names[2:])
-    if len(set(names)) == len(names) and set(names) <= description.joint.keys():
-        return
-    raise fault_at(
-        description.path,
-        None,
-        "Pinocchio reads other joints than the file names; give every joint its own name",
-    )
 
 
 def require_dynamics(description: Description, model: pin.Model) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 
 EXAMPLE_ROBOT_DATA = "example-robot-data"
 
@@ -131,10 +132,8 @@ def find(name: str) -> Entry:
     Raises:
         UnknownNameError: No robot of the catalogue has the name; the nearest are suggested.
     """
-    for entry in ENTRIES:
-        if entry.name == name:
-            return entry
-    raise UnknownNameError("robot", name, names())
+    require_known("robot", [name], names())
+    return next(entry for entry in ENTRIES if entry.name == name)
 
 
 @lru_cache(maxsize=1)
@@ -152,13 +151,11 @@ def example_robots() -> Path:
     Raises:
         RpctlError: The package is not installed.
     """
-    try:
-        files = metadata.files(EXAMPLE_ROBOT_DATA) or []
-    except metadata.PackageNotFoundError:
-        files = []
     marker = f"share/{EXAMPLE_ROBOT_DATA}/robots/"
-    for file in files:
-        head, found, _ = file.as_posix().partition(marker)
-        if found:
-            return Path(str(metadata.distribution(EXAMPLE_ROBOT_DATA).locate_file(head + marker)))
+    with suppress(metadata.PackageNotFoundError):
+        for file in metadata.files(EXAMPLE_ROBOT_DATA) or []:
+            head, found, _ = file.as_posix().partition(marker)
+            if found:
+                package = metadata.distribution(EXAMPLE_ROBOT_DATA)
+                return Path(str(package.locate_file(head + marker)))
     raise RpctlError(f"{EXAMPLE_ROBOT_DATA} is not installed; pip install {EXAMPLE_ROBOT_DATA}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import coal
@@ -15,14 +16,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.density import primitive
 from rpctl.description.meshes.paths import MeshError
-from rpctl.description.meshes.reading import Hull, Surface, convex_hull, read_shape
+from rpctl.description.meshes.reading import Surface, convex_hull, read_shape
 from rpctl.description.records import Shape
 from rpctl.errors import listed
 from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.kept import kept
 from rpctl.robot.link_boxes import mass_box
 from rpctl.robot.model import Robot
 
@@ -137,7 +137,7 @@ class Distances:
         )
 
 
-@kept(KEPT_MODELS)
+@lru_cache(maxsize=KEPT_MODELS)
 def collision_model(robot: Robot) -> CollisionModel:
     """Return the shapes of a robot, with the ground, and the pairs that must not touch.
 
@@ -148,7 +148,10 @@ def collision_model(robot: Robot) -> CollisionModel:
     floor[2, 3] = robot.drive.ground
     half_space = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
     everything = (*shapes, standing(GROUND, floor, half_space))
-    pairs = np.array([*_self_pairs(robot, shapes), *_ground_pairs(robot, shapes)], dtype=np.intp)
+    # Wheels and base stand on the ground; of a fixed base the file does not say how high it is.
+    moved = arm_joints(robot) if robot.drive.base_speeds else set()
+    touching = [(k, len(shapes)) for k, shape in enumerate(shapes) if shape.joint in moved]
+    pairs = np.array([*_self_pairs(robot, shapes), *touching], dtype=np.intp)
     whole = _model(robot, everything, pairs.reshape(-1, 2), (), notes)
     return _without_built(whole)
 
@@ -181,15 +184,6 @@ def _self_pairs(robot: Robot, shapes: Sequence[CollisionShape]) -> list[tuple[in
         and parent[first.joint] != second.joint
         and parent[second.joint] != first.joint
     ]
-
-
-def _ground_pairs(robot: Robot, shapes: Sequence[CollisionShape]) -> list[tuple[int, int]]:
-    """Return the pairs of the arm's shapes and the ground; wheels and base stand on it.
-
-    A fixed base has none: its file does not say how high it is mounted.
-    """
-    moved = arm_joints(robot) if robot.drive.base_speeds else set()
-    return [(k, len(shapes)) for k, shape in enumerate(shapes) if shape.joint in moved]
 
 
 def _model(
@@ -282,7 +276,7 @@ def read_collision_shapes(robot: Robot) -> tuple[tuple[CollisionShape, ...], tup
             edges = np.maximum(2.0 * half, THINNEST_M)
             found.append(_placed(robot, link.name, pose, coal.Box(*edges.tolist())))
     notes = [
-        f"the collision mesh of {_listed(names)} is not there ({fault}); "
+        f"the collision mesh of {listed(dict.fromkeys(names), NAMED)} is not there ({fault}); "
         "a box of the link's inertia stands in"
         for fault, names in faults.items()
     ]
@@ -302,9 +296,8 @@ def standing(what: str, pose: Array, geometry: Any) -> CollisionShape:
 
 def _placed(robot: Robot, link: str, origin: Array, geometry: Any) -> CollisionShape:
     """Return a shape that stands at ``origin`` (4, 4) in a link's frame."""
-    frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
-    pose = np.asarray(frame.placement.homogeneous @ origin)
-    return _shape(link, int(frame.parentJoint), pose, geometry)
+    frame = robot.frame(link)
+    return _shape(link, int(frame.parentJoint), frame.placement.homogeneous @ origin, geometry)
 
 
 def _shape(name: str, joint: int, pose: Array, geometry: Any) -> CollisionShape:
@@ -313,9 +306,7 @@ def _shape(name: str, joint: int, pose: Array, geometry: Any) -> CollisionShape:
     radius = float(geometry.aabb_radius)
     if isinstance(geometry, coal.Halfspace):
         centre, radius = np.zeros(3), np.inf
-    for array in (pose, centre):
-        array.setflags(write=False)
-    return CollisionShape(name, joint, pose, geometry, centre, radius)
+    return CollisionShape(name, joint, read_only(pose), geometry, read_only(centre), radius)
 
 
 def _geometry(robot: Robot, shape: Shape) -> Any:
@@ -326,11 +317,11 @@ def _geometry(robot: Robot, shape: Shape) -> Any:
     """
     if shape.mesh is not None:
         mesh = read_shape(shape.mesh, shape.size, robot.description.mesh_paths)
-        return _convex(*_hull(mesh.surfaces, shape.size))
+        return _convex(_hull(mesh.surfaces, shape.size))
     return primitive(shape)
 
 
-def _hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
+def _hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Surface:
     """Return the convex hull of the surfaces of a mesh, with as many corners as coal can take.
 
     coal counts the neighbours of a corner in eight bits, and a disc may have one corner that all
@@ -353,16 +344,9 @@ def _hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
     return convex_hull([Surface(hull.vertices[far], hull.faces[:0], None)], (1.0, 1.0, 1.0))
 
 
-def _convex(vertices: Array, faces: NDArray[np.int64]) -> Any:
-    """Return a convex body of vertices (n, 3), m, and corners (k, 3)."""
+def _convex(hull: Surface) -> Any:
+    """Return a convex body as coal has it."""
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for vertex in vertices:
-        points.append(vertex)
-    for corners in faces.tolist():
-        triangles.append(coal.Triangle(*corners))
+    points.extend([*hull.vertices])
+    triangles.extend([coal.Triangle(*corners) for corners in hull.faces.tolist()])
     return coal.Convex(points, triangles)
-
-
-def _listed(names: list[str]) -> str:
-    """Return names in words, each once; more than ``NAMED`` are counted."""
-    return listed(dict.fromkeys(names), NAMED)

@@ -66,7 +66,12 @@ def find_grippers(tree: FrozenTree) -> tuple[Gripper, ...]:
     taken: set[str] = set()
     for body, branches in _branches(description).items():
         hanging = [j for j in branches if j.name not in taken and _arm_above(tree, j)]
-        short = [joint for joint in hanging if _is_short(tree, joint)]
+        short = [  # and light, and nothing in them turns for ever
+            joint
+            for joint in hanging
+            if _is_small(tree, joint)
+            and not any(each.endless and not each.mimic for each in _below(description, joint))
+        ]
         fingers, why = _fingers(tree, short, complete=len(short) == len(branches))
         names = {below.name for joint in fingers for below in _below(description, joint)}
         taken |= names
@@ -97,19 +102,13 @@ def freeze_grippers(
         names = [n for n in gripper.joints if n not in released and n not in frozen]
         if not names:
             continue
-        told.append(f"{_listed(names)} on {gripper.palm} ({gripper.why})")
-        frozen.update(
-            {n: _frozen_position(description.joint[n], frozen, description) for n in names}
-        )
+        few = ", ".join(names) if len(names) <= 2 else f"{names[0]} and {len(names) - 1} more"
+        told.append(f"{few} on {gripper.palm} ({gripper.why})")
+        frozen |= {n: _frozen_position(description.joint[n], frozen, description) for n in names}
     if not told:
         return tree, ()
-    return replace(tree, locked=frozen), (
-        Finding(
-            "info",
-            None,
-            f"gripper joints are frozen: {'; '.join(told)}; --free PATTERN releases them",
-        ),
-    )
+    text = f"gripper joints are frozen: {'; '.join(told)}; --free PATTERN releases them"
+    return replace(tree, locked=frozen), (Finding("info", None, text),)
 
 
 def _branches(description: Description) -> dict[str, list[Joint]]:
@@ -138,12 +137,6 @@ def _arm_above(tree: FrozenTree, joint: Joint) -> list[Joint]:
     return [above for above in tree.free_joints(joint.parent) if above.mimic is None]
 
 
-def _is_short(tree: FrozenTree, joint: Joint) -> bool:
-    """Return whether a branch can be a finger: short, light, and nothing in it turns for ever."""
-    below = _below(tree.description, joint)
-    return _is_small(tree, joint) and not any(each.endless and not each.mimic for each in below)
-
-
 def _is_small(tree: FrozenTree, joint: Joint) -> bool:
     """Return whether a joint moves little: no far link, no heavy one."""
     start = tree.frame(joint)[:3, 3]
@@ -161,15 +154,13 @@ def _fingers(tree: FrozenTree, short: list[Joint], complete: bool) -> tuple[list
     Args:
         tree: The robot, with its locked joints.
     """
-    fingers = _mimicking(tree.description, short)
-    why = MIMIC
+    fingers, why = _mimicking(tree.description, short), MIMIC
     if not fingers:
         fingers, why = _mirrored(tree, short), MIRRORED
     if complete and not fingers and len(short) >= HAND_BRANCHES:
         return short, BRANCHES
-    if complete and fingers:  # a thumb, or one finger more than the pair
-        return short, why
-    return fingers, why
+    # All branches of a body: a thumb, or one finger more than the pair, closes with them.
+    return (short if complete and fingers else fingers), why
 
 
 def _mimicking(description: Description, branches: list[Joint]) -> list[Joint]:
@@ -222,10 +213,9 @@ def _is_named_finger(tree: FrozenTree, joint: Joint) -> bool:
 
 
 def _has_finger_name(joint: Joint) -> bool:
-    words, link_words = name_words(joint.name), name_words(joint.child)
-    if words & WRIST_WORDS:
-        return False
-    return bool(words & JOINT_WORDS or link_words & LINK_WORDS)
+    words = name_words(joint.name)
+    named = words & JOINT_WORDS or name_words(joint.child) & LINK_WORDS
+    return bool(named and not words & WRIST_WORDS)
 
 
 def name_words(name: str) -> set[str]:
@@ -239,14 +229,13 @@ def _gripper(tree: FrozenTree, palm: str, names: set[str], why: str) -> list[Gri
     joints = [joint for joint in tree.description.joints if joint.name in names]
     if not any(tree.is_free(joint) for joint in joints):
         return []
-    tops = [joint.parent for joint in joints if not names & _carriers(tree.description, joint)]
-    palm = tops[0] if len(set(tops)) == 1 else palm
+    tops = {
+        joint.parent
+        for joint in joints
+        if not any(above.name in names for above in tree.description.chain(joint.parent))
+    }
+    palm = tops.pop() if len(tops) == 1 else palm
     return [Gripper(palm, tuple(joint.name for joint in joints), why)]
-
-
-def _carriers(description: Description, joint: Joint) -> set[str]:
-    """Return the names of the joints above a joint."""
-    return {above.name for above in description.chain(joint.parent)}
 
 
 def _released(
@@ -273,11 +262,6 @@ def _frozen_position(joint: Joint, locked: Mapping[str, float], description: Des
     leader = description.joint[joint.mimic.joint]
     position = locked.get(leader.name, leader.nearest_to_zero)
     return joint.mimic.multiplier * position + joint.mimic.offset
-
-
-def _listed(names: list[str]) -> str:
-    """Return names in few words."""
-    return ", ".join(names) if len(names) <= 2 else f"{names[0]} and {len(names) - 1} more"
 
 
 def find_end_effector(
@@ -355,8 +339,8 @@ def _tell_others(
         own = len(chain) - shared
         if own and name not in inner and 2 * own >= len(longest) - shared:
             others.append(_last_link(description, description.joint[name], palms))
-    if not others:
-        return ()
-    listed = ", ".join(others)
-    text = f"end effector is {chosen}; the robot has other arms, which end in {listed}"
-    return (Finding("info", last.line, f"{text}: choose with --end-effector"),)
+    text = (
+        f"end effector is {chosen}; the robot has other arms, which end in {', '.join(others)}: "
+        "choose with --end-effector"
+    )
+    return (Finding("info", last.line, text),) if others else ()

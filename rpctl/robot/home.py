@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rpctl.description.records import Joint
 from rpctl.description.srdf import read_state
-from rpctl.errors import Finding, RpctlError, UnknownNameError, is_number
+from rpctl.errors import Finding, RpctlError, is_number, require_known
 from rpctl.robot.model import Robot
 from rpctl.robot.posture import find_posture, judge
 
@@ -18,21 +18,6 @@ AUTO, ZERO = "auto", "zero"
 STATE = re.compile(r"(?P<path>.*\.srdf(?:\.xacro)?)(?::(?P<state>.*))?", re.IGNORECASE)
 BEYOND_LIMIT = 1e-9  # rad or m; a position this far outside is at the limit
 FORMS = f"NAME=POSITION, {AUTO}, {ZERO}, or a state of an SRDF, as robot.srdf:home"
-
-
-@dataclass
-class Wish:
-    """What was asked of the home posture, in order.
-
-    Attributes:
-        word: ``"auto"``, ``"zero"``, or empty for neither.
-        positions: Positions by joint, rad or m.
-        findings: What of a file could not be used.
-    """
-
-    word: str = ""
-    positions: dict[str, float] = field(default_factory=dict)
-    findings: list[Finding] = field(default_factory=list)
 
 
 def with_home(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Robot:
@@ -54,19 +39,18 @@ def with_home(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Robot:
             outside the limits.
         DescriptionError: The SRDF cannot be used.
     """
-    wish = _wish(robot, home)
-    rest, named = robot.home, set(wish.positions)
-    posture, reasons = rest, tuple[str, ...]()
-    if robot.joints and wish.word != ZERO and not named.issuperset(robot.joint_names):
-        posture, reasons = find_posture(robot, rest, force=wish.word == AUTO)
-    findings = wish.findings
-    if reasons and wish.word != AUTO:
+    findings: list[Finding] = []
+    word, named = _wish(robot, home, findings)
+    posture, reasons = robot.home, tuple[str, ...]()
+    if word != ZERO and not named.keys() >= {*robot.joint_names}:
+        posture, reasons = find_posture(robot, robot.home, force=word == AUTO)
+    if reasons and word != AUTO:
         text = f"home is chosen: at zero, {'; '.join(reasons)}"
         findings.append(Finding("info", None, f"{text}; --home sets it, --home {ZERO} keeps zero"))
     if named:
         posture = posture.copy()
         for index, joint in enumerate(robot.joints):
-            posture[index] = wish.positions.get(joint.name, posture[index])
+            posture[index] = named.get(joint.name, posture[index])
         findings += [
             Finding("info", None, f"at home, {reason}") for reason in judge(robot, posture)
         ]
@@ -75,24 +59,27 @@ def with_home(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Robot:
     return replace(robot, loaded_with=settings, findings=(*robot.findings, *findings))
 
 
-def _wish(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Wish:
-    """Return what was asked for, every joint and position checked."""
-    wish = Wish()
+def _wish(
+    robot: Robot, home: Mapping[str, float] | Sequence[str], findings: list[Finding]
+) -> tuple[str, dict[str, float]]:
+    """Return which word was asked for, and the positions of joints (rad or m), all checked.
+
+    Args:
+        findings: Gets what of a file could not be used.
+    """
     if isinstance(home, Mapping):
-        for name, position in home.items():
-            wish.positions[name] = _checked(robot, name, position)
-        return wish
+        return "", {name: _checked(robot, name, position) for name, position in home.items()}
+    word, positions = "", dict[str, float]()
     for item in home:
         state = STATE.fullmatch(item)
         if item in (AUTO, ZERO):
-            wish.word = item
+            word = item
         elif state:
-            _add_state(wish, robot, state["path"], state["state"] or "")
+            positions |= _state(robot, state["path"], state["state"] or "", findings)
         else:
-            for pair in item.split(","):
-                name, position = _pair(pair)
-                wish.positions[name] = _checked(robot, name, position)
-    return wish
+            pairs = map(_pair, item.split(","))
+            positions |= {name: _checked(robot, name, position) for name, position in pairs}
+    return word, positions
 
 
 def _pair(text: str) -> tuple[str, float]:
@@ -113,52 +100,52 @@ def _checked(robot: Robot, name: str, position: float) -> float:
         RpctlError: The joint is none of the arm's, or the position is none of its.
     """
     if name in robot.locked:
-        text = f"home of {name}: this joint is frozen at {robot.locked[name]:g}"
-        raise RpctlError(f"{text}; --free {name} releases it, --lock {name}=POSITION moves it")
-    if name not in robot.joint_names:
-        raise UnknownNameError("joint at home", name, robot.joint_names)
+        raise RpctlError(
+            f"home of {name}: this joint is frozen at {robot.locked[name]:g}; --free {name} "
+            f"releases it, --lock {name}=POSITION moves it"
+        )
+    require_known("joint at home", [name], robot.joint_names)
     if not is_number(position):
         raise RpctlError(f"home of {name} is {position!r}; give a number, rad or m")
     joint = robot.description.joint[name]
     if _outside(joint, position):
-        limits = f"{joint.lower:g} to {joint.upper:g} {_unit(joint)}"
-        raise RpctlError(f"home of {name} is {position:g}, outside its limits; give {limits}")
+        raise RpctlError(
+            f"home of {name} is {position:g}, outside its limits; give {_limits(joint)}"
+        )
     return float(np.clip(position, joint.lower, joint.upper))
 
 
-def _add_state(wish: Wish, robot: Robot, path: str, state: str) -> None:
-    """Add the positions of an SRDF's state; what the arm has no use for is told."""
+def _state(robot: Robot, path: str, state: str, findings: list[Finding]) -> dict[str, float]:
+    """Return the positions of an SRDF's state; what the arm has no use for is told."""
     arm, known = {joint.name: joint for joint in robot.joints}, robot.description.joint
-    strange, still = [], []
-    for stated in read_state(path, state, robot.description.read_with):
-        joint = arm.get(stated.joint)
+    positions, strange, still = dict[str, float](), list[str](), list[str]()
+    for name, (value, line) in read_state(path, state, robot.description.read_with).items():
+        joint = arm.get(name)
         if joint is not None:
-            wish.positions[joint.name] = float(np.clip(stated.value, joint.lower, joint.upper))
-            if _outside(joint, stated.value):
+            positions[name] = float(np.clip(value, joint.lower, joint.upper))
+            if _outside(joint, value):
                 text = (
-                    f'{path}:{stated.line}: state "{state}" puts {joint.name} at {stated.value:g}'
+                    f'{path}:{line}: state "{state}" puts {name} at {value:g}; its limits are '
+                    f"{_limits(joint)}, the nearer is taken"
                 )
-                limits = f"{joint.lower:g} to {joint.upper:g} {_unit(joint)}"
-                wish.findings.append(
-                    Finding(
-                        "warning", None, f"{text}; its limits are {limits}, the nearer is taken"
-                    )
-                )
-        elif stated.joint not in known:
-            strange.append(f"{stated.joint} (line {stated.line})")
-        elif robot.locked.get(stated.joint, stated.value) != stated.value:
-            still.append(stated.joint)
+                findings.append(Finding("warning", None, text))
+        elif name not in known:
+            strange.append(f"{name} (line {line})")
+        elif robot.locked.get(name, value) != value:
+            still.append(name)
     if strange:
-        text = f'{path}: joints of state "{state}" that the robot does not have are left out'
-        wish.findings.append(Finding("warning", None, f"{text}: {', '.join(strange)}"))
+        text = f'{path}: joints of state "{state}" that the robot does not have are left out: '
+        findings.append(Finding("warning", None, text + ", ".join(strange)))
     if still:
-        text = f'{path}: frozen joints keep their positions, not those of state "{state}"'
-        wish.findings.append(Finding("info", None, f"{text}: {', '.join(still)}"))
+        text = f'{path}: frozen joints keep their positions, not those of state "{state}": '
+        findings.append(Finding("info", None, text + ", ".join(still)))
+    return positions
 
 
 def _outside(joint: Joint, position: float) -> bool:
     return not joint.lower - BEYOND_LIMIT <= position <= joint.upper + BEYOND_LIMIT
 
 
-def _unit(joint: Joint) -> str:
-    return "m" if joint.kind == "prismatic" else "rad"
+def _limits(joint: Joint) -> str:
+    unit = "m" if joint.kind == "prismatic" else "rad"
+    return f"{joint.lower:g} to {joint.upper:g} {unit}"

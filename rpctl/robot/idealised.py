@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from operator import itemgetter
 
 import numpy as np
 
@@ -55,10 +55,13 @@ def listed(*joints: Joint) -> str:
     return ", ".join(f'"{joint.name}" (line {joint.line})' for joint in joints)
 
 
-def joint_idealisations(robot: Robot) -> Iterator[Idealisation]:
-    """Yield the steering that no random sample has, and the losses in the joints."""
-    yield from _steering(robot)
-    yield from _losses(robot)
+def idealisations(robot: Robot) -> tuple[Idealisation, ...]:
+    """Return the simplifications of the model against the file, each with its size.
+
+    Only those that apply to the robot: places, directions and sizes of wheels that the drive
+    rounds, steering that no random sample has, and losses in the joints.
+    """
+    return (*_of_wheels(robot), *_steering(robot), *_losses(robot))
 
 
 def _steering(robot: Robot) -> Iterator[Idealisation]:
@@ -144,7 +147,7 @@ def _loss(what: str, values: list[tuple[float, Joint]], unit: str) -> Iterator[I
         )
 
 
-def wheel_idealisations(robot: Robot) -> Iterator[Idealisation]:
+def _of_wheels(robot: Robot) -> Iterator[Idealisation]:
     """Yield the idealisations of a robot's wheels and swivels."""
     wheels = [_placed(robot, index) for index in range(len(robot.drive.wheels))]
     rolling = [
@@ -301,35 +304,30 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Itera
         )
 
 
-class _OtherRadius(NamedTuple):
-    """A radius from a wheel's shapes that differs from the one used.
-
-    Wheels with the same values are reported together.
-    """
-
-    role: str
-    radius: float  # m
-    source: str
-    used: float  # m
-    used_source: str  # without its line
-    rolls: bool  # whether either is a collision's
-
-
 def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]:
     """Yield other radii than the one used, shapes off the axle, and the width that is left out."""
-    widest, others = 0.0, dict[tuple[object, ...], list[tuple[WheelCandidate, _OtherRadius]]]()
+    widest, others = 0.0, dict[tuple[object, ...], list[tuple[WheelCandidate, float, str]]]()
     for wheel in wheels:
         sizes = [*shape_sizes(robot.tree, wheel.joint)]
         drawn = _unambiguous_roles(robot, wheel)
-        for other in _others(wheel, [each for each in sizes if each[0] in drawn]):
-            others.setdefault(other[:2] + other[3:], []).append((wheel, other))
+        for alike, radius, text in _others(wheel, [each for each in sizes if each[0] in drawn]):
+            others.setdefault(alike, []).append((wheel, radius, text))
         for _, size in sizes:
             if size.source == wheel.source:
-                yield from _off_axle(wheel, size)
+                if size.aside > LENGTH_ROUNDING_M:
+                    yield Idealisation(
+                        "eccentric wheel",
+                        1e3 * size.aside,
+                        "mm",
+                        f"the shape that {listed(wheel.joint)} rolls on ({size.source}) is centred "
+                        f"{1e3 * size.aside:.3g} mm off its axle, and taken to be on it",
+                    )
                 yield from _drawn_beside(wheel, size, [each for _, each in sizes])
                 widest = max(widest, size.width)
-    for group in others.values():
-        yield _radius(group[0][1], listed(*(wheel.joint for wheel, _ in group)))
+    for group in others.values():  # wheels with the same values are told of together
+        _, radius, text = group[0]
+        names = listed(*(wheel.joint for wheel, *_ in group))
+        yield Idealisation("radius", radius, "m", f"the radius of {names} is {text}")
     if widest > 0.0:
         yield Idealisation(
             "thin wheels",
@@ -350,46 +348,24 @@ def _unambiguous_roles(robot: Robot, wheel: WheelCandidate) -> set[str]:
     return set(SHAPE_ROLES) - hidden
 
 
-def _others(wheel: WheelCandidate, sizes: list[tuple[str, WheelSize]]) -> Iterator[_OtherRadius]:
-    """Yield the widest radius of each role, where it is not the one used."""
-    used = wheel.radius or 0.0
+def _others(
+    wheel: WheelCandidate, sizes: list[tuple[str, WheelSize]]
+) -> Iterator[tuple[tuple[object, ...], float, str]]:
+    """Yield the widest radius of each role, where it is not the one used.
+
+    Each with what it has in common with those of like wheels, and in words.
+    """
+    used, source = wheel.radius or 0.0, wheel.source.split(", line")[0]
     by_collision = any(role == "collision" for role, _ in sizes)
+    rolls = "simulators roll on the collision" if by_collision else "there is no round collision"
     for role in SHAPE_ROLES:
-        role_sizes = [size for its_role, size in sizes if its_role == role]
-        if not role_sizes:
-            continue
-        size = max(role_sizes, key=lambda size: size.radius or 0.0)
-        radius = size.radius or 0.0
-        slack = (
-            MESH_RADIUS_TOLERANCE * used
-            if "mesh" in size.source + wheel.source
-            else LENGTH_ROUNDING_M
-        )
-        if abs(radius - used) > slack:
-            source = wheel.source.split(", line")[0]
-            yield _OtherRadius(role, radius, size.source, used, source, by_collision)
-
-
-def _radius(other: _OtherRadius, names: str) -> Idealisation:
-    rolls = "simulators roll on the collision" if other.rolls else "there is no round collision"
-    return Idealisation(
-        "radius",
-        other.radius,
-        "m",
-        f"the radius of {names} is {other.used:.4g} m ({other.used_source}), that of the "
-        f"{other.role} shape {other.radius:.4g} m ({other.source}); {rolls}",
-    )
-
-
-def _off_axle(wheel: WheelCandidate, size: WheelSize) -> Iterator[Idealisation]:
-    if size.aside > LENGTH_ROUNDING_M:
-        yield Idealisation(
-            "eccentric wheel",
-            1e3 * size.aside,
-            "mm",
-            f"the shape that {listed(wheel.joint)} rolls on ({size.source}) is centred "
-            f"{1e3 * size.aside:.3g} mm off its axle, and taken to be on it",
-        )
+        radii = [(size.radius or 0.0, size.source) for its, size in sizes if its == role]
+        radius, other = max(radii, key=itemgetter(0), default=(used, ""))
+        by_mesh = "mesh" in other + wheel.source
+        if abs(radius - used) > (MESH_RADIUS_TOLERANCE * used if by_mesh else LENGTH_ROUNDING_M):
+            text = f"that of the {role} shape {radius:.4g} m ({other}); {rolls}"
+            alike = (role, radius, used, source, rolls)
+            yield alike, radius, f"{used:.4g} m ({source}), {text}"
 
 
 def _drawn_beside(

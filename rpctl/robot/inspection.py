@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from rpctl.description.records import Joint
-from rpctl.robot.idealised import Idealisation, joint_idealisations, wheel_idealisations
+from rpctl.robot.idealised import idealisations
 from rpctl.robot.model import Robot
 
 
@@ -31,7 +30,16 @@ def facts(robot: Robot) -> dict[str, Any]:
         "estimated_links": robot.description.estimated_links,
         "drive": _drive(robot),
         "joints": [
-            {**_joint(joint), "home": home}
+            {
+                "name": joint.name,
+                "type": joint.kind,
+                "lower": joint.lower,
+                "upper": joint.upper,
+                "velocity": joint.velocity,
+                "effort": joint.effort,
+                "line": joint.line,
+                "home": home,
+            }
             for joint, home in zip(robot.joints, robot.home.tolist(), strict=True)
         ],
         "losses": losses(robot),
@@ -88,27 +96,6 @@ def _drive(robot: Robot) -> dict[str, Any]:
         "evidence": drive.evidence,
         "doubts": drive.doubts,
     }
-
-
-def _joint(joint: Joint) -> dict[str, Any]:
-    return {
-        "name": joint.name,
-        "type": joint.kind,
-        "lower": joint.lower,
-        "upper": joint.upper,
-        "velocity": joint.velocity,
-        "effort": joint.effort,
-        "line": joint.line,
-    }
-
-
-def idealisations(robot: Robot) -> tuple[Idealisation, ...]:
-    """Return the simplifications of the model against the file, each with its size.
-
-    Only those that apply to the robot: places, directions and sizes of wheels that the drive
-    rounds, steering that no random sample has, and losses in the joints.
-    """
-    return (*wheel_idealisations(robot), *joint_idealisations(robot))
 
 
 def meanings(robot: Robot) -> dict[str, str]:

@@ -19,6 +19,10 @@ LOOP = re.compile(  # of a comment that says that the tree was cut out of a mech
     re.IGNORECASE,
 )
 TRACK = re.compile(r"(^|_)(track|tread|crawler|caterpillar)s?(_|\d|$)", re.IGNORECASE)
+CUT_OPEN = (
+    "a URDF is a tree, so the model has it cut open: its parts move on their own; --lock their "
+    "joints, or give those that follow a <mimic>"
+)
 WORLDS = ("world", "map", "odom", "ground", "ground_plane")  # root links that are no robot's
 MAX_ABOVE_GROUND_M = 0.02  # m; what lies no higher above the ground than this stands on it
 
@@ -31,19 +35,21 @@ def left_out(tree: FrozenTree, drive: Drive) -> tuple[Finding, ...]:
 def _springs(tree: FrozenTree) -> Iterator[Finding]:
     for joint in filter(tree.is_free, tree.description.joints):
         if joint.name in tree.description.sprung:
-            text = f'joint "{joint.name}" has a spring, which the model leaves out: it moves freely'
-            text += f"; --lock {joint.name} holds it"
-            yield Finding("warning", tree.description.sprung[joint.name], text)
+            yield Finding(
+                "warning",
+                tree.description.sprung[joint.name],
+                f'joint "{joint.name}" has a spring, which the model leaves out: it moves freely; '
+                f"--lock {joint.name} holds it",
+            )
 
 
 def _loops(tree: FrozenTree) -> Iterator[Finding]:
     """Yield the joints that simulators add between links that move, or a comment on a loop."""
     description, told = tree.description, False
-    means = "a URDF is a tree, so the model has it cut open: its parts move on their own; --lock "
-    means += "their joints, or give those that follow a <mimic>"
-    ends = "gazebo/joint[parent and child] | loop_joint[link1 and link2]"
-    ends += " | mujoco/equality/*[@body1 and @body2]"
-    for each in description.document().xpath(ends):
+    for each in description.document().xpath(
+        "gazebo/joint[parent and child] | loop_joint[link1 and link2]"
+        " | mujoco/equality/*[@body1 and @body2]"
+    ):
         pair = [
             str(end).split("::")[-1].strip()
             for end in each.xpath("*/@link | parent/text() | child/text() | @body1 | @body2")
@@ -54,14 +60,14 @@ def _loops(tree: FrozenTree) -> Iterator[Finding]:
         if above[0] != above[1]:
             text = f'joint "{each.get("name")}" closes a loop from "{pair[0]}" to "{pair[1]}"'
             told = True
-            yield Finding("warning", each.sourceline, f"{text}; {means}")
+            yield Finding("warning", each.sourceline, f"{text}; {CUT_OPEN}")
     arm = any(tree.is_free(joint) and not joint.endless for joint in description.joints)
     for comment in COMMENT.finditer(description.raw) if arm and not told else ():
         word = LOOP.search(comment[1])
         if word is not None:
             line = 1 + description.raw.count(b"\n", 0, comment.start(1) + word.start())
-            text = f'a comment speaks of a loop ("{word[0].decode("utf-8", "replace")}"); {means}'
-            yield Finding("warning", line, text)
+            said = word[0].decode("utf-8", "replace")
+            yield Finding("warning", line, f'a comment speaks of a loop ("{said}"); {CUT_OPEN}')
             return
 
 
@@ -78,9 +84,12 @@ def _robots(tree: FrozenTree, drive: Drive) -> Iterator[Finding]:
     ]
     if len(bases) > 1:
         names = ", ".join(f'"{joint.child}"' for joint in bases)
-        text = f'link "{description.root}" holds {len(bases)} bases with wheels ({names}): they '
-        text += "move as one rigid robot; give each robot a file of its own"
-        yield Finding("warning", bases[1].line, text)
+        yield Finding(
+            "warning",
+            bases[1].line,
+            f'link "{description.root}" holds {len(bases)} bases with wheels ({names}): they move '
+            "as one rigid robot; give each robot a file of its own",
+        )
 
 
 def _tracks(tree: FrozenTree, drive: Drive) -> Iterator[Finding]:
@@ -93,6 +102,9 @@ def _tracks(tree: FrozenTree, drive: Drive) -> Iterator[Finding]:
         places = ((pose @ at, half) for at, half in link_boxes(description, name))
         bottoms = (float(at[2, 3] - np.abs(at[2, :3]) @ half) for at, half in places)
         if min(bottoms, default=math.inf) <= drive.ground + MAX_ABOVE_GROUND_M:
-            text = f'link "{name}" is fixed and stands on the ground, as a track does that cannot '
-            text += f"run; the model has none: it rolls on {drive.wheels[0].joint} and the others"
-            yield Finding("warning", link.line, text)
+            yield Finding(
+                "warning",
+                link.line,
+                f'link "{name}" is fixed and stands on the ground, as a track does that cannot '
+                f"run; the model has none: it rolls on {drive.wheels[0].joint} and the others",
+            )

@@ -88,8 +88,11 @@ def mass_box(description: Description, name: str) -> tuple[Array, Array]:
     link = description.link[name]
     ends = [joint.origin[:3, 3] - link.com for joint in description.child_joints[name]]
     extent = max(MIN_EXTENT, *(float(np.linalg.norm(end)) for end in (link.com, *ends)))
-    pose, half = _inertia_box(float(link.mass or 0.0), link.com, link.inertia)
-    return pose, np.minimum(half, extent)
+    moments, axes = np.linalg.eigh(link.inertia)
+    squares = 6.0 / float(link.mass or 0.0) * (moments.sum() - 2.0 * moments)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = axes, link.com
+    return pose, np.minimum(0.5 * np.sqrt(np.maximum(0.0, squares)), extent)
 
 
 def _half_edges(shape: Shape) -> Array:
@@ -100,15 +103,6 @@ def _half_edges(shape: Shape) -> Array:
     radius = size[0]
     half_length = 0.5 * size[1] if len(size) > 1 else radius
     return np.array([radius, radius, half_length + radius * (shape.kind == "capsule")])
-
-
-def _inertia_box(mass: float, com: Array, inertia: Array) -> tuple[Array, Array]:
-    """Return the solid box of a mass (kg) and an inertia about its centre (3, 3), kg m²."""
-    moments, axes = np.linalg.eigh(inertia)
-    edges = np.sqrt(np.maximum(0.0, 6.0 / mass * (moments.sum() - 2.0 * moments)))
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = axes, com
-    return pose, 0.5 * edges
 
 
 class LinkPoints:
@@ -138,7 +132,7 @@ class LinkPoints:
 
 def _on_joint(robot: Robot, link: str) -> tuple[int, Array]:
     """Return the joint of the model that moves a link and the link's pose there (4, 4)."""
-    frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
+    frame = robot.frame(link)
     return int(frame.parentJoint), np.asarray(frame.placement.homogeneous)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from rpctl.description.density import fill
 from rpctl.description.frozen_tree import FrozenTree
@@ -19,7 +19,7 @@ from rpctl.drive.controls import read_controls, vendor_findings
 from rpctl.drive.detect import detect
 from rpctl.drive.drive import DRIVE_TYPES, Drive, DriveSpec, Swivel, Wheel, read_drive
 from rpctl.drive.suspensions import hold_passive
-from rpctl.errors import DescriptionError, Finding, UnknownNameError, require_within
+from rpctl.errors import DescriptionError, Finding, require_known, require_within
 from rpctl.robot.build import build, check, set_armature
 from rpctl.robot.grippers import Gripper, find_end_effector, find_grippers, freeze_grippers
 from rpctl.robot.home import with_home
@@ -27,7 +27,7 @@ from rpctl.robot.left_out import left_out
 from rpctl.robot.load_settings import LoadKeywords, LoadSettings
 from rpctl.robot.losses import find_losses
 from rpctl.robot.model import Robot
-from rpctl.robot.patterns import matching
+from rpctl.robot.patterns import by_pattern, matching
 from rpctl.robot.sources import Source, find_source
 
 if TYPE_CHECKING:
@@ -96,22 +96,34 @@ def assemble(source: Source, description: Description, settings: LoadSettings) -
     """
     if settings.density is not None:
         description = fill(description, settings.density)
-    body = _body(source, description, settings)
-    description = body.tree.description
-    model = build(body.tree)
+    tree, drive, grippers, findings = _body(source, description, settings)
+    description, joints = tree.description, _arm_joints(tree, drive)
+    model = build(tree)
     set_armature(description, model, settings.rotors)
-    end_effector, choice = _end_effector(body, settings.end_effector)
+    end_effector = settings.end_effector
+    if end_effector is None:
+        end_effector, choice = find_end_effector(tree, drive, joints, grippers)
+        findings += choice
+    else:
+        require_known("link", [end_effector], description.link)
     robot = Robot(
         name=source.name or description.name,
         source=source.name or str(source.path.resolve()),
         description=description,
         model=model,
-        drive=body.drive,
-        locked=body.tree.locked,
-        joints=_arm_joints(body),
+        drive=drive,
+        locked=tree.locked,
+        joints=joints,
         end_effector=end_effector,
-        findings=(*body.findings, *choice),
-        loaded_with=_resolved(settings, body.tree, end_effector),
+        findings=findings,
+        loaded_with=replace(  # with which the robot loads again, its home left to with_home
+            settings,
+            lock=dict(tree.locked),
+            end_effector=end_effector,
+            package_dirs=tuple(map(str, description.read_with.package_dirs)),
+            xacro_args=dict(description.read_with.xacro_args),
+            home={},
+        ),
         losses=find_losses(description, model) if settings.losses else None,
     )
     at_home = with_home(robot, settings.home)
@@ -119,30 +131,10 @@ def assemble(source: Source, description: Description, settings: LoadSettings) -
     return at_home
 
 
-def _resolved(settings: LoadSettings, tree: FrozenTree, end_effector: str | None) -> LoadSettings:
-    """Return the settings with which the robot loads again, its home left to :func:`with_home`."""
-    reading = tree.description.read_with
-    return replace(
-        settings,
-        lock=dict(tree.locked),
-        end_effector=end_effector,
-        package_dirs=tuple(map(str, reading.package_dirs)),
-        xacro_args=dict(reading.xacro_args),
-        home={},
-    )
-
-
-class _Body(NamedTuple):
-    """A robot before its model: what is locked, its wheels, its grippers, and remarks."""
-
-    tree: FrozenTree
-    drive: Drive
-    grippers: tuple[Gripper, ...]
-    findings: tuple[Finding, ...]
-
-
-def _body(source: Source, description: Description, settings: LoadSettings) -> _Body:
-    """Return which joints are locked, and which are wheels."""
+def _body(
+    source: Source, description: Description, settings: LoadSettings
+) -> tuple[FrozenTree, Drive, tuple[Gripper, ...], tuple[Finding, ...]]:
+    """Return what is locked of a robot before it has a model, its wheels, grippers, and remarks."""
     drive = source.drive if settings.drive is None else settings.drive
     given = drive if isinstance(drive, Drive) else _specification(drive)
     moving = [joint.name for joint in description.joints if joint.moving]
@@ -168,7 +160,7 @@ def _body(source: Source, description: Description, settings: LoadSettings) -> _
     tree, idle = _with_motors(tree, found)
     differences = (*vendor_findings(found, controls), *idle, *left_out(tree, found))
     _refuse_doubts(source.path, differences, settings)
-    return _Body(tree, found, grippers, (*findings, *held, *frozen, *differences))
+    return tree, found, grippers, (*findings, *held, *frozen, *differences)
 
 
 def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Finding, ...]]:
@@ -183,17 +175,24 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
     driven = {joint.name for joint in idle} & (base | tree.description.actuated)
     findings = []
     for joint in idle:
-        text = f'effort limit of joint "{joint.name}" is 0'
+        said = f'effort limit of joint "{joint.name}" is 0'
         if joint.name in driven:
-            text += ", yet a transmission, plugin or drive file has a motor there: it is taken as "
-            findings.append(Finding("warning", joint.line, f"{text}not given; give one above 0"))
+            text = (
+                f"{said}, yet a transmission, plugin or drive file has a motor there: it is taken "
+                "as not given; give one above 0"
+            )
+            findings.append(Finding("warning", joint.line, text))
         elif all(joint.name != each.joint for each in rolling):
-            text += f": nothing drives it, it coasts, and no law tracks it; --lock {joint.name} "
-            text += "holds it, or give one above 0 if a motor does"
+            text = (
+                f"{said}: nothing drives it, it coasts, and no law tracks it; --lock {joint.name} "
+                "holds it, or give one above 0 if a motor does"
+            )
             findings.append(Finding("info", joint.line, text))
     if rolling and not base:
-        text = "nothing drives the base; give effort limits above 0 to the joints of its driven "
-        text += "wheels, or say driven = true of each [[wheel]] in a drive file"
+        text = (
+            "nothing drives the base; give effort limits above 0 to the joints of its driven "
+            "wheels, or say driven = true of each [[wheel]] in a drive file"
+        )
         line = tree.description.joint[rolling[0].joint].line
         findings.append(Finding("warning", line, text))
     joints = tuple(
@@ -203,24 +202,13 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
     return FrozenTree(replace(tree.description, joints=joints), tree.locked), tuple(findings)
 
 
-def _end_effector(body: _Body, given: str | None) -> tuple[str | None, tuple[Finding, ...]]:
-    """Return the link to track, None without an arm, and what to tell of the choice."""
-    if given is None:
-        return find_end_effector(body.tree, body.drive, _arm_joints(body), body.grippers)
-    links = body.tree.description.link
-    if given not in links:
-        raise UnknownNameError("link", given, links)
-    return given, ()
-
-
-def _arm_joints(body: _Body) -> tuple[Joint, ...]:
+def _arm_joints(tree: FrozenTree, drive: Drive) -> tuple[Joint, ...]:
     """Return the free joints that are no wheels, swivels or mimics, in file order."""
-    drive = body.drive
     rolling = {wheel.joint for wheel in drive.wheels} | {s.joint for s in drive.swivels}
     return tuple(
         joint
-        for joint in body.tree.description.joints
-        if body.tree.is_free(joint) and joint.mimic is None and joint.name not in rolling
+        for joint in tree.description.joints
+        if tree.is_free(joint) and joint.mimic is None and joint.name not in rolling
     )
 
 
@@ -228,19 +216,16 @@ def _specification(source: str | None) -> DriveSpec:
     """Return the drive that the name of a type or a drive file declares; None declares nothing."""
     if source is None:
         return DriveSpec()
-    if not Path(source).suffix and "/" not in source:
-        if source not in DRIVE_TYPES:
-            raise UnknownNameError("drive", source, DRIVE_TYPES)
-        return DriveSpec(source)
-    return read_drive(source)
+    if Path(source).suffix or "/" in source:
+        return read_drive(source)
+    require_known("drive", [source], DRIVE_TYPES)
+    return DriveSpec(source)
 
 
 def _refuse_doubts(path: Path, findings: Iterable[Finding], settings: LoadSettings) -> None:
     """Raise every warning as an error, if that is wanted."""
-    if not settings.strict:
-        return
     doubts = [replace(f, severity="error") for f in findings if f.severity == "warning"]
-    if doubts:
+    if doubts and settings.strict:
         raise DescriptionError(path, doubts)
 
 
@@ -262,9 +247,7 @@ def _locked(
     locked = dict.fromkeys((n for n in moving if n in frozen and n not in released), 0.0)
     for pattern, position in given.items():
         require_within(f"the position of {pattern}", [position], MAX_POSITION)
-        names = matching(pattern, moving, "joint to lock")
-        locked.update(dict.fromkeys(names, float(position)))
-    return locked
+    return locked | by_pattern(given, moving, "joint to lock")
 
 
 def _massless_movers(tree: FrozenTree) -> list[Finding]:

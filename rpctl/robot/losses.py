@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.records import Description
 from rpctl.robot.coordinates import joint_entries
 
@@ -37,14 +37,10 @@ class Losses:
     def __post_init__(self) -> None:
         """Keep read-only copies."""
         for name in ("damping", "friction", "rate"):
-            kept = np.array(getattr(self, name), dtype=float)
-            kept.setflags(write=False)
-            object.__setattr__(self, name, kept)
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def force(self, v: Array) -> Array:
         """Return the generalised force (nv,) at v (nv,), N·m or N; it opposes v."""
-        if self._viscous:
-            return np.asarray(-self.damping * v)
         return np.asarray(-self.secant(v) * v)
 
     def slope(self, v: Array) -> Array:
@@ -55,10 +51,6 @@ class Losses:
     def secant(self, v: Array) -> Array:
         """Return −force/v (nv,) at v (nv,): at least the slope, and positive."""
         return np.asarray(self.damping + self.friction / np.sqrt(v * v + self._squares))
-
-    @cached_property
-    def _viscous(self) -> bool:
-        return not self.friction.any()
 
     @cached_property
     def _squares(self) -> Array:

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
-from rpctl.errors import Finding, RpctlError, UnknownNameError, require_known
+from rpctl.errors import Finding, RpctlError, require_known
 from rpctl.robot.coordinates import (
     BASE_NQ,
     ROOT_JOINT,
@@ -32,9 +32,9 @@ BASE_NV = 3  # entries of v that are the planar root's
 HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
-    """A wheeled robot on flat ground.
+    """A wheeled robot on flat ground; two of them are the same if they are one object.
 
     Attributes:
         name: The robot's name.
@@ -131,6 +131,10 @@ class Robot:
             if joint.moving and joint.mimic is not None and self.model.existJointName(joint.name)
         )
 
+    def frame(self, link: str) -> pin.Frame:
+        """Return the frame of a link in the model: the joint that moves it, and its pose there."""
+        return self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)]
+
     def end_effector_pose(self, data: pin.Data, q: Array) -> pin.SE3:
         """Return the pose of the end effector in the world; ``data`` is overwritten.
 
@@ -145,7 +149,7 @@ class Robot:
 
     def end_effector_poses(self, q: Array) -> Array:
         """Return the poses (K, 4, 4) of the end effector in the world at q (K, nq)."""
-        frame = self.model.frames[self.model.getFrameId(str(self.end_effector), pin.FrameType.BODY)]
+        frame = self.frame(str(self.end_effector))
         pose = self.joint_poses(q, [frame.parentJoint])[frame.parentJoint]
         found = np.tile(np.eye(4), (len(q), 1, 1))
         found[:, :3] = np.einsum("ijk,jl->kil", pose[:, :3], frame.placement.homogeneous[:3])
@@ -292,15 +296,12 @@ class Robot:
         Raises:
             UnknownNameError: The joint is not among the model's.
         """
-        if joint not in self.entries:
-            raise UnknownNameError("joint", joint, self.entries)
+        require_known("joint", [joint], self.entries)
         self.entries[joint].write(q, position)
 
     def joint_position(self, q: Array, joint: str) -> float:
         """Return a joint's position (rad or m) in q, or where it is locked."""
-        if joint in self.locked:
-            return self.locked[joint]
-        return self.entries[joint].read(q)
+        return self.locked[joint] if joint in self.locked else self.entries[joint].read(q)
 
     def joint_positions(self, q: Array) -> Array:
         """Return the arm's positions (n_joints,), rad or m; continuous joints in (−π, π]."""
@@ -374,9 +375,7 @@ class Robot:
         """A posture (n_joints,) of the arm: as given, or 0, kept well inside the limits."""
         given = self.loaded_with.home
         positions = given if isinstance(given, Mapping) else {}
-        home = np.array([positions.get(joint.name, _home(joint)) for joint in self.joints])
-        home.setflags(write=False)
-        return home
+        return read_only([positions.get(joint.name, _home(joint)) for joint in self.joints])
 
 
 def _home(joint: Joint) -> float:

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.robot.collision import WORLD, CollisionModel, CollisionShape
@@ -52,8 +51,9 @@ def approach_rates(model: CollisionModel, travel: Array) -> Array:
     found = _carried(model.robot, shapes, travel)[model.pairs].sum(axis=1)
     joints = np.array([shape.joint for shape in shapes], dtype=np.intp)[model.pairs]
     for number, shape in enumerate(shapes):
-        if shape.joint == WORLD:
-            found[model.pairs[:, 1] == number, :ROOT_COLUMNS] *= _feels_base(shape)
+        # How far a level plane is does not change as the base moves.
+        if shape.joint == WORLD and np.isinf(shape.radius) and abs(shape.geometry.n[2]) == 1.0:
+            found[model.pairs[:, 1] == number, :ROOT_COLUMNS] = 0.0
     for above in range(ROOT_JOINT, model.robot.model.njoints):
         carried = np.zeros(model.robot.model.njoints, dtype=bool)
         carried[list(model.robot.model.subtrees[above])] = True
@@ -115,7 +115,7 @@ def _carried(robot: Robot, shapes: Sequence[CollisionShape], travel: Array) -> A
     way[ROOT_JOINT, 0], turns[ROOT_JOINT, 1] = 1.0, True
     for joint in range(ROOT_JOINT + 1, model.njoints):
         above, column = int(model.parents[joint]), _columns(joint)
-        slides = _is_prismatic(model, joint)
+        slides = "JointModelP" in model.joints[joint].shortname()  # all others turn about one axis
         farther = float(np.linalg.norm(model.jointPlacements[joint].translation))
         farther += float(travel[column]) if slides else 0.0
         way[joint] = way[above] + farther * turns[above]
@@ -126,19 +126,9 @@ def _carried(robot: Robot, shapes: Sequence[CollisionShape], travel: Array) -> A
     return way[joints] + np.where(turns[joints], own[:, None], 0.0)
 
 
-def _feels_base(world: CollisionShape) -> float:
-    """Return 0.0 for a level plane, whose distance the motion of the base does not change."""
-    return float(not (np.isinf(world.radius) and abs(world.geometry.n[2]) == 1.0))
-
-
 def _columns(joint: int) -> slice | int:
     """Return the columns of a joint."""
     return slice(0, ROOT_COLUMNS) if joint == ROOT_JOINT else ROOT_COLUMNS + joint - ROOT_JOINT - 1
-
-
-def _is_prismatic(model: pin.Model, joint: int) -> bool:
-    """Return whether a joint slides; all others turn about one axis."""
-    return "JointModelP" in model.joints[joint].shortname()
 
 
 def _turn(cos: Array, sin: Array) -> Array:

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.description.records import Description
 from rpctl.robot.link_boxes import LinkBoxes, LinkPoints
 from rpctl.robot.model import Robot
 
@@ -54,13 +53,10 @@ class Scale:
     manipulability: float
     lightness: float
 
-    def manipulability_ratio(self, measures: Measures) -> float:
-        """Return a posture's manipulability over the best one, in [0, 1] as a rule."""
-        return float(np.prod(measures.singular[: self.rank])) / self.manipulability
-
-    def lightness_ratio(self, measures: Measures) -> float:
-        """Return a posture's smallest scaled inertia over the best one, in [0, 1] as a rule."""
-        return measures.lightness / self.lightness
+    def ratios(self, measures: Measures) -> tuple[float, float]:
+        """Return a posture's manipulability and lightness over the best, in [0, 1] as a rule."""
+        manipulability = float(np.prod(measures.singular[: self.rank])) / self.manipulability
+        return manipulability, measures.lightness / self.lightness
 
 
 def find_posture(robot: Robot, posture: Array, force: bool) -> tuple[Array, tuple[str, ...]]:
@@ -128,10 +124,10 @@ def _scale(branch: Branch, draws: Array) -> Scale:
 def _weakness(branch: Branch, scale: Scale, positions: Array) -> str:
     """Return why a posture is none to work from; empty if it is one."""
     measures, who = branch.measure(positions), f"the arm to {branch.end}"
-    ratio = scale.manipulability_ratio(measures)
+    ratio, lightness = scale.ratios(measures)
     if ratio < WEAK_MANIPULABILITY:
         return f"{who} is stretched or near singular ({ratio:.1%} of its best manipulability)"
-    if scale.lightness_ratio(measures) < WEAK_LIGHTNESS:
+    if lightness < WEAK_LIGHTNESS:
         return f"joints of {who} turn about nearly one axis, with next to no inertia between them"
     if branch.robot.drive.wheels and measures.height < SUNK_HEIGHT:
         return f"{who} reaches {-measures.height:.2g} m into the ground"
@@ -181,9 +177,7 @@ def _refine(
 def _score(branch: Branch, scale: Scale, positions: Array, with_clearance: bool = True) -> float:
     """Return how good a posture is: logarithms of its ratios, less what stands against it."""
     measures = branch.measure(positions, with_clearance)
-    manipulability = max(scale.manipulability_ratio(measures), 1e-12)
-    lightness = max(scale.lightness_ratio(measures), 1e-12)
-    score = math.log(manipulability) + math.log(lightness)
+    score = sum(math.log(max(ratio, 1e-12)) for ratio in scale.ratios(measures))
     score -= BEARING_WEIGHT * measures.bearing + _strain(branch, positions)
     if branch.robot.drive.wheels:
         behind = FORWARD_CLEARANCE - measures.forward
@@ -259,7 +253,14 @@ class Branch:
         ]
         self._columns = rate_columns(robot, names)
         pin.forwardKinematics(robot.model, self._data, self._q)
-        self._front, self._mount = self._find_front(), self._find_mount()
+        links = [name for name, _ in robot.tree.rigid_links(robot.description.root)]
+        links += [robot.description.joint[wheel.joint].child for wheel in robot.drive.wheels]
+        # How far ahead of P the foremost point of the base is, m.
+        self._front = float(LinkPoints(robot, links)(self._data)[:, 0].max())
+        # Where the first joint that turns lies, or the first one at all (3,), m.
+        turning = (i for i in joints if robot.joints[i].kind != "prismatic")
+        mount = robot.model.getJointId(robot.joints[next(turning, joints[0])].name)
+        self._mount = np.array(self._data.oMi[mount].translation)
 
     def measure(self, positions: Array, with_clearance: bool = True) -> Measures:
         """Return how well the branch stands.
@@ -295,37 +296,24 @@ class Branch:
     @cached_property
     def _moved(self) -> LinkPoints:
         """Points of all links that the branch moves."""
-        return LinkPoints(self.robot, _links_below(self.robot.description, self._name(0)))
+        return LinkPoints(self.robot, self._links_below(0))
 
     @cached_property
     def _outer(self) -> LinkPoints:
         """Points of the links beyond the middle of the branch."""
-        middle = (len(self.joints) - 1) // 2
-        return LinkPoints(self.robot, _links_below(self.robot.description, self._name(middle)))
+        return LinkPoints(self.robot, self._links_below((len(self.joints) - 1) // 2))
 
     @cached_property
     def _rest(self) -> LinkBoxes:
         """Boxes of the links that stay, or that move with the first joints only."""
-        first = max(0, (len(self.joints) - 1) // 2 - 2)
-        moved = set(_links_below(self.robot.description, self._name(first)))
+        moved = set(self._links_below(max(0, (len(self.joints) - 1) // 2 - 2)))
         others = [name for name in self.robot.description.link if name not in moved]
         return LinkBoxes(self.robot, others, GROWTH)
 
-    def _find_front(self) -> float:
-        """Return how far ahead of P the foremost point of the base is, m."""
-        description = self.robot.description
-        links = [name for name, _ in self.robot.tree.rigid_links(description.root)]
-        wheels = [description.joint[w.joint].child for w in self.robot.drive.wheels]
-        return float(LinkPoints(self.robot, [*links, *wheels])(self._data)[:, 0].max())
-
-    def _find_mount(self) -> Array:
-        """Return where the first joint that turns lies, or the first one at all (3,), m."""
-        turning = (i for i in self.joints if self.robot.joints[i].kind != "prismatic")
-        name = self.robot.joints[next(turning, self.joints[0])].name
-        return np.array(self._data.oMi[self.robot.model.getJointId(name)].translation)
-
-    def _name(self, index: int) -> str:
-        return self.robot.joints[self.joints[index]].name
+    def _links_below(self, index: int) -> list[str]:
+        """Return the links that one of the branch's joints moves."""
+        joint = self.robot.joints[self.joints[index]]
+        return [below.child for below in self.robot.description.below(joint)]
 
 
 def rate_columns(robot: Robot, names: Sequence[str]) -> Array:
@@ -337,11 +325,6 @@ def rate_columns(robot: Robot, names: Sequence[str]) -> Array:
             if joint.mimic is not None and joint.mimic.joint == name:
                 columns[robot.velocity_index(joint.name), column] = joint.mimic.multiplier
     return columns
-
-
-def _links_below(description: Description, joint: str) -> list[str]:
-    """Return the links that a joint moves."""
-    return [below.child for below in description.below(description.joint[joint])]
 
 
 def split_branches(robot: Robot) -> list[tuple[str, tuple[int, ...]]]:

@@ -154,10 +154,8 @@ def _top_level(tree: ast.Module) -> list[tuple[str, ast.expr]]:
     """Return the names that a module assigns at its top, and what."""
     found = []
     for node in tree.body:
-        targets = node.targets if isinstance(node, ast.Assign) else []
-        if isinstance(node, ast.AnnAssign):
-            targets = [node.target]
         if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             found += [(each.id, node.value) for each in targets if isinstance(each, ast.Name)]
     return found
 

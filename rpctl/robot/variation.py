@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.density import write_inertials
 from rpctl.description.records import Link
 from rpctl.drive.scaled_wheels import scale_track, with_radii
@@ -117,19 +117,14 @@ class BuiltNumbers:
     @cached_property
     def changed(self) -> NDArray[np.bool_]:
         """Which links (K, L) have another mass, centre or inertia than the robot's."""
-        masses = np.array([link.mass for link in self._links])
-        centres = np.array([link.com for link in self._links])
-        moved = (self.centres != centres).any(axis=2)
-        return np.asarray((self.masses != masses) | (self.spreads != 1.0) | moved)
+        heavier = self.masses != np.array([link.mass for link in self._links])
+        moved = (self.centres != np.array([link.com for link in self._links])).any(axis=2)
+        return np.asarray(heavier | (self.spreads != 1.0) | moved)
 
     @cached_property
     def body(self) -> list[int]:
         """Index of each link's body: that of its joint in the model, less the root's."""
-        return [self._frame(name).parentJoint - ROOT_JOINT for name in self.names[LINK]]
-
-    def _frame(self, link: str) -> pin.Frame:
-        model = self.robot.model
-        return model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        return [self.robot.frame(name).parentJoint - ROOT_JOINT for name in self.names[LINK]]
 
     @cached_property
     def _own(self) -> Array:
@@ -146,7 +141,7 @@ class BuiltNumbers:
         found = np.array([self._own] * len(self.masses))
         for k in np.flatnonzero(self.changed.any(axis=0)).tolist():
             link = self._links[k]
-            pose = self._frame(link.name).placement.homogeneous
+            pose = self.robot.frame(link.name).placement.homogeneous
             spread, com = np.zeros((4, 4)), np.array(link.com)[None]
             spread[:3, :3] = 0.5 * np.trace(link.inertia) * np.eye(3) - link.inertia
             more = (self.spreads[:, k, None, None] - 1.0) * (pose @ spread @ pose.T)
@@ -159,7 +154,7 @@ class BuiltNumbers:
         """Pseudo-inertias (K, n_bodies, 4, 4) of the bodies with their payloads."""
         if not self.payload:
             return self.unloaded
-        frame, found = self._frame(self.payload), self.unloaded.copy()
+        frame, found = self.robot.frame(self.payload), self.unloaded.copy()
         point = _point(frame.placement.homogeneous, self.places)
         found[:, frame.parentJoint - ROOT_JOINT] += self.loads[:, None, None] * point
         return found
@@ -190,25 +185,18 @@ class Perturbation(NamedTuple):
     neutral: Any = 0.0
 
 
-def _scale_masses(numbers: BuiltNumbers, scales: Array) -> None:
-    numbers.masses *= scales
-    numbers.spreads *= scales
+def _scale(*names: str) -> Callable[[BuiltNumbers, Any], None]:
+    """Return what scales some of the numbers of robots, all alike."""
+
+    def change(numbers: BuiltNumbers, scales: Any) -> None:
+        for name in names:
+            getattr(numbers, name)[...] *= scales
+
+    return change
 
 
 def _move_centres(numbers: BuiltNumbers, offsets: Array) -> None:
     numbers.centres += offsets
-
-
-def _scale_inertias(numbers: BuiltNumbers, scales: Array) -> None:
-    numbers.spreads *= scales
-
-
-def _scale_radii(numbers: BuiltNumbers, scales: Array) -> None:
-    numbers.radii *= scales
-
-
-def _scale_track(numbers: BuiltNumbers, scales: Sequence[float]) -> None:
-    numbers.track *= scales
 
 
 def _add_damping(numbers: BuiltNumbers, added: Array) -> None:
@@ -301,7 +289,7 @@ class Variation(Record):
             "Scales of the masses by pattern of link names, and with them of the "
             "inertias, as of another density.",
         ),
-        Perturbation(_scale_masses, LINK, 1.0),
+        Perturbation(_scale("masses", "spreads"), LINK, 1.0),
     ] = field(default_factory=dict)
     centres: Annotated[
         Mapping[str, Offset],
@@ -322,7 +310,7 @@ class Variation(Record):
             "Scale of the inertia",
             "Further scales of the inertias about the centres of mass, by pattern of link names.",
         ),
-        Perturbation(_scale_inertias, LINK, 1.0),
+        Perturbation(_scale("spreads"), LINK, 1.0),
     ] = field(default_factory=dict)
     radii: Annotated[
         Mapping[str, float],
@@ -333,7 +321,7 @@ class Variation(Record):
             "Scales of the wheels' radii, by pattern of wheel joints. The ground is where "
             "the wheels end then.",
         ),
-        Perturbation(_scale_radii, WHEEL, 1.0),
+        Perturbation(_scale("radii"), WHEEL, 1.0),
     ] = field(default_factory=dict)
     track: Annotated[
         float,
@@ -344,7 +332,7 @@ class Variation(Record):
             "Scale of the distances of the wheels' contacts from the middle line; the "
             "wheels themselves stay.",
         ),
-        Perturbation(_scale_track),
+        Perturbation(_scale("track")),
     ] = 1.0
     damping: Annotated[
         Mapping[str, float],
@@ -401,7 +389,11 @@ class Variation(Record):
         for pattern, offset in self.centres.items():
             if len(offset) != 3:
                 raise RpctlError(f"centres of {pattern} is {offset}; give x, y, z in m")
-        require_slope(self.slope)
+        if len(self.slope) != 2:
+            raise RpctlError(f"slope is {self.slope}; give the angles along x and along y, in rad")
+        require_within("slope", self.slope, 0.5 * math.pi)
+        if not sum(math.sin(angle) ** 2 for angle in self.slope) < 1.0:
+            raise RpctlError(f"slope is {self.slope}; no ground rises so along x and y at once")
 
 
 PERTURBATIONS: Mapping[str, Perturbation] = {
@@ -448,11 +440,13 @@ def _with_inertias(robot: Robot, built: BuiltNumbers) -> Robot:
         pseudo = pin.PseudoInertia.FromMatrix(built.unloaded[0, body])
         # It need not be that of a body alone: a robot is sound if its inertia matrix is.
         model.inertias[body + ROOT_JOINT] = pin.Inertia.FromPseudoInertia(pseudo)
-        link, com = robot.description.link[name], built.centres[0, k].copy()
-        about = built.spreads[0, k] * link.inertia
-        for array in (com, about):
-            array.setflags(write=False)
-        links[name] = replace(link, mass=float(built.masses[0, k]), com=com, inertia=about)
+        link = robot.description.link[name]
+        links[name] = replace(
+            link,
+            mass=float(built.masses[0, k]),
+            com=read_only(built.centres[0, k]),
+            inertia=read_only(built.spreads[0, k] * link.inertia),
+        )
     # What was estimated stays an estimate, which the user's text does not have.
     written = {name: link for name, link in links.items() if not link.estimated}
     description = robot.description.edited(
@@ -473,16 +467,3 @@ def _with_inertias(robot: Robot, built: BuiltNumbers) -> Robot:
 def pseudo_inertia(inertia: pin.Inertia) -> Array:
     """Return the pseudo-inertia (4, 4) of Pinocchio's inertia, about its frame's origin."""
     return np.asarray(inertia.toPseudoInertia().toMatrix())
-
-
-def require_slope(slope: Slope) -> None:
-    """Refuse what is no slope of a ground.
-
-    Raises:
-        RpctlError: There are not two angles, or no plane rises so.
-    """
-    if len(slope) != 2:
-        raise RpctlError(f"slope is {slope}; give the angles along x and along y, in rad")
-    require_within("slope", slope, 0.5 * math.pi)
-    if not sum(math.sin(angle) ** 2 for angle in slope) < 1.0:
-        raise RpctlError(f"slope is {slope}; no ground rises so along x and y at once")

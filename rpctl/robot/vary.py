@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.density import inertial_element
 from rpctl.description.records import Description, Joint, Link
-from rpctl.errors import RpctlError, UnknownNameError, require_positive
+from rpctl.errors import RpctlError, UnknownNameError, require_known, require_positive
 from rpctl.robot.load_settings import Payload
 from rpctl.robot.losses import find_losses
 from rpctl.robot.model import Robot
@@ -39,11 +39,9 @@ def scale_limits(robot: Robot, effort: float = 1.0, velocity: float = 1.0) -> Ro
     """
     require_positive("effort", effort)
     require_positive("velocity", velocity)
-
-    def scaled(joint: Joint) -> Joint:
-        return replace(joint, effort=effort * joint.effort, velocity=velocity * joint.velocity)
-
-    return _with_joints(robot, scaled)
+    return _with_joints(
+        robot, lambda j: replace(j, effort=effort * j.effort, velocity=velocity * j.velocity)
+    )
 
 
 def set_limits(
@@ -69,12 +67,14 @@ def set_limits(
             require_positive(f"the {kind} limit of {pattern}", limit)
     names = robot.moving_joint_names
     efforts, rates = (by_pattern(limits or {}, names, "joint") for limits in (effort, velocity))
-
-    def limited(joint: Joint) -> Joint:
-        own = efforts.get(joint.name, joint.effort), rates.get(joint.name, joint.velocity)
-        return replace(joint, effort=own[0], velocity=own[1])
-
-    return _with_joints(robot, limited)
+    return _with_joints(
+        robot,
+        lambda joint: replace(
+            joint,
+            effort=efforts.get(joint.name, joint.effort),
+            velocity=rates.get(joint.name, joint.velocity),
+        ),
+    )
 
 
 def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:
@@ -116,11 +116,14 @@ def with_losses(robot: Robot, damping: Array, friction: Array) -> Robot:
         known = np.array([robot.losses.damping, robot.losses.friction])
     if np.array_equal(known, [damping, friction]):
         return robot
-    joints = {}
-    for name in robot.entries:
-        index, joint = robot.velocity_index(name), robot.description.joint[name]
-        d, f = float(damping[index]), float(friction[index])
-        joints[name] = replace(joint, damping=d, friction=f)
+    joints = {
+        name: replace(
+            robot.description.joint[name],
+            damping=float(damping[robot.velocity_index(name)]),
+            friction=float(friction[robot.velocity_index(name)]),
+        )
+        for name in robot.entries
+    }
     description = robot.description.edited(
         None,
         lambda root: _write_losses(root, joints),
@@ -180,8 +183,7 @@ def with_payload(
         RpctlError: The mass is not positive, or a number is missing or not finite.
         UnknownNameError: The link is not known.
     """
-    if link not in robot.description.link:
-        raise UnknownNameError("link", link, robot.description.link)
+    require_known("link", [link], robot.description.link)
     require_positive("the payload's mass", mass)
     centre = np.array(com, dtype=float)
     about = np.zeros((3, 3)) if inertia is None else np.array(inertia, dtype=float)
@@ -192,7 +194,8 @@ def with_payload(
     description = _attached(robot.description, link, mass, centre, about)
     payload = Payload(link, mass, tuple(centre.tolist()), tuple(map(tuple, about.tolist())))
     settings = replace(robot.loaded_with, payloads=(*robot.loaded_with.payloads, payload))
-    model = _loaded(robot.model, link, pin.Inertia(mass, centre, about))
+    model, frame = robot.model.copy(), robot.frame(link)
+    model.appendBodyToJoint(frame.parentJoint, pin.Inertia(mass, centre, about), frame.placement)
     return replace(robot, description=description, model=model, loaded_with=settings)
 
 
@@ -202,14 +205,6 @@ def _is_no_body(inertia: Array) -> bool:
     return bool(moments[0] < 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9))
 
 
-def _loaded(model: pin.Model, link: str, inertia: pin.Inertia) -> pin.Model:
-    """Return a model whose link carries an inertia, which is given in the link's frame."""
-    loaded = model.copy()
-    frame = loaded.frames[loaded.getFrameId(link, pin.FrameType.BODY)]
-    loaded.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
-    return loaded
-
-
 def _attached(
     description: Description, carrier: str, mass: float, com: Array, inertia: Array
 ) -> Description:
@@ -217,12 +212,10 @@ def _attached(
     name, line = f"{carrier}_payload", description.link[carrier].line
     while name in description.link or name + JOINT in description.joint:
         name += "_"
-    axis, inf = np.array([1.0, 0.0, 0.0]), math.inf
-    for array in (com, inertia, axis, origin := np.eye(4)):
-        array.setflags(write=False)
-    link = Link(name, line, mass, com, inertia, (), ())
-    ends, limits, losses = (carrier, name), (-inf, inf, inf, inf), (0.0, 0.0)
-    joint = Joint(name + JOINT, line, "fixed", *ends, origin, axis, *limits, None, *losses)
+    link = Link(name, line, mass, read_only(com), read_only(inertia), (), ())
+    inf, place = math.inf, (read_only(np.eye(4)), read_only([1.0, 0.0, 0.0]))
+    ends, limits = (carrier, name), (-inf, inf, inf, inf)
+    joint = Joint(name + JOINT, line, "fixed", *ends, *place, *limits, None, 0.0, 0.0)
     write = partial(_write_payload, link=link, joint=joint)
     return description.edited(
         write,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -124,17 +124,16 @@ def fractions(rows: Iterable[Row[Start]]) -> list[Fraction]:
     groups: dict[tuple[str, str], list[Figures]] = {}
     for row in rows:
         groups.setdefault((row.cell.kinematic, row.cell.run.reference), []).append(row.figures)
-    return [_fraction(*key, group) for key, group in groups.items()]
-
-
-def _fraction(kinematic: str, reference: str, group: Sequence[Figures]) -> Fraction:
-    settled = [each.settled_at for each in group if converged(each)]
-    return Fraction(
-        kinematic,
-        reference,
-        len(group),
-        len(settled),
-        sum(map(failed, group)),
-        sum(each.outcome == REFUSED for each in group),
-        max((at for at in settled if at is not None), default=None),
-    )
+    return [
+        Fraction(
+            *law_and_reference,
+            starts=len(group),
+            converged=sum(map(converged, group)),
+            failed=sum(map(failed, group)),
+            refused=sum(each.outcome == REFUSED for each in group),
+            slowest=max(
+                (each.settled_at or 0.0 for each in group if converged(each)), default=None
+            ),
+        )
+        for law_and_reference, group in groups.items()
+    ]

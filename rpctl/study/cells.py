@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -34,8 +34,6 @@ from rpctl.study.experiment import Progress
 
 REFUSED, ENDED = "refused", "ended"  # outcomes of a run that never began, or came to no end
 ROLLING, CONTACT = "rolling", "contact"  # kinds of plants
-
-Controller = TypeVar("Controller")
 
 
 class References:
@@ -172,8 +170,10 @@ class CellRunner:
             config = cell.config(self.references)
             reference = self.references(config.run)
             if self.timed:
-                kinematic: Any = TimedLaw(config.kinematic, seconds)  # type: ignore[arg-type]
-                dynamic: Any = TimedLaw(config.dynamic, seconds)  # type: ignore[arg-type]
+                kinematic, dynamic = (
+                    TimedLaw(law, seconds)  # type: ignore[arg-type]
+                    for law in (config.kinematic, config.dynamic)
+                )
                 config = replace(config, kinematic=kinematic, dynamic=dynamic)
             run = simulate(self.references.robot, config, reference, ended=ended.append)
         except RpctlError as error:
@@ -289,7 +289,7 @@ def largest_tilt(poses: Array) -> float:
 
 
 @dataclass(frozen=True)
-class TimedLaw(Generic[Controller]):
+class TimedLaw:
     """A law whose calls are timed.
 
     Attributes:
@@ -297,15 +297,12 @@ class TimedLaw(Generic[Controller]):
         seconds: Gets the processor time (thread time) of each call, s.
     """
 
-    law: Law[Controller]
+    law: Law[Any]
     seconds: list[float] = field(compare=False)
 
-    def start(
-        self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
-    ) -> Controller:
+    def start(self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None) -> Any:
         """Return the controller of one run; see :meth:`rpctl.control.law.Law.start`."""
-        controller = self.law.start(dynamics, period, rest)
-        return cast("Controller", _TimedController(controller, self.seconds))
+        return _TimedController(self.law.start(dynamics, period, rest), self.seconds)
 
 
 class _TimedController:

@@ -65,6 +65,7 @@ from urllib.parse import urlsplit
 
 from rpctl.errors import RpctlError
 from rpctl.libraries import library
+from rpctl.study.design import extra
 from rpctl.study.executor import (
     Chunk,
     Executor,
@@ -74,9 +75,8 @@ from rpctl.study.executor import (
     pickled,
     run_pickled,
 )
-from rpctl.study.provenance import CODE, installed
+from rpctl.study.store import CODE, installed
 
-INSTALL = "pip install 'rpctl[cluster]'"
 CONNECT_S = 10.0  # s in which a scheduler has to answer
 JOIN_S = 60.0  # s in which a first worker has to join
 MAX_SHOWN = 10  # workers that a message names
@@ -259,12 +259,7 @@ def _connect(address: str, tell: Callable[[str], object]) -> Any:
     Raises:
         RpctlError: Dask is missing, no scheduler answers, or no worker joins.
     """
-    try:
-        distributed = library("distributed")
-    except ModuleNotFoundError as error:
-        if error.name not in ("dask", "distributed"):
-            raise
-        raise RpctlError(f"more machines need distributed; {INSTALL}") from None
+    distributed = extra("distributed", "more machines need", "cluster")
     try:
         _require_greeting(address)
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)

@@ -57,10 +57,9 @@ class Scenario:
 def _light_arm(config: Config, robot: Robot, reference: Reference) -> Config:
     if not robot.joints:
         raise RpctlError(f"{robot.name} has no arm")
-    known = robot
-    for joint in robot.joints:
-        known = scale_masses(known, glob.escape(joint.name), ARM_MASS_RATIO)
-    return replace(config, plant=Plant(controller_model=known))
+    for name in robot.joint_names:
+        robot = scale_masses(robot, glob.escape(name), ARM_MASS_RATIO)
+    return replace(config, plant=Plant(controller_model=robot))
 
 
 def _wheel_bias(config: Config, robot: Robot, reference: Reference) -> Config:
@@ -86,12 +85,13 @@ def _half_limits(config: Config, robot: Robot, reference: Reference) -> Config:
 
 def _holding_efforts(robot: Robot, reference: Reference) -> Array:
     """Return the largest efforts (n_act,) that hold the robot still anywhere on a reference."""
-    dynamics, still = ReducedDynamics(robot), np.zeros(robot.dof)
-    found = []
-    for t in np.arange(0.0, default_duration(reference), HOLDING_SAMPLE_S).tolist():
-        q = configuration_along(robot, reference(t))
-        found.append(np.abs(dynamics.efforts(q, dynamics.bias(q, still))))
-    return np.asarray(np.max(found, axis=0))
+    dynamics, times = (
+        ReducedDynamics(robot),
+        np.arange(0.0, default_duration(reference), HOLDING_SAMPLE_S),
+    )
+    places = [configuration_along(robot, reference(t)) for t in times.tolist()]
+    efforts = [dynamics.efforts(q, dynamics.bias(q, np.zeros(robot.dof))) for q in places]
+    return np.asarray(np.abs(efforts).max(axis=0))
 
 
 def _with_plant(**settings: Any) -> Callable[[Config, Robot, Reference], Config]:

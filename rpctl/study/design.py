@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,23 +15,19 @@ from rpctl.libraries import library
 
 MORRIS_LEVELS = 4  # of each parameter in a trajectory: SALib's default
 STREAM = (0, 1)  # spawn key of Monte Carlo's points: the runs' own random numbers have keys (i,)
-INSTALL = "pip install 'rpctl[study]'"
 FEWEST = 2  # levels of a grid, and base points of Sobol's design
 
 
-def extra(module: str) -> Any:
-    """Return a module of the libraries of ``rpctl[study]``, imported now.
+def extra(module: str, what: str = "this study needs", of: str = "study") -> Any:
+    """Return a module of the libraries of ``rpctl[study]``, or of another extra, imported now.
 
     Raises:
         RpctlError: It is not installed.
     """
     package = module.partition(".")[0]
-    try:
-        return library(module)
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != package:
-            raise
-        raise RpctlError(f"this study needs {package}; {INSTALL}") from None
+    if find_spec(package) is None:
+        raise RpctlError(f"{what} {package}; pip install 'rpctl[{of}]'")
+    return library(module)
 
 
 DESIGNS = ("monte-carlo", "grid", "latin-hypercube", "sobol", "morris")

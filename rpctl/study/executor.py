@@ -22,7 +22,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from multiprocessing import resource_tracker
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from rpctl.errors import RpctlError
 from rpctl.files.own_code import sent
@@ -36,6 +36,7 @@ ALONE_S = 10.0  # s after which they are started whatever is left: more may be a
 
 Chunk = TypeVar("Chunk")
 Result = TypeVar("Result")
+Own = TypeVar("Own", bound="Executor")
 Work = Callable[[Chunk], Result]
 
 
@@ -75,7 +76,7 @@ class Executor:
         for chunk in chunks:
             yield chunk, work(chunk)
 
-    def __enter__(self) -> Executor:
+    def __enter__(self: Own) -> Own:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -98,9 +99,6 @@ class ProcessExecutor(Executor):
             raise RpctlError(f"{workers} workers; give 1 or more")
         self.workers, self._sparing, self._alone_s = workers, sparing, 0.0
         self._pool: ProcessPoolExecutor | None = None
-
-    def __enter__(self) -> ProcessExecutor:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self._end()
@@ -176,7 +174,7 @@ class ProcessExecutor(Executor):
             self._pool = ProcessPoolExecutor(self.workers, context, _watch_parent)
             # All start with the first chunk: one that started while another dies would change the
             # dictionary of processes that the pool's thread is walking, and that thread would fail.
-            self._pool._safe_to_dynamically_spawn_children = False
+            self._pool._safe_to_dynamically_spawn_children = False  # type: ignore[attr-defined]
         return self._pool
 
     def _end(self) -> None:
@@ -210,14 +208,12 @@ def _for_children() -> Iterator[None]:
 
 def _watch_parent() -> None:
     """Have this process end when the one that started it was killed."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
 
+    def end_with_parent() -> None:
+        mp.parent_process().join()  # type: ignore[union-attr]  # each child has one
+        os._exit(1)
 
-def _end_with_parent() -> None:
-    parent = mp.parent_process()
-    if parent is not None:
-        parent.join()
-    os._exit(1)
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 class _Pickler(pickle.Pickler):
@@ -239,8 +235,7 @@ def run_pickled(work: bytes, chunk: bytes) -> Any:
 
 @lru_cache(maxsize=1)
 def _loaded(work: bytes) -> Callable[[Any], Any]:
-    loaded: Callable[[Any], Any] = pickle.loads(work)
-    return loaded
+    return cast("Callable[[Any], Any]", pickle.loads(work))
 
 
 def executor_for(workers: int) -> Executor:

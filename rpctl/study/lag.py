@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.control.velocity_output import MAX_LAG, VelocityOutput
 from rpctl.errors import RpctlError, require_known, require_positive
 from rpctl.reference.recorded.table_file import (
@@ -86,22 +86,8 @@ class SpeedLog:
         if span < MIN_SPAN_S:
             raise RpctlError(f"the log lasts {span:.3g} s; give {MIN_SPAN_S:g} s or more, t in s")
         for name, value in (("t", t), ("commanded", commanded), ("measured", measured)):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, read_only(value))
         object.__setattr__(self, "names", names)
-
-
-def log_of_run(run: Run) -> SpeedLog:
-    """Return the speeds of a run.
-
-    Raises:
-        RpctlError: Its output were efforts.
-    """
-    if not run.log.nu_cmd.shape[1]:
-        raise RpctlError(
-            "the run has no commanded speeds, its output were efforts; track with output velocity"
-        )
-    return SpeedLog(run.t, run.log.nu_cmd, run.nu, run.robot.quasi_velocities)
 
 
 def read_speed_log(path: str | Path) -> SpeedLog:
@@ -219,7 +205,10 @@ def lag_from(log: Run | SpeedLog | str | Path, max_dead_time: float = MAX_DEAD_T
     if isinstance(log, str | Path):
         log = read_speed_log(log) if str(log).lower().endswith(".csv") else Run.load(log)
     if isinstance(log, Run):
-        log = log_of_run(log)
+        if not log.log.nu_cmd.shape[1]:
+            raise RpctlError("the run has no commanded speeds, its output were efforts; track with "
+                             "output velocity")  # fmt: skip
+        log = SpeedLog(log.t, log.log.nu_cmd, log.nu, log.robot.quasi_velocities)
     longest = min(max_dead_time, 0.5 * float(log.t[-1] - log.t[0]))
     found = [_identify(log, index, longest) for index in range(len(log.names))]
     fits = {k: each for k, each in enumerate(found) if isinstance(each, _Fit)}

@@ -140,7 +140,8 @@ class LaneColumns:
         self._start, self._duration = start, duration
         self._known = ReducedDynamics(robot)
         self._last: tuple[object, Array] = (None, np.empty(0))  # laws and their settings
-        config, names = experiment.config, [n for n in experiment.names if _is_of_robot(n)]
+        config, parts = experiment.config, {name: name.split(".") for name in experiment.names}
+        names = [n for n, p in parts.items() if p[0] == "plant" and p[1] in PERTURBATIONS]
         lossy = tuple(name for name in names if name.startswith(LOSSES))  # they step otherwise
         stands = with_values(config, lossy, np.full(len(lossy), FRICTION))
         probes = [stands.plant]
@@ -236,9 +237,3 @@ class LaneColumns:
         if self._last[0] != laws:
             self._last = laws, settings_of(*laws, self._known, period)
         return self._last[1]
-
-
-def _is_of_robot(name: str) -> bool:
-    """Return whether a setting changes the numbers of the simulated robot."""
-    table, _, path = name.partition(".")
-    return table == "plant" and path.partition(".")[0] in PERTURBATIONS

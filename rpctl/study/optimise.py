@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +15,17 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.writing import make_folder, to_json, write_atomically
 from rpctl.libraries import library
-from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.study.design import Design
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Progress, RunTable, join_tables
-from rpctl.study.journal import Journal
-from rpctl.study.merits import merits_for
-from rpctl.study.provenance import code_identity, experiment_identity
+from rpctl.study.merits import merit_unit, merit_words, merits_for, number, unit_of
 from rpctl.study.runner import Runner, run_rows
 from rpctl.study.scatter import Scatter, settings_at, with_values
 from rpctl.study.statistics import CONFIDENCE, Interval, mean, quantile, share
+from rpctl.study.store import Journal, identity
 from rpctl.study.study import Optimisation, Study, succeeded
-from rpctl.study.words import merit_unit, merit_words, number, unit_of
 
 SEARCH_FOLDER, JOURNAL_FILE = "optimize", "generations.jsonl"
 OPTIMUM_FILE, CONFIG_FILE = "optimum.json", "optimized.toml"
@@ -126,19 +123,17 @@ class _Search:
     def begin(self, resume: bool) -> None:
         """Make the journal, or take what it holds: the search walks the same way again."""
         study, own = self.study, asdict(self.asked)
-        identity = {
-            "robot": robot_identity(self.robot),
+        follows_from = {
+            **identity(self.robot, study.experiment, study.scatter, study.design),
             "seed": study.settings.seed,
-            "experiment": experiment_identity(study.experiment, study.scatter),
             "success": dict(study.success),
             "optimize": {
                 **{key: own[key] for key in own if key not in ("validation", "evaluations")},
                 "parameters": self._ends(),
             },
-            "versions": code_identity(study.design),
         }
         path = self.out / SEARCH_FOLDER / JOURNAL_FILE
-        self._journal = Journal(path, identity, "a search")
+        self._journal = Journal(path, follows_from, "a search")
         for record in self._journal.begin(resume):
             self._known |= zip(map(_key, record["points"]), record["costs"], strict=True)
 
@@ -296,13 +291,6 @@ def cost_change(asked: Optimisation, before: Judged, after: Judged, seed: int) -
     return Interval(change(runs), low, high)
 
 
-class OptimumVerdict(NamedTuple):
-    """Whether settings are :data:`BETTER`, :data:`WORSE`, or neither, and a sentence on it."""
-
-    verdict: str
-    text: str
-
-
 def statistic_words(optimum: Mapping[str, Any]) -> str:
     """Return what a search made small, as ``95 % quantile of base error, rms``."""
     name = {"quantile": f"{100.0 * optimum['level']:g} % quantile", "worst": "largest"}
@@ -310,11 +298,14 @@ def statistic_words(optimum: Mapping[str, Any]) -> str:
     return f"{statistic} of {merit_words(optimum['merit'])}"
 
 
-def optimum_sentence(optimum: Mapping[str, Any]) -> OptimumVerdict:
+def optimum_sentence(optimum: Mapping[str, Any]) -> tuple[str, str]:
     """Return whether the settings found are better than the file's on fresh runs, and by how much.
 
     Args:
         optimum: What ``optimum.json`` holds.
+
+    Returns:
+        :data:`BETTER`, :data:`WORSE`, or :data:`UNCLEAR`; and a sentence that begins so.
     """
     checked = optimum["validation"]
     costs = [checked[name]["cost"] for name in (BEFORE, AFTER)]
@@ -335,7 +326,7 @@ def optimum_sentence(optimum: Mapping[str, Any]) -> OptimumVerdict:
         if kept:
             low, high = (_percent(each / before) for each in (change.low, change.high))
             text += f" (95 % interval {low.removesuffix(' %')} to {high})"
-    return OptimumVerdict(verdict, text)
+    return verdict, text
 
 
 def _percent(ratio: float) -> str:

@@ -183,12 +183,7 @@ def rollout(
     own["merits"] = None if merits is None else tuple(merits)
     own["reference"] = None if isinstance(reference, str) else reference
     experiment = Experiment(base, scattered.names, **own)
-    values = draw(scattered, count, seed)
+    points = Design(count=count, seed=seed).points(len(scattered.names))
+    values = settings_at(scattered, points)
     table = Runner(robot, experiment).rows(values, np.arange(count), progress)
     return Rollouts(experiment, scattered.names, values, table)
-
-
-def draw(scatter: Scatter, count: int, seed: int) -> Array:
-    """Return the settings (count, n) of runs; a row depends on the seed and its number only."""
-    points = Design(count=count, seed=seed).points(len(scatter.names))
-    return settings_at(scatter, points)

@@ -67,11 +67,6 @@ class _Prepared:
     stride: int  # of those that are kept over time
     lanes: Lanes | None  # machine code; None: Python does the runs
 
-    @property
-    def kept(self) -> slice:
-        """Which samples are kept over time."""
-        return slice(None, None, self.stride)
-
 
 @dataclass(frozen=True, eq=False)
 class Runner:
@@ -117,24 +112,34 @@ class Runner:
         Raises:
             RpctlError: The experiment fits no run: its reference or a merit is not the robot's.
         """
-        table = self._empty_table(values, np.asarray(indices, dtype=np.int64))
-        verdicts: dict[int, RunVerdict] = {}
-        lanes, notify = self._prepared.lanes, progress or (lambda done, total: None)
-        for first in range(0, len(table), BLOCK):
-            rows = slice(first, min(first + BLOCK, len(table)))
-
-            def told(done: int, _: int, first: int = first) -> None:
-                notify(first + done, len(table))
-
+        prepared, count, notify = self._prepared, len(indices), progress or (lambda *told: None)
+        t: Array = np.arange(0, prepared.count, prepared.stride, dtype=float)
+        t *= self.experiment.config.run.control_period
+        table = RunTable(  # of runs that came to no end
+            index=np.asarray(indices, dtype=np.int64),
+            parameters=dict(zip(self.experiment.names, values.T, strict=True)),
+            merits={name: np.full(count, np.inf) for name in prepared.merits},
+            series={name: np.full((count, len(t)), np.nan) for name in prepared.series},
+            t=t,
+            outcomes=(),
+            reasons=(),
+        )
+        verdicts, lanes = dict[int, RunVerdict](), prepared.lanes
+        for first in range(0, count, BLOCK):
+            rows = slice(first, min(first + BLOCK, count))
             if lanes is not None:
+
+                def told(done: int, _: int, first: int = first) -> None:
+                    notify(first + done, count)
+
                 verdicts |= lanes.fill(table, rows, values[rows], told)
             for row in range(rows.start, rows.stop):
                 if row not in verdicts:
                     verdicts[row] = self._run_row(table, row, values[row])
                 if lanes is None:
-                    told(row + 1 - first, 0)
-            told(rows.stop - first, 0)
-        ordered = [verdicts[row] for row in range(len(table))]
+                    notify(row + 1, count)
+            notify(rows.stop, count)
+        ordered = [verdicts[row] for row in range(count)]
         return replace(
             table,
             outcomes=tuple(verdict.outcome for verdict in ordered),
@@ -147,11 +152,15 @@ class Runner:
         config, reference = experiment.config, experiment.reference or self._reference()
         count = require_affordable(robot, config, reference).periods + 1
         placed = robot.end_effector is not None
-        series = tuple(name for name, measure in SERIES.items() if placed or measure != "tip")
-        merits = merits_for(robot, experiment.merits)
         stride = -(-count // experiment.samples)
-        lanes = _lanes(config.limits.apply(robot), experiment, reference, count, stride)
-        return _Prepared(reference, merits, series, count, stride, lanes)
+        return _Prepared(
+            reference=reference,
+            merits=merits_for(robot, experiment.merits),
+            series=tuple(name for name, measure in SERIES.items() if placed or measure != "tip"),
+            count=count,
+            stride=stride,
+            lanes=_lanes(config.limits.apply(robot), experiment, reference, count, stride),
+        )
 
     def _reference(self) -> Reference:
         """Return the reference by its name, or of the file that was sent if it is not here."""
@@ -164,21 +173,6 @@ class Runner:
             path.write_bytes(self._file)
             return replace(config.run, reference=str(path)).load_reference(known)
 
-    def _empty_table(self, values: Array, indices: NDArray[np.int64]) -> RunTable:
-        """Return the table of runs that came to no end."""
-        prepared, count = self._prepared, len(indices)
-        period = self.experiment.config.run.control_period
-        t: Array = np.arange(prepared.count, dtype=float)[prepared.kept] * period
-        return RunTable(
-            index=indices,
-            parameters=dict(zip(self.experiment.names, values.T, strict=True)),
-            merits={name: np.full(count, np.inf) for name in prepared.merits},
-            series={name: np.full((count, len(t)), np.nan) for name in prepared.series},
-            t=t,
-            outcomes=(),
-            reasons=(),
-        )
-
     def _run_row(self, table: RunTable, row: int, settings: Array) -> RunVerdict:
         """Simulate a run by Python, fill its row, and return what became of it."""
         prepared, experiment = self._prepared, self.experiment
@@ -186,7 +180,7 @@ class Runner:
         def keep(run: Run) -> None:
             kept = measures(run)
             for name, series in table.series.items():
-                shown = getattr(kept, SERIES[name])[prepared.kept]
+                shown = getattr(kept, SERIES[name])[:: prepared.stride]
                 series[row, : len(shown)] = shown
 
         try:
@@ -259,7 +253,11 @@ def _lanes(
     Raises:
         RpctlError: Machine code is asked for and cannot do it.
     """
-    reason = why_not(robot, experiment, count)
+    reason = refusal(robot, experiment.config)
+    reason = reason or plant_refusal(experiment.config.plant, experiment.names)
+    short = reason is None and experiment.backend == "auto" and not pays(robot, RUNS * count)
+    if experiment.backend == "pinocchio" or short:
+        return None
     if reason is None:
         from rpctl.study.lanes import Lanes
 
@@ -270,14 +268,3 @@ def _lanes(
     if experiment.backend == "compiled":
         raise RpctlError(f'these runs cannot be compiled: {reason}; take backend "auto"')
     return None
-
-
-def why_not(robot: Robot, experiment: Experiment, count: int) -> str | None:
-    """Return why runs of ``count`` samples are not done by machine code; None if they are."""
-    if experiment.backend == "pinocchio":
-        return "Pinocchio is asked for"
-    reason = refusal(robot, experiment.config)
-    reason = reason or plant_refusal(experiment.config.plant, experiment.names)
-    if reason is None and experiment.backend == "auto" and not pays(robot, RUNS * count):
-        return "runs are too short for that"
-    return reason

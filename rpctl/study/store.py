@@ -1,31 +1,215 @@
-"""The runs of a study on disk: lines of a journal while it runs, one Parquet file in the end."""
+"""The runs of a study on disk, and what they follow from.
+
+A journal has one line of JSON for each piece of work, written when it has ended. The first line
+says what the others follow from: robot, experiment, versions. A line that a crash or a full disk
+cut off, or that has changed since, is not what its digest says: what it stood for is done again.
+In the end all runs are one Parquet file.
+"""
 
 from __future__ import annotations
 
 import base64
+import dataclasses
 import json
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.control.registry import own_digests
 from rpctl.errors import RpctlError, one_line
 from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.writing import writing
+from rpctl.files.opening import open_input, read_input
+from rpctl.files.records import to_plain
+from rpctl.files.strict_json import read_json
+from rpctl.files.writing import make_folder, write_atomically, writing
+from rpctl.robot.inspection import robot_identity
+from rpctl.robot.model import Robot
 from rpctl.simulation.loop.budget import in_bytes
-from rpctl.study.design import extra
-from rpctl.study.experiment import RunTable
+from rpctl.study.design import Design, extra
+from rpctl.study.experiment import Experiment, RunTable
+from rpctl.study.scatter import Scatter, distribution_table
+
+DIGEST = "sha256"  # of the rest of a line, or of all rows
+MOST_SHOWN = 5  # differences that a message names
+PACKAGES = ("rpctl", "numpy", "pin", "casadi", "llvmlite")  # that results depend on
+DRAWN_BY = {"sobol": ("SALib",), "morris": ("SALib",)}  # other designs are NumPy's and SciPy's
+PYTHON, CODE = "python", "rpctl's code"
+DIGITS = 12  # of a digest: enough to tell two checkouts apart
+
+Record = dict[str, Any]
+
+
+class Journal(NamedTuple):
+    """The journal of some work.
+
+    Attributes:
+        path: The file.
+        identity: What the records follow from; a journal of another identity is refused.
+        work: What it is of, in words: ``"a study"``.
+    """
+
+    path: Path
+    identity: Mapping[str, Any]
+    work: str
+    pronoun: str = "it"
+
+    def begin(self, resume: bool) -> list[Record]:
+        """Make the file, or go on with it; return the records that it holds.
+
+        Raises:
+            RpctlError: There are records and they are not to be resumed, or they are of something
+                else: the difference is named.
+        """
+        make_folder(self.path.parent)
+        if not self.path.exists():
+            self.rewrite([])
+            return []
+        there, *records = [*self._records()] or [{}]
+        self.require_same(there, resume)
+        self.rewrite(records)  # without what was torn
+        return records
+
+    def require_same(self, there: Mapping[str, Any], resume: bool) -> None:
+        """Refuse to go on with records of another identity, or if nobody has asked for it.
+
+        Raises:
+            RpctlError: The difference is named.
+        """
+        folder = self.path.parent
+        if not resume:
+            raise RpctlError(
+                f"{folder}: holds {self.work}; add --resume to go on with {self.pronoun}, or give "
+                "another --out"
+            )
+        differences = [*plain_differences(there, json.loads(json.dumps(self.identity)))]
+        if differences:
+            raise RpctlError(
+                f"{folder}: holds runs of something else: {'; '.join(differences[:MOST_SHOWN])}; "
+                "give another --out"
+            )
+
+    def add(self, record: Mapping[str, Any]) -> None:
+        """Keep a record."""
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(_line(record))
+
+    def rewrite(self, records: Iterable[Mapping[str, Any]]) -> None:
+        """Write other records in the place of those that are there."""
+        lines = map(_line, (self.identity, *records))
+        write_atomically(self.path, "".join(lines).encode(), follow_links=False)
+
+    def _records(self) -> Iterator[Record]:
+        """Yield what the lines say that are whole."""
+        with open_input(self.path, "MAX_SHOWN_BYTES", "a journal of runs") as file:
+            for line in file:
+                try:
+                    record = read_json(line.decode())
+                    whole = record.pop(DIGEST) == _digest(json.dumps(record))
+                except (ValueError, KeyError, AttributeError, TypeError):
+                    continue
+                if whole:
+                    yield record
+
+
+def _line(record: Mapping[str, Any]) -> str:
+    return json.dumps({**record, DIGEST: _digest(json.dumps(record))}) + "\n"
+
+
+def _digest(text: str) -> str:
+    return sha256(text.encode()).hexdigest()[:16]
+
+
+def plain_differences(there: Any, here: Any, label: str = "") -> Iterator[str]:
+    """Yield where two records of JSON differ: ``seed: 1 there, 2 here``."""
+    if isinstance(there, Mapping) and isinstance(here, Mapping):
+        for key in sorted({*there, *here}):
+            inner = f"{label}.{key}" if label else key
+            yield from plain_differences(there.get(key), here.get(key), inner)
+    elif there != here:
+        yield f"{label}: {_short(there)} there, {_short(here)} here"
+
+
+def _short(value: Any) -> str:
+    text = "nothing" if value is None else str(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+# ---- what work follows from ---------------------------------------------------------------
+
+
+@cache
+def installed() -> dict[str, str]:
+    """Return what this process computes with, by name; as it was when it was first asked."""
+    return {
+        PYTHON: f"{sys.version_info.major}.{sys.version_info.minor}",
+        **{package: version(package) for package in PACKAGES},
+        CODE: _code_digest(),
+    }
+
+
+def _code_digest() -> str:
+    """Return a digest of rpctl's modules: two checkouts of one version may differ."""
+    package, digest = Path(__file__).parents[1], sha256()
+    for path in sorted(package.rglob("*.py")):
+        data = path.read_bytes()
+        digest.update(f"{path.relative_to(package).as_posix()} {len(data)} ".encode())
+        digest.update(data)
+    return digest.hexdigest()[:DIGITS]
+
+
+def identity(
+    robot: Robot, experiment: Experiment, scatter: Scatter, design: Design
+) -> dict[str, Any]:
+    """Return what the runs of an experiment follow from, at the points of a design."""
+    drawn_by = ("scipy", *DRAWN_BY.get(design.kind, ()))
+    return {
+        "robot": robot_identity(robot),
+        "experiment": experiment_identity(experiment, scatter),
+        "versions": {**installed(), **{name: version(name) for name in drawn_by}},
+    }
+
+
+def experiment_identity(experiment: Experiment, scatter: Scatter) -> dict[str, Any]:
+    """Return what all runs have in common, and what differs between them."""
+    own = {
+        item.name: getattr(experiment, item.name)
+        for item in dataclasses.fields(experiment)
+        if item.name not in ("config", "names", "reference")
+    }
+    return {
+        **own,
+        "config": to_plain(experiment.config),
+        "reference": reference_digest(experiment.config.run.reference),
+        "own laws": own_digests(experiment.config.kinematic),
+        "scatter": {n: distribution_table(each) for n, each in scatter.distributions.items()},
+    }
+
+
+def reference_digest(reference: str) -> str | None:
+    """Return the digest of a reference's file; None of a name."""
+    try:
+        return sha256(read_input(reference, "MAX_SHOWN_BYTES", "a reference")).hexdigest()[:16]
+    except RpctlError:
+        return None
+
+
+# ---- all runs in one Parquet file ---------------------------------------------------------
 
 RUNS_FILE = "runs.parquet"
-SERIES_TYPES = ("fixed_size_list<item: float>", "fixed_size_list<element: float>")
-TYPES = ("int64", "double", "bool", "string", *SERIES_TYPES)
+TYPES = (  # of columns; the last two are the same of two releases of pyarrow
+    "int64", "double", "bool", "string", "fixed_size_list<item: float>",
+    "fixed_size_list<element: float>",
+)  # fmt: skip
 KEY = b"rpctl"  # of the metadata
 FORMAT = 1
-DIGEST = "sha256"  # of the rows, among what the file tells of itself
 DAMAGED = (
     OSError, ValueError, LookupError, TypeError, AttributeError, NotImplementedError, MemoryError
 )  # fmt: skip

@@ -37,9 +37,8 @@ from rpctl.study.cells import ROLLING, CellRunner, Figures, References, run_cell
 from rpctl.study.compare import PAPER, LawPair
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Progress, run_seed
-from rpctl.study.journal import Journal
-from rpctl.study.provenance import installed, reference_digest
 from rpctl.study.scatter import with_values
+from rpctl.study.store import Journal, installed, reference_digest
 
 JOURNAL_FILE = "cells.jsonl"
 DURATION = 10.0  # s: references start softly, for 3 s; the second half is what is judged
@@ -49,7 +48,6 @@ OTHERS = (PAPER, LawPair("kanayama", "paper"))  # that the robot's own laws are 
 LOCALISATION = Noise(
     position=0.01, heading=0.005, joints=0.0005, speed=0.01, turn_rate=0.01, joint_rates=0.005
 )
-Reason = Callable[[Robot], str | None]
 Levels = tuple[tuple[str, float], ...]  # names of stresses and their levels
 
 
@@ -77,7 +75,7 @@ class Stress:
     nominal: float
     summary: str
     changes: Mapping[str, tuple[float, float]]
-    why_not: Reason = lambda robot: None
+    why_not: Callable[[Robot], str | None] = lambda robot: None
     drawn: tuple[float, float] | None = None
     whole: bool = False
     needs_slip: bool = False
@@ -104,14 +102,9 @@ class Stress:
         kept = {self.nominal, self.levels[0], self.levels[-1]}
         return replace(self, levels=tuple(level for level in self.levels if level in kept))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what it is as JSON says it."""
-        names = ("name", "unit", "levels", "nominal", "summary")
-        return {name: getattr(self, name) for name in names}
-
 
 def _no_effort_limits(robot: Robot) -> str | None:
-    limited = bool(np.isfinite(robot.effort_limits).any())
+    limited = np.isfinite(robot.effort_limits).any()
     return None if limited else "its file has no effort limits"
 
 
@@ -120,9 +113,7 @@ def _no_wheels(robot: Robot) -> str | None:
 
 
 def _no_losses(robot: Robot) -> str | None:
-    losses = robot.losses
-    some = losses is not None and bool(np.any(losses.damping) or np.any(losses.friction))
-    return None if some else "its file has no damping or friction of joints"
+    return "its file has no damping or friction of joints" if robot.losses is None else None
 
 
 STRESSES = {
@@ -261,15 +252,14 @@ class Battery:
     @cached_property
     def left_out(self) -> Mapping[tuple[str, str], str]:
         """Why a stress means nothing on a plant, by plant and stress."""
-        reasons = {}
-        for plant in self.plants:
-            for stress in self.stresses:
-                reason = stress.why_not(self.robot)
-                if stress.needs_slip and plant == ROLLING:
-                    reason = "its wheels cannot slip"
-                if reason is not None:
-                    reasons[plant, stress.name] = reason
-        return reasons
+        reasons = {
+            (plant, stress.name): "its wheels cannot slip"
+            if stress.needs_slip and plant == ROLLING
+            else stress.why_not(self.robot)
+            for plant in self.plants
+            for stress in self.stresses
+        }
+        return {where: reason for where, reason in reasons.items() if reason is not None}
 
     def stresses_on(self, plant: str) -> tuple[Stress, ...]:
         """Return the stresses that mean something on a plant."""

@@ -10,7 +10,7 @@ from itertools import product, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, listed
 from rpctl.files.records import to_plain
 from rpctl.simulation.config import write_config
 from rpctl.simulation.merits.outcome import LATE, SUCCESSES
@@ -76,8 +76,12 @@ def judge(figures: Figures, tolerance: float) -> StressVerdict:
     """Return the verdict on a run by the rule."""
     if figures.outcome == REFUSED:
         return StressVerdict(REFUSED, figures.sentence)
+    wheels = ""  # that bore nothing
+    if figures.hanging_wheels:
+        wheels = f"; {', '.join(figures.hanging_wheels)} bore nothing from the start"
+    elif figures.lifted_wheels:
+        wheels = f"; {', '.join(figures.lifted_wheels)} lifted"
     fault = _fault(figures)
-    wheels = _wheels_in_the_air(figures)
     if fault is not None:
         return StressVerdict(FAIL, fault + wheels)
     if figures.outcome == LATE:
@@ -90,13 +94,6 @@ def judge(figures: Figures, tolerance: float) -> StressVerdict:
     return StressVerdict(DEGRADE, away + wheels)
 
 
-def _wheels_in_the_air(figures: Figures) -> str:
-    """Return which wheels bore nothing, as the end of a reason; empty if all did."""
-    if figures.hanging_wheels:
-        return f"; {', '.join(figures.hanging_wheels)} bore nothing from the start"
-    return f"; {', '.join(figures.lifted_wheels)} lifted" if figures.lifted_wheels else ""
-
-
 def _fault(figures: Figures) -> str | None:
     """Return why a run fails, in words; None if it does not."""
     if figures.outcome not in SUCCESSES:
@@ -106,9 +103,7 @@ def _fault(figures: Figures) -> str | None:
     if figures.would_tip:
         return "it would tip over"
     if figures.violations:
-        more = len(figures.violations) - MOST_TOLD
-        rest = f" and {more} more" if more > 0 else ""
-        return f"broke {', '.join(figures.violations[:MOST_TOLD])}{rest}"
+        return f"broke {listed(figures.violations, MOST_TOLD)}"
     return None if math.isfinite(figures.late_error) else "its error is not finite"
 
 
@@ -119,11 +114,6 @@ class StressRow:
     cell: StressCell
     figures: Figures
     verdict: StressVerdict
-
-    @property
-    def badness(self) -> tuple[int, float]:
-        """What rows are compared by; larger is worse."""
-        return VERDICTS.index(self.verdict.name), self.figures.late_error
 
     def to_dict(self) -> dict[str, Any]:
         """Return the row as JSON says it."""
@@ -138,26 +128,6 @@ class StressRow:
             **{name: getattr(figures, name) for name in FIGURES},
             **{name: getattr(figures, key) for name, key in ERRORS.items()},
         }
-
-
-@dataclass(frozen=True)
-class Reach:
-    """How far a law holds along a ladder, from the nominal level on without a break.
-
-    Attributes:
-        plant: Kind of the plant.
-        law: The laws.
-        stress: Name of the stress.
-        passes: First and last level of the ladder up to which all pass; None: the nominal one does
-            not.
-        tracks: Likewise of those that do not fail.
-    """
-
-    plant: str
-    law: str
-    stress: str
-    passes: tuple[float, float] | None
-    tracks: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -202,22 +172,29 @@ class StressReport:
 
         Those of which every run was refused have none.
         """
-        worst = []
-        for pair in self.pairs():
-            ran = [row for row in self._rows_of(*pair) if row.verdict.name != REFUSED]
-            worst += [max(ran, key=lambda row: row.badness)] if ran else []
-        return worst
 
-    def reaches(self) -> list[Reach]:
-        """Return how far each law holds on each plant along each ladder."""
+        def badness(row: StressRow) -> tuple[int, float]:
+            return VERDICTS.index(row.verdict.name), row.figures.late_error
+
+        ran = [
+            [r for r in self._rows_of(*pair) if r.verdict.name != REFUSED] for pair in self.pairs()
+        ]
+        return [max(rows, key=badness) for rows in ran if rows]
+
+    def reaches(self) -> list[dict[str, Any]]:
+        """Return how far each law holds on each plant along each ladder, as JSON says it.
+
+        ``passes`` are the first and last level up to which all pass, from the nominal one on
+        without a break; None: that one does not. ``tracks``, likewise: up to which none fails.
+        """
         return [
-            Reach(
-                plant,
-                str(law),
-                stress.name,
-                self._reach(plant, law, stress, (PASS,)),
-                self._reach(plant, law, stress, (PASS, DEGRADE)),
-            )
+            {
+                "plant": plant,
+                "law": str(law),
+                "stress": stress.name,
+                "passes": self._reach(plant, law, stress, (PASS,)),
+                "tracks": self._reach(plant, law, stress, (PASS, DEGRADE)),
+            }
             for plant, law in self.pairs()
             for stress in self.battery.stresses_on(plant)
         ]
@@ -277,7 +254,10 @@ class StressReport:
             "run": to_plain(battery.run),
             "plants": list(battery.plants),
             "laws": list(map(str, battery.laws)),
-            "stresses": [each.to_dict() for each in battery.stresses],
+            "stresses": [
+                {key: getattr(x, key) for key in ("name", "unit", "levels", "nominal", "summary")}
+                for x in battery.stresses
+            ],
             "left_out": [
                 {"plant": plant, "stress": stress, "reason": reason}
                 for (plant, stress), reason in battery.left_out.items()
@@ -285,7 +265,7 @@ class StressReport:
             "hanging": {plant: self.hanging(plant) for plant in battery.plants},
             "localisation": asdict(LOCALISATION),
             "cells": [row.to_dict() for row in self.rows],
-            "envelope": [asdict(each) for each in self.reaches()],
+            "envelope": self.reaches(),
         }
 
 

@@ -17,7 +17,6 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.records import NOT_NEGATIVE, POSITIVE, OneOf, Range, Record, Setting
 from rpctl.files.writing import write_atomically
-from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.loop.track import require_affordable
@@ -25,13 +24,19 @@ from rpctl.simulation.merits.outcome import ON_PATH_M, TRACKED
 from rpctl.study.design import DESIGNS, Design, extra, whole
 from rpctl.study.executor import Executor
 from rpctl.study.experiment import Experiment, Progress, RunTable, join_tables
-from rpctl.study.journal import Journal
 from rpctl.study.merits import MERITS, merits_for
-from rpctl.study.provenance import code_identity, experiment_identity
 from rpctl.study.runner import Runner, run_rows
 from rpctl.study.scatter import Scatter, settings_at
 from rpctl.study.statistics import worst_rows
-from rpctl.study.store import RUNS_FILE, read_runs, record_of, table_of, write_runs
+from rpctl.study.store import (
+    RUNS_FILE,
+    Journal,
+    identity,
+    read_runs,
+    record_of,
+    table_of,
+    write_runs,
+)
 
 STUDY_FILE, JOURNAL_FILE = "study.toml", "runs.jsonl"
 STATISTICS = ("mean", "quantile", "worst")
@@ -160,10 +165,6 @@ class Study:
         """Return the configuration of a run, which ``rpctl track --config`` replays."""
         return self.experiment.config_of(self.values[run], run)
 
-    def succeeded(self, runs: RunTable) -> NDArray[np.bool_]:
-        """Return which runs (K,) succeeded."""
-        return succeeded(runs.merits, runs.outcomes, self.success)
-
 
 def run_study(
     robot: Robot,
@@ -188,7 +189,12 @@ def run_study(
     known = config.limits.apply(robot)
     reference = study.experiment.reference or config.run.load_reference(known)
     require_affordable(known, config, reference)
-    journal = Journal(out / JOURNAL_FILE, _identity(robot, study), "a study")
+    design = vars(study.design)
+    if study.design.kind == "monte-carlo":  # of which more runs extend a study
+        design = {name: value for name, value in design.items() if name != "count"}
+    follows_from = identity(robot, study.experiment, study.scatter, study.design)
+    follows_from["design"] = design
+    journal = Journal(out / JOURNAL_FILE, follows_from, "a study")
     tables = _kept(journal, resume)
     if study.text:
         write_atomically(out / STUDY_FILE, study.text.encode(), follow_links=False)
@@ -204,8 +210,18 @@ def run_study(
         notify(count, total)
     runs = join_tables(tables, total)
     units = {name: merit.unit for name, merit in MERITS.items()}
-    details = {"identity": journal.identity, **_details(robot, study)}
-    write_runs(out / RUNS_FILE, runs, study.succeeded(runs), details, units)
+    details = {
+        "identity": journal.identity,
+        "source": robot.source,
+        "count": study.design.count,
+        "merit": study.settings.merit,
+        "worst": study.settings.worst,
+        "success": dict(study.success),
+        "study": study.text,
+        "command": study.command or f"rpctl track {quote(robot.source)}",
+    }
+    success = succeeded(runs.merits, runs.outcomes, study.success)
+    write_runs(out / RUNS_FILE, runs, success, details, units)
     journal.rewrite([])
     _write_worst(study, out, runs)
     return out / RUNS_FILE
@@ -224,32 +240,6 @@ def _kept(journal: Journal, resume: bool) -> list[RunTable]:
         journal.require_same(details["identity"], resume)
         tables.append(finished)
     return tables
-
-
-def _identity(robot: Robot, study: Study) -> dict[str, object]:
-    """Return what the runs of a study follow from."""
-    design: dict[str, object] = {"kind": study.design.kind, "seed": study.design.seed}
-    if study.design.kind != "monte-carlo":  # of which more runs extend a study
-        design["count"] = study.design.count
-    return {
-        "robot": robot_identity(robot),
-        "design": design,
-        "experiment": experiment_identity(study.experiment, study.scatter),
-        "versions": code_identity(study.design),
-    }
-
-
-def _details(robot: Robot, study: Study) -> dict[str, object]:
-    """Return what else the file of the runs tells of itself."""
-    return {
-        "source": robot.source,
-        "count": study.design.count,
-        "merit": study.settings.merit,
-        "worst": study.settings.worst,
-        "success": dict(study.success),
-        "study": study.text,
-        "command": study.command or f"rpctl track {quote(robot.source)}",
-    }
 
 
 def _write_worst(study: Study, out: Path, runs: RunTable) -> None:

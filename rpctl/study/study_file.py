@@ -18,10 +18,17 @@ from rpctl.files.records import fields_of, read_record
 from rpctl.files.toml import Table
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import CONFIG_TABLES, Config, config_from_tables
-from rpctl.study.distributions import DISTRIBUTIONS, Distribution, Fixed
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import MERITS, merits_for
-from rpctl.study.scatter import Scatter, scatter_of, scattered_paths, with_values
+from rpctl.study.scatter import (
+    DISTRIBUTIONS,
+    Distribution,
+    Fixed,
+    Scatter,
+    scatter_of,
+    scattered_paths,
+    with_values,
+)
 from rpctl.study.study import Optimisation, Study, StudySettings
 
 OWN_TABLES = ("study", "scatter", "success", "optimize")
@@ -40,12 +47,9 @@ def read_study(path: str | Path, robot: Robot, backend: str = "auto") -> Study:
     Raises:
         DescriptionError: The file is missing, is not TOML, or has faults; all are named.
     """
-
-    def schema(data: Table, faults: list[str]) -> Study:
-        return cast(Study, _study(data, robot, backend, faults))  # None: there are faults
-
     text = read_text(path, "MAX_TOML_BYTES", KIND)
-    study = replace(toml.read(path, schema, KIND), text=text)
+    found = toml.read(path, lambda data, faults: _study(data, robot, backend, faults), KIND)
+    study = replace(cast(Study, found), text=text)  # else there were faults
     try:
         study.design.size(len(study.scatter.names))
     except RpctlError as error:
@@ -82,7 +86,10 @@ def _study(data: Table, robot: Robot, backend: str, faults: list[str]) -> Study 
     ]
     if faults:
         return None
-    config, scatter = _with_fixed(config, scatter)
+    given = scatter.distributions
+    fixed = {name: each.value for name, each in given.items() if isinstance(each, Fixed)}
+    config = with_values(config, tuple(fixed), np.array([*fixed.values()]))
+    scatter = Scatter({name: each for name, each in given.items() if name not in fixed})
     with _told(faults, "scatter"):
         _require_fit(robot, config, scatter)
     experiment = Experiment(
@@ -175,14 +182,6 @@ def _optimisation(
         if not (np.isfinite([low, high]).all() and low < high):
             faults.append(f'optimize.parameters."{name}": has no range; give [low, high]')
     return scatter, asked
-
-
-def _with_fixed(config: Config, scatter: Scatter) -> tuple[Config, Scatter]:
-    """Return a configuration with what is the same in all runs, and what differs."""
-    given = scatter.distributions
-    fixed = {name: each.value for name, each in given.items() if isinstance(each, Fixed)}
-    config = with_values(config, tuple(fixed), np.array([*fixed.values()]))
-    return config, Scatter({name: each for name, each in given.items() if name not in fixed})
 
 
 def _require_fit(robot: Robot, config: Config, scatter: Scatter) -> None:

@@ -12,15 +12,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.files.opening import read_text
 from rpctl.files.strict_json import read_json
 from rpctl.study.design import Design
 from rpctl.study.experiment import RunTable
 from rpctl.study.optimise import OPTIMUM_FILE
-from rpctl.study.sensitivity import ParameterMap, Sensitivity, parameter_map, sensitivity
-from rpctl.study.statistics import Interval, MeritStatistics, describe, share, worst_rows
+from rpctl.study.statistics import (
+    Interval,
+    MeritStatistics,
+    ParameterMap,
+    Sensitivity,
+    describe,
+    parameter_map,
+    sensitivity,
+    share,
+    worst_rows,
+)
 from rpctl.study.store import RUNS_FILE, read_runs
 from rpctl.study.study import succeeded, worst_file
 
@@ -101,9 +109,41 @@ class StudyResult:
             "merit": self.merit,
             "success": {**self.success._asdict(), "thresholds": self.details["success"]},
             "outcomes": dict(Counter(self.runs.outcomes)),
-            "statistics": [_statistics_dict(each, self.units) for each in self.statistics],
-            "sensitivities": [_sensitivity_dict(each) for each in self.sensitivities],
-            "maps": [_map_dict(each) for each in self.maps],
+            "statistics": [
+                {
+                    "merit": each.name,
+                    "unit": self.units.get(each.name, ""),
+                    "runs": each.runs,
+                    "missing": each.missing,
+                    "mean": each.mean._asdict(),
+                    "quantiles": [
+                        {"level": level, **found._asdict()}
+                        for level, found in each.quantiles.items()
+                    ],
+                    "largest": each.largest,
+                }
+                for each in self.statistics
+            ],
+            "sensitivities": [
+                {
+                    "merit": each.merit,
+                    "method": each.method,
+                    "ranking": list(each.ranking),
+                    "replaced": each.replaced,
+                    "parameters": {
+                        name: {key: found[j]._asdict() for key, found in each.measures.items()}
+                        for j, name in enumerate(each.parameters)
+                    },
+                }
+                for each in self.sensitivities
+            ],
+            "maps": [
+                {
+                    name: found.tolist() if isinstance(found, np.ndarray) else found
+                    for name, found in vars(each).items()
+                }
+                for each in self.maps
+            ],
             "worst": [each._asdict() for each in self.worst],
             "optimum": self.optimum,
             "versions": self.details["identity"]["versions"],
@@ -174,21 +214,19 @@ def _maps(runs: RunTable, merit: str, found: tuple[Sensitivity, ...]) -> tuple[P
 def _worst(
     runs: RunTable, merit: str, count: int, folder: Path, command: str
 ) -> tuple[WorstRun, ...]:
-    values: Array = runs.merits[merit]
-    found = []
-    for k, row in enumerate(worst_rows(values, count).tolist(), start=1):
-        config = folder / worst_file(k)
-        found.append(
-            WorstRun(
-                int(runs.index[row]),
-                float(values[row]),
-                runs.outcomes[row],
-                runs.reasons[row],
-                str(config),
-                replay_command(command, config) if config.is_file() else "",
-            )
+    rows = worst_rows(runs.merits[merit], count).tolist()
+    configs = [folder / worst_file(k) for k in range(1, len(rows) + 1)]
+    return tuple(
+        WorstRun(
+            int(runs.index[row]),
+            float(runs.merits[merit][row]),
+            runs.outcomes[row],
+            runs.reasons[row],
+            str(config),
+            replay_command(command, config) if config.is_file() else "",
         )
-    return tuple(found)
+        for row, config in zip(rows, configs, strict=True)
+    )
 
 
 def replay_command(command: str, config: Path) -> str:
@@ -210,40 +248,3 @@ def _optimum(folder: Path) -> Mapping[str, Any] | None:
     except ValueError as error:
         raise RpctlError(f"{path}: {error}; remove it, and optimise again") from None
     return found
-
-
-def _statistics_dict(found: MeritStatistics, units: Mapping[str, str]) -> dict[str, Any]:
-    return {
-        "merit": found.name,
-        "unit": units.get(found.name, ""),
-        "runs": found.runs,
-        "missing": found.missing,
-        "mean": found.mean._asdict(),
-        "quantiles": [each._asdict() for each in found.quantiles],
-        "largest": found.largest,
-    }
-
-
-def _sensitivity_dict(found: Sensitivity) -> dict[str, Any]:
-    return {
-        "merit": found.merit,
-        "method": found.method,
-        "ranking": list(found.ranking),
-        "replaced": found.replaced,
-        "parameters": {
-            name: {key: each[j]._asdict() for key, each in found.measures.items()}
-            for j, name in enumerate(found.parameters)
-        },
-    }
-
-
-def _map_dict(found: ParameterMap) -> dict[str, Any]:
-    return {
-        "merit": found.merit,
-        "x": found.x,
-        "y": found.y,
-        "x_edges": found.x_edges.tolist(),
-        "y_edges": found.y_edges.tolist(),
-        "median": found.median.tolist(),
-        "count": found.count.tolist(),
-    }

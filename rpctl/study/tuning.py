@@ -74,7 +74,10 @@ def row_dict(robot: Robot, row: Row[TuneCell]) -> dict[str, Any]:
     """
     bandwidth, figures = row.cell.bandwidth, row.figures
     _, h, h1, k = (float(part[0]) for part in gains_of(np.array([bandwidth])))
-    least = float(np.linalg.eigvalsh(_joint_inertia(robot))[0])
+    q, first = robot.configuration_at(np.zeros(3), robot.home), robot.dof - len(robot.joints)
+    # The base is free to give way: the joints' part of the inverse, not of the inertia.
+    mobility = np.linalg.inv(ReducedDynamics(robot).inertia(q))[first:, first:]
+    least = 1.0 / float(np.linalg.eigvalsh(mobility)[-1])
     return {
         "bandwidth": bandwidth,
         "horizon": h,
@@ -87,11 +90,3 @@ def row_dict(robot: Robot, row: Row[TuneCell]) -> dict[str, Any]:
         "joint_error": figures.joint_error,
         "succeeded": figures.succeeded,
     }
-
-
-def _joint_inertia(robot: Robot) -> np.ndarray:
-    """Return the joints' inertia (n_joints, n_joints) at home, the base free to give way."""
-    q = robot.configuration(joints=dict(zip(robot.joint_names, robot.home.tolist(), strict=True)))
-    first = robot.dof - len(robot.joints)
-    inverse = np.linalg.inv(ReducedDynamics(robot).inertia(q))
-    return np.asarray(np.linalg.inv(inverse[first:, first:]))

@@ -17,10 +17,10 @@ import rpctl
 from rpctl.control.controller import default_laws
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.merits.outcome import TRACKED
+from rpctl.study.design import Design
 from rpctl.study.experiment import Experiment
-from rpctl.study.rollout import draw
 from rpctl.study.runner import Runner
-from rpctl.study.scatter import scatter_of
+from rpctl.study.scatter import scatter_of, settings_at
 from tests.bench.sections.rollouts import SCATTER, SECONDS
 
 CHUNK = 256  # runs, as of a study
@@ -33,7 +33,7 @@ def main() -> None:
     config = Config(*default_laws(robot), run=RunSettings(duration=SECONDS, reference="eight"))
     scatter = scatter_of(SCATTER, config)
     experiment = Experiment(config, scatter.names, backend="compiled")
-    values = draw(scatter, count, 0)
+    values = settings_at(scatter, Design(count=count).points(len(scatter.names)))
     numbers = np.arange(count)
     runner = Runner(robot, experiment)
     runner.rows(values[:1], numbers[:1])

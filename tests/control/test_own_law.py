@@ -22,8 +22,8 @@ from rpctl.simulation.config import read_config, write_config
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.run.run import Run
 from rpctl.study.executor import ProcessExecutor
-from rpctl.study.provenance import experiment_identity
 from rpctl.study.runner import Runner, run_rows
+from rpctl.study.store import experiment_identity
 from rpctl.study.study_file import read_study
 
 DEMO = Path(__file__).parents[2] / "demos" / "own_controller.py"

@@ -198,7 +198,7 @@ ELSEWHERE = {
     "files/worker.py": "it writes to the pipes of a process",
     "simulation/run/file.py": "adds entries to an archive in the file that the one writer opened",
     "study/runner.py": "a reference that was sent lies in a folder of this process alone",
-    "study/journal.py": "adds a line a run to the file that the one writer began",
+    "study/store.py": "adds a line a run to the file that the one writer began",
     "engines/urdf_engine.py": "engines want a name: it lies in a folder of this process alone",
     "engines/mujoco/export.py": "read back before it is put in place, in a folder of its own",
     "view/film.py": "encoders want a name: it lies in a folder of this process alone",

@@ -10,8 +10,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.robot.idealised import Idealisation
-from rpctl.robot.inspection import idealisations
+from rpctl.robot.idealised import Idealisation, idealisations
 from rpctl.robot.vary import without_losses
 from tests.drive.drive_cases import Files, body, xml
 from tests.robots import SET_A, four_wheels, platform, write

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import rpctl
-from rpctl.robot.inspection import idealisations
+from rpctl.robot.idealised import idealisations
 from tests import urdf
 from tests.robots import SET_A, platform, wheel, write
 

@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from rpctl.errors import RpctlError
 from rpctl.study import cluster
 from rpctl.study.cluster import DaskExecutor, check_workers, run_asked
 from rpctl.study.executor import LostChunksError
-from rpctl.study.provenance import CODE, installed
+from rpctl.study.store import CODE, installed
 from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
 from tests.study import chunk_works
@@ -55,10 +54,7 @@ def test_a_worker_of_other_versions_unpickles_nothing(monkeypatch: pytest.Monkey
 
 
 def test_without_dask_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    def absent(name: str) -> Any:
-        raise ModuleNotFoundError(name=name)
-
-    monkeypatch.setattr(cluster, "library", absent)
+    monkeypatch.setattr("rpctl.study.design.find_spec", lambda name: None)
     with pytest.raises(RpctlError, match=r"pip install 'rpctl\[cluster\]'"):
         DaskExecutor(ABSENT_ADDRESS)
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
-from rpctl.study.distributions import Normal
+from rpctl.study.scatter import Normal
 
 SHARES = np.array([0.0, 0.1, 0.5, 0.9])
 

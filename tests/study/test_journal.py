@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rpctl import RpctlError
-from rpctl.study.journal import Journal
+from rpctl.study.store import Journal
 
 IDENTITY: dict[str, Any] = {"robot": {"name": "r2"}, "seed": 1, "ends": [0.0, math.inf]}
 RECORDS: list[dict[str, Any]] = [

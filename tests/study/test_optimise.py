@@ -11,9 +11,8 @@ import pytest
 from rpctl import Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.simulation.config import Config, read_config
-from rpctl.study.distributions import LogUniform, Uniform
 from rpctl.study.optimise import JOURNAL_FILE, optimise, setting, start_point
-from rpctl.study.scatter import Scatter
+from rpctl.study.scatter import LogUniform, Scatter, Uniform
 from rpctl.study.study import Optimisation, Study
 from rpctl.study.study_file import read_study
 from tests.grids import cells

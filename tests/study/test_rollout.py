@@ -15,12 +15,12 @@ from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled import rollouts as compiled_rollouts
 from rpctl.simulation.config import Config, RunSettings, read_config, write_config
 from rpctl.simulation.loop.track import simulate
-from rpctl.study.distributions import AnyOf, Normal, Uniform
+from rpctl.study.design import Design
 from rpctl.study.experiment import Experiment
 from rpctl.study.merits import run_merits
-from rpctl.study.rollout import Rollouts, draw, rollout
+from rpctl.study.rollout import Rollouts, rollout
 from rpctl.study.runner import Runner
-from rpctl.study.scatter import scatter_of
+from rpctl.study.scatter import AnyOf, Normal, Uniform, scatter_of, settings_at
 
 SCATTER = {
     "run.initial_error.y": Normal(0.0, 0.05),
@@ -137,8 +137,12 @@ def test_machine_code_that_cannot_be_is_refused(paper: Robot) -> None:
 
 def test_more_runs_are_added_behind() -> None:
     scatter = scatter_of(SCATTER, Config())
-    assert np.array_equal(draw(scatter, 7, 5)[:4], draw(scatter, 4, 5))
-    assert not np.array_equal(draw(scatter, 4, 5), draw(scatter, 4, 6))
+    more, few, other = (
+        settings_at(scatter, Design(count=count, seed=seed).points(len(scatter.names)))
+        for count, seed in ((7, 5), (4, 5), (4, 6))
+    )
+    assert np.array_equal(more[:4], few)
+    assert not np.array_equal(few, other)
 
 
 @pytest.mark.parametrize("backend", ["pinocchio", "compiled"])

@@ -9,7 +9,7 @@ import pytest
 
 from rpctl.arrays import Array
 from rpctl.study.design import Design
-from rpctl.study.sensitivity import Sensitivity, parameter_map, rank_correlation, sensitivity
+from rpctl.study.statistics import Sensitivity, parameter_map, rank_correlation, sensitivity
 
 NAMES = ("x1", "x2", "x3")
 

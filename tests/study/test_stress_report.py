@@ -101,7 +101,7 @@ def test_how_far_a_law_holds(
 ) -> None:
     found = report(**verdicts)
     (reach,) = found.reaches()
-    assert (reach.passes, reach.tracks) == (passes, tracks)
+    assert (reach["passes"], reach["tracks"]) == (passes, tracks)
     assert (found.nominal_failure is not None) == (tracks is None)
 
 
@@ -110,7 +110,7 @@ def test_a_ladder_with_two_ends_holds_on_both_sides() -> None:
     figures = {cell.key: GOOD for cell in found.cells}
     figures[next(c.key for c in found.cells if "-2.0" in c.key)] = replace(GOOD, outcome="late")
     (reach,) = report_of(found, figures, TOLERANCE).reaches()
-    assert reach.passes == (-1.0, 3.0)
+    assert reach["passes"] == (-1.0, 3.0)
     assert STRESSES["radius"].text(3.0) == "+3"
 
 

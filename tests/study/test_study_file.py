@@ -10,7 +10,7 @@ import pytest
 import rpctl
 from rpctl import Robot, RpctlError
 from rpctl.robot.catalog import ENTRIES
-from rpctl.study.distributions import Normal, Uniform
+from rpctl.study.scatter import Normal, Uniform
 from rpctl.study.study import Study
 from rpctl.study.study_file import read_study, study_template
 from tests.grids import cells

@@ -20,9 +20,8 @@ from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.summary import summarize
 from rpctl.study.design import DESIGNS
 from rpctl.study.executor import Executor
-from rpctl.study.provenance import installed
 from rpctl.study.runner import chunk_size
-from rpctl.study.store import read_runs
+from rpctl.study.store import installed, read_runs
 from rpctl.study.study import Study, run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, read_result
@@ -187,7 +186,7 @@ def test_another_robot_or_version_is_refused(
         run_study(other, study, tmp_path / "out", resume=True)
     with pytest.raises(RpctlError, match=r"robot.model: \w+ there, \w+ here"):
         run_study(rpctl.scale_masses(paper, "*", 1.1), study, tmp_path / "out", resume=True)
-    monkeypatch.setattr("rpctl.study.provenance.installed", lambda: {**installed(), "pin": "99.0"})
+    monkeypatch.setattr("rpctl.study.store.installed", lambda: {**installed(), "pin": "99.0"})
     with pytest.raises(RpctlError, match=r"versions.pin: \S+ there, 99.0 here"):
         run_study(paper, study, tmp_path / "out", resume=True)
 

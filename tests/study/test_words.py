@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from rpctl.simulation.config import Config
-from rpctl.study.merits import MERITS
+from rpctl.study.merits import MERITS, merit_words, parameter_words, percent, share_span
 from rpctl.study.optimise import cost_change
 from rpctl.study.scatter import scattered_paths
 from rpctl.study.statistics import share
 from rpctl.study.study import Optimisation
-from rpctl.study.words import merit_words, parameter_words, percent, share_span
 
 
 def test_no_name_that_is_read_is_an_identifier() -> None:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl import Robot, RpctlError, Run
 from rpctl.cli.app import app
-from rpctl.description.meshes.service import MODULES, SERVICES
+from rpctl.description.meshes.service import SERVICE
 from rpctl.files.array_messages import pack
 from rpctl.robot.coordinates import read_root
 from rpctl.view import run_folder
@@ -84,7 +84,7 @@ def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         raise AssertionError("a process was started")
 
     sphere = pack({"job": "primitive", "kind": "sphere", "size": [0.1]})
-    SERVICES[MODULES["primitive"]].ask(sphere)  # confined, and the only process that pages need
+    SERVICE.ask(sphere)  # confined, and the only process that pages need
     monkeypatch.setattr(subprocess, "Popen", refuse)
     monkeypatch.setattr(run_folder, "tracking_image", lambda run: b"a picture takes its time")
     return folder

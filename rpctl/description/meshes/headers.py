@@ -43,8 +43,7 @@ def check_header(kind: str, content: bytes, most: Size) -> Size | None:
     Raises:
         MeshFaultError: It does.
     """
-    check = CHECKS.get(kind)
-    size = None if check is None else check(content)
+    size = CHECKS[kind](content)
     if size is not None:
         require_within(size, most)
     return size

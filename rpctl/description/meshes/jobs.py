@@ -53,7 +53,10 @@ def read_mesh(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
     pieces, remarks = _pieces(scene, kind, most)
     if not pieces:
         raise MeshFaultError(_nothing(scene, promised if kind == "dae" else None))
-    surfaces = _by_colour(pieces)
+    groups: dict[Any, list[tuple[Any, Any]]] = {}
+    for vertices, faces, colour in pieces:
+        groups.setdefault(colour, []).append((vertices, faces))
+    surfaces = {colour: stack(group) for colour, group in groups.items()}
     _require_areas(list(surfaces.values()))
     answer = {"colours": list(surfaces), "remarks": remarks}
     return answer, [array for surface in surfaces.values() for array in surface]
@@ -66,31 +69,9 @@ def _load(content: bytes, kind: str, name: str | None, material: bytes) -> Any:
         kind: Its ending, without the dot.
         name: Of the MTL beside an OBJ; no other file is there for it.
     """
-    import trimesh
-
-    class Materials(trimesh.resolvers.Resolver):
-        """The MTL of an OBJ; there is no other file."""
-
-        def __init__(self) -> None:
-            pass
-
-        def get(self, key: str) -> bytes:
-            if key != name:
-                raise KeyError(key)
-            return material
-
-        def write(self, name: str, data: Any) -> None:
-            raise PermissionError(name)
-
-        def namespaced(self, namespace: str) -> Materials:
-            return self
-
-        def keys(self) -> list[str]:
-            return []
-
-    return trimesh.load_scene(
-        io.BytesIO(content), file_type=kind, resolver=Materials(), process=False
-    )
+    trimesh = library("trimesh")
+    beside = trimesh.resolvers.ZipResolver({name: io.BytesIO(material)})
+    return trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=beside, process=False)
 
 
 def _pieces(scene: Any, kind: str, most: Size) -> tuple[list[tuple[Any, Any, Any]], list[str]]:
@@ -148,14 +129,6 @@ def _require_sensible(vertices: Any, unit: float) -> Any:
     return placed
 
 
-def _by_colour(pieces: list[tuple[Any, Any, Any]]) -> dict[Any, tuple[Any, Any]]:
-    """Return the vertices and corners of all pieces of each colour."""
-    groups: dict[Any, list[tuple[Any, Any]]] = {}
-    for vertices, faces, colour in pieces:
-        groups.setdefault(colour, []).append((vertices, faces))
-    return {colour: _stack(each) for colour, each in groups.items()}
-
-
 def _used(mesh: Any) -> Any:
     """Return which vertices (n,) some triangle has."""
     used = np.zeros(len(mesh.vertices), bool)
@@ -174,7 +147,8 @@ def _loose_vertices(mesh: Any) -> list[str]:
     return [f"{what} beyond its triangles, in none of them, and counts for nothing"]
 
 
-def _stack(pieces: list[tuple[Any, Any]]) -> tuple[Any, Any]:
+def stack(pieces: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:
+    """Return the vertices (n, 3) and corners (k, 3) of several pieces as one."""
     counts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
     vertices = np.concatenate([vertices for vertices, _ in pieces])
     faces = [faces + first for (_, faces), first in zip(pieces, counts[:-1], strict=True)]
@@ -204,13 +178,10 @@ def _unit(scene: Any) -> float:
 
 def _colour(mesh: Any) -> tuple[float, ...] | None:
     """Return a mesh's own colour, or None where the file gives none."""
-    visual = mesh.visual
-    if not visual.defined:
+    if not mesh.visual.defined:
         return None
-    material = getattr(visual, "material", None)
-    raw = visual.main_color if material is None else material.main_color
-    red, green, blue = (round(float(value) / 255.0, 3) for value in raw[:3])
-    return red, green, blue, 1.0
+    raw = getattr(mesh.visual, "material", mesh.visual).main_color
+    return *(round(float(value) / 255.0, 3) for value in raw[:3]), 1.0
 
 
 def make_primitive(head: Mapping[str, Any], arrays: Sequence[Any] = ()) -> Answer:
@@ -223,15 +194,13 @@ def make_primitive(head: Mapping[str, Any], arrays: Sequence[Any] = ()) -> Answe
     creation = library("trimesh.creation")
     unit = max(head["size"])  # trimesh drops triangles that are tiny in its own unit
     size = [edge / unit for edge in head["size"]]
-    if head["kind"] == "box":
-        mesh = creation.box(size)
-    elif head["kind"] == "cylinder":
-        mesh = creation.cylinder(*size, sections=SIDES)
-    elif head["kind"] == "capsule":
-        radius, length = size
-        mesh = creation.capsule(length, radius, count=[SIDES, SIDES])
-    else:
-        mesh = creation.uv_sphere(*size, count=[SIDES // 2, SIDES])
+    makers = {
+        "box": lambda: creation.box(size),
+        "cylinder": lambda: creation.cylinder(*size, sections=SIDES),
+        "capsule": lambda: creation.capsule(size[1], size[0], count=[SIDES, SIDES]),
+        "sphere": lambda: creation.uv_sphere(*size, count=[SIDES // 2, SIDES]),
+    }
+    mesh = makers[head["kind"]]()
     vertices = unit * np.asarray(mesh.vertices, "<f8")
     return {"colours": [None], "remarks": []}, [vertices, np.asarray(mesh.faces, "<u4")]
 
@@ -271,9 +240,8 @@ def measure_solid(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
     try:
         body = mesh if closed else mesh.convex_hull
         sign = math.copysign(1.0, body.volume)  # a mirrored mesh is inside out
-        found = body.mass_properties
-        numbers = [found["volume"], found["center_mass"], found["inertia"]]
-        volume, centroid, moment = (np.array(each, float) for each in numbers)
+        found = [body.mass_properties[key] for key in ("volume", "center_mass", "inertia")]
+        volume, centroid, moment = (np.array(each, float) for each in found)
     except MemoryError:
         raise
     except Exception as error:  # hulls of flat or degenerate meshes fail in many ways
@@ -326,9 +294,7 @@ def simplify(vertices: Floats, faces: Faces, count: int) -> tuple[Floats, Faces]
     vertices, faces = weld(vertices, faces)
     if len(faces) <= count:
         return vertices, faces
-    import fast_simplification
-
-    points, triangles = fast_simplification.simplify(
+    points, triangles = library("fast_simplification").simplify(
         vertices.astype(np.float32), faces.astype(np.int32), target_count=count
     )
     return weld(points.astype(float), triangles.astype(np.int64))

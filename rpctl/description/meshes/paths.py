@@ -129,10 +129,11 @@ def check_meshes(first: Mapping[str, int], paths: MeshPaths) -> list[Finding]:
     if len(missing) > 1:
         wanted = {error.package: faults.pop(fault) for fault, error in missing.items()}
         joined = [_missing_packages(wanted, first, next(iter(missing.values())).fix)]
-    return joined + [
-        Finding("warning", first[meshes[0]], f"{_listed(meshes)}: {fault}")
-        for fault, meshes in faults.items()
-    ]
+    for fault, meshes in faults.items():
+        others = f" and {len(meshes) - 1} more" if len(meshes) > 1 else ""
+        text = f'mesh "{excerpt(meshes[0])}"{others}: {fault}'
+        joined.append(Finding("warning", first[meshes[0]], text))
+    return joined
 
 
 def _missing_packages(
@@ -143,15 +144,6 @@ def _missing_packages(
     for package, meshes in wanted.items():
         more = f" and {len(meshes) - 1} more" if len(meshes) > 1 else ""
         said.append(f"{package} (line {lines[meshes[0]]}{more})")
-    line = min(lines[meshes[0]] for meshes in wanted.values())
     fix = fix.replace("above it", "above them")
-    return Finding(
-        "warning",
-        line,
-        f"{len(wanted)} packages of meshes were not found: {', '.join(said)}; {fix}",
-    )
-
-
-def _listed(meshes: list[str]) -> str:
-    others = f" and {len(meshes) - 1} more" if len(meshes) > 1 else ""
-    return f'mesh "{excerpt(meshes[0])}"{others}'
+    text = f"{len(wanted)} packages of meshes were not found: {', '.join(said)}; {fix}"
+    return Finding("warning", min(lines[meshes[0]] for meshes in wanted.values()), text)

@@ -7,17 +7,17 @@ Their bytes are read here and understood in a confined process
 from __future__ import annotations
 
 import hashlib
-import math
+import re
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.meshes.jobs import MAX_COORDINATE, make_primitive
 from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.meshes.service import StalledMeshError, ask
@@ -26,13 +26,14 @@ from rpctl.files.caps import cap
 from rpctl.files.opening import read_input
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # how a file not yet fetched begins
+MATERIAL = re.compile(rb"mtllib([^\n]{1,1024})")  # of an OBJ
 CAPS = ("MAX_MESH_TRIANGLES", "MAX_MESH_PARTS", "MAX_MESH_SECONDS", "MAX_MESH_MEMORY")
 KEPT_BYTES = 2**25  # of meshes and hulls that are not made again; a wheel is asked for four times
-FAULT_BYTES = 2**10  # that a mesh counts for that is not tried again
+FAULT_BYTES = 2**10  # that a mesh counts for that is not tried again, and any other besides its own
 MAX_STALLED = 2  # meshes of a robot that may take too long; the rest is not tried
 EXTENT_RANGE_M = (1e-6, 1e4)  # m: of a mesh at its scale, and how far it reaches from its origin
 IN_METRES = "is it in another unit? give m"
-KEPT: OrderedDict[bytes, Mesh | Hull | MeshError] = OrderedDict()  # by a digest of what is read
+KEPT: OrderedDict[bytes, Mesh | MeshError] = OrderedDict()  # by a digest of what is read
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +64,9 @@ class Mesh:
     remarks: tuple[str, ...] = ()
 
 
-class Hull(NamedTuple):
-    """A convex body with triangles for faces."""
-
-    vertices: Array  # (n, 3) m, read-only
-    faces: NDArray[np.int64]  # (k, 3) read-only
-
-
-Made = TypeVar("Made", Mesh, Hull)
-
-
-def _once(key: bytes, make: Callable[[], Made]) -> Made:
+def _once(key: bytes, make: Callable[[], Mesh]) -> Mesh:
     """Return what is made of the same bytes, or raise its fault; the oldest are given up."""
-    made: Any = KEPT.get(key)
+    made = KEPT.get(key)
     if made is None:
         try:
             made = make()
@@ -89,12 +80,9 @@ def _once(key: bytes, make: Callable[[], Made]) -> Made:
     return made
 
 
-def _size(kept: Mesh | Hull | MeshError) -> int:
-    if isinstance(kept, MeshError):
-        return FAULT_BYTES
-    if isinstance(kept, Hull):
-        return kept.vertices.nbytes + kept.faces.nbytes
-    return sum(s.vertices.nbytes + s.faces.nbytes for s in kept.surfaces)
+def _size(kept: Mesh | MeshError) -> int:
+    surfaces = () if isinstance(kept, MeshError) else kept.surfaces
+    return FAULT_BYTES + sum(each.vertices.nbytes + each.faces.nbytes for each in surfaces)
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -107,11 +95,15 @@ def read_mesh(path: Path) -> Mesh:
         StalledMeshError: It takes too long or too much memory to read.
         MeshError: The file is too large, is damaged, or shows nothing that can be used.
     """
-    content, kind = _bytes(path), path.suffix.lower().removeprefix(".")
+    kind = path.suffix.lower().removeprefix(".")
+    try:
+        content = read_input(path, "MAX_MESH_BYTES", "a mesh")
+    except InputError as error:
+        raise MeshError(f"not readable: {error.fault}") from None
     if content.startswith(LFS_POINTER):
         raise MeshError("only a pointer of Git LFS, not the mesh; run: git lfs pull")
     material = _material(content, path) if kind == "obj" else None
-    key = _digest(kind, content, material)
+    key = hashlib.sha256(repr([kind, material, *map(cap, CAPS)]).encode() + content).digest()
     return _once(key, lambda: _ask(kind, content, material))
 
 
@@ -180,19 +172,10 @@ def require_extent(surfaces: Sequence[Surface], pose: Array, where: str) -> None
         raise MeshError(f"refused: it is {extent:.3g} m large{where}; {IN_METRES}")
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        return read_input(path, "MAX_MESH_BYTES", "a mesh")
-    except InputError as error:
-        raise MeshError(f"not readable: {error.fault}") from None
-
-
 def _material(content: bytes, path: Path) -> tuple[str, bytes] | None:
     """Return name and content of the MTL that an OBJ names, if it lies beside it."""
-    begin = content.find(b"mtllib")
-    if begin < 0:
-        return None
-    name = content[begin + 6 :].partition(b"\n")[0][:1024].decode("utf-8", "replace").strip()
+    named = MATERIAL.search(content)
+    name = named[1].decode("utf-8", "replace").strip() if named else ""
     if not name or not name.isprintable():
         return None
     target = (path.parent / name).resolve()
@@ -202,13 +185,6 @@ def _material(content: bytes, path: Path) -> tuple[str, bytes] | None:
         return name, read_input(target, "MAX_MESH_BYTES", "an MTL")
     except InputError:
         return None
-
-
-def _digest(kind: str, content: bytes, material: tuple[str, bytes] | None) -> bytes:
-    """Return a digest of all that a mesh comes from."""
-    digest = hashlib.sha256(repr([kind, material, *map(cap, CAPS)]).encode())
-    digest.update(content)
-    return digest.digest()
 
 
 def _ask(kind: str, content: bytes, material: tuple[str, bytes] | None) -> Mesh:
@@ -242,30 +218,26 @@ def _checked(answer: dict[str, Any], arrays: Sequence[Any]) -> Mesh:
         raise ValueError
     surfaces = []
     for colour, vertices, faces in zip(colours, arrays[::2], arrays[1::2], strict=True):
-        if vertices.dtype != np.float64 or vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        of_vertices = vertices.dtype == np.float64 and vertices.shape[1:] == (3,)
+        of_faces = faces.dtype == np.uint32 and faces.shape[1:] == (3,) and len(faces)
+        sound = of_vertices and of_faces and faces.max() < len(vertices)
+        if not (sound and np.abs(vertices).max() <= MAX_COORDINATE):
             raise ValueError
-        if not len(faces) or not np.abs(vertices).max() <= MAX_COORDINATE:
-            raise ValueError
-        if faces.dtype != np.uint32 or faces.max() >= len(vertices):
-            raise ValueError
-        surfaces.append(Surface(vertices, _read_only(faces.astype(np.int64)), colour))
+        faces = faces.astype(np.int64)
+        faces.setflags(write=False)
+        surfaces.append(Surface(vertices, faces, colour))
     remarks = [str(each)[:200] for each in answer["remarks"] if str(each).isprintable()]
     return Mesh(tuple(surfaces), tuple(remarks))
 
 
 def _colour(values: Sequence[float]) -> tuple[float, ...]:
     rgba = tuple(float(value) for value in values)
-    if len(rgba) != 4 or not all(math.isfinite(value) and 0.0 <= value <= 1.0 for value in rgba):
+    if len(rgba) != 4 or not all(0.0 <= value <= 1.0 for value in rgba):
         raise ValueError
     return rgba
 
 
-def _read_only(array: NDArray[np.int64]) -> NDArray[np.int64]:
-    array.setflags(write=False)
-    return array
-
-
-def convex_hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
+def convex_hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Surface:
     """Return the convex hull of the surfaces of a mesh.
 
     Args:
@@ -276,10 +248,10 @@ def convex_hull(surfaces: Sequence[Surface], scale: Sequence[float]) -> Hull:
     """
     points = np.unique(np.concatenate([s.vertices for s in surfaces]), axis=0) * np.array(scale)
     key = hashlib.sha256(points.tobytes()).digest()
-    return _once(key, lambda: _checked_hull(points, ask("hull", {}, [points])[1]))
+    return _once(key, lambda: _checked_hull(points, ask("hull", {}, [points])[1])).surfaces[0]
 
 
-def _checked_hull(points: Array, answer: Sequence[NDArray[np.generic]]) -> Hull:
+def _checked_hull(points: Array, answer: Sequence[NDArray[np.generic]]) -> Mesh:
     """Return the hull of points (n, 3) from the answer: corners (k, 3), as numbers of points.
 
     Raises:
@@ -290,7 +262,6 @@ def _checked_hull(points: Array, answer: Sequence[NDArray[np.generic]]) -> Hull:
     if not triangles or corners.max() >= len(points):
         raise MeshError("its reader answered with no hull")
     used, faces = np.unique(corners.astype(np.int64), return_inverse=True)
-    hull = Hull(points[used], faces.reshape(-1, 3))
-    for array in hull:
-        array.setflags(write=False)
-    return hull
+    faces = faces.reshape(-1, 3)
+    faces.setflags(write=False)
+    return Mesh((Surface(read_only(points[used]), faces, None),))

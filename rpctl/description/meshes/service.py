@@ -17,13 +17,7 @@ from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.worker import Worker, WorkerError
 from rpctl.kernels.cache import cached, sources
 
-MODULES = {  # which process does a job
-    "read": "rpctl.description.meshes.worker",
-    "shade": "rpctl.description.meshes.worker",
-    "primitive": "rpctl.description.meshes.worker",
-    "solid": "rpctl.description.meshes.solid_worker",
-    "hull": "rpctl.description.meshes.solid_worker",
-}
+WORKER = "rpctl.description.meshes.worker"
 LIFE_S = 3600.0  # s of processor time of one process, however many meshes it reads
 IDLE_S = 10.0  # s after which a process that nobody asks ends: it holds .1 GB
 TRIANGLE_BYTES = 3 * 24 + 12  # of an answer: three vertices and their numbers
@@ -31,7 +25,7 @@ MORE_BYTES = 2**20  # of an answer, whatever the mesh
 MAX_FAULT = 400  # characters of a fault
 
 Answer = tuple[dict[str, Any], list[Any]]
-INHERITED: list[dict[str, MeshService]] = []  # of a parent process: not ours to ask or to end
+INHERITED: list[MeshService] = []  # of a parent process: not ours to ask or to end
 
 
 class StalledMeshError(MeshError):
@@ -69,8 +63,8 @@ class MeshService:
             except BaseException:
                 self.close()  # half of an answer may be under way
                 raise
-        if "fault" in head:
-            raise MeshError(_one_line(head["fault"]))
+        if "fault" in head:  # foreign text, too
+            raise MeshError("".join(filter(str.isprintable, str(head["fault"])))[:MAX_FAULT])
         return answer
 
     def _ask(self, request: bytes, most: int) -> bytes:
@@ -95,14 +89,11 @@ class MeshService:
             worker.grant(IDLE_S)
         except WorkerError as error:
             worker.close()
-            if error.late:
-                fault = f"refused: it takes over {seconds} s; {how_to_raise('MAX_MESH_SECONDS')}"
-            else:
-                fault = (
-                    f"refused: it ends its reader ({excerpt(str(error))}), for lack of memory "
-                    f"perhaps; {how_to_raise('MAX_MESH_MEMORY')}"
-                )
-            raise StalledMeshError(fault) from None
+            fault, bound = f"it takes over {seconds} s", "MAX_MESH_SECONDS"
+            if not error.late:
+                fault = f"it ends its reader ({excerpt(str(error))}), for lack of memory perhaps"
+                bound = "MAX_MESH_MEMORY"
+            raise StalledMeshError(f"refused: {fault}; {how_to_raise(bound)}") from None
         except BaseException:
             worker.close()
             raise
@@ -122,45 +113,34 @@ class MeshService:
             worker.close()
 
 
-def _one_line(text: object) -> str:
-    """Return a fault that the process tells; it is foreign text, too."""
-    return "".join(filter(str.isprintable, str(text)))[:MAX_FAULT]
-
-
-def _services() -> dict[str, MeshService]:
-    return {module: MeshService(module) for module in set(MODULES.values())}
-
-
-SERVICES = _services()
+SERVICE = MeshService(WORKER)
 
 
 def ask(job: str, head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
     """Return the answer to a job: of the process that does it, or from disk where it ever was.
 
     Args:
-        job: One of ``MODULES``.
+        job: One of ``rpctl.description.meshes.worker.JOBS``.
 
     Raises:
         MeshError: There is none, as of :meth:`MeshService.ask`.
     """
-    request, service = pack({"job": job, **head}, arrays), SERVICES[MODULES[job]]
-    key = hashlib.sha256(sources().encode())
-    key.update(request)
-    return unpack(cached(key.digest(), lambda: service.ask(request)))
+    request = pack({"job": job, **head}, arrays)
+    key = hashlib.sha256(sources().encode() + request)
+    return unpack(cached(key.digest(), lambda: SERVICE.ask(request)))
 
 
-def close_all() -> None:
-    """End all processes."""
-    for service in SERVICES.values():
-        service.close()
+def close() -> None:
+    """End the process."""
+    SERVICE.close()
 
 
 def _forget() -> None:
-    global SERVICES
-    INHERITED.append(SERVICES)
-    SERVICES = _services()
+    global SERVICE
+    INHERITED.append(SERVICE)
+    SERVICE = MeshService(WORKER)
 
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
-atexit.register(close_all)
+atexit.register(close)

@@ -1,7 +1,7 @@
-"""The process that reads and draws meshes: confined, with neither files nor an environment.
+"""The process that reads, draws and measures meshes: confined, with neither files nor environment.
 
 Readers of meshes are large, and their input is other people's. What this process answers is
-checked again by who asked. :mod:`rpctl.description.meshes.solid_worker` is a second one.
+checked again by who asked.
 """
 
 from __future__ import annotations
@@ -15,18 +15,30 @@ from importlib import import_module
 from typing import Any
 
 from rpctl.description.meshes.headers import MeshFaultError
-from rpctl.description.meshes.jobs import Answer, make_primitive, read_mesh, shade_mesh
+from rpctl.description.meshes.jobs import (
+    Answer,
+    convex_hull,
+    make_primitive,
+    measure_solid,
+    read_mesh,
+    shade_mesh,
+)
 from rpctl.files.array_messages import pack, unpack
 from rpctl.files.caps import how_to_raise
 from rpctl.files.worker import Channel
 
 Job = Callable[[Mapping[str, Any], Sequence[Any]], Answer]
 
-JOBS: dict[str, Job] = {"read": read_mesh, "shade": shade_mesh, "primitive": make_primitive}
+JOBS: dict[str, Job] = {
+    "read": read_mesh,
+    "shade": shade_mesh,
+    "primitive": make_primitive,
+    "solid": measure_solid,
+    "hull": convex_hull,
+}
 # Trimesh imports them if they are there. No job needs them, and pictures are not to be decoded.
 UNUSED = ("PIL", "networkx", "shapely", "rtree", "jsonschema", "manifold3d", "mapbox_earcut")
-LIBRARIES = ("trimesh.creation", "collada", "lxml.etree", "fast_simplification")
-SLOW = ("scipy",)  # to import, and not needed to read triangles
+LIBRARIES = ("scipy.spatial", "trimesh.creation", "collada", "lxml.etree", "fast_simplification")
 MAX_REQUEST = 2**40  # bytes; who asks is trusted
 WORDS = {  # for what the readers' errors mean
     IndexError: "a triangle names a vertex that is not there",
@@ -35,18 +47,12 @@ WORDS = {  # for what the readers' errors mean
 }
 
 
-def prepare(
-    without: Sequence[str] = (*UNUSED, *SLOW), libraries: Sequence[str] = LIBRARIES
-) -> None:
-    """Import what the jobs need; nothing is found once the process is confined.
-
-    Args:
-        without: Modules that are not imported, by whomever.
-    """
-    sys.modules.update(dict.fromkeys(without))  # type: ignore[arg-type]
+def prepare() -> None:
+    """Import what the jobs need; nothing is found once the process is confined."""
+    sys.modules.update(dict.fromkeys(UNUSED))  # type: ignore[arg-type]
     logging.disable()
     warnings.simplefilter("ignore")
-    for name in libraries:
+    for name in LIBRARIES:
         with suppress(ImportError):  # a format that lacks its reader is refused when it comes
             import_module(name)
 

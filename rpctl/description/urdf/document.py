@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from contextlib import suppress
 from typing import Any
 
 from lxml import etree
@@ -95,9 +96,9 @@ def parse_document(data: bytes, findings: Findings) -> Any:
     """
     if not data.strip():
         raise Refusal("the file is empty; give a URDF")
-    alien = foreign_bytes(data)
-    if alien:
-        raise Refusal(alien)
+    for magic, kind, fix in MAGIC:
+        if data.startswith(magic):
+            raise Refusal(f"this is {kind}, not URDF; {fix}")
     text = decode(data, findings)
     start = _root_start(text)
     _require_few(text, text.count("\n", 0, start) + 1)
@@ -119,9 +120,9 @@ def _root_start(text: str) -> int:
     """
     place = _after_prolog(text)
     line = text.count("\n", 0, place) + 1
-    alien = foreign_text(text[place : place + 200])
-    if alien:
-        raise Refusal(alien, line)
+    for pattern, kind, fix in BEGINNINGS:
+        if re.match(pattern, text[place : place + 200]):
+            raise Refusal(f"this is {kind}, not URDF; {fix}", line)
     if text.startswith("<!DOCTYPE", place):
         entities = " and its entities are never read" if "<!ENTITY" in text else ""
         raise Refusal(f"a DOCTYPE is not part of URDF{entities}; remove it", line)
@@ -129,9 +130,11 @@ def _root_start(text: str) -> int:
     if root is None:
         begins = excerpt(text[place : place + 200].partition("\n")[0])
         raise Refusal(f'not XML: it begins with "{begins}"; a URDF is an XML file', line)
-    alien = foreign_root(root[1])
-    if alien:
-        raise Refusal(alien, line)
+    if root[1] in ROOTS:
+        kind, fix = ROOTS[root[1]]
+        raise Refusal(f"this is {kind}, not URDF; {fix}", line)
+    if root[1].rpartition(":")[2] != "robot":
+        raise Refusal(f"the root element is <{root[1][:60]}>; a URDF's is <robot>", line)
     return root.end()
 
 
@@ -327,9 +330,8 @@ def decode(data: bytes, findings: Findings) -> str:
 def _text(data: bytes, findings: Findings) -> str:
     for mark, codec in BOMS:
         if data.startswith(mark):
-            return _wide(data[len(mark) :], codec) if codec != "utf-8" else _narrow(
-                data[len(mark) :], codec, findings
-            )  # fmt: skip
+            data = data[len(mark) :]
+            return _narrow(data, codec, findings) if codec == "utf-8" else _wide(data, codec)
     if data[:2] in (b"<\0", b"\0<"):
         return _wide(data, "utf-16-le" if data[0] else "utf-16-be")
     if b"\0" in data:
@@ -361,39 +363,10 @@ def _declared(data: bytes, findings: Findings) -> str:
     if declared is None:
         return "utf-8"
     name = declared[1].decode("ascii", "replace")
-    try:
-        codec = codecs.lookup(name).name
-    except (LookupError, ValueError):
-        codec = ""
-    if BYTEWISE.fullmatch(codec):
-        return codec
+    with suppress(LookupError, ValueError):
+        if BYTEWISE.fullmatch(codec := codecs.lookup(name).name):
+            return codec
     line = data.count(b"\n", 0, declared.start(1)) + 1
     fault = f'the declared encoding "{name}" is not the file\'s'
     findings.add_at("warning", line, f'{fault}; it is read as UTF-8, declare encoding="UTF-8"')
     return "utf-8"
-
-
-def foreign_bytes(data: bytes) -> str | None:
-    """Return what a binary file is, and the way out; None where it is nothing known."""
-    for magic, kind, fix in MAGIC:
-        if data.startswith(magic):
-            return f"this is {kind}, not URDF; {fix}"
-    return None
-
-
-def foreign_text(beginning: str) -> str | None:
-    """Return what a text is that begins so, and the way out; None where it is nothing known."""
-    for pattern, kind, fix in BEGINNINGS:
-        if re.match(pattern, beginning):
-            return f"this is {kind}, not URDF; {fix}"
-    return None
-
-
-def foreign_root(name: str) -> str | None:
-    """Return what an XML file is whose root element has this name; None for a URDF."""
-    if name.rpartition(":")[2] == "robot":
-        return None
-    if name in ROOTS:
-        kind, fix = ROOTS[name]
-        return f"this is {kind}, not URDF; {fix}"
-    return f"the root element is <{name[:60]}>; a URDF's is <robot>"

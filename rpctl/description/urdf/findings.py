@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from rpctl.errors import SEVERITIES, Finding
@@ -75,10 +76,6 @@ class Findings:
         """Note a finding at a line."""
         self.items.append(Finding(severity, line, message))
 
-    def add(self, severity: str, element: Any, message: str) -> None:
-        """Note a finding at the line of an element."""
-        self.add_at(severity, element.sourceline, message)
-
     @property
     def errors(self) -> bool:
         """Whether one of them is an error."""
@@ -89,12 +86,12 @@ class Findings:
         return sorted(self.items, key=lambda f: (SEVERITIES.index(f.severity), f.line or 0))
 
     def error(self, element: Any, message: str) -> None:
-        """Note an error."""
-        self.add("error", element, message)
+        """Note an error at the line of an element."""
+        self.add_at("error", element.sourceline, message)
 
     def warn(self, element: Any, message: str) -> None:
-        """Note a warning."""
-        self.add("warning", element, message)
+        """Note a warning at the line of an element."""
+        self.add_at("warning", element.sourceline, message)
 
     def numbers(self, element: Any, attribute: str, count: int, default: str | None) -> list[float]:
         """Return ``count`` sane numbers of an attribute; on a fault note it and return zeros.
@@ -153,13 +150,10 @@ def condense(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 def _sum(group: list[Finding]) -> Finding:
     """Return the first finding of a group, with the places of the others."""
     first, *others = group
-    if not others:
-        return first
-    places = list(dict.fromkeys(_place(first, other) for other in others))
-    listed = ", ".join(places[:MAX_NAMED])
-    if len(others) > MAX_NAMED:
-        listed += f" and {len(others) - MAX_NAMED} more"
-    return Finding(first.severity, first.line, f"{first.message} (and so {listed})")
+    places = [*dict.fromkeys(_place(first, other) for other in others)][:MAX_NAMED]
+    more = f" and {len(others) - MAX_NAMED} more" if len(others) > MAX_NAMED else ""
+    also = f" (and so {', '.join(places)}{more})" if others else ""
+    return replace(first, message=f"{first.message}{also}")
 
 
 def _place(first: Finding, other: Finding) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.records import MOVING_KINDS, Joint, Mimic, Plugin
 from rpctl.description.urdf.findings import Fault, Findings, excerpt, parse_numbers
 from rpctl.description.urdf.links import read_origin
@@ -66,37 +66,35 @@ def _read_losses(
     dynamics = findings.only(element, "dynamics")
     if dynamics is None:
         return 0.0, 0.0
-    found = {key: findings.number(dynamics, key, "0") for key in ("damping", "friction")}
-    for key, value in found.items():
-        if value < 0.0:
-            text = f'{key} {value:g} of joint "{name}" is negative, which would drive it'
-            findings.warn(dynamics, f"{text}; 0 is used, correct the sign")
-            found[key] = 0.0
+    damping, friction = (_read_loss(findings, dynamics, name, k) for k in ("damping", "friction"))
     slides, effort = kind == "prismatic", effort or math.inf  # what nothing drives has no limit
-    if found["friction"] > effort:
-        text = f'friction {found["friction"]:g} of joint "{name}" exceeds its effort limit'
+    if friction > effort:
         unit = "N" if slides else "N m"
-        findings.warn(dynamics, f"{text} {effort:g}: it cannot start; give both in {unit}")
-    elif found["damping"] * velocity + found["friction"] > effort:
-        text = f'damping {found["damping"]:g} of joint "{name}" takes more than its effort limit'
+        findings.warn(dynamics, f'friction {friction:g} of joint "{name}" exceeds its effort limit '
+                      f"{effort:g}: it cannot start; give both in {unit}")  # fmt: skip
+    elif damping * velocity + friction > effort:
         unit = "N s/m" if slides else "N m s/rad"
-        findings.warn(
-            dynamics, f"{text} {effort:g} at its velocity limit {velocity:g}; give it in {unit}"
-        )
-    return found["damping"], found["friction"]
+        findings.warn(dynamics, f'damping {damping:g} of joint "{name}" takes more than its effort '
+                      f"limit {effort:g} at its velocity limit {velocity:g}; give it in "
+                      f"{unit}")  # fmt: skip
+    return damping, friction
+
+
+def _read_loss(findings: Findings, dynamics: Any, name: str, key: str) -> float:
+    value = findings.number(dynamics, key, "0")
+    if value < 0.0:
+        findings.warn(dynamics, f'{key} {value:g} of joint "{name}" is negative, which would drive '
+                      "it; 0 is used, correct the sign")  # fmt: skip
+    return max(value, 0.0)
 
 
 def _require_kind(findings: Findings, element: Any, name: str, kind: str) -> None:
-    if kind in KNOWN_KINDS:
-        return
     if kind in ("floating", "planar"):
         fix = "rpctl places the base itself; make it fixed, or remove the joint and its parent"
         findings.error(element, f'joint "{name}" is {kind}; {fix}')
-    elif not kind:
-        findings.error(element, f'joint "{name}" has no type; use one of {", ".join(KNOWN_KINDS)}')
-    else:
-        problem = f'joint "{name}" has type "{excerpt(kind)}"'
-        findings.error(element, f"{problem}; use one of {', '.join(KNOWN_KINDS)}")
+    elif kind not in KNOWN_KINDS:
+        has = f'type "{excerpt(kind)}"' if kind else "no type"
+        findings.error(element, f'joint "{name}" has {has}; use one of {", ".join(KNOWN_KINDS)}')
 
 
 def _read_end(findings: Findings, element: Any, name: str, end: str) -> str:
@@ -108,31 +106,20 @@ def _read_end(findings: Findings, element: Any, name: str, end: str) -> str:
 
 
 def _read_axis(findings: Findings, element: Any, name: str, kind: str) -> Array:
-    given = findings.only(element, "axis")
+    given, before = findings.only(element, "axis"), len(findings.items)
     axis = findings.numbers(given, "xyz", 3, "1 0 0")
     length = math.hypot(*axis)
     if kind in MOVING_KINDS:
         if given is None:
             given = etree.SubElement(element, "axis", xyz="1 0 0")  # some readers have another
-        elif length <= MIN_AXIS_LENGTH and not _faulty(findings, given):
-            findings.error(
-                given, f'axis of joint "{name}" is zero; give a direction such as "0 0 1"'
-            )
+        elif length <= MIN_AXIS_LENGTH and len(findings.items) == before:
+            text = f'axis of joint "{name}" is zero; give a direction such as "0 0 1"'
+            findings.error(given, text)
         elif abs(length - 1.0) > AXIS_LENGTH_TOLERANCE and length > MIN_AXIS_LENGTH:
-            findings.warn(
-                given,
-                f'axis of joint "{name}" has length {length:.6g}; it is made a unit vector',
-            )
+            text = f'axis of joint "{name}" has length {length:.6g}; it is made a unit vector'
+            findings.warn(given, text)
             given.set("xyz", " ".join(repr(value / length) for value in axis))
-    unit = np.array(axis) / length if length > MIN_AXIS_LENGTH else np.zeros(3)
-    unit.setflags(write=False)
-    return unit
-
-
-def _faulty(findings: Findings, element: Any) -> bool:
-    """Whether the last finding is an error of this element."""
-    last = findings.items[-1] if findings.items else None
-    return last is not None and last.severity == "error" and f"<{element.tag} " in last.message
+    return read_only(np.array(axis) / length if length > MIN_AXIS_LENGTH else np.zeros(3))
 
 
 def _read_mimic(findings: Findings, element: Any, name: str) -> Mimic | None:
@@ -181,8 +168,8 @@ def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[f
     far = MAX_POSITION[kind]
     for key, value in (("lower", lower), ("upper", upper)):
         if far < abs(value) < math.inf:
-            text = f'{key} limit {value:g} of joint "{name}" is out of reach; taken as unlimited'
-            findings.warn(limit, f"{text}, give rad or m")
+            findings.warn(limit, f'{key} limit {value:g} of joint "{name}" is out of reach; taken '
+                          "as unlimited, give rad or m")  # fmt: skip
     return (lower if lower >= -far else -math.inf), (upper if upper <= far else math.inf)
 
 
@@ -231,9 +218,8 @@ def read_rotors(findings: Findings, root: Any) -> dict[str, float]:
                           "give its inertia as --armature PATTERN=KG_M2")  # fmt: skip
             continue
         name = joints[0].get("name", "")
-        for actuator in given:
-            inertia = _inertia(findings, actuator, name)
-            rotors[name] = rotors.get(name, 0.0) + inertia
+        inertia = sum(_inertia(findings, actuator, name) for actuator in given)
+        rotors[name] = rotors.get(name, 0.0) + inertia
     return rotors
 
 
@@ -269,20 +255,18 @@ def _ratio(findings: Findings, actuator: Any) -> float:
 
 def read_actuated(root: Any) -> frozenset[str]:
     """Return the joints with a transmission, or a command interface of ros2_control."""
-    joints = [*root.iterfind("transmission/joint")]
-    joints += [
-        j for j in root.iterfind("ros2_control/joint") if j.find("command_interface") is not None
-    ]
-    return frozenset(joint.get("name") for joint in joints)
+    joints = "transmission/joint | ros2_control/joint[command_interface]"
+    return frozenset(joint.get("name") for joint in root.xpath(joints))
 
 
 def read_sprung(root: Any) -> dict[str, int]:
     """Return the lines of the springs that <gazebo> or <dynamics> gives joints, by the joint."""
     found = {}
     for each in root.xpath("gazebo[@reference] | joint[dynamics]"):
-        said = each.xpath("dynamics/@*[starts-with(name(), 'spring')]")
-        tags = each.xpath(".//springStiffness | .//spring_stiffness | .//stiffness")
-        said += [tag.text for tag in tags]
+        said = each.xpath(
+            "dynamics/@*[starts-with(name(), 'spring')] | .//springStiffness/text()"
+            " | .//spring_stiffness/text() | .//stiffness/text()"
+        )
         if any(positive_number(text) is not None for text in said):
             found[each.get("reference") or each.get("name")] = each.sourceline
     return found

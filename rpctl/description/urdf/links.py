@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.arrays import Array
+from rpctl.arrays import Array, read_only
 from rpctl.description.records import Link, Shape, rotation_rpy
 from rpctl.description.urdf.findings import Fault, Findings, excerpt, parse_numbers
 
@@ -30,12 +30,14 @@ def read_link(findings: Findings, element: Any, colours: Colours) -> Link:
         colours: RGBA of the robot's named materials, by name.
     """
     mass, com, inertia = _read_inertial(findings, element)
-    visuals = read_shapes(findings, element, "visual", colours)
-    collisions = read_shapes(findings, element, "collision", colours)
-    for array in (com, inertia):
-        array.setflags(write=False)
     return Link(
-        element.get("name", ""), element.sourceline, mass, com, inertia, visuals, collisions
+        name=element.get("name", ""),
+        line=element.sourceline,
+        mass=mass,
+        com=read_only(com),
+        inertia=read_only(inertia),
+        visuals=read_shapes(findings, element, "visual", colours),
+        collisions=read_shapes(findings, element, "collision", colours),
     )
 
 
@@ -64,16 +66,11 @@ def _read_inertial(findings: Findings, link: Any) -> tuple[float | None, Array, 
     if mass < 0:
         findings.error(mass_element, f'mass {mass:g} of link "{name}" is negative; give its kg')
     elif all(finding.severity != "error" for finding in findings.items[before:]):
-        _doubt_mass(findings, mass_element, name, mass)
+        if mass > MAX_MASS_KG:
+            text = f'mass {mass:g} kg of link "{name}" is very large; is it in grams? give kg'
+            findings.warn(mass_element, text)
         _doubt_inertia(findings, inertia_element, name, mass, inertia)
-    return mass, origin[:3, 3].copy(), inertia
-
-
-def _doubt_mass(findings: Findings, element: Any, name: str, mass: float) -> None:
-    if mass > MAX_MASS_KG:
-        findings.warn(
-            element, f'mass {mass:g} kg of link "{name}" is very large; is it in grams? give kg'
-        )
+    return mass, origin[:3, 3], inertia
 
 
 def _doubt_inertia(
@@ -84,6 +81,7 @@ def _doubt_inertia(
     least, middle, most = moments.tolist()
     listed = f"principal moments {', '.join(f'{m:.3g}' for m in moments)} kg·m²"
     slack = SPD_MARGIN * max(most, 0.0)
+    ball = 3.0 * mass / (4.0 * math.pi * OSMIUM_DENSITY)  # r³ of one of osmium, m³
     if mass == 0:
         if inertia.any():
             findings.warn(
@@ -91,11 +89,8 @@ def _doubt_inertia(
                 f'link "{name}" has an inertia but the mass 0; give its mass, or no inertia',
             )
     elif most == least == 0:
-        findings.add(
-            "info",
-            element,
-            f'link "{name}" is a point mass: its inertia is 0; give it if the link turns',
-        )
+        text = f'link "{name}" is a point mass: its inertia is 0; give it if the link turns'
+        findings.add_at("info", element.sourceline, text)
     elif least < -slack or least <= slack < most:
         findings.warn(
             element,
@@ -108,20 +103,13 @@ def _doubt_inertia(
             f'inertia of link "{name}" breaks the triangle rule ({listed}); no real body has it, '
             "correct it",
         )
-    else:
-        _doubt_units(findings, element, name, mass, most)
-
-
-def _doubt_units(findings: Findings, element: Any, name: str, mass: float, most: float) -> None:
-    radius = math.sqrt(most / mass)
-    ball = (3.0 * mass / (4.0 * math.pi * OSMIUM_DENSITY)) ** (1.0 / 3.0)
-    if radius > MAX_GYRATION_RADIUS_M:
+    elif (radius := math.sqrt(most / mass)) > MAX_GYRATION_RADIUS_M:
         findings.warn(
             element,
             f'inertia of link "{name}" is that of {mass:g} kg at {radius:.3g} m from the axis; '
             "is it in kg·mm² (divide by 1e6) or g·mm² (by 1e9)? give kg·m²",
         )
-    elif most < MIN_OSMIUM_INERTIA * 0.4 * mass * ball**2:
+    elif most < MIN_OSMIUM_INERTIA * 0.4 * mass * ball ** (2.0 / 3.0):
         findings.warn(
             element,
             f'inertia of link "{name}" is too small for {mass:g} kg: the largest moment, '
@@ -158,13 +146,12 @@ def read_shapes(findings: Findings, link: Any, tag: str, colours: Colours) -> tu
 
 def _shape(findings: Findings, element: Any, colours: Colours) -> Shape | None:
     geometry = findings.only(element, "geometry")
-    solids = [] if geometry is None else list(geometry)
-    if not solids:
+    if geometry is None or not len(geometry):
         findings.warn(element, f"<{element.tag}> without a shape in <geometry>; it is left out")
         return None
-    solid = solids[0]
-    if len(solids) > 1:
-        findings.warn(solids[1], "a second shape in <geometry>; only the first is read")
+    solid, *others = geometry
+    if others:
+        findings.warn(others[0], "a second shape in <geometry>; only the first is read")
     size = _size(findings, solid)
     if size is None:
         return None
@@ -173,8 +160,7 @@ def _shape(findings: Findings, element: Any, colours: Colours) -> Shape | None:
     if rgba is None and material is not None:
         rgba = colours.get(material.get("name"))
     mesh = solid.get("filename") if solid.tag == "mesh" else None
-    origin = read_origin(findings, element)
-    return Shape(solid.tag, size, origin, mesh, rgba, solid.sourceline)
+    return Shape(solid.tag, size, read_origin(findings, element), mesh, rgba, solid.sourceline)
 
 
 def _size(findings: Findings, solid: Any) -> tuple[float, ...] | None:
@@ -194,9 +180,7 @@ def _size(findings: Findings, solid: Any) -> tuple[float, ...] | None:
     else:
         findings.warn(solid, f"<{kind}> is no URDF shape; it is left out")
         return None
-    if len(findings.items) == before:
-        return _sane(findings, solid, size)
-    return tuple(size)
+    return _sane(findings, solid, size) if len(findings.items) == before else tuple(size)
 
 
 def _sane(findings: Findings, solid: Any, size: list[float]) -> tuple[float, ...] | None:
@@ -224,16 +208,15 @@ def read_origin(findings: Findings, element: Any) -> Array:
         if any(rpy):
             placement[:3, :3] = rotation_rpy(*rpy)
         _doubt(findings, origin, xyz, rpy)
-    placement.setflags(write=False)
-    return placement
+    return read_only(placement)
 
 
 def _doubt(findings: Findings, origin: Any, xyz: list[float], rpy: list[float]) -> None:
     if origin.get("quat_xyzw") is not None:
         findings.error(origin, "<origin quat_xyzw> is not read; write the turn as rpy (rad)")
     if max(map(abs, xyz)) > MAX_LENGTH_M:
-        where = f'<origin xyz="{origin.get("xyz")}">'
-        findings.warn(origin, f"{where} is over {MAX_LENGTH_M:g} m away; is it in mm? give m")
+        findings.warn(origin, f'<origin xyz="{origin.get("xyz")}"> is over {MAX_LENGTH_M:g} m '
+                      "away; is it in mm? give m")  # fmt: skip
     if max(map(abs, rpy)) > MAX_ANGLE:
-        where = f'<origin rpy="{origin.get("rpy")}">'
-        findings.warn(origin, f"{where} is over two turns; is it in degrees? give rad")
+        findings.warn(origin, f'<origin rpy="{origin.get("rpy")}"> is over two turns; is it in '
+                      "degrees? give rad")  # fmt: skip

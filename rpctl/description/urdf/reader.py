@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -145,21 +145,13 @@ def _engine_xml(root: Any, name: str) -> str:
     """Return the document as the engines downstream read it: inertias and joints."""
     root.attrib.clear()
     root.set("name", name)
-    _keep(root, ENGINES_READ["robot"])
-    for link in root.findall("link"):
-        _keep(link, ENGINES_READ["link"])
-        for inertial in link:
-            _keep(inertial, ENGINES_READ["inertial"])
-    for joint in root.findall("joint"):
-        fixed = joint.get("type") == "fixed"
-        _keep(joint, ENGINES_READ["joint"] if fixed else ENGINES_READ_OF_MOVING)
+    for parent in (root, *root.xpath("link | link/inertial | joint")):
+        moves = parent.tag == "joint" and parent.get("type") != "fixed"
+        kept = ENGINES_READ_OF_MOVING if moves else ENGINES_READ[parent.tag]
+        for child in list(parent):
+            if child.tag not in kept:
+                parent.remove(child)
     return str(etree.tostring(root, encoding="unicode"))
-
-
-def _keep(element: Any, tags: set[str]) -> None:
-    for child in list(element):
-        if child.tag not in tags:
-            element.remove(child)
 
 
 def check_spelling(findings: Findings, root: Any) -> None:
@@ -178,7 +170,13 @@ def check_spelling(findings: Findings, root: Any) -> None:
 
 def check_names(findings: Findings, root: Any) -> None:
     """Note links and joints without a name, of one name, or of a name that is taken or unfit."""
-    _require_writing(findings, root)
+    for element in (root, *root.xpath("link | joint")):
+        name = element.get("name", "")
+        if any(
+            category(sign) == "Cc" for sign in name
+        ):  # it could end its line, or steer a terminal
+            text = f'{element.tag} "{name}" has a control character in its name; remove it'
+            findings.error(element, text)
     for tag in ("link", "joint"):
         lines: dict[str, int] = {}
         for element in root.findall(tag):
@@ -193,18 +191,7 @@ def check_names(findings: Findings, root: Any) -> None:
                 findings.error(
                     element, f'joint "{name}" has a name that Pinocchio takes for itself; rename it'
                 )
-            if name:
-                lines.setdefault(name, element.sourceline)
-                _require_writing(findings, element)
-
-
-def _require_writing(findings: Findings, element: Any) -> None:
-    """Refuse a name that could end the line it is written on, or steer a terminal."""
-    if any(category(sign) == "Cc" for sign in element.get("name", "")):
-        findings.error(
-            element,
-            f'{element.tag} "{element.get("name")}" has a control character in its name; remove it',
-        )
+            lines.setdefault(name, element.sourceline)
 
 
 def check_tree(
@@ -217,10 +204,8 @@ def check_tree(
     for joint in joints:
         for end in (joint.parent, joint.child):
             if end not in names:
-                findings.error(
-                    elements[joint.name],
-                    f'joint "{joint.name}" names an unknown link "{end}"; correct the name',
-                )
+                text = f'joint "{joint.name}" names an unknown link "{end}"; correct the name'
+                findings.error(elements[joint.name], text)
         if joint.child in parents:
             findings.error(
                 elements[joint.name],
@@ -237,35 +222,27 @@ def check_tree(
     elif not roots:
         findings.error(root, "the joints form a cycle; a URDF is a tree with one root link")
     else:
-        lost = names - _reached(roots[0], joints)
-        above = {joint.child: joint.parent for joint in joints}
-        for name in sorted(lost):
-            if _leads_to(name, above, lost):
-                findings.error(
-                    elements[parents[name].name],
-                    f'link "{name}" is in a cycle, not below the root; correct a parent',
-                )
+        for name in sorted(_in_cycles({child: each.parent for child, each in parents.items()})):
+            text = f'link "{name}" is in a cycle, not below the root; correct a parent'
+            findings.error(elements[parents[name].name], text)
 
 
-def _leads_to(name: str, above: dict[str, str], among: set[str]) -> bool:
-    """Return whether a link is below itself: those that only hang on a cycle are not at fault."""
-    seen, at = set[str](), above[name]
-    while at in among and at != name and at not in seen:
-        seen.add(at)
-        at = above[at]
-    return at == name
+def _in_cycles(above: Mapping[str, str]) -> set[str]:
+    """Return the links that are below themselves, not those that only hang on such a cycle.
 
-
-def _reached(root: str, joints: Sequence[Joint]) -> set[str]:
-    below: dict[str, list[str]] = {}
-    for joint in joints:
-        below.setdefault(joint.parent, []).append(joint.child)
-    reached, stack = {root}, [root]
-    while stack:
-        new = [child for child in below.get(stack.pop(), ()) if child not in reached]
-        reached.update(new)
-        stack.extend(new)
-    return reached
+    Args:
+        above: The parent of each link but the root.
+    """
+    found, seen = set[str](), set[str]()
+    for name in above:
+        way = []
+        while name in above and name not in seen:
+            seen.add(name)
+            way.append(name)
+            name = above[name]
+        if name in way:
+            found.update(way[way.index(name) :])
+    return found
 
 
 def resolve_mimics(findings: Findings, root: Any, joints: Sequence[Joint]) -> tuple[Joint, ...]:

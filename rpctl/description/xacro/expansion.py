@@ -137,10 +137,9 @@ def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
             worker.send(json.dumps(request).encode())
             answer = _converse(worker, files)
     except WorkerError as error:
+        fault = f"its expansion broke off ({excerpt(str(error))}); {RUN_IT}"
         if error.late:
             fault = f"its expansion takes over {seconds} s; {how_to_raise('MAX_XACRO_SECONDS')}"
-        else:
-            fault = f"its expansion broke off ({excerpt(str(error))}); {RUN_IT}"
         raise refusal(path, fault) from None
     if answer is None:
         fault = f"its expansion takes over {cap('MAX_XACRO_MEMORY')} bytes of memory"
@@ -174,8 +173,10 @@ def _warn_of_what_is_open(path: Path, measures: Sequence[str]) -> str | None:
     ways = open_ways(measures)
     if not ways:
         return None
-    text = f"this system cannot keep the file's expressions from {' or '.join(ways)}"
-    text += "; expand only what you trust"
+    text = (
+        f"this system cannot keep the file's expressions from {' or '.join(ways)}; expand only "
+        "what you trust"
+    )
     logging.getLogger("rpctl").warning("%s: warning: %s", path, text)
     return text
 

@@ -91,9 +91,12 @@ class XacroFiles:
         }  # fmt: skip
         if not isinstance(asked, str) or "\0" in asked:
             raise ValueError("a path or a name is a text")
-        if verb == "read":
-            return self._read(asked)
-        return json.dumps(verbs[verb](asked)).encode()
+        if verb != "read":
+            return json.dumps(verbs[verb](asked)).encode()
+        try:
+            return READ + self.read(asked)
+        except OSError as error:
+            return GONE + json.dumps((error.errno, error.strerror)).encode()
 
     def read(self, path: str) -> bytes:
         """Return a file's bytes.
@@ -165,12 +168,6 @@ class XacroFiles:
             return []
         return [os.path.join(folder, name) for name in names if name[0] != "."]  # noqa: PTH118
 
-    def _read(self, path: str) -> bytes:
-        try:
-            return READ + self.read(path)
-        except OSError as error:
-            return GONE + json.dumps((error.errno, error.strerror)).encode()
-
     def _refusal(self, real: str) -> str | None:
         """Return why a path, symlinks followed, may not be read; None if it may."""
         if real == self._file:
@@ -217,9 +214,8 @@ def check_answer(answer: Any, known: Container[str], missing: Container[str]) ->
         else:
             _require(isinstance(value, list), name)
             value = value[:MAX_TOLD]
-            for row in value:
-                _require(_is_row(row, name), name)
-                _require(name not in FILES or row[FILES[name]] in known, name)
+            _require(all(_is_row(row, name) for row in value), name)
+            _require(name not in FILES or all(row[FILES[name]] in known for row in value), name)
         checked[name] = value
     _require(checked["file"] is None or checked["file"] in known, "file")
     _require(all(file in known for file in checked["undeclared"]), "undeclared")

@@ -73,7 +73,9 @@ class Hooks:
         self.find_all = lru_cache(maxsize=None)(outside.find)
         self._outside = outside
         self._environment = environment
-        self._text_of = lru_cache(maxsize=None)(self._read_text)
+        self._text_of = lru_cache(maxsize=None)(  # none of a file that cannot be read
+            lambda file: outside.bytes_of(file).decode("utf-8", "replace")
+        )
         self.files: list[str] = []
         self.found: dict[str, str] = {}
         self.wants: list[tuple[str, str, int | None, str]] = []
@@ -87,18 +89,17 @@ class Hooks:
 
     def install(self) -> None:
         """Put the changed functions in their places."""
-        substitution_args = self._substitution_args
         for name in self._original:
             setattr(self.xacro, name, getattr(self, name))
         self.xacro.open, self.xacro.glob = self._outside.open, self._outside
-        substitution_args._eval_env = self._environment.required
-        substitution_args._eval_optenv = self._environment.optional
-        substitution_args._eval_dict["env"] = self._environment.required
-        substitution_args._eval_dict["optenv"] = self._environment.optional
-        # xacro looks for packages in an installed ROS only.
-        substitution_args._eval_find = self.find
-        substitution_args._eval_dict["find"] = self.find
-        substitution_args._eval_dirname = lambda _: str(Path(self.file).absolute().parent)
+        for name, function in (
+            ("env", self._environment.required),
+            ("optenv", self._environment.optional),
+            ("find", self.find),  # xacro looks for packages in an installed ROS only
+        ):
+            setattr(self._substitution_args, f"_eval_{name}", function)
+            self._substitution_args._eval_dict[name] = function
+        self._substitution_args._eval_dirname = lambda _: str(Path(self.file).absolute().parent)
 
     @property
     def file(self) -> str:
@@ -124,8 +125,7 @@ class Hooks:
         if folders:
             self.found[name] = folders[0]
             return folders[0]
-        pattern = rf"\bfind\b[\s('\"]*{re.escape(name)}\b"
-        for line in self.lines(pattern):
+        for line in self.lines(rf"\bfind\b[\s('\"]*{re.escape(name)}\b"):
             self._want(name, line, "text")
         return PACKAGE + name
 
@@ -220,10 +220,6 @@ class Hooks:
             return
         if (package, file, line, use) not in self.wants:
             self.wants.append((package, file, line, use))
-
-    def _read_text(self, file: str) -> str:
-        """Return a file's text, none where it cannot be read."""
-        return self._outside.bytes_of(file).decode("utf-8", "replace")
 
 
 class NotGivenError(Exception):
@@ -359,9 +355,9 @@ class FileScan:
 
 def scan(data: bytes) -> FileScan:
     """Return what a file's bytes say, up to where they are no XML."""
-    found, parser, above = FileScan(), expat.ParserCreate(), list[str]()
+    parser, above = expat.ParserCreate(), list[str]()
     text = COMMENT.sub("", data.decode("utf-8", "replace"))
-    found.asked += dict.fromkeys(ASKED.findall(text))
+    found = FileScan(asked=[*dict.fromkeys(ASKED.findall(text))])
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         name, line = attributes.get("name", ""), parser.CurrentLineNumber
@@ -377,10 +373,7 @@ def scan(data: bytes) -> FileScan:
             found.plain.setdefault(tag, line)
         above.append(tag)
 
-    def end(_: str) -> None:
-        above.pop()
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartElementHandler, parser.EndElementHandler = start, lambda _: above.pop()
     with suppress(expat.ExpatError):
         parser.Parse(data, True)
     return found
@@ -410,20 +403,18 @@ def scan_all(
 
 def constant_defaults(scans: Mapping[str, FileScan]) -> dict[str, str]:
     """Return the defaults without variables that files declare, by argument; the first counts."""
-    found: dict[str, str] = {}
-    for each in scans.values():
-        for name, default, _ in each.arguments:
-            if default is not None and "$" not in default:
-                found.setdefault(name, default)
-    return found
+    declared = [each for scan in scans.values() for each in scan.arguments]
+    return {
+        name: default
+        for name, default, _ in reversed(declared)
+        if default is not None and "$" not in default
+    }
 
 
 def _included(file: str, spec: str, find: Callable[[str], tuple[str, ...]]) -> str | None:
     """Return the path of an include, if it can be told without evaluating anything."""
-    named = FIND.match(spec)
-    if named:
+    path = str(Path(file).parent / spec)
+    if named := FIND.match(spec):
         folders = find(named[1] or named[2])
         path = folders[0] + named[3] if folders else "$"
-    else:
-        path = str(Path(file).parent / spec)
     return None if "$" in path or "*" in path else path

@@ -20,10 +20,8 @@ from rpctl.errors import Finding, RpctlError, format_finding, printable
 
 WARNING_PREFIX = "warning: "  # how xacro begins one; the lines after it tell the place
 RUN_IT = "correct it, or run `xacro` on the file yourself"
-IGNORE = "or leave out what comes from them with --ignore-missing-packages"
 MAX_CHOICES = 20  # values of an argument that a message lists
 MAX_LISTED = 1000  # names in a folder that are looked at
-OLD_XACRO = "this is xacro from before ROS Jade, whose own elements had no prefix"
 
 Place = tuple[str, int | None]  # a file and a line
 
@@ -55,7 +53,10 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
     if "argument" in answer:
         lines += missing_argument(path, answer, settings)
     elif "variable" in answer:
-        lines += missing_variable(path, answer)
+        name = excerpt(answer["variable"])
+        fault = f'xacro: environment variable "{name}" has no value, for a file sees none of yours'
+        place = answer.get("file") or path
+        lines.append(say(place, answer.get("line"), f"{fault}; add {ENVIRONMENT}{name}:=VALUE"))
     elif "error" in answer and not lines:
         lines += _fault(path, answer)
     elif not lines:
@@ -73,41 +74,46 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
 
 def findings_of(path: Path, answer: Answer, settings: ReadSettings) -> tuple[Finding, ...]:
     """Return what else an answer says: xacro's warnings, what was left out, odd declarations."""
-    told = answer["told"].splitlines()
-    said = [
-        f"xacro: {line.removeprefix(WARNING_PREFIX)}"
-        for line in told
-        if line.startswith(WARNING_PREFIX)
+    warnings = [
+        *(
+            f"xacro: {line.removeprefix(WARNING_PREFIX)}"
+            for line in answer["told"].splitlines()
+            if line.startswith(WARNING_PREFIX)
+        ),
+        *(
+            f"{_short(file, path)} does not declare the prefix xacro; "
+            'add xmlns:xacro="http://www.ros.org/wiki/xacro" to <robot>'
+            for file in answer["undeclared"]
+        ),
+        *_left_out(path, answer),
+        *filter(None, [answer["open"]]),
     ]
-    said += [
-        f"{_short(file, path)} does not declare the prefix xacro; "
-        'add xmlns:xacro="http://www.ros.org/wiki/xacro" to <robot>'
-        for file in answer["undeclared"]
-    ]
-    said += _left_out(path, answer)
-    said += [answer["open"]] if answer["open"] else []
-    warnings = [Finding("warning", None, text) for text in said]
     texts = [w for w in answer["wants"] if w[3] == "text"]
-    notes = [
-        f'argument "{name}" is used before it is declared; its default is taken'
-        for name in answer["early"]
-    ]
     ours = {*os.environ}  # looked up by text: no variable has any name that a file may ask for
-    notes += [
-        f'environment variable "{name}" is not shown to the file; '
-        f"add {ENVIRONMENT}{name}:=VALUE if it needs it"
-        for name in answer["asked"]
-        if name in ours and ENVIRONMENT + name not in settings.xacro_args
+    notes = [
+        *(
+            f'argument "{name}" is used before it is declared; its default is taken'
+            for name in answer["early"]
+        ),
+        *(
+            f'environment variable "{name}" is not shown to the file; '
+            f"add {ENVIRONMENT}{name}:=VALUE if it needs it"
+            for name in answer["asked"]
+            if name in ours and ENVIRONMENT + name not in settings.xacro_args
+        ),
+        *(
+            f'package "{package}" was not found; only texts name it ({_places(places, path)})'
+            for package, places in _by_name(texts).items()
+        ),
+        *(
+            f'"{path}" is not there, before its package is installed; taken from {place}'
+            for path, place in dict.fromkeys(map(tuple, answer["moved"]))
+        ),
     ]
-    notes += [
-        f'package "{package}" was not found; only texts name it ({_places(places, path)})'
-        for package, places in _by_package(texts).items()
-    ]
-    notes += [
-        f'"{path}" is not there, before its package is installed; taken from {place}'
-        for path, place in dict.fromkeys(map(tuple, answer["moved"]))
-    ]
-    return (*warnings, *(Finding("info", None, text) for text in notes))
+    return (
+        *(Finding("warning", None, text) for text in warnings),
+        *(Finding("info", None, text) for text in notes),
+    )
 
 
 def _uncalled(path: Path, macros: Sequence[tuple[str, str, int]]) -> str:
@@ -135,31 +141,29 @@ def _uncalled(path: Path, macros: Sequence[tuple[str, str, int]]) -> str:
 def _left_out(path: Path, answer: Answer) -> list[str]:
     """Return, in sentences, what is missing for want of packages."""
     wants = [w for w in answer["wants"] if w[3] == "include"]
-    said = [
-        f'left out, for package "{package}" was not found: the includes of {_places(places, path)}'
-        for package, places in _by_package(wants).items()
-    ]
-    calls: dict[str, list[Place]] = defaultdict(list)
-    for file, line, tag in answer["left_out"]:
-        calls[tag].append((file, line))
-    said += [
-        f"left out: <{tag}>, a macro that was not found ({_places(places, path)})"
-        for tag, places in calls.items()
-    ]
-    return said + [f"left out: {phrase}" for phrase in answer["dropped"]]
+    calls = [(tag, file, line, "call") for file, line, tag in answer["left_out"]]
+    return [
+        *(f'left out, for package "{package}" was not found: the includes of {_places(where, path)}'
+          for package, where in _by_name(wants).items()),
+        *(f"left out: <{tag}>, a macro that was not found ({_places(where, path)})"
+          for tag, where in _by_name(calls).items()),
+        *(f"left out: {phrase}" for phrase in answer["dropped"]),
+    ]  # fmt: skip
 
 
 def _missing_packages(path: Path, answer: Answer, settings: ReadSettings) -> list[str]:
     """Return the lines of the message that lists all packages that were not found."""
-    needed = _by_package(w for w in answer["wants"] if w[3] != "text")
-    texts = _by_package(w for w in answer["wants"] if w[3] == "text" and w[0] not in needed)
-    names = ", ".join([*needed, *texts])
-    count = len(needed) + len(texts)
+    needed = _by_name(w for w in answer["wants"] if w[3] != "text")
+    texts = _by_name(w for w in answer["wants"] if w[3] == "text" and w[0] not in needed)
+    names = [*needed, *texts]
     what, fix = "a package was", DECLARE
-    if count > 1:
-        what, fix = f"{count} packages were", DECLARE.replace("above it", "above them")
+    if len(names) > 1:
+        what, fix = f"{len(names)} packages were", DECLARE.replace("above it", "above them")
     remark = find_packages(path, settings.package_dirs).remark
-    fault = f"{what} not found: {names}; {fix}{remark}, {IGNORE}"
+    fault = (
+        f"{what} not found: {', '.join(names)}; {fix}{remark}, or leave out what comes from them "
+        "with --ignore-missing-packages"
+    )
     return [
         say(path, None, fault),
         *(
@@ -175,16 +179,9 @@ def _fault(path: Path, answer: Answer) -> list[str]:
     """Return the message on what xacro refuses."""
     if answer["old"]:
         file, tag, line = answer["old"][0]
-        return [
-            format_finding(
-                file,
-                Finding(
-                    "error",
-                    line,
-                    f"{OLD_XACRO}: write <xacro:{tag}> for <{tag}>, and so for all, its calls, too",
-                ),
-            )
-        ]
+        old = "this is xacro from before ROS Jade, whose own elements had no prefix"
+        fix = f"write <xacro:{tag}> for <{tag}>, and so for all, its calls, too"
+        return [say(file, line, f"{old}: {fix}")]
     macros, wants = answer.get("macros"), [w[0] for w in answer["wants"] if w[3] != "text"]
     within = f' (in macro "{excerpt(macros[-1])}")' if macros else ""
     missing = ", ".join(dict.fromkeys(wants))
@@ -228,11 +225,11 @@ def _stem(name: str) -> str:
     return name.partition(".")[0]
 
 
-def _by_package(wants: Iterable[Any]) -> dict[str, list[Place]]:
-    """Return the places that want each package."""
+def _by_name(wants: Iterable[Any]) -> dict[str, list[Place]]:
+    """Return the places that want each package, or call each macro."""
     found: dict[str, list[Place]] = defaultdict(list)
-    for package, file, line, _ in wants:
-        found[package].append((file, line))
+    for name, file, line, _ in wants:
+        found[name].append((file, line))
     return found
 
 
@@ -282,14 +279,6 @@ def missing_argument(path: Path, answer: Answer, settings: ReadSettings) -> list
     return [say(answer.get("file") or path, answer["line"], fault), *listed(declared)]
 
 
-def missing_variable(path: Path, answer: Answer) -> list[str]:
-    """Return the message on a variable of the environment that nobody gives."""
-    name = excerpt(answer["variable"])
-    fault = f'xacro: environment variable "{name}" has no value, for a file sees none of yours'
-    fault += f"; add {ENVIRONMENT}{name}:=VALUE"
-    return [say(answer.get("file") or path, answer.get("line"), fault)]
-
-
 def unused_arguments(path: Path, answer: Answer, settings: ReadSettings) -> list[str]:
     """Return the lines of the message on given arguments that nothing declares or looks up."""
     declared = declared_arguments(answer)
@@ -297,30 +286,31 @@ def unused_arguments(path: Path, answer: Answer, settings: ReadSettings) -> list
     variables = [name for name in settings.xacro_args if name.startswith(ENVIRONMENT)]
     strange = [name for name in variables if name.removeprefix(ENVIRONMENT) not in answer["asked"]]
     unknown = [name for name in answer["unused"] if name not in names]
-    lines = []
-    for name in unknown:
-        fix = _nearest(name, names) or "; leave it out"
-        lines.append(say(path, None, f'no file declares the argument "{excerpt(name)}"{fix}'))
-    lines += listed(declared) if lines else []
-    asked = [ENVIRONMENT + each for each in answer["asked"]]
-    for name in strange:
-        fix = _nearest(name, asked) or "; leave it out"
-        lines.append(say(path, None, f'no expression asks for "{excerpt(name)}"{fix}'))
-    return lines
+    asked, leave = [ENVIRONMENT + each for each in answer["asked"]], "; leave it out"
+    return [
+        *(
+            say(path, None, f'no file declares the argument "{excerpt(name)}"'
+                f"{_nearest(name, names) or leave}")
+            for name in unknown
+        ),
+        *(listed(declared) if unknown else ()),
+        *(
+            say(path, None, f'no expression asks for "{excerpt(name)}"'
+                f"{_nearest(name, asked) or leave}")
+            for name in strange
+        ),
+    ]  # fmt: skip
 
 
 def listed(declared: Iterable[XacroArgument]) -> list[str]:
     """Return a line for each argument that is declared."""
-    return [
-        say(each.file, each.line, f"declares {each.name}, {_default(each)}", "info")
-        for each in declared
-    ]
-
-
-def _default(argument: XacroArgument) -> str:
-    if argument.default is None:
-        return "without a default"
-    return f'which is "{excerpt(argument.default)}" by default'
+    lines = []
+    for each in declared:
+        default = "without a default"
+        if each.default is not None:
+            default = f'which is "{excerpt(each.default)}" by default'
+        lines.append(say(each.file, each.line, f"declares {each.name}, {default}", "info"))
+    return lines
 
 
 def _nearest(name: str, names: Iterable[str]) -> str:

@@ -149,10 +149,9 @@ def _reason(error: Exception, hooks: Hooks) -> dict[str, Any]:
         raise cause
     if isinstance(cause, NotFoundError):
         hooks.wants.append((str(cause), hooks.file, None, "file"))
+    text = str(error) or type(error).__name__
     if isinstance(cause, OSError):
         text = f"{cause.filename}: {cause.strerror}" if cause.filename else str(cause)
-    else:
-        text = str(error) or type(error).__name__
     said: dict[str, Any] = {"error": " ".join(text.split())}
     if isinstance(cause, FileNotFoundError):
         said["no_file"] = str(cause.filename)
@@ -191,14 +190,12 @@ def name_packages(document: Any, folders: Mapping[str, str]) -> None:
     longest = sorted(folders.items(), key=lambda each: -len(each[1]))
     for mesh in document.getElementsByTagName("mesh"):
         path = mesh.getAttribute("filename")
-        if path.startswith(FILE + PACKAGE):  # $(find) of a package that is not there
-            mesh.setAttribute("filename", path.removeprefix(FILE))
         plain = path.removeprefix(FILE)
-        for name, folder in longest:
-            if plain.startswith(f"{folder}/"):
-                rest = plain.removeprefix(f"{folder}/")
-                mesh.setAttribute("filename", f"{PACKAGE}{name}/{rest}")
-                break
+        if plain.startswith(PACKAGE):  # $(find) of a package that is not there
+            mesh.setAttribute("filename", plain)
+        within = [each for each in longest if plain.startswith(f"{each[1]}/")]
+        for name, folder in within[:1]:
+            mesh.setAttribute("filename", f"{PACKAGE}{name}{plain.removeprefix(folder)}")
 
 
 def drop_dangling(document: Any) -> list[str]:
@@ -220,7 +217,7 @@ def drop_dangling(document: Any) -> list[str]:
         links = _drop_below(robot, child)
         said.append(f'{", ".join(links)}, which hang on the missing link "{missing}"')
     joints = {joint.getAttribute("name") for joint in _children(robot, "joint")}
-    for transmission in list(_children(robot, "transmission")):
+    for transmission in _children(robot, "transmission"):
         driven = [each.getAttribute("name") for each in _children(transmission, "joint")]
         if driven and not joints.intersection(driven):
             _remove(transmission)
@@ -243,13 +240,12 @@ def _drop_below(robot: Any, link: str) -> list[str]:
     """Remove a link and all that it carries; return the links' names."""
     names, queue = [], [link]
     while queue:
-        name = queue.pop()
-        names.append(name)
-        for element in list(_children(robot, "link")):
-            if element.getAttribute("name") == name:
+        names.append(queue.pop())
+        for element in _children(robot, "link"):
+            if element.getAttribute("name") == names[-1]:
                 _remove(element)
-        for joint in list(_children(robot, "joint")):
-            if _end(joint, "parent") == name:
+        for joint in _children(robot, "joint"):
+            if _end(joint, "parent") == names[-1]:
                 queue.append(_end(joint, "child"))
                 _remove(joint)
     return names
@@ -259,8 +255,8 @@ def _end(joint: Any, tag: str) -> str:
     return next((end.getAttribute("link") for end in _children(joint, tag)), "")
 
 
-def _children(element: Any, tag: str) -> Iterator[Any]:
-    return (child for child in list(element.childNodes) if child.nodeName == tag)
+def _children(element: Any, tag: str) -> list[Any]:
+    return [child for child in element.childNodes if child.nodeName == tag]
 
 
 def _remove(element: Any) -> None:

@@ -16,7 +16,7 @@ from lxml import etree
 
 from rpctl.description.meshes import reading as mesh_files
 from rpctl.description.meshes.paths import MeshError
-from rpctl.description.meshes.reading import Hull, convex_hull
+from rpctl.description.meshes.reading import Surface, convex_hull
 from rpctl.description.records import Joint, Shape
 from rpctl.engines.edited_urdf import urdf_inertial, urdf_numbers, urdf_origin
 from rpctl.engines.engine import EngineFault
@@ -198,7 +198,7 @@ def _hull_file(robot: Robot, shape: Shape) -> bytes | None:
         return None
 
 
-def _stl(hull: Hull) -> bytes:
+def _stl(hull: Surface) -> bytes:
     """Return a hull as a binary STL file."""
     corners = hull.vertices[hull.faces]  # (k, 3, 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

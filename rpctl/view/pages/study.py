@@ -16,11 +16,8 @@ from rpctl.simulation.config import read_config
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.run.run import Run
-from rpctl.study.merits import MERITS
-from rpctl.study.optimise import optimum_sentence
-from rpctl.study.statistics import LEVELS, MeritStatistics
-from rpctl.study.study_result import StudyResult, WorstRun, read_result
-from rpctl.study.words import (
+from rpctl.study.merits import (
+    MERITS,
     Unit,
     grouped,
     merit_words,
@@ -30,6 +27,9 @@ from rpctl.study.words import (
     share_span,
     unit_of,
 )
+from rpctl.study.optimise import optimum_sentence
+from rpctl.study.statistics import LEVELS, MeritStatistics
+from rpctl.study.study_result import StudyResult, WorstRun, read_result
 from rpctl.view.pages.page import Badge, render_page
 from rpctl.view.pages.report import report_page, report_policy
 from rpctl.view.plots.figures import svg_address, to_png
@@ -133,11 +133,11 @@ def _figures(result: StudyResult) -> list[tuple[str, str, str]]:
         if each.name != result.merit:
             continue
         unit = _unit(result, each)
-        names = {0.5: "median", 0.95: "95 % of runs below"}
-        for level in (q for q in each.quantiles if q.level in names):
-            title = f"{_capital(merit_words(result.merit))}: {names[level.level]}"
-            span = f"{number(level.low, unit)} to {number(level.high, unit)}"
-            rows.append((title, number(level.value, unit), span))
+        for level, name in ((0.5, "median"), (0.95, "95 % of runs below")):
+            found = each.quantiles[level]
+            title = f"{_capital(merit_words(result.merit))}: {name}"
+            span = f"{number(found.low, unit)} to {number(found.high, unit)}"
+            rows.append((title, number(found.value, unit), span))
     return rows
 
 
@@ -154,7 +154,7 @@ def _quantiles(result: StudyResult, found: MeritStatistics) -> dict[str, Any]:
         "name": merit_words(found.name) + (f" ({unit.name})" if unit.name else ""),
         "cells": [
             (number(q.value, plain), f"{number(q.low, plain)} … {number(q.high, plain)}")
-            for q in found.quantiles
+            for q in found.quantiles.values()
         ],
         "rest": [
             number(found.largest, plain),
@@ -182,7 +182,7 @@ def _optimum(result: StudyResult) -> dict[str, Any] | None:
         before = "–" if each["before"] is None else number(each["before"])
         span = " to ".join(number(end) for end in each["range"])
         rows.append((name, str(parameter_words(name)), [before, number(each["after"]), span]))
-    return {"sentence": _capital(optimum_sentence(result.optimum).text), "rows": rows}
+    return {"sentence": _capital(optimum_sentence(result.optimum)[1]), "rows": rows}
 
 
 def _scatter(result: StudyResult) -> list[tuple[str, str, str]]:

@@ -10,10 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.study.sensitivity import EITHER_SIDE, Sensitivity, importances
-from rpctl.study.statistics import LEVELS, envelope
-from rpctl.study.study_result import StudyResult
-from rpctl.study.words import (
+from rpctl.study.merits import (
     Unit,
     grouped,
     merit_words,
@@ -23,6 +20,8 @@ from rpctl.study.words import (
     share_span,
     unit_of,
 )
+from rpctl.study.statistics import EITHER_SIDE, LEVELS, Sensitivity, envelope, importances
+from rpctl.study.study_result import StudyResult
 from rpctl.view.labels import fold, literal
 from rpctl.view.palette import RAMP, light
 from rpctl.view.plots import style

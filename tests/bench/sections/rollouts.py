@@ -8,7 +8,7 @@ import sys
 import time
 
 import rpctl
-from rpctl.study.distributions import Normal
+from rpctl.study.scatter import Normal
 from tests.bench.peers import MujocoPeer
 from tests.bench.rows import Row, Section
 

@@ -188,7 +188,7 @@ def test_what_was_asked_before_is_read_from_disk(monkeypatch: pytest.MonkeyPatch
     size = {"kind": "sphere", "size": [0.123]}
     first = mesh_service.ask("primitive", size, [])
     monkeypatch.setattr(MeshService, "_start", lambda self: pytest.fail("a process was started"))
-    mesh_service.close_all()
+    mesh_service.close()
     head, arrays = mesh_service.ask("primitive", size, [])
     assert head == first[0]
     for found, expected in zip(arrays, first[1], strict=True):
@@ -250,12 +250,12 @@ def _runs(process: int) -> bool:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 def test_a_forked_process_has_its_own_reader() -> None:
     """Two that talk into one pipe would read each other's meshes."""
-    before = mesh_service.SERVICES
+    before = mesh_service.SERVICE
     child = os.fork()
     if not child:
-        os._exit(0 if mesh_service.SERVICES is not before else 1)
+        os._exit(0 if mesh_service.SERVICE is not before else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
-    assert mesh_service.SERVICES is before
+    assert mesh_service.SERVICE is before
 
 
 def test_meshes_after_the_second_that_stalls_are_not_tried(

@@ -18,17 +18,19 @@ import rpctl
 from rpctl.arrays import Array
 from rpctl.study.design import Design
 from rpctl.study.experiment import RunTable
+from rpctl.study.merits import Unit, number
 from rpctl.study.optimise import BETTER, UNCLEAR, WORSE, optimum_sentence
-from rpctl.study.sensitivity import (
+from rpctl.study.statistics import (
+    Interval,
     ParameterMap,
     Sensitivity,
+    describe,
     parameter_map,
+    share,
 )
-from rpctl.study.statistics import Interval, describe, share
 from rpctl.study.study import run_study
 from rpctl.study.study_file import read_study
 from rpctl.study.study_result import StudyResult, WorstRun
-from rpctl.study.words import Unit, number
 from rpctl.view.pages import study
 from rpctl.view.pages.report import report_policy
 from rpctl.view.plots import style
@@ -172,7 +174,7 @@ def test_the_page_says_what_the_study_found() -> None:
     for text in (
         ">75 %<",
         ">58.8 to 87.3 %<",
-        number(found[2].value, Unit(1e3, "mm")),
+        number(found[0.5].value, Unit(1e3, "mm")),
         "40 runs · 1 setting differs · monte-carlo, seed 3",
         "<b>Run 39</b>",
         "<code>rpctl track x</code>",
@@ -201,21 +203,21 @@ OPTIMUM: dict[str, Any] = {
 
 
 def test_a_sentence_says_whether_settings_are_better() -> None:
-    assert optimum_sentence(OPTIMUM).text == (
+    assert optimum_sentence(OPTIMUM)[1] == (
         "better: 95 % quantile of base error, rms goes from 20 mm to 15 mm on 50 fresh runs, −25 % "
         "(95 % interval −35 to −20 %)"
     )
     for low, high, verdict in ((-0.01, 0.01, UNCLEAR), (0.001, 0.002, WORSE), (-2, -1, BETTER)):
         change = {"value": 0.5 * (low + high), "low": low, "high": high}
         changed = {**OPTIMUM, "validation": {**OPTIMUM["validation"], "change": change}}
-        assert optimum_sentence(changed).verdict == verdict
+        assert optimum_sentence(changed)[0] == verdict
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_page_shows_settings_that_were_found() -> None:
     page = study.study_page(result(optimum=OPTIMUM)).decode()
     assert ">kinematic horizon (s)</th><td>0.5</td><td>0.25</td><td>0.1 to 1</td>" in page
-    assert f"<p>B{optimum_sentence(OPTIMUM).text[1:]}</p>" in page
+    assert f"<p>B{optimum_sentence(OPTIMUM)[1][1:]}</p>" in page
 
 
 @pytest.mark.usefixtures("undrawn")
