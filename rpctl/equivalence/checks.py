@@ -25,7 +25,7 @@ from rpctl.equivalence.certificate import (
 from rpctl.equivalence.energy import energy_rate, power_balance
 from rpctl.equivalence.gibbs_appell import GibbsAppell, RollingTerms, Terms
 from rpctl.equivalence.mujoco_engine import MujocoEngine
-from rpctl.equivalence.rolling_rows import RollingRows
+from rpctl.equivalence.rolling_rows import FileRows
 from rpctl.equivalence.state import (
     ForcedState,
     RoundingScales,
@@ -139,7 +139,7 @@ def definite(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
 
 
 def multipliers(
-    dynamics: ReducedDynamics, rolling: RollingRows, oracle: GibbsAppell, forced: ForcedState
+    dynamics: ReducedDynamics, rolling: FileRows, oracle: GibbsAppell, forced: ForcedState
 ) -> Iterator[Check]:
     """Compare accelerations and constraint forces with the Lagrange-multiplier path.
 
@@ -285,7 +285,7 @@ class ConstrainedMotion:
 
 
 def constrained_motion(
-    robot: Robot, rolling: RollingRows, q: Array, v: Array, push: Array
+    robot: Robot, rolling: FileRows, q: Array, v: Array, push: Array
 ) -> ConstrainedMotion:
     """Solve the tree's equations with multipliers, whatever the rank of A.
 
@@ -311,7 +311,7 @@ def constrained_motion(
     return ConstrainedMotion(v_dot, multipliers, A.T @ multipliers)
 
 
-def pinocchio_motion(robot: Robot, rolling: RollingRows, q: Array, v: Array, push: Array) -> Array:
+def pinocchio_motion(robot: Robot, rolling: FileRows, q: Array, v: Array, push: Array) -> Array:
     """Return v̇ (nv,) by Pinocchio's own constrained dynamics.
 
     It is well posed for independent rows only, so as many rows of A are handed over as A has rank.

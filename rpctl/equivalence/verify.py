@@ -29,7 +29,7 @@ from rpctl.equivalence.gibbs_appell import (
     free_terms,
     rolling_terms,
 )
-from rpctl.equivalence.rolling_rows import RollingRows
+from rpctl.equivalence.rolling_rows import FileRows
 from rpctl.equivalence.scope import Condition, Scope, conditions, find_scope, not_known
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
@@ -132,7 +132,7 @@ class _Derivations:
     """
 
     dynamics: ReducedDynamics
-    rolling: RollingRows
+    rolling: FileRows
     oracle: GibbsAppell
     geometry: Geometry
     mujoco: mujoco_engine.MujocoEngine | None
@@ -170,7 +170,7 @@ def verify(
     reading, dynamics = read(robot), ReducedDynamics(robot)
     geometry, oracle = Geometry(dynamics, reading), GibbsAppell(robot, reading=reading)
     mujoco, absent = _engine(robot, reading, engines)
-    derivations = _Derivations(dynamics, RollingRows(robot, oracle.tree), oracle, geometry, mujoco)
+    derivations = _Derivations(dynamics, FileRows(robot, oracle.tree), oracle, geometry, mujoco)
     standing = stand_at_home(dynamics)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
     skipped = (*geometry.skipped(), *absent, *not_known(standing))

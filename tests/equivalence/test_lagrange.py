@@ -10,7 +10,7 @@ import pytest
 
 from rpctl import ReducedDynamics, Robot
 from rpctl.equivalence.checks import constrained_motion, effort_columns, pinocchio_motion
-from rpctl.equivalence.rolling_rows import RollingRows
+from rpctl.equivalence.rolling_rows import FileRows
 from rpctl.equivalence.tree import FLOATS, Tree
 
 
@@ -21,8 +21,8 @@ def doubled(robot: Robot) -> Robot:
     return dataclasses.replace(robot, drive=drive)
 
 
-def rows_of(robot: Robot) -> RollingRows:
-    return RollingRows(robot, Tree(robot, FLOATS))
+def rows_of(robot: Robot) -> FileRows:
+    return FileRows(robot, Tree(robot, FLOATS))
 
 
 @pytest.mark.parametrize("redundant", [False, True])

@@ -16,7 +16,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Check, worst
-from rpctl.equivalence.contact.mujoco_body import mujoco_library
+from rpctl.equivalence.contact.mujoco_body import free_inertia, mujoco_library
 from rpctl.equivalence.state import draw_state
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root
@@ -217,9 +217,7 @@ class _FreeTree:
         data.qvel[self._dofs] = self._witness.S[sample] @ self._witness.nu[sample]
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
-        M = np.zeros((model.nv, model.nv))
-        for row, unit in zip(M, np.eye(model.nv), strict=True):
-            mujoco.mj_mulM(model, data, row, unit)
+        M = free_inertia(model, data)
         return M[np.ix_(self._dofs, self._dofs)], np.array(data.qfrc_bias)[self._dofs]
 
     def _columns(self) -> Array:

@@ -51,6 +51,14 @@ def quaternion(pose: Array) -> Array:
     return turn
 
 
+def free_inertia(model: Any, data: Any) -> Array:
+    """Return the inertia (nv, nv) of all of a model's coordinates, at the posture computed last."""
+    M = np.zeros((model.nv, model.nv))
+    for row, unit in zip(M, np.eye(model.nv), strict=True):
+        mujoco_library().mj_mulM(model, data, row, unit)
+    return M
+
+
 @contextmanager
 def muted() -> Iterator[None]:
     """Let MuJoCo warn nobody, neither on stderr nor in a file; its ``MjData`` counts warnings."""
@@ -371,10 +379,9 @@ class RollingBody(MujocoBody):
         self.put(q, -self.robot.drive.ground)
         self.mujoco.mj_forward(self.mjm, self.data)
         if tied and self.robot.drive.followers:
-            M = np.zeros((self.mjm.nv, self.mjm.nv))
-            self.mujoco.mj_fullM(self.mjm, self.data, M)
-            dofs = {swivel.joint: self.dofs[swivel.joint] for swivel in self.robot.drive.followers}
-            self.rods = {name: float(M[dof, dof]) for name, dof in dofs.items()}
+            own = np.diag(free_inertia(self.mjm, self.data))
+            followers = [swivel.joint for swivel in self.robot.drive.followers]
+            self.rods = {name: float(own[self.dofs[name]]) for name in followers}
 
     def steps(self, tau: Array, count: int) -> Iterator[int]:
         """Step under efforts (n_act,), N·m or N, and yield the number of each step."""
