@@ -5,7 +5,7 @@ Lengths m, masses kg, inertias kg·m².
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,9 +93,21 @@ def edit_urdf(robot: Robot, mended: Mended, dialect: Dialect) -> tuple[str, tupl
 
 def edged_wheels(robot: Robot) -> bool:
     """Whether a wheel is drawn as anything but a sphere: it meets the ground along a line."""
-    treads = [tyre(robot, wheel) for wheel in robot.drive.wheels]
-    shapes = [shape for t in treads for shape in robot.description.link[t.link].collisions]
-    return any(shape.kind != "sphere" for shape in shapes) or not shapes
+    kinds = [kind for wheel in robot.drive.wheels for kind in drawn_kinds(robot, wheel.joint)]
+    return set(kinds) != {"sphere"}
+
+
+def drawn_kinds(robot: Robot, wheel: str) -> list[str]:
+    """Return the kinds of the collision shapes of all that a wheel's joint carries."""
+    links = links_below(robot, robot.description.joint[wheel].child)
+    return [shape.kind for name in links for shape in robot.description.link[name].collisions]
+
+
+def links_below(robot: Robot, link: str) -> Iterator[str]:
+    """Yield a link and all that it carries."""
+    yield link
+    for joint in robot.description.child_joints[link]:
+        yield from links_below(robot, joint.child)
 
 
 def other_shapes(robot: Robot) -> bool:

@@ -16,7 +16,7 @@ MuJoCo (Todorov, Erez, Tassa, IROS 2012) is optional, and imported when an engin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import metadata
@@ -31,7 +31,7 @@ from rpctl.description.density import inertial_element
 from rpctl.drive.drive import Swivel, Wheel
 from rpctl.equivalence.contact.mujoco_body import free_inertia, mujoco_library, quaternion
 from rpctl.equivalence.file_drive import UPRIGHT_ROUNDING, FileReading, read, rotor_inertias
-from rpctl.equivalence.raw_file import RawFile, document
+from rpctl.equivalence.raw_file import document
 from rpctl.equivalence.rolling_rows import COMPLEX_STEP, DOWN, RollingRows, turned, with_rate
 from rpctl.equivalence.tree import FLOATS, Tree, cross_columns
 from rpctl.errors import RpctlError
@@ -111,8 +111,8 @@ class MujocoModel:
             the joints.
         root: Index of the root link's body.
         joints: Index in qpos and in qvel of every moving joint.
-        refused: Links that MuJoCo refuses, each with the reason.
-        fused: What was done about them: made one body with the links fixed to them.
+        refused: Links that MuJoCo refuses, each with the reason; they are made one body with the
+            links fixed to them.
 
     Raises:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
@@ -128,19 +128,15 @@ class MujocoModel:
         self._robot = robot
         self._raw = (reading or read(robot)).raw
         self.refused: tuple[str, ...] = ()
-        self.fused: tuple[str, ...] = ()
         spec = self._mujoco.MjSpec.from_string(_bare_urdf(robot))
         self._freeze(spec)
-        for head, poses in _rigid_bodies(self._raw, robot.locked).items():
-            self._give_inertia(spec, head, poses)
+        moving = self._raw.moving(robot.locked)
+        for head in (self._raw.root, *(joint.child for joint in moving)):
+            self._give_inertia(spec, head, self._raw.poses(robot.locked, head, rigid=True))
         (release or self._add_planar_base)(spec, spec.body(NAME_PREFIX + self._raw.root))
         self.mjm = self._compiled(spec)
         self.root = int(self.mjm.body(NAME_PREFIX + self._raw.root).id)
-        self.joints = {
-            joint.name: int(self.mjm.joint(joint.name).dofadr[0])
-            for joint in self._raw.joints
-            if joint.type != "fixed" and joint.name not in robot.locked
-        }
+        self.joints = {joint.name: int(self.mjm.joint(joint.name).dofadr[0]) for joint in moving}
         for name, inertia in rotor_inertias(robot, self._raw).items():
             self.mjm.dof_armature[self.joints[name]] = inertia
 
@@ -186,7 +182,6 @@ class MujocoModel:
             whole = _sum([body.placed(poses[link]) for link, body in bodies.items()])
             self._require(whole, named, tuple(poses))
             self.refused += named
-            self.fused += tuple(_fusion_note(link, head) for link in faults)
             bodies = {link: whole if link == head else MASSLESS for link in poses}
         for link, body in bodies.items():
             body.put(spec.body(NAME_PREFIX + link))
@@ -245,23 +240,6 @@ def _bare_urdf(robot: Robot) -> str:
     return str(etree.tostring(bare, encoding="unicode"))
 
 
-def _rigid_bodies(raw: RawFile, locked: Mapping[str, float]) -> dict[str, dict[str, Array]]:
-    """Return, by the first link of each moving body, the poses (4, 4) of its links in that one."""
-    bodies = {raw.root: {raw.root: np.eye(4)}}
-    stack = [(raw.root, raw.root)]
-    while stack:
-        link, head = stack.pop()
-        for joint in raw.below[link]:
-            if joint.type != "fixed" and joint.name not in locked:
-                bodies[joint.child] = {joint.child: np.eye(4)}
-                stack.append((joint.child, joint.child))
-            else:
-                pose = joint.motion(locked.get(joint.name, 0.0))
-                bodies[head][joint.child] = bodies[head][link] @ pose
-                stack.append((joint.child, head))
-    return bodies
-
-
 def _sum(bodies: list[Inertial]) -> Inertial:
     """Return several bodies as one, by the parallel-axis rule."""
     mass = sum(body.mass for body in bodies)
@@ -271,12 +249,6 @@ def _sum(bodies: list[Inertial]) -> Inertial:
         d = body.com - com
         inertia += body.inertia + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
     return Inertial(mass, com, inertia)
-
-
-def _fusion_note(link: str, head: str) -> str:
-    if link == head:
-        return f'link "{link}" is made one body with the links fixed to it'
-    return f'link "{link}" is made one body with "{head}", to which it is fixed'
 
 
 OLDEST_MUJOCO = (3, 14)  # before it MuJoCo turned an inertia read from a URDF to its principal axes
@@ -315,8 +287,8 @@ class MujocoEngine(RollingRows):
         reading: Its file; read anew if None.
 
     Attributes:
-        refused: Links that MuJoCo refuses, each with the reason.
-        fused: What was done about them: made one body with the links fixed to them.
+        refused: Links that MuJoCo refuses, each with the reason; they are made one body with the
+            links fixed to them.
 
     Raises:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
@@ -327,7 +299,7 @@ class MujocoEngine(RollingRows):
         made = MujocoModel(robot, tree.reading)
         super().__init__(robot, tree, made.joints)
         self._mujoco, self._model, self._root = mujoco_library(), made.mjm, made.root
-        self.refused, self.fused = made.refused, made.fused
+        self.refused = made.refused
         self._data = self._mujoco.MjData(self._model)
 
     def reduced(self, q: Array, nu: Array) -> EngineTerms:

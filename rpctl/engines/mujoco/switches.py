@@ -13,6 +13,7 @@ from rpctl.description.records import Shape
 from rpctl.drive.drive import Wheel
 from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.stance import find_supports
+from rpctl.engines.edited_urdf import drawn_kinds, links_below
 from rpctl.engines.engine import Mended, Switch
 from rpctl.engines.mujoco.bodies import (
     body_inertia,
@@ -211,13 +212,6 @@ def tie_polynomials(robot: Robot) -> dict[str, Array]:
     }
 
 
-def links_below(robot: Robot, link: str) -> Iterator[str]:
-    """Yield a link and all that it carries."""
-    yield link
-    for joint in robot.description.child_joints[link]:
-        yield from links_below(robot, joint.child)
-
-
 def listed(names: Sequence[str]) -> str:
     """Return a few names in words."""
     more = len(names) - MAX_NAMED
@@ -268,7 +262,7 @@ def _wheel(robot: Robot) -> Switch:
         f'make them <geom type="ellipsoid" size="{radius:.4g} {radius:.4g} {half:.4g}"/>, z along '
         "the axle: crowned, they touch at one point"
     )
-    bare = [wheel.joint for wheel in wheels if not _shapes(robot, wheel.joint)]
+    bare = [wheel.joint for wheel in wheels if not drawn_kinds(robot, wheel.joint)]
     if bare:
         return Switch("wheel", f"{listed(bare)} have no <collision> to roll on", setting)
     if any(one_directional(robot, wheel) for wheel in wheels):
@@ -278,18 +272,12 @@ def _wheel(robot: Robot) -> Switch:
             "model each roller as a body on its own hinge, or turn the contact's frame between "
             "mj_step1 and mj_step2",
         )
-    kinds = sorted({kind for wheel in wheels for kind in _shapes(robot, wheel.joint)})
+    kinds = sorted({kind for wheel in wheels for kind in drawn_kinds(robot, wheel.joint)})
     drawn = (
         "hulls of meshes" if kinds == ["mesh"] else " and ".join(_plural(kind) for kind in kinds)
     )
     fault = f"wheels are {drawn} {2e3 * half:.3g} mm wide, which touch along a line and scrub"
     return Switch("wheel", fault, setting)
-
-
-def _shapes(robot: Robot, joint: str) -> list[str]:
-    """Return the kinds of the shapes that a wheel's joint carries."""
-    links = links_below(robot, robot.description.joint[joint].child)
-    return [shape.kind for name in links for shape in robot.description.link[name].collisions]
 
 
 def _plural(kind: str) -> str:
