@@ -12,7 +12,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.engines.engine import EngineRun, EngineState, LinkMotion, wheel_slip
+from rpctl.engines.engine import EngineRun, EngineState, LinkMotion, wheel_slips
 from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, Course, ReducedRobot
 from rpctl.errors import DivergedError
 from rpctl.robot.coordinates import level_pose
@@ -46,7 +46,7 @@ class ReducedRun(ReducedRobot):
 
     def __init__(self, dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> None:
         super().__init__(dynamics, q)
-        self._known, self._t, self._tau = contacts, 0.0, np.zeros(len(self.robot.actuators))
+        self._known, self._tau = contacts, np.zeros(len(self.robot.actuators))
         self.contacts = contacts.names
         skids = self.robot.drive.type == "skid-steer"
         self.notes: tuple[str, ...] = (SKID_NOTE,) if skids else ()
@@ -56,7 +56,7 @@ class ReducedRun(ReducedRobot):
     def advance(self, tau: Array, dt: float) -> None:
         """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
         super().advance(tau, dt)
-        self._tau, self._t = tau, self._t + dt
+        self._tau = tau
         for name, before in self._turned.items():
             moved = self.robot.joint_position(self.q, name) - before
             if self.robot.entries[name].is_pair:
@@ -69,19 +69,17 @@ class ReducedRun(ReducedRobot):
         v = dynamics.basis(q) @ nu
         rates = {name: float(v[robot.velocity_index(name)]) for name in self._turned}
         pin.forwardKinematics(robot.model, dynamics.data, q, v)
-        slip = [wheel_slip(robot, wheel, self._motion(wheel.joint)) for wheel in robot.drive.wheels]
         return EngineState(
-            t=self._t,
             pose=level_pose(q, -robot.drive.ground),
             joints={name: (at, rates[name]) for name, at in self._turned.items()},
             load=ground_reaction(dynamics, self._known, q, nu, self._tau).load,
-            slip=np.array(slip).reshape(-1, 2),
+            slip=wheel_slips(robot, self._motion),
             energy=dynamics.energy(q, nu),
         )
 
-    def _motion(self, joint: str) -> LinkMotion:
+    def _motion(self, link: str) -> LinkMotion:
         model, data = self.robot.model, self.dynamics.data
-        index = model.getJointId(joint)
+        index = model.frames[model.getFrameId(link)].parentJoint
         place, frame = data.oMi[index], pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         motion = pin.getVelocity(model, data, index, frame)
         return LinkMotion(place.rotation, place.translation, motion.linear, motion.angular)

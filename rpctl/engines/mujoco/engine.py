@@ -17,7 +17,7 @@ from rpctl.engines.engine import (
     Switch,
     in_order,
     joint_losses,
-    wheel_slip,
+    wheel_slips,
 )
 from rpctl.engines.mujoco.build import build
 from rpctl.engines.mujoco.settings import ContactSettings
@@ -102,24 +102,23 @@ class TurningRun(MujocoWorld):
     def __init__(self, robot: Robot, q: Array, friction: float) -> None:
         built = build(robot, SETTINGS, friction)
         super().__init__(robot, built)
-        self.notes, self._t = built.notes, 0.0
+        self.notes = built.notes
         self.place(q, -robot.drive.ground)
         self.settle()
 
     def advance(self, tau: Array, dt: float) -> None:
         """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
         self.run(tau, dt)
-        self._t += dt
 
     def state(self) -> EngineState:
         """Return the state now."""
-        return body_state(self, self._t, self.loads(), self.slips())
+        return body_state(self, self.loads(), self.slips())
 
 
-def body_state(body: MujocoBody, t: float, load: Array, slip: Array) -> EngineState:
-    """Return the state of a robot in MuJoCo at t (s), with its loads and slip."""
+def body_state(body: MujocoBody, load: Array, slip: Array) -> EngineState:
+    """Return the state of a robot in MuJoCo with its loads and slip."""
     joints = {name: body.joint(name) for name in body.dofs}
-    return EngineState(t, body.pose, joints, load, slip, body.energy)
+    return EngineState(body.pose, joints, load, slip, body.energy)
 
 
 class MujocoRun(RollingBody):
@@ -144,13 +143,10 @@ class MujocoRun(RollingBody):
         """Return the state now."""
         self.mujoco.mj_fwdPosition(self.mjm, self.data)
         self.mujoco.mj_fwdVelocity(self.mjm, self.data)
-        wheels = self.robot.drive.wheels
-        slip = [wheel_slip(self.robot, wheel, self._motion(wheel.joint)) for wheel in wheels]
-        slips = np.array(slip).reshape(-1, 2)
-        return body_state(self, float(self.data.time), self._load.copy(), slips)
+        return body_state(self, self._load.copy(), wheel_slips(self.robot, self._motion))
 
-    def _motion(self, joint: str) -> LinkMotion:
-        body = int(self.mjm.body(PREFIX + self.robot.description.joint[joint].child).id)
+    def _motion(self, link: str) -> LinkMotion:
+        body = int(self.mjm.body(PREFIX + link).id)
         twist = self.twist(self.mujoco.mjtObj.mjOBJ_XBODY, body)
         rotation = self.data.xmat[body].reshape(3, 3)
         return LinkMotion(rotation, self.data.xpos[body], twist[:3], twist[3:])

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Wheel
-from rpctl.engines.engine import LinkMotion, wheel_slip
+from rpctl.engines.engine import LinkMotion, wheel_slips
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.build import Built, Follower, linearised
 from rpctl.equivalence.contact.mujoco_body import MujocoBody, muted
@@ -131,12 +130,9 @@ class MujocoWorld(MujocoBody):
 
     def slips(self) -> Array:
         """Return the velocity of each wheel's lowest point (n_wheels, 2): along it, to its left."""
-        wheels = self.robot.drive.wheels
-        slips = [wheel_slip(self.robot, wheel, self._motion(wheel)) for wheel in wheels]
-        return np.array(slips).reshape(-1, 2)
+        return wheel_slips(self.robot, self._motion)
 
-    def _motion(self, wheel: Wheel) -> LinkMotion:
-        link = self.robot.description.joint[wheel.joint].child
+    def _motion(self, link: str) -> LinkMotion:
         velocity, R = self.velocity(link), self.data.body(body_name(link)).xmat.reshape(3, 3)
         return LinkMotion(R, self.origin(link), velocity[:3], velocity[3:])
 
