@@ -13,6 +13,7 @@ from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.engine import EngineRun, EngineState, LinkMotion, wheel_slips
+from rpctl.equivalence.contact.mujoco_body import planar
 from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, Course, ReducedRobot
 from rpctl.errors import DivergedError
 from rpctl.robot.coordinates import level_pose
@@ -146,20 +147,24 @@ def record(
         fault = str(error)
     samples = samples or [(0.0, start, 0.0 * start.load, 0.0 * start.slip, 0.0)]
     t, states, load, slip, work = zip(*samples, strict=True)
-    first = start.planar
-    poses = np.array([_seen_from(first, state.planar) for state in states])
+    x, y, turn = start.planar
+    home = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, turn), np.array([x, y, 0.0]))
+    root = np.array(
+        [pin.SE3ToXYZQUAT(home.actInv(pin.XYZQUATToSE3(state.pose))) for state in states]
+    )
+    poses = np.array([planar(pose) for pose in root])
     poses[:, 2] = np.unwrap(poses[:, 2])
     return EngineRecording(
         t=np.array(t),
         pose=poses,
-        root=np.array([_root_seen_from(first, state.pose) for state in states]),
+        root=root,
         tilt=np.array([state.tilt for state in states]),
         joints={n: np.array([state.joints[n][0] for state in states]) for n in start.joints},
         load=_after_first(load),
         slip=_after_first(slip),
         energy=np.array([state.energy for state in states]),
         work=np.array(work),
-        crept=float(np.hypot(*first[:2])),
+        crept=math.hypot(x, y),
         sunk=float(-robot.drive.ground - start.pose[2]),
         notes=run.notes,
         fault=fault,
@@ -187,19 +192,3 @@ def _samples(run: EngineRun, robot: Robot, plan: ContactPlan, tick: float) -> It
 def _after_first(rows: Sequence[Array]) -> Array:
     """Return means over the time before each sample; the first has none, and gets the second's."""
     return np.array([*rows[1:2], *rows[1:]] if len(rows) > 1 else rows)
-
-
-def _seen_from(first: Array, pose: Array) -> Array:
-    """Return a pose (3,) as seen from another."""
-    cos, sin = np.cos(first[2]), np.sin(first[2])
-    x, y = pose[:2] - first[:2]
-    return np.array([cos * x + sin * y, cos * y - sin * x, pose[2] - first[2]])
-
-
-def _root_seen_from(first: Array, pose: Array) -> Array:
-    """Return x, y, z and quaternion (7,) as seen from a planar pose (3,), heights as they are."""
-    x, y, _ = _seen_from(first, np.array([*pose[:2], 0.0]))
-    c, s = np.cos(0.5 * first[2]), -np.sin(0.5 * first[2])
-    qx, qy, qz, qw = pose[3:]
-    turned = [c * qx - s * qy, c * qy + s * qx, c * qz + s * qw, c * qw - s * qz]
-    return np.array([x, y, pose[2], *turned])

@@ -175,7 +175,9 @@ def turn_in_place(
     motors = [robot.actuators.index(name) for name in names]
     limits = np.array([robot.description.joint[name].effort for name in names])
     side, rolls = np.sign(wheel_places(robot)[:, 1]), _rolling(robot)
-    spin = np.array([_spin_inertia(robot, name) for name in names])
+    inertia = pin.crba(robot.model, robot.model.createData(), robot.configuration())
+    # of each wheel about its axle, kg m², its motor's rotor with it
+    spin = np.diag(inertia)[[robot.velocity_index(name) for name in names]]
     summed, rows = np.zeros(len(names)), []
     settling, count = round(SETTLING_S / tick), round(TURNING_S / tick)
     for k in range(settling + count):
@@ -244,18 +246,6 @@ def scrubbing_track(places: Array, load: Sequence[float] | Array) -> float:
 
 def _rolling(robot: Robot) -> Array:
     """Return each wheel's way forward over its turn (n_wheels,), m: its radius, with a sign."""
-    drive = robot.drive
-    axes = [robot.tree.axis(robot.description.joint[wheel.joint]) for wheel in drive.wheels]
-    return np.array(
-        [
-            math.copysign(wheel.radius, mostly_left(axis))
-            for wheel, axis in zip(drive.wheels, axes, strict=True)
-        ]
-    )
-
-
-def _spin_inertia(robot: Robot, name: str) -> float:
-    """Return the inertia (kg m²) of a wheel about its axle, its motor's rotor with it."""
-    index = robot.velocity_index(name)
-    inertia = pin.crba(robot.model, robot.model.createData(), robot.configuration())
-    return float(inertia[index, index])
+    joints, wheels = robot.description.joint, robot.drive.wheels
+    left = [mostly_left(robot.tree.axis(joints[wheel.joint])) for wheel in wheels]
+    return np.copysign([wheel.radius for wheel in wheels], left)

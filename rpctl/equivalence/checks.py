@@ -275,12 +275,10 @@ class ConstrainedMotion:
 
     Attributes:
         v_dot: Acceleration of the tree (nv,).
-        multipliers: λ (rows,), the shortest that fits; N for wheels, N·m or N for mimic joints.
         force: Aᵀ λ (nv,), which is determinate.
     """
 
     v_dot: Array
-    multipliers: Array
     force: Array
 
 
@@ -308,7 +306,7 @@ def constrained_motion(
         free = cho_solve(factor, force - M @ v_dot + A.T @ multipliers)
         more = scale * (inverse @ (scale * (-drift - A @ (v_dot + free))))
         v_dot, multipliers = v_dot + free + response @ more, multipliers + more
-    return ConstrainedMotion(v_dot, multipliers, A.T @ multipliers)
+    return ConstrainedMotion(v_dot, A.T @ multipliers)
 
 
 def pinocchio_motion(robot: Robot, rolling: FileRows, q: Array, v: Array, push: Array) -> Array:

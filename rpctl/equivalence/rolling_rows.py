@@ -19,7 +19,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Swivel, Wheel
-from rpctl.equivalence.tree import Tree, cross
+from rpctl.equivalence.tree import Tree
 from rpctl.robot.model import Robot
 
 COMPLEX_STEP = 1e-30  # s, ε: its square vanishes against 1, and nothing is subtracted
@@ -142,7 +142,7 @@ class RollingRows(ABC):
                     for each in meeting
                 ),
             ]
-            row[self._index[turning.joint]] = -turning.sign * (cross(a, b) @ c)
+            row[self._index[turning.joint]] = -turning.sign * (np.cross(a, b) @ c)
         return row
 
     def _axle(self) -> Array:
@@ -195,7 +195,7 @@ class FileRows(RollingRows):
         pose, d = self._poses[joint.child], part.direction
         axle = pose[:3, :3] @ joint.axis
         x, y, _ = pose[:3, 3] + part.offset * axle + part.shift
-        rolled = (d @ cross(axle, part.radius * DOWN)) * self._unit[self._index[wheel.joint]]
+        rolled = (d @ np.cross(axle, part.radius * DOWN)) * self._unit[self._index[wheel.joint]]
         return np.asarray(d[:2] @ self.place((x, y)) + rolled)
 
 

@@ -47,17 +47,9 @@ def outer(a: Array, b: Array) -> Array:
     return a[..., :, None] * b[..., None, :]
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Return a × b of vectors (..., 3)."""
-    (ax, ay, az), (bx, by, bz) = components(a), components(b)
-    return vector([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
 def cross_columns(J: Array, b: Array) -> Array:
     """Return the columns of J (..., 3, n), each × b (..., 3)."""
-    x, y, z = J[..., 0, :], J[..., 1, :], J[..., 2, :]
-    bx, by, bz = b[..., 0, None], b[..., 1, None], b[..., 2, None]
-    return np.moveaxis(np.array([y * bz - z * by, z * bx - x * bz, x * by - y * bx]), 0, -2)
+    return np.cross(J, b[..., None], axisa=-2, axisb=-2, axisc=-2)
 
 
 def in_rows(rows: Sequence[Array]) -> Array:
