@@ -16,7 +16,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Check, worst
-from rpctl.equivalence.contact.mujoco_body import free_inertia, mujoco_library
+from rpctl.equivalence.contact.mujoco_body import free_inertia, mujoco_library, part_number
 from rpctl.equivalence.state import draw_state
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root
@@ -176,12 +176,9 @@ class _FreeTree:
         self._mujoco = mujoco_library()
         self._model, self._witness = model, witness
         self._data = self._mujoco.MjData(model)
-        kinds = self._mujoco.mjtObj
-        body = self._find(kinds.mjOBJ_BODY, "body", witness.root)
-        self._joints = [self._find(kinds.mjOBJ_JOINT, "joint", name) for name in witness.joints]
-        self._actuators = [
-            self._find(kinds.mjOBJ_ACTUATOR, "actuator", name) for name in witness.actuators
-        ]
+        body = part_number(model, "body", witness.root)
+        self._joints = [part_number(model, "joint", name) for name in witness.joints]
+        self._actuators = [part_number(model, "actuator", name) for name in witness.actuators]
         free = int(model.body_jntadr[body])
         if free < 0 or int(model.jnt_type[free]) != int(self._mujoco.mjtJoint.mjJNT_FREE):
             raise RpctlError(f'body "{witness.root}" has no free joint; the root link needs one')
@@ -260,12 +257,6 @@ class _FreeTree:
         ):
             has = np.array(getattr(model, f"dof_{name}"))[dofs]
             yield _equal(name, has.reshape(len(dofs), -1), values[:, None], witness.joints)
-
-    def _find(self, kind: Any, word: str, name: str) -> int:
-        index = int(self._mujoco.mj_name2id(self._model, kind, name))
-        if index < 0:
-            raise RpctlError(f'there is no {word} "{name}", which the robot has')
-        return index
 
 
 def _equal(name: str, has: Array, wanted: Array, rows: tuple[str, ...]) -> Check:

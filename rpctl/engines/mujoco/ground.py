@@ -22,8 +22,8 @@ from rpctl.engines.mujoco.bodies import body_name, is_physical, place_in_body
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.equivalence.contact.model import about, geom_size, support_shapes, tyre
 from rpctl.equivalence.contact.mujoco_body import (
+    add_shape,
     mujoco_library,
-    quaternion,
     vertical_inverse_masses,
 )
 from rpctl.equivalence.mujoco_engine import Inertial
@@ -86,10 +86,8 @@ class GroundContacts:
 
         ``kind`` and ``size`` are MuJoCo's; without friction the geom slides.
         """
-        kinds = mujoco_library().mjtGeom
-        geom = body.add_geom(name=name, type=getattr(kinds, f"mjGEOM_{kind.upper()}"), mass=0.0)
-        geom.size, geom.pos, geom.quat = size, pose[:3, 3], quaternion(pose)
-        geom.contype = geom.conaffinity = 0
+        geom = add_shape(body, name, kind, size, pose)
+        geom.mass = geom.contype = geom.conaffinity = 0
         pair = self._spec.add_pair(name=name, geomname1=GROUND, geomname2=name)
         pair.condim = 3 if friction > 0.0 else 1
         pair.friction = [friction, friction, 0.0, 0.0, 0.0]

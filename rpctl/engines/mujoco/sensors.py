@@ -19,7 +19,7 @@ from rpctl.arrays import Array
 from rpctl.dynamics.rolling import find_rolling, selection
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.mjcf_writer import Part
-from rpctl.equivalence.contact.mujoco_body import mujoco_library
+from rpctl.equivalence.contact.mujoco_body import mujoco_library, part_number
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import BASE_NV, Robot
@@ -86,8 +86,7 @@ class MjcfRobot:
         self._index = [robot.velocity_index(name) for name in joints]
         self._root = f"{body_name(robot.description.root)}{FREE}"
         self._selection = selection(robot, find_rolling(robot))
-        kind = self._mujoco.mjtObj.mjOBJ_ACTUATOR
-        self.actuators = [self._find(kind, "actuator", name) for name in robot.actuators]
+        self.actuators = [part_number(model, "actuator", name) for name in robot.actuators]
 
     def state(self, data: Any) -> tuple[Array, Array]:
         """Return q (nq,) and ν (dof,), as measured at the last step or ``mj_forward``.
@@ -117,8 +116,7 @@ class MjcfRobot:
             data: ``MjData`` of the model.
             q: Configuration (nq,); None: at the origin, at home.
         """
-        key = self._find(self._mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME)
-        self._mujoco.mj_resetDataKeyframe(self._model, data, key)
+        self._mujoco.mj_resetDataKeyframe(self._model, data, part_number(self._model, "key", HOME))
         if q is not None:
             x, y, heading = read_root(q)
             turn = np.array([math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)])
@@ -130,17 +128,8 @@ class MjcfRobot:
         self._mujoco.mj_forward(self._model, data)
 
     def _address(self, name: str, size: int) -> slice:
-        index = self._find(self._mujoco.mjtObj.mjOBJ_SENSOR, "sensor", name)
+        index = part_number(self._model, "sensor", name)
         start = int(self._model.sensor_adr[index])
         if int(self._model.sensor_dim[index]) != size:
             raise RpctlError(f'sensor "{name}" has no {size} numbers; export the robot again')
         return slice(start, start + size)
-
-    def _find(self, kind: Any, word: str, name: str) -> int:
-        index = int(self._mujoco.mj_name2id(self._model, kind, name))
-        if index < 0:
-            raise RpctlError(
-                f'the model has no {word} "{name}"; it is not the file that `rpctl export` wrote '
-                f"of {self._robot.name}, or it was edited"
-            )
-        return index

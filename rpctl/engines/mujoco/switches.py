@@ -33,9 +33,9 @@ from rpctl.equivalence.contact.model import (
 )
 from rpctl.equivalence.contact.mujoco_body import (
     Touching,
+    add_shape,
     mujoco_library,
     one_directional,
-    quaternion,
 )
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
@@ -140,10 +140,8 @@ class _Mender:
         """Add a geom of a contact that meets the ground and nothing else, and weighs nothing."""
         # On the body that moves: MuJoCo 3.14 misplaces what is added to links that it fuses.
         head, place = place_in_body(self._robot, link)
-        pose, body = place @ pose, self._spec.body(PREFIX + head)
-        number = getattr(self._mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")
-        geom = body.add_geom(name=PREFIX + name, type=number, size=size)
-        geom.pos, geom.quat, geom.mass = pose[:3, 3], quaternion(pose), 0.0
+        geom = add_shape(self._spec.body(PREFIX + head), PREFIX + name, kind, size, place @ pose)
+        geom.mass = 0.0
         geom.contype, geom.conaffinity, geom.priority = 0, FLOOR, 1
         self.owner[geom.name] = name
         return geom

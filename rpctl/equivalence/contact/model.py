@@ -24,7 +24,7 @@ from rpctl.arrays import Array
 from rpctl.description.records import Shape
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.stance import Supports, find_supports
-from rpctl.equivalence.contact.mujoco_body import RollingBody, Touching, mujoco_library, quaternion
+from rpctl.equivalence.contact.mujoco_body import RollingBody, Touching, add_shape, mujoco_library
 from rpctl.equivalence.file_wheels import WheelSize, wheel_size
 from rpctl.equivalence.mujoco_engine import NAME_PREFIX, MujocoModel
 from rpctl.equivalence.raw_file import read_file
@@ -182,14 +182,12 @@ class _Builder:
         plane.contype, plane.conaffinity = 2, 0
         for wheel in self._robot.drive.wheels:
             tread = tyre(self._robot, wheel)
-            geom = self._touch(spec, tread.link, wheel.joint, tread.pose)
-            geom.type, geom.condim = mujoco.mjtGeom.mjGEOM_ELLIPSOID, 3
-            geom.size = [tread.radius, tread.radius, tread.half_width]
+            size = [tread.radius, tread.radius, tread.half_width]
+            self._touch(spec, tread.link, wheel.joint, "ellipsoid", size, tread.pose)
             self.notes += [tread.note] if tread.note else []
         for name, link, shape in support_shapes(self._robot, find_supports(self._robot)):
-            geom = self._touch(spec, link, name, shape.origin)
-            geom.type = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
-            geom.size, geom.condim = geom_size(shape), 1
+            size = geom_size(shape)
+            self._touch(spec, link, name, shape.kind, size, shape.origin).condim = 1
         for joint in self._robot.mimics:
             if joint.mimic is not None and joint.mimic.joint not in self._robot.locked:
                 equal = spec.add_equality(name1=joint.name, name2=joint.mimic.joint)
@@ -197,11 +195,11 @@ class _Builder:
                 equal.data[:2] = joint.mimic.offset, joint.mimic.multiplier
                 equal.solref, equal.solimp = SOLREF, SOLIMP
 
-    def _touch(self, spec: Any, link: str, name: str, pose: Array) -> Any:
+    def _touch(
+        self, spec: Any, link: str, name: str, kind: str, size: list[float], pose: Array
+    ) -> Any:
         """Return a geom of a link that meets the plane, placed in the link."""
-        geom = spec.body(NAME_PREFIX + link).add_geom(
-            name=NAME_PREFIX + name, pos=pose[:3, 3], quat=quaternion(pose)
-        )
+        geom = add_shape(spec.body(NAME_PREFIX + link), NAME_PREFIX + name, kind, size, pose)
         geom.contype, geom.conaffinity, geom.priority = 0, 2, 1
         geom.friction[0] = self._friction
         geom.solref, geom.solimp = SOLREF, SOLIMP

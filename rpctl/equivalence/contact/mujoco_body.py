@@ -19,7 +19,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Wheel
 from rpctl.drive.steering import follower_positions
-from rpctl.errors import EngineMissing
+from rpctl.errors import EngineMissing, RpctlError
 from rpctl.robot.coordinates import write_root
 from rpctl.robot.model import BASE_NV, Robot
 
@@ -49,6 +49,42 @@ def quaternion(pose: Array) -> Array:
     turn = np.zeros(4)
     mujoco_library().mju_mat2Quat(turn, np.ascontiguousarray(pose[:3, :3]).ravel())
     return turn
+
+
+def part_number(model: Any, kind: str, name: str) -> int:
+    """Return the number of a model's part.
+
+    Args:
+        model: The ``MjModel``.
+        kind: As ``mjtObj`` calls it: ``"body"``, ``"joint"``, ``"key"`` …
+        name: Its name.
+
+    Raises:
+        RpctlError: The model has no such part.
+    """
+    mujoco = mujoco_library()
+    number = mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
+    if number < 0:
+        raise RpctlError(
+            f'the model has no {kind} "{name}"; it is not the file that `rpctl export` wrote of '
+            "the robot, or it was edited"
+        )
+    return int(number)
+
+
+def add_shape(body: Any, name: str, kind: str, size: Sequence[float], pose: Array) -> Any:
+    """Add a geom to an ``MjsBody`` and return it.
+
+    Args:
+        body: The body.
+        name: Of the geom.
+        kind: As MuJoCo calls it: ``"sphere"``, ``"ellipsoid"`` …
+        size: As MuJoCo counts it.
+        pose: In the body (4, 4).
+    """
+    number = getattr(mujoco_library().mjtGeom, f"mjGEOM_{kind.upper()}")
+    place, turn = pose[:3, 3], quaternion(pose)
+    return body.add_geom(name=name, type=number, size=size, pos=place, quat=turn)
 
 
 def free_inertia(model: Any, data: Any) -> Array:

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
-from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
+from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts, ground_reaction
 from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import ActuationError, RpctlError
@@ -196,6 +196,25 @@ class ContactPlan:
         tau = self.efforts(tick, *robot.measured(self.names), planned)
         robot.advance(tau, dt)
         return tau
+
+
+def standing_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Contacts:
+    """Return how a robot stands on the ground.
+
+    Args:
+        dynamics: Its dynamics.
+        friction: Coefficient between wheels and ground.
+
+    Raises:
+        NotGentle: It has a fixed base, or is not known to stand.
+    """
+    found = find_contacts(dynamics, friction)
+    if found is None:
+        raise NotGentle("a fixed base has nothing to roll")
+    if not found.balanced:
+        why = found.notes[0] if found.notes else "it has no contacts"
+        raise NotGentle(f"not known to stand: {why}")
+    return found
 
 
 def plan_motion(

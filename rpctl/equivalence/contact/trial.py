@@ -15,11 +15,18 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.ground_reaction import Contacts, find_contacts, ground_reaction
+from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.contact.model import ContactModel
-from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, ReducedRobot, plan_motion
+from rpctl.equivalence.contact.plan import (
+    TICK_S,
+    ContactPlan,
+    NotGentle,
+    ReducedRobot,
+    plan_motion,
+    standing_contacts,
+)
 from rpctl.equivalence.mujoco_engine import EngineRefused
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
@@ -278,15 +285,10 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
     Returns:
         The trial, or the row that says why there is none.
     """
-    if not robot.drive.wheels:
-        return Skipped(CHECK_NAME, CONTACT_ORACLE, "a fixed base has nothing to roll")
     robot = without_losses(robot)
     dynamics = ReducedDynamics(robot)
-    contacts = find_contacts(dynamics)
-    if contacts is None or not contacts.balanced:
-        why = contacts.notes[0] if contacts is not None else "it has no contacts"
-        return Skipped(CHECK_NAME, CONTACT_ORACLE, f"not known to stand: {why}")
     try:
+        contacts = standing_contacts(dynamics)
         plan, model = plan_motion(dynamics, contacts), ContactModel(robot)
     except (NotGentle, ActuationError, SingularBasisError, EngineRefused) as reason:
         return Skipped(CHECK_NAME, CONTACT_ORACLE, str(reason))
