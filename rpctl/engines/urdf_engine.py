@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
+from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.dynamics.stance import find_supports
@@ -135,10 +136,10 @@ class UrdfRun(ABC):
     @contextmanager
     def file(self, mended: Mended) -> Iterator[str]:
         """Have the robot's file, mended, for the engine to read; what was left out is noted."""
-        text, self.notes = edit_urdf(self.robot, mended, self.dialect)
+        root, self.notes = edit_urdf(self.robot, mended, self.dialect)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "robot.urdf"
-            path.write_text(text, encoding="utf-8")
+            path.write_bytes(etree.tostring(root, encoding="utf-8"))
             yield str(path)
 
     def measured(self, names: Sequence[str]) -> tuple[Array, Array]:

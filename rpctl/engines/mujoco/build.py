@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from rpctl.arrays import Array
 from rpctl.drive.steering import MAX_STEERING, follower_positions
@@ -151,16 +152,13 @@ def _tie_followers(
 ) -> tuple[tuple[Follower, ...], tuple[str, ...]]:
     """Tie followers to the swivels that lead them; return those that change, and notes."""
     leaders = tuple(swivel.joint for swivel in robot.drive.steered)
-    changing, polynomials = [], []
-    for swivel in robot.drive.followers:
-        fitted = _polynomial(robot, swivel.joint, leaders[0]) if len(leaders) == 1 else None
-        if fitted is not None:
-            _tie(spec, swivel.joint, leaders[0], tuple(fitted), settings)
-            polynomials.append(swivel.joint)
-            continue
-        follower = Follower(swivel.joint, leaders, f"{swivel.joint}/tie")
+    polynomials = tie_polynomials(robot)
+    for name, coefficients in polynomials.items():
+        _tie(spec, name, leaders[0], coefficients, settings)
+    others = [swivel.joint for swivel in robot.drive.followers if swivel.joint not in polynomials]
+    changing = [Follower(name, leaders, f"{name}/tie") for name in others]
+    for follower in changing:
         _add_tendon(spec, robot, follower, settings)
-        changing.append(follower)
     notes: tuple[str, ...] = ()
     if polynomials:
         notes += (f"a tie rod, as a polynomial of degree {DEGREE}, turns {', '.join(polynomials)}",)
@@ -180,15 +178,25 @@ def linearised(robot: Robot, follower: Follower, at: Array) -> tuple[float, Arra
     return place[follower.joint], np.array([slopes[follower.joint][name] for name in angles])
 
 
-def _polynomial(robot: Robot, follower: str, leader: str) -> Array | None:
-    """Return the coefficients (5,) of a follower's angle, or None where none fits."""
+def tie_polynomials(robot: Robot) -> dict[str, tuple[float, ...]]:
+    """Return, by the joint of each swivel that follows a single one, its angle's coefficients (5,).
+
+    They are of a polynomial of the leader's angle, MuJoCo's ``polycoef``; what none fits has none.
+    """
+    if len(robot.drive.steered) != 1:
+        return {}
+    leader = robot.drive.steered[0].joint
     joint = robot.description.joint[leader]
     low, high = max(joint.lower, -MAX_STEERING), min(joint.upper, MAX_STEERING)
     angles = 0.5 * (low + high) + 0.5 * (high - low) * np.cos(np.linspace(0.0, math.pi, 41))
-    places = [follower_positions(robot.drive, {leader: float(a)})[follower] for a in angles]
-    fitted = np.polynomial.polynomial.polyfit(angles, places, DEGREE)
-    off = np.polynomial.polynomial.polyval(angles, fitted) - places
-    return np.asarray(fitted) if np.abs(off).max() <= FIT else None
+    places = [follower_positions(robot.drive, {leader: angle}) for angle in angles.tolist()]
+    found = {}
+    for name in places[0]:
+        wanted = [place[name] for place in places]
+        fitted = polynomial.polyfit(angles, wanted, DEGREE)
+        if np.abs(polynomial.polyval(angles, fitted) - wanted).max() <= FIT:
+            found[name] = tuple(fitted.tolist())
+    return found
 
 
 def _tie(

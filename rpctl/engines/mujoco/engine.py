@@ -77,11 +77,11 @@ class MujocoSimulator:
 
     def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
         """Return the robot at rest at q (nq,); :meth:`rpctl.engines.engine.Engine.start`."""
-        loaded = load_as_user(robot)
-        touching = mend(loaded.spec, robot, mended, friction)
-        model, told = compiled(loaded.spec)
+        spec, notes = load_as_user(robot)
+        touching = mend(spec, robot, mended, friction)
+        model, told = compiled(spec)
         run = MujocoRun(robot, model, touching, friction)
-        run.notes = (*loaded.notes, *(f"MuJoCo: {note}" for note in told))
+        run.notes = (*notes, *(f"MuJoCo: {note}" for note in told))
         if "losses" in mended:
             run.set_losses()
         run.start(q, tied="mimic" in mended and not touching.tied)
