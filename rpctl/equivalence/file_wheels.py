@@ -40,14 +40,13 @@ def on_the_ground(
     """
     poses = raw.poses(locked)
     axle = poses[wheel.parent][:3, :3] @ wheel.origin[:3, :3] @ wheel.axis
-    found = (poses[roller.child] for roller in _rollers(raw, wheel, locked))
-    axes = (roller.axis for roller in _rollers(raw, wheel, locked))
-    rollers = [(pose, pose[:3, :3] @ axis) for pose, axis in zip(found, axes, strict=True)]
+    rollers = _rollers(raw, wheel, locked)
+    axes = {roller.child: poses[roller.child][:3, :3] @ roller.axis for roller in rollers}
     low, high = MECANUM_COSINES
-    if not rollers or not all(low < abs(float(axis @ axle)) < high for _, axis in rollers):
+    if not axes or not all(low < abs(float(axis @ axle)) < high for axis in axes.values()):
         return None
-    _, along = min(rollers, key=lambda roller: float(roller[0][2, 3]))
-    return float(along[0]), float(along[1])
+    x, y, _ = axes[min(axes, key=lambda child: float(poses[child][2, 3]))].tolist()
+    return x, y
 
 
 def _rollers(raw: RawFile, wheel: RawJoint, locked: Mapping[str, float]) -> list[RawJoint]:
@@ -133,24 +132,20 @@ def _reach(raw: RawFile, wheel: RawJoint, locked: Mapping[str, float]) -> WheelS
     poses = raw.poses(locked, wheel.child)
     radii, along = [], []
     for roller in _rollers(raw, wheel, locked):
-        pose = poses[roller.child]
-        shapes = [
-            (shape.size[0], (pose @ shape.origin)[:3, 3])
-            for role in ("collision", "visual")
-            for shape in raw.link[roller.child].shapes
-            if shape.role == role
-            and shape.kind in ROUND_KINDS
-            and (shape.kind == "sphere" or _sine(shape.origin[:3, 2], roller.axis) <= MAX_TILT_SINE)
+        shapes = [  # collision shapes first
+            (drawn[0].radius, (poses[roller.child] @ shape.origin)[:3, 3])
+            for shape in sorted(raw.link[roller.child].shapes, key=lambda shape: shape.role)
+            if (drawn := _primitive(shape, shape.origin, roller.axis, None)) is not None
         ]
         if shapes:
             middle = shapes[0][1]
-            radii.append(max(size for size, _ in shapes) + _sine(middle, wheel.axis))
+            radii.append(max(radius for radius, _ in shapes) + _sine(middle, wheel.axis))
             along.append(float(middle @ wheel.axis))
     return WheelSize(max(radii), float(np.mean(along)), 0.0) if radii else None
 
 
 def _primitive(
-    shape: RawShape, at: Array, axis: Array, paths: MeshPaths
+    shape: RawShape, at: Array, axis: Array, _: MeshPaths | None
 ) -> tuple[WheelSize, float] | None:
     """Return a round shape's size about an axis and its distance beside it, m; None if not."""
     if shape.kind not in ROUND_KINDS or not shape.size[0] > 0.0:

@@ -15,7 +15,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rpctl.arrays import Array
+import numpy as np
+
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.certificate import MjcfCertificate
@@ -182,7 +183,9 @@ def write_mjcf(
     rolling = robot if settings.losses else without_losses(robot)
     trial = run_on_ground(rolling, _compiled(bare, drawn, path), root)
     compared = compare_with_witness(file.model, witness)
-    checks = (_verified_row(verified), *_read_back(built, file), *compared, *trial.checks)
+    nearest = next((c for c in verified.checks if not c.passed), verified.worst)
+    proven = replace(nearest, name=f"rpctl verify: {nearest.name}")
+    checks = (proven, *_read_back(built, file), *compared, *trial.checks)
     given = {"settings": {"friction": friction, **asdict(settings)}, "facts": dict(facts)}
     certificate = _certificate(robot, file, witness, checks, verified, given)
     sections["custom"] = certificate.parts(HOW)
@@ -227,21 +230,15 @@ def _certificate(
 def _sections(robot: Robot, model: Any, root: str, drawn: Drawn) -> dict[str, list[Part]]:
     """Return what the file has besides the model: looks, sensors, and the stand at home."""
     home, hold = settle(robot, model, root)
-    key = {"name": HOME, "qpos": numbers(home), "ctrl": numbers(_controls(robot, model, hold))}
+    controls = np.zeros(model.nu)
+    controls[[model.actuator(name).id for name in robot.actuators]] = hold
+    key = {"name": HOME, "qpos": numbers(home), "ctrl": numbers(controls)}
     return {
         "visual": [Part("headlight", {"ambient": "0.3 0.3 0.3", "diffuse": "0.5 0.5 0.5"})],
         "asset": list(drawn.assets),
         "sensor": sensor_parts(robot, root),
         "keyframe": [Part("key", key)],
     }
-
-
-def _controls(robot: Robot, model: Any, efforts: Array) -> list[float]:
-    """Return controls in the order of the model."""
-    found = [0.0] * int(model.nu)
-    for name, effort in zip(robot.actuators, efforts.tolist(), strict=True):
-        found[int(model.actuator(name).id)] = effort
-    return found
 
 
 def _document(spec: Any, drawn: Drawn, sections: dict[str, list[Part]], path: Path) -> Any:
@@ -306,10 +303,3 @@ def _read_back(built: Built, file: StrictMjcf) -> tuple[Check, ...]:
     faults = [edit.sentence for edit in found.edits if edit.matters and edit.kind != "key"]
     row = Check("every number", READ_BACK, found.largest, 0.0)
     return (replace(row, residual=float("inf"), entry="; ".join(faults[:3])) if faults else row,)
-
-
-def _verified_row(verified: Certificate) -> Check:
-    """Return the certificate of the equations as one row: the check that is nearest its limit."""
-    failed = [check for check in verified.checks if not check.passed]
-    worst = failed[0] if failed else verified.worst
-    return replace(worst, name=f"rpctl verify: {worst.name}")

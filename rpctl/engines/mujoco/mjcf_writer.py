@@ -160,10 +160,9 @@ class _Drawing:
         if shape.rgba is not None and shape.rgba[3] <= 0.0:
             return
         if shape.mesh is None:
-            size = geom_size(shape)
             kept = {"sphere": 1, "box": 3}.get(shape.kind, 2)
-            self._place(head, name, pose, {"type": shape.kind, "size": numbers(size[:kept])},
-                        shape.rgba)  # fmt: skip
+            size = numbers(geom_size(shape)[:kept])
+            self._place(head, name, pose, shape.rgba, type=shape.kind, size=size)
         elif self._meshes:
             try:
                 self._add_mesh(head, name, pose, shape)
@@ -186,16 +185,15 @@ class _Drawing:
                 )
                 self._files[file] = data
             each = name if len(surfaces) == 1 else f"{name}_{number}"
-            self._place(head, each, pose, {"type": "mesh", "mesh": asset},
-                        shape.rgba or surface.rgba)  # fmt: skip
+            self._place(head, each, pose, shape.rgba or surface.rgba, type="mesh", mesh=asset)
 
     def _place(
         self,
         head: str,
         name: str,
         pose: Array,
-        shape: dict[str, str],
         rgba: tuple[float, ...] | None,
+        **shape: str,
     ) -> None:
         attributes = {"name": name, **shape, **NOTHING, "rgba": numbers(rgba or COLOUR)}
         attributes |= {"pos": numbers(pose[:3, 3]), "quat": numbers(quaternion(pose))}

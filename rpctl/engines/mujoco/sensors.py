@@ -19,7 +19,7 @@ from rpctl.arrays import Array
 from rpctl.dynamics.rolling import find_rolling, selection
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.mjcf_writer import Part
-from rpctl.equivalence.contact.mujoco_body import mujoco_library, part_number
+from rpctl.equivalence.contact.mujoco_body import mujoco_library, part_number, planar
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import BASE_NV, Robot
@@ -95,13 +95,12 @@ class MjcfRobot:
             data: ``MjData`` of the model.
         """
         measured, robot = data.sensordata, self._robot
-        w, x, y, z = measured[self._places["base_quaternion"]].tolist()
-        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        w, *turn = measured[self._places["base_quaternion"]]
+        x, y, heading = planar(np.array([*measured[self._places["base_position"]], *turn, w]))
         cos, sin = math.cos(heading), math.sin(heading)
-        px, py, _ = measured[self._places["base_position"]].tolist()
         vx, vy, _ = measured[self._places["base_velocity"]].tolist()
         q, v = np.zeros(robot.nq), np.zeros(robot.nv)
-        write_root(q, px, py, heading)
+        write_root(q, x, y, heading)
         for name, place in zip(robot.moving_joint_names, self._positions, strict=True):
             robot.set_joint(q, name, float(measured[place]))
         turning = float(measured[self._places["base_turning"]][2])
@@ -119,10 +118,9 @@ class MjcfRobot:
         self._mujoco.mj_resetDataKeyframe(self._model, data, part_number(self._model, "key", HOME))
         if q is not None:
             x, y, heading = read_root(q)
-            turn = np.array([math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)])
             free = data.joint(self._root)
             free.qpos[:2] = x, y
-            free.qpos[3:7] = turn
+            free.qpos[3:7] = math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)
             for name in self._robot.moving_joint_names:
                 data.joint(name).qpos[0] = self._robot.joint_position(q, name)
         self._mujoco.mj_forward(self._model, data)
