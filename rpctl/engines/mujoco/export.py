@@ -77,19 +77,17 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bo
         for pair in spec.pairs:
             pair.solref, pair.solimp = [HARD_STEPS * settings.timestep, 1.0], SOLIMP
             pair.solreffriction = [0.0, 0.0]  # as solref
-    _drop_changing_ties(spec, built)
-    notes = tuple(note for note in built.notes if not note.startswith("tie rods that change"))
-    return replace(built, notes=(*notes, *_loose_note(robot, built)))
-
-
-def _drop_changing_ties(spec: Any, built: Built) -> None:
-    """Leave out ties that rpctl turns as it steps, which no file can; name the others."""
-    changing = {follower.tie for follower in built.followers}
-    for element in (*spec.equalities, *spec.tendons):
-        if element.name in changing:
-            spec.delete(element)
     for tie in spec.equalities:
         tie.name = tie.name or f"{tie.name1}_tie"
+    if built.followers:
+        leaders = ", ".join(swivel.joint for swivel in robot.drive.steered)
+        loose = (
+            f"{', '.join(built.followers)} follow {leaders} in a way that no tie of MuJoCo says: "
+            "the file leaves them to their motors; hold each at its angle of "
+            "robot.configuration(...)"
+        )
+        built = replace(built, notes=(*built.notes, loose))
+    return built
 
 
 def _require_possible(robot: Robot) -> None:
@@ -107,18 +105,6 @@ def _require_possible(robot: Robot) -> None:
             "contacts holds in all directions alike; lock what they hang on, or declare another "
             "drive with --drive"
         )
-
-
-def _loose_note(robot: Robot, built: Built) -> tuple[str, ...]:
-    """Return what is to be said of swivels that no tie holds."""
-    loose = [follower.joint for follower in built.followers]
-    if not loose:
-        return ()
-    leaders = ", ".join(swivel.joint for swivel in robot.drive.steered)
-    return (
-        f"{', '.join(loose)} follow {leaders} in a way that no tie of MuJoCo says: the file leaves "
-        "them to their motors; hold each at its angle of robot.configuration(...)",
-    )
 
 
 @dataclass(frozen=True)

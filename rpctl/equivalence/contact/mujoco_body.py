@@ -122,6 +122,7 @@ class MujocoBody:
         data: The ``MjData``.
         root: Index of the root link's body.
         dofs: Index in ``qvel`` of each moving joint.
+        rods: What each follower weighs about its axis, by joint, kg·m²; without, no rod pulls.
     """
 
     def __init__(
@@ -151,6 +152,7 @@ class MujocoBody:
         order = {name: k for k, name in enumerate(self.contacts)}
         self.owner = {int(model.geom(g).id): order[name] for g, name in (owner or {}).items()}
         model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self.rods: dict[str, float] = {}
 
     def put(self, q: Array, height: float) -> None:
         """Put the robot at q (nq,), at rest, its root link level at a height (m).
@@ -236,6 +238,22 @@ class MujocoBody:
         both = np.zeros(6)
         self.mujoco.mj_objectVelocity(self.mjm, self.data, kind, index, both, 0)
         return np.concatenate([both[3:], both[:3]])
+
+    def tie(self) -> None:
+        """Let stiff tie rods hold the swivels that follow others, from where the robot stands."""
+        own = np.diag(free_inertia(self.mjm, self.data))
+        followers = [swivel.joint for swivel in self.robot.drive.followers]
+        self.rods = {name: float(own[self.dofs[name]]) for name in followers}
+
+    def pull_rods(self) -> None:
+        """Pull each swivel that follows towards its place, and those that it follows back."""
+        if self.rods:
+            drive = self.robot.drive
+            swivels = [swivel.joint for swivel in (*drive.steered, *drive.followers)]
+            joints = {name: self.joint(name) for name in swivels}
+            bandwidth = min(TIE_ROD_BANDWIDTH, STABLE / self.mjm.opt.timestep)
+            for name, effort in tie_rod_efforts(drive, joints, self.rods, bandwidth).items():
+                self.data.qfrc_applied[self.dofs[name]] += effort
 
     def push_body(self, body: int, at: Array, force: Array, moment: Array) -> None:
         """Push a body besides, until ``xfrc_applied`` is cleared.
@@ -348,7 +366,8 @@ def tie_rod_efforts(
     for name, wanted in place.items():
         position, rate = joints[name]
         rate -= sum(slope * leaders[leader][1] for leader, slope in slopes[name].items())
-        pull = inertia[name] * bandwidth * (bandwidth * (position - wanted) + 2.0 * rate)
+        gap = math.remainder(position - wanted, math.pi)  # heading back is heading along
+        pull = inertia[name] * bandwidth * (bandwidth * gap + 2.0 * rate)
         efforts[name] -= pull
         for leader, slope in slopes[name].items():
             efforts[leader] += slope * pull
@@ -387,7 +406,6 @@ class RollingBody(MujocoBody):
 
     Attributes:
         rolling: The wheels that are held in one direction only, by the index of their geom.
-        rods: What each follower weighs about its axis, by joint, kg·m²; without, no rod pulls.
     """
 
     def __init__(
@@ -400,9 +418,7 @@ class RollingBody(MujocoBody):
             for wheel, geom in crowned.items()
             if geom is not None and one_directional(robot, wheel)
         }
-        self.rods: dict[str, float] = {}
         self._friction = friction
-        self._bandwidth = min(TIE_ROD_BANDWIDTH, STABLE / model.opt.timestep)
         self._motors = [self.dofs[name] for name in robot.actuators]
 
     def start(self, q: Array, tied: bool = True) -> None:
@@ -414,10 +430,8 @@ class RollingBody(MujocoBody):
         """
         self.put(q, -self.robot.drive.ground)
         self.mujoco.mj_forward(self.mjm, self.data)
-        if tied and self.robot.drive.followers:
-            own = np.diag(free_inertia(self.mjm, self.data))
-            followers = [swivel.joint for swivel in self.robot.drive.followers]
-            self.rods = {name: float(own[self.dofs[name]]) for name in followers}
+        if tied:
+            self.tie()
 
     def steps(self, tau: Array, count: int) -> Iterator[int]:
         """Step under efforts (n_act,), N·m or N, and yield the number of each step."""
@@ -430,16 +444,6 @@ class RollingBody(MujocoBody):
                 self._turn_contacts()
                 self.mujoco.mj_step2(self.mjm, self.data)
                 yield step
-
-    def pull_rods(self) -> None:
-        """Pull each swivel that follows towards its place, and those that it follows back."""
-        drive = self.robot.drive
-        if self.rods:
-            swivels = [swivel.joint for swivel in (*drive.steered, *drive.followers)]
-            joints = {name: self.joint(name) for name in swivels}
-            efforts = tie_rod_efforts(drive, joints, self.rods, self._bandwidth)
-            for name, effort in efforts.items():
-                self.data.qfrc_applied[self.dofs[name]] += effort
 
     def _turn_contacts(self) -> None:
         """Let friction hold rollers and balls along one direction only, between two half steps."""
