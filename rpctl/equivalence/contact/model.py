@@ -167,13 +167,12 @@ class _Builder:
 
     def __init__(self, robot: Robot, friction: float) -> None:
         self._robot, self._friction = robot, friction
-        self._mujoco = mujoco_library()
         self.geoms: dict[str, str] = {}
         self.notes: list[str] = []
 
     def release(self, spec: Any, root: Any) -> None:
         """Give the root link six degrees of freedom, and the robot a ground to stand on."""
-        mujoco, option = self._mujoco, spec.option
+        mujoco, option = mujoco_library(), spec.option
         root.add_freejoint()
         option.timestep, option.cone = STEP_S, mujoco.mjtCone.mjCONE_ELLIPTIC
         option.impratio = IMPRATIO

@@ -463,22 +463,14 @@ class RollingBody(MujocoBody):
     def held(self, wheel: Wheel) -> Array:
         """Return the direction (3,) in which the ground holds a wheel, level, world.
 
-        It is the drive's angle off the wheel's rolling direction, which MuJoCo's axle gives.
+        It turns with the wheel's axle, which the file draws and MuJoCo has now.
         """
-        axle = self.data.xaxis[self.mjm.joint(wheel.joint).id]
-        ahead = np.array([axle[1], -axle[0], 0.0]) / math.hypot(axle[0], axle[1])
-        x, y = _off_rolling(self.robot, wheel)
-        return np.array([x * ahead[0] - y * ahead[1], x * ahead[1] + y * ahead[0], 0.0])
+        now = complex(*self.data.xaxis[self.mjm.joint(wheel.joint).id][:2])
+        drawn = complex(*self.robot.tree.axis(self.robot.description.joint[wheel.joint])[:2])
+        turned = complex(*wheel.direction) * now / drawn
+        return np.array([turned.real, turned.imag, 0.0]) / abs(turned)
 
 
 def one_directional(robot: Robot, wheel: Wheel) -> bool:
     """Return whether the ground holds a wheel in one direction only."""
     return wheel.slides or robot.drive.type in ("mecanum", "omni")
-
-
-def _off_rolling(robot: Robot, wheel: Wheel) -> tuple[float, float]:
-    """Return the direction in which a wheel is held, seen from its rolling direction (2,)."""
-    axle = robot.tree.axis(robot.description.joint[wheel.joint])
-    ahead = np.array([axle[1], -axle[0]]) / math.hypot(axle[0], axle[1])
-    x, y = wheel.direction
-    return float(ahead[0] * x + ahead[1] * y), float(ahead[0] * y - ahead[1] * x)
