@@ -99,7 +99,9 @@ def edit_urdf(
     if "wheel" in mended:
         for wheel, tread in zip(robot.drive.wheels, treads, strict=True):
             child = robot.description.joint[wheel.joint].child
-            _drop_collisions(links[name] for name, _ in robot.tree.rigid_links(child))
+            for name, _ in robot.tree.rigid_links(child):
+                for element in links[name].findall("collision"):
+                    links[name].remove(element)
             crowned = dialect.crowned.format(radius=tread.radius, half_width=tread.half_width)
             links[tread.link].append(_collision(crowned, tread.pose))
             notes += [tread.note] if tread.note else []
@@ -173,13 +175,9 @@ def _others(root: Any, robot: Robot) -> list[Any]:
 def _put_supports(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None:
     """Let the supports slide; draw those that the file only shows."""
     for _, link, shape in support_shapes(robot, find_supports(robot)):
-        own = [
-            element
-            for element in links[link].findall("collision")
-            if element.find("geometry")[0].sourceline == shape.line
-        ]
-        for element in own:
-            links[link].remove(element)
+        for element in links[link].findall("collision"):
+            if element.find("geometry")[0].sourceline == shape.line:
+                links[link].remove(element)
         made = _collision(_shape_xml(shape), shape.origin)
         if dialect.proximity:
             made.append(_drake_tags(dialect.proximity))
@@ -218,12 +216,6 @@ def _resolve_meshes(root: Any, file: Callable[[Any], str]) -> list[str]:
     return [
         f"{why}: left out of {listed(dict.fromkeys(names), 1)}" for why, names in refused.items()
     ]
-
-
-def _drop_collisions(links: Iterable[Any]) -> None:
-    for link in links:
-        for element in link.findall("collision"):
-            link.remove(element)
 
 
 def _collision(geometry: str, pose: Array) -> Any:

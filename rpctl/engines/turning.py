@@ -108,12 +108,12 @@ class TurnVerdict:
 
     def to_dict(self, engine: str) -> dict[str, Any]:
         """Return it as plain values for JSON; an infinite track is None."""
-        tracks = {
-            "track": math.inf if self.default is None else self.default.track,
-            "mended": self.mended.track,
-        }
+        turns = {"track": self.default, "mended": self.mended}
         return {
-            **{name: track if math.isfinite(track) else None for name, track in tracks.items()},
+            **{
+                name: turn.track if turn is not None and math.isfinite(turn.track) else None
+                for name, turn in turns.items()
+            },
             "declared": self.declared,
             "own": self.own,
             "agrees": self.agrees,

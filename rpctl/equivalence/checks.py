@@ -332,7 +332,4 @@ def pinocchio_motion(robot: Robot, rolling: FileRows, q: Array, v: Array, push: 
 
 def effort_columns(robot: Robot) -> Array:
     """Return B_q (nv, n_act): the generalised force of each actuator's unit effort."""
-    columns = np.zeros((robot.nv, len(robot.actuators)))
-    for column, name in enumerate(robot.actuators):
-        columns[robot.velocity_index(name), column] = 1.0
-    return columns
+    return np.eye(robot.nv)[:, [robot.velocity_index(name) for name in robot.actuators]]

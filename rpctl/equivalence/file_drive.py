@@ -311,10 +311,8 @@ def _swivel(
 def _carrier(drive: Drive, raw: RawFile, link: str) -> str | None:
     """Return the swivel that carries a link; None where the root link does."""
     names = [swivel.joint for swivel in drive.swivels]
-    above = {joint.child: joint for joint in raw.joints}
-    while link in above and above[link].name not in names:
-        link = above[link].parent
-    return above[link].name if link in above else None
+    carriers = [joint.name for joint in raw.chain(link) if joint.name in names]
+    return carriers[-1] if carriers else None
 
 
 def _wheel(

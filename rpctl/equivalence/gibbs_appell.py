@@ -168,7 +168,7 @@ class GibbsAppell:
         """
         n, drive, scalars = self.robot.dof, self.tree.reading.drive, self.scalars
         speeds, across = np.asarray(nu), R[..., :2]
-        base = base_motion(self.tree, drive, positions, speeds)
+        base, moved = base_motion(self.tree, drive, positions, speeds)
         J_w, J_v = scalars.zeros(base.J.shape), across @ base.J[..., :2, :]
         J_w[..., 2, :] = base.J[..., 2, :]
         omega, alpha = np.matvec(J_w, speeds), scalars.zeros(base.drift.shape)
@@ -177,8 +177,8 @@ class GibbsAppell:
         identity = scalars.identity(n)[len(drive.base_speeds) :]
         rows = dict(zip(self.robot.joint_names, identity, strict=True))
         drifts = dict.fromkeys(rows, 0 * speeds[..., 0])
-        rows |= {name: rate.row for name, rate in base.rates.items()}
-        drifts |= {name: rate.drift for name, rate in base.rates.items()}
+        rows |= {name: rate.row for name, rate in moved.items()}
+        drifts |= {name: rate.drift for name, rate in moved.items()}
         return LinkKinematics(R, omega, J_w, J_v, alpha, a), JointRates(rows, drifts, R)
 
     def terms(

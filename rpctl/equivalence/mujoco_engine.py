@@ -179,7 +179,7 @@ class MujocoModel:
         if faults:
             lines = self._robot.description.link
             named = tuple(f'link "{k}" (line {lines[k].line}): {why}' for k, why in faults.items())
-            whole = _sum([body.placed(poses[link]) for link, body in bodies.items()])
+            whole = combined([body.placed(poses[link]) for link, body in bodies.items()])
             self._require(whole, named, tuple(poses))
             self.refused += named
             bodies = {link: whole if link == head else MASSLESS for link in poses}
@@ -240,8 +240,8 @@ def _bare_urdf(robot: Robot) -> str:
     return str(etree.tostring(bare, encoding="unicode"))
 
 
-def _sum(bodies: list[Inertial]) -> Inertial:
-    """Return several bodies as one, by the parallel-axis rule."""
+def combined(bodies: list[Inertial]) -> Inertial:
+    """Return several bodies as one, by the parallel-axis rule; negative masses are taken out."""
     mass = sum(body.mass for body in bodies)
     com = sum((body.mass * body.com for body in bodies), np.zeros(3)) / (mass or 1.0)
     inertia = np.zeros((3, 3))

@@ -35,16 +35,10 @@ class Twist(NamedTuple):
     drift: Array  # (3,)
 
 
-class BaseRates(NamedTuple):
-    """The root link's twist J ν, the drift of its components, and the rates of joints."""
-
-    J: Array  # (3, n)
-    drift: Array  # (3,)
-    rates: dict[str, JointRate]
-
-
-def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Array) -> BaseRates:
-    """Return how a base moves when its wheels roll.
+def base_motion(
+    tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Array
+) -> tuple[Twist, dict[str, JointRate]]:
+    """Return how a base moves when its wheels roll, and the rates of joints.
 
     Args:
         tree: The robot's tree, whose scalars are used.
@@ -87,7 +81,7 @@ def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Arra
             rates[wheel.joint] = _wheel_rate(
                 tree, wheel.joint, positions, nu, carriers[part.parent], rates[part.joint]
             )
-    return BaseRates(J, drift, rates)
+    return Twist(J, drift), rates
 
 
 def _steered_twist(

@@ -30,7 +30,7 @@ from rpctl.equivalence.gibbs_appell import (
     rolling_terms,
 )
 from rpctl.equivalence.rolling_rows import FileRows
-from rpctl.equivalence.scope import Condition, Scope, conditions, find_scope, not_known
+from rpctl.equivalence.scope import GRAVITY, STANDS, Condition, Scope, conditions, find_scope
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
 from rpctl.errors import RpctlError, require_known
@@ -173,28 +173,21 @@ def verify(
     derivations = _Derivations(dynamics, FileRows(robot, oracle.tree), oracle, geometry, mujoco)
     standing = stand_at_home(dynamics)
     rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
-    skipped = (*geometry.skipped(), *absent, *not_known(standing))
-    made = _certificate(
-        robot,
-        (*rows, *conditions(dynamics, standing)),
-        scope=find_scope(robot, reading, standing),
+    skipped = (*geometry.skipped(), *absent)
+    if standing is not None and standing.unknown:
+        skipped += (Skipped(STANDS, GRAVITY, standing.unknown),)
+    made = Certificate(
+        robot=robot.name,
         samples=samples,
         seed=seed,
+        checks=(*(row for row in rows if row.name != DECLARED), *conditions(dynamics, standing)),
+        scope=find_scope(robot, reading, standing),
         skipped=skipped,
-    )
-    return _with_trials(robot, made, trials) if trials else made
-
-
-def _certificate(robot: Robot, rows: Sequence[Check], **facts: Any) -> Certificate:
-    declared = tuple(check for check in rows if check.name == DECLARED)
-    return Certificate(
-        robot=robot.name,
-        checks=tuple(check for check in rows if check not in declared),
-        declared=declared,
+        declared=tuple(row for row in rows if row.name == DECLARED),
         idealised=tuple(each.sentence for each in idealisations(robot)),
         loaded_with={"source": robot.source, **robot.loaded_with.arguments()},
-        **facts,
     )
+    return _with_trials(robot, made, trials) if trials else made
 
 
 def _require_samples(samples: int) -> None:

@@ -111,12 +111,14 @@ def slip(motion: FileMotion) -> Slip:
     constrained: dict[str, float] = {}
     by_design: dict[str, float] = {}
     for each in wheels:
-        constrained[f"{each.wheel.joint}, {_rolls(drive, each)}"] = float(
-            _along(drive, each) @ each.slip
-        )
-        if not _has_rollers(drive, each.wheel):
+        wheel, direction, held = each.wheel, "forward", each.ahead
+        rollers = wheel.swivel is None and not wheel.slides and drive.type in ("mecanum", "omni")
+        if rollers and drive.type == "mecanum":
+            direction, held = "along its roller", np.array([*wheel.direction, 0.0])
+        constrained[f"{wheel.joint}, {direction}"] = float(held @ each.slip)
+        if not rollers:
             found = constrained if _held_sideways(drive, each) else by_design
-            found[f"{each.wheel.joint}, sideways"] = float(each.left @ each.slip)
+            found[f"{wheel.joint}, sideways"] = float(each.left @ each.slip)
     constrained |= _on_average(drive, wheels)
     if drive.has_axle:
         constrained["P, sideways"] = float(
@@ -167,22 +169,6 @@ def _rolling(motion: FileMotion, wheel: Wheel) -> WheelMotion:
         speed=float(np.linalg.norm(motion.velocity(joint.parent, centre)[:2])),
         rim_speed=motion.rates[wheel.joint] * wheel.radius,
     )
-
-
-def _has_rollers(drive: Drive, wheel: Wheel) -> bool:
-    return drive.type in ("mecanum", "omni") and wheel.swivel is None and not wheel.slides
-
-
-def _rolls(drive: Drive, each: WheelMotion) -> str:
-    on_roller = drive.type == "mecanum" and _has_rollers(drive, each.wheel)
-    return "along its roller" if on_roller else "forward"
-
-
-def _along(drive: Drive, each: WheelMotion) -> Array:
-    """Return the direction (3,) in which the ground holds a wheel, whatever else slides."""
-    if drive.type == "mecanum" and _has_rollers(drive, each.wheel):
-        return np.array([*each.wheel.direction, 0.0])
-    return each.ahead
 
 
 def _held_sideways(drive: Drive, each: WheelMotion) -> bool:

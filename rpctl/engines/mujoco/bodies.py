@@ -80,7 +80,9 @@ def _mended(carried: pin.Inertia, head: Link) -> tuple[Inertial, tuple[str, ...]
         mass = MIN_MASS
     fault = inertia_fault(inertia, ROUNDING)
     if fault:
-        inertia = _physical(inertia)
+        second, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
+        kept = (axes * np.maximum(second, 0.0)) @ axes.T  # no second moment is negative
+        inertia = np.trace(kept) * np.eye(3) - kept
         said += (f"{where}: its {fault}; {moments_text(inertia)} are used",)
     least = np.linalg.eigvalsh(inertia)[0]
     if least < MIN_MOMENT:
@@ -88,14 +90,6 @@ def _mended(carried: pin.Inertia, head: Link) -> tuple[Inertial, tuple[str, ...]
         if not fault and least <= ROUNDING * MIN_MOMENT:
             said += (f"{where} has no inertia about some axis; {MIN_MOMENT:g} kg·m² is added",)
     return Inertial(mass, np.array(carried.lever), inertia), said
-
-
-def _physical(inertia: Array) -> Array:
-    """Return the inertia whose negative second moments are 0 instead."""
-    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    moments, axes = np.linalg.eigh(second)
-    kept = (axes * np.maximum(moments, 0.0)) @ axes.T
-    return np.asarray(np.trace(kept) * np.eye(3) - kept)
 
 
 def body_name(link: str) -> str:

@@ -38,18 +38,6 @@ TICK_S = 2e-3  # s: one of MuJoCo's default steps
 STEP_ROUNDING = 1e-6  # of a step
 
 
-def calm_speed(friction: float) -> float:
-    """Return the speed (m/s) below which what slides is not lifted off the ground.
-
-    MuJoCo's friction is relaxed: what slides at a speed v lifts itself by μ b v/k, b the rate at
-    which friction ends slipping and k the stiffness under the load. With the defaults a wheel that
-    scrubs faster than g/(μ b) hops, spins up in the air and grips where it lands, and so holds a
-    turn back.
-    """
-    slipping_ends = 2.0 / SETTINGS.time_constant  # b, 1/s
-    return LIFT * GRAVITY / (friction * slipping_ends)
-
-
 @dataclass(frozen=True)
 class MujocoSimulator:
     """MuJoCo; :class:`rpctl.engines.engine.Engine` has the attributes.
@@ -88,8 +76,15 @@ class MujocoSimulator:
         return run
 
     def turning_speed(self, friction: float) -> float:
-        """Return the speed (m/s) of the rims at which scrubbing wheels stay on the ground."""
-        return calm_speed(friction)
+        """Return the speed (m/s) of the rims at which scrubbing wheels stay on the ground.
+
+        MuJoCo's friction is relaxed: what slides at a speed v lifts itself by μ b v/k, b the rate
+        at which friction ends slipping and k the stiffness under the load. With the defaults a
+        wheel that scrubs faster than g/(μ b) hops, spins up in the air and grips where it lands,
+        and so holds a turn back.
+        """
+        slipping_ends = 2.0 / SETTINGS.time_constant  # b, 1/s
+        return LIFT * GRAVITY / (friction * slipping_ends)
 
     def start_turning(self, robot: Robot, q: Array, friction: float) -> TurningRun:
         """Return the robot at rest at q (nq,), its wheels so that they stay on the ground."""

@@ -12,7 +12,6 @@ import math
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.records import Shape, rotation
@@ -26,7 +25,7 @@ from rpctl.equivalence.contact.mujoco_body import (
     mujoco_library,
     vertical_inverse_masses,
 )
-from rpctl.equivalence.mujoco_engine import Inertial
+from rpctl.equivalence.mujoco_engine import Inertial, combined
 from rpctl.robot.model import Robot
 
 GROUND = "ground"  # name of the ground's geom
@@ -164,7 +163,8 @@ class GroundContacts:
             pair.solimp = ROLLER_IMPEDANCE
             self.owners[name] = wheel.joint
             places.append(place)
-        rest = _without(carried, inertia, places)
+        whole = Inertial(float(carried.mass), carried.lever, carried.inertia)
+        rest = combined([whole, *(Inertial(-mass, at, -inertia.inertia) for at in places)])
         if is_physical(rest):
             rest.put(body)
 
@@ -258,19 +258,3 @@ def _harder(impedance: float, ratio: float) -> float:
     """Return the impedance d for which d/(1 − d) is ``ratio`` times that of another."""
     odds = ratio * impedance / (1.0 - impedance)
     return odds / (1.0 + odds)
-
-
-def _without(carried: pin.Inertia, roller: Inertial, places: list[Array]) -> Inertial:
-    """Return what is left of a wheel without rollers at some places (3,), by Steiner's rule."""
-    mass = float(carried.mass) - len(places) * roller.mass
-    moment = carried.mass * carried.lever - roller.mass * np.sum(places, axis=0)
-    com = moment / mass
-    inertia = carried.inertia + carried.mass * _spread(carried.lever)
-    for place in places:
-        inertia = inertia - roller.inertia - roller.mass * _spread(place)
-    return Inertial(mass, com, inertia - mass * _spread(com))
-
-
-def _spread(r: Array) -> Array:
-    """Return the inertia (3, 3) of a unit mass at r (3,) about the origin."""
-    return np.asarray(r @ r * np.eye(3) - np.outer(r, r))

@@ -294,29 +294,21 @@ def _inertia(robot: Robot) -> Iterator[Switch]:
 def _mimic(robot: Robot) -> Iterator[Switch]:
     followers = [swivel.joint for swivel in robot.drive.followers]
     if followers:
-        yield Switch(
-            "mimic",
-            f"nothing holds {listed(followers, MAX_NAMED)} to the common centre of rotation",
-            _tie_setting(robot),
-        )
+        fault = f"nothing holds {listed(followers, MAX_NAMED)} to the common centre of rotation"
+        ties = [
+            f'<joint joint1="{name}" joint2="{robot.drive.steered[0].joint}" '
+            f'polycoef="{" ".join(f"{c:.4g}" for c in coefficients)}"/>'
+            for name, coefficients in tie_polynomials(robot).items()
+        ]
+        springs = "pull them by stiff springs to the angles that the others fix"
+        setting = f"set <equality>{''.join(ties)}</equality>" if ties else springs
+        yield Switch("mimic", fault, setting)
     elif robot.mimics:
         yield Switch(
             "mimic",
             f"{listed([joint.name for joint in robot.mimics], MAX_NAMED)} follow softly",
             f'set <equality><joint solref="{SOLREF_WORDS}" solimp="{SOLIMP_WORDS}"/></equality>',
         )
-
-
-def _tie_setting(robot: Robot) -> str:
-    """Return how followers are tied: by MuJoCo's equality, where it can."""
-    ties = [
-        f'<joint joint1="{name}" joint2="{robot.drive.steered[0].joint}" '
-        f'polycoef="{" ".join(f"{c:.4g}" for c in coefficients)}"/>'
-        for name, coefficients in tie_polynomials(robot).items()
-    ]
-    if ties:
-        return f"set <equality>{''.join(ties)}</equality>"
-    return "pull them by stiff springs to the angles that the others fix"
 
 
 def _losses(robot: Robot) -> Iterator[Switch]:
