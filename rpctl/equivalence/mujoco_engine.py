@@ -129,7 +129,10 @@ class MujocoModel:
         self._raw = (reading or read(robot)).raw
         self.refused: tuple[str, ...] = ()
         spec = self._mujoco.MjSpec.from_string(_bare_urdf(robot))
-        self._freeze(spec)
+        for name, position in robot.locked.items():
+            joint = self._raw.joint[name]
+            body, pose = spec.body(NAME_PREFIX + joint.child), joint.motion(position)
+            body.pos, body.quat = pose[:3, 3], quaternion(pose)
         moving = self._raw.moving(robot.locked)
         for head in (self._raw.root, *(joint.child for joint in moving)):
             self._give_inertia(spec, head, self._raw.poses(robot.locked, head, rigid=True))
@@ -159,14 +162,6 @@ class MujocoModel:
         except ValueError as error:
             reason = " ".join(str(error).replace(NAME_PREFIX, "").split())
             raise EngineRefused(f"{self._robot.name}: MuJoCo refuses it: {reason}") from None
-
-    def _freeze(self, spec: Any) -> None:
-        """Move the bodies behind locked joints to where these are locked."""
-        for name, position in self._robot.locked.items():
-            joint = self._raw.joint[name]
-            body = spec.body(NAME_PREFIX + joint.child)
-            pose = joint.motion(position)
-            body.pos, body.quat = pose[:3, 3], quaternion(pose)
 
     def _give_inertia(self, spec: Any, head: str, poses: dict[str, Array]) -> None:
         """Set the inertias of the links that move as one body with the link ``head``.

@@ -192,8 +192,14 @@ class Tree:
         self._mimics = {joint.name: joint.mimic for joint in reading.joints if joint.mimic}
         inertials = {link.name: link.inertial for link in reading.links}
         for name in robot.description.estimated_links:
-            inertials[name] = _estimate(robot, name)
-        self.bodies = {n: self._body(n, each) for n, each in inertials.items() if _resists(each)}
+            record, origin = robot.description.link[name], np.eye(4)  # what a density gave it
+            origin[:3, 3] = record.com
+            inertials[name] = RawInertial(float(record.mass or 0.0), origin, record.inertia)
+        self.bodies = {
+            name: self._body(name, each)
+            for name, each in inertials.items()
+            if each is not None and (each.mass or np.any(each.inertia))
+        }
         self.below: dict[str, list[TreeJoint]] = {name: [] for name in inertials}
         for joint in reading.joints:
             self.below[joint.parent].append(self._hinge(joint))
@@ -316,18 +322,6 @@ class Tree:
             leader = joint = mimic.joint
             factor *= 1.0 if mimic.multiplier is None else float(mimic.multiplier)
         return leader, factor
-
-
-def _estimate(robot: Robot, link: str) -> RawInertial:
-    """Return the inertia that a density gave a link without one: the robot's own."""
-    record, origin = robot.description.link[link], np.eye(4)
-    origin[:3, 3] = record.com
-    return RawInertial(float(record.mass or 0.0), origin, record.inertia)
-
-
-def _resists(inertial: Any) -> bool:
-    """Return whether an <inertial>, or None, has a mass or an inertia."""
-    return inertial is not None and bool(inertial.mass or np.any(inertial.inertia))
 
 
 def _filled(values: list[Any], shape: tuple[int, ...]) -> Array:

@@ -17,9 +17,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from lxml import etree
+
 from rpctl.engines.mujoco.equations import Witness, as_plain, from_plain
 from rpctl.engines.mujoco.mjcf_reader import Table
-from rpctl.engines.mujoco.mjcf_writer import Part
 from rpctl.errors import InputError
 from rpctl.files.strict_json import read_json
 
@@ -73,7 +74,7 @@ class MjcfCertificate:
         plain = {**vars(self), "schema": SCHEMA, "witness": as_plain(self.witness)}
         return json.dumps(plain, separators=(",", ":"), sort_keys=False).encode()
 
-    def parts(self, how: str) -> list[Part]:
+    def parts(self, how: str) -> list[Any]:
         """Return the custom texts of the file.
 
         Args:
@@ -91,7 +92,7 @@ class MjcfCertificate:
             TEXT: base64.b64encode(zlib.compress(self._json(), 9)).decode(),
         }
         return [
-            Part("text", {"name": name, "data": UNSAVED.sub("_", text) or "_"})
+            etree.Element("text", {"name": name, "data": UNSAVED.sub("_", text) or "_"})
             for name, text in texts.items()
         ]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.certificate import Check, worst
+from rpctl.equivalence.certificate import Check, worst, worst_cases
 from rpctl.equivalence.contact.mujoco_body import free_inertia, mujoco_library, part_number
 from rpctl.equivalence.state import draw_state
 from rpctl.errors import RpctlError
@@ -160,12 +160,8 @@ def compare_with_witness(
         RpctlError: The model lacks a body, a joint or an actuator that the witness names.
     """
     tree, room = _FreeTree(model, witness), ROUNDING_ROOM * rounding
-    found: dict[str, Check] = {}
-    for sample in range(len(witness.nu)):
-        for check in tree.gaps(sample):
-            if check.name not in found or check.residual > found[check.name].residual:
-                found[check.name] = replace(check, sample=sample)
-    rows = (*found.values(), *tree.limits())
+    samples = ((sample, tree.gaps(sample)) for sample in range(len(witness.nu)))
+    rows = (*worst_cases(samples), *tree.limits())
     return tuple(replace(row, against=against, limit=max(row.limit, room)) for row in rows)
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lxml import etree
 
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.build import Built, build
@@ -24,7 +25,7 @@ from rpctl.engines.mujoco.check import compare_tables
 from rpctl.engines.mujoco.equations import Witness, compare_with_witness, take_witness
 from rpctl.engines.mujoco.ground import has_rollers
 from rpctl.engines.mujoco.mjcf_reader import StrictMjcf, parse_mjcf, tabulate
-from rpctl.engines.mujoco.mjcf_writer import Drawn, Part, draw, numbers, to_bytes, write_model
+from rpctl.engines.mujoco.mjcf_writer import Drawn, draw, numbers, to_bytes, write_model
 from rpctl.engines.mujoco.sensors import FREE, HOME, HOW, sensor_parts
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.trial import run_on_ground, settle
@@ -213,23 +214,27 @@ def _certificate(
     )
 
 
-def _sections(robot: Robot, model: Any, root: str, drawn: Drawn) -> dict[str, list[Part]]:
+def _sections(robot: Robot, model: Any, root: str, drawn: Drawn) -> dict[str, list[Any]]:
     """Return what the file has besides the model: looks, sensors, and the stand at home."""
     home, hold = settle(robot, model, root)
     controls = np.zeros(model.nu)
     controls[[model.actuator(name).id for name in robot.actuators]] = hold
     key = {"name": HOME, "qpos": numbers(home), "ctrl": numbers(controls)}
     return {
-        "visual": [Part("headlight", {"ambient": "0.3 0.3 0.3", "diffuse": "0.5 0.5 0.5"})],
+        "visual": [
+            etree.Element("headlight", {"ambient": "0.3 0.3 0.3", "diffuse": "0.5 0.5 0.5"})
+        ],
         "asset": list(drawn.assets),
         "sensor": sensor_parts(robot, root),
-        "keyframe": [Part("key", key)],
+        "keyframe": [etree.Element("key", key)],
     }
 
 
-def _document(spec: Any, drawn: Drawn, sections: dict[str, list[Part]], path: Path) -> Any:
+def _document(spec: Any, drawn: Drawn, sections: dict[str, list[Any]], path: Path) -> Any:
     """Return the root element of the file."""
-    light = Part("light", {"name": "sun", "pos": "0 0 4", "dir": "0 0 -1", "directional": "true"})
+    light = etree.Element(
+        "light", {"name": "sun", "pos": "0 0 4", "dir": "0 0 -1", "directional": "true"}
+    )
     parts = {**drawn.parts, "world": [light]}
     comment = (
         f" Written by rpctl {VERSION}. Units: m, kg, s, rad, N. Controls are efforts at "

@@ -14,11 +14,11 @@ import math
 from typing import Any
 
 import numpy as np
+from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.dynamics.rolling import find_rolling, selection
 from rpctl.engines.mujoco.bodies import body_name
-from rpctl.engines.mujoco.mjcf_writer import Part
 from rpctl.equivalence.contact.mujoco_body import mujoco_library, part_number, planar
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root, write_root
@@ -40,14 +40,15 @@ HOW = (
 )
 
 
-def sensor_parts(robot: Robot, root: str) -> list[Part]:
+def sensor_parts(robot: Robot, root: str) -> list[Any]:
     """Return the sensors of a file."""
     parts = [
-        Part(tag, {"name": name, "objtype": "xbody", "objname": root}) for name, tag in BASE.items()
+        etree.Element(tag, {"name": name, "objtype": "xbody", "objname": root})
+        for name, tag in BASE.items()
     ]
     for joint in robot.moving_joint_names:
-        parts.append(Part("jointpos", {"name": f"{joint}_position", "joint": joint}))
-        parts.append(Part("jointvel", {"name": f"{joint}_velocity", "joint": joint}))
+        parts.append(etree.Element("jointpos", {"name": f"{joint}_position", "joint": joint}))
+        parts.append(etree.Element("jointvel", {"name": f"{joint}_velocity", "joint": joint}))
     return parts
 
 
