@@ -174,7 +174,10 @@ def turn_in_place(
     names = [wheel.joint for wheel in robot.drive.wheels]
     motors = [robot.actuators.index(name) for name in names]
     limits = np.array([robot.description.joint[name].effort for name in names])
-    side, rolls = np.sign(wheel_places(robot)[:, 1]), _rolling(robot)
+    side, joints = np.sign(wheel_places(robot)[:, 1]), robot.description.joint
+    left = [mostly_left(robot.tree.axis(joints[name])) for name in names]
+    # each wheel's way forward over its turn, m: its radius, with a sign
+    rolls = np.copysign([wheel.radius for wheel in robot.drive.wheels], left)
     inertia = pin.crba(robot.model, robot.model.createData(), robot.configuration())
     # of each wheel about its axle, kg m², its motor's rotor with it
     spin = np.diag(inertia)[[robot.velocity_index(name) for name in names]]
@@ -242,10 +245,3 @@ def scrubbing_track(places: Array, load: Sequence[float] | Array) -> float:
         slip = np.hypot(*np.split(rows @ twist - rims, 2))
         scale = weight / np.maximum(slip, CONVERGED)
     return 2.0 / float(twist[2]) if twist[2] > 0.0 else math.inf
-
-
-def _rolling(robot: Robot) -> Array:
-    """Return each wheel's way forward over its turn (n_wheels,), m: its radius, with a sign."""
-    joints, wheels = robot.description.joint, robot.drive.wheels
-    left = [mostly_left(robot.tree.axis(joints[wheel.joint])) for wheel in wheels]
-    return np.copysign([wheel.radius for wheel in wheels], left)

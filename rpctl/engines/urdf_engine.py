@@ -156,19 +156,15 @@ class UrdfRun(ABC):
         """
         efforts = dict(zip(self.robot.actuators, tau.tolist(), strict=True))
         stride = self.step if self.rods or self.forgets else dt
+        bandwidth = min(BANDWIDTH, STABLE / self.step)
         for _ in range(round(dt / stride)):
             self.t += stride
-            self.exert(self._with_rods(efforts))
+            rods = {}
+            if self.rods:  # they pull anew in each step
+                rods = tie_rod_efforts(self.robot.drive, self.joints(), self.rods, bandwidth)
+            self.exert(efforts | {name: efforts.get(name, 0.0) + rods[name] for name in rods})
         if not np.linalg.norm(self.motion(self.robot.description.root).velocity) < MAX_SPEED:
             raise EngineFault(f"{self.dialect.name}'s motion of {self.robot.name} diverges")
-
-    def _with_rods(self, efforts: dict[str, float]) -> dict[str, float]:
-        """Return efforts and those of the rods, which pull anew in each step."""
-        if not self.rods:
-            return efforts
-        bandwidth = min(BANDWIDTH, STABLE / self.step)
-        rods = tie_rod_efforts(self.robot.drive, self.joints(), self.rods, bandwidth)
-        return efforts | {name: efforts.get(name, 0.0) + rod for name, rod in rods.items()}
 
     def state(self) -> EngineState:
         """Return the state now; loads are those of the last step."""

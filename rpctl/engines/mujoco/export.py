@@ -172,7 +172,12 @@ def write_mjcf(
     compared = compare_with_witness(file.model, witness)
     nearest = next((c for c in verified.checks if not c.passed), verified.worst)
     proven = replace(nearest, name=f"rpctl verify: {nearest.name}")
-    checks = (proven, *_read_back(built, file), *compared, *trial.checks)
+    # Nothing of the file may differ from the model but its keyframe, which is written beside it.
+    found = compare_tables(tabulate(built.compile()), file.table)
+    faults = [edit.sentence for edit in found.edits if edit.matters and edit.kind != "key"]
+    residual = float("inf") if faults else found.largest
+    numbers_kept = Check("every number", READ_BACK, residual, 0.0, entry="; ".join(faults[:3]))
+    checks = (proven, numbers_kept, *compared, *trial.checks)
     given = {"settings": {"friction": friction, **asdict(settings)}, "facts": dict(facts)}
     certificate = _certificate(robot, file, witness, checks, verified, given)
     sections["custom"] = certificate.parts(HOW)
@@ -283,14 +288,3 @@ def _put(path: Path, data: bytes, drawn: Drawn) -> tuple[Path, ...]:
         write_atomically(folder / name, content, follow_links=False)
     write_atomically(path, data)
     return tuple(folder / name for name in drawn.files)
-
-
-def _read_back(built: Built, file: StrictMjcf) -> tuple[Check, ...]:
-    """Return the row of the file against the model that was built: nothing of it may differ.
-
-    All but its keyframe, which is written beside the model.
-    """
-    found = compare_tables(tabulate(built.compile()), file.table)
-    faults = [edit.sentence for edit in found.edits if edit.matters and edit.kind != "key"]
-    row = Check("every number", READ_BACK, found.largest, 0.0)
-    return (replace(row, residual=float("inf"), entry="; ".join(faults[:3])) if faults else row,)
