@@ -145,7 +145,7 @@ class BulletRun(UrdfRun):
         if "friction" in mended:
             self._set(every, lateralFriction=friction / PLANE_FRICTION, **none)
         if "caster" in mended:
-            supports = [self._links[link] for link in self._named.carriers]
+            supports = [self._links[link] for link in self._named.supports_of]
             self._set(supports, lateralFriction=0.0, **none)
         if "softness" in mended:
             part = robot.mass / len(self.contacts)

@@ -167,13 +167,12 @@ def _loads(
 ) -> Iterator[EngineGap]:
     """Yield the loads, or their centre where statics do not fix them."""
     band = LOAD_BAND * robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
-    gaps = engine.load - model.load
-    if contacts.determinate:
-        at = np.unravel_index(int(np.abs(gaps).argmax()), gaps.shape)
-        gap, bearer = float(gaps[at]), f"{contacts.names[at[1]]} bears"
-    else:
-        gap, bearer = _largest(gaps.sum(axis=1)), "wheels and supports bear"
-    words = f"{bearer} {abs(gap):.3g} N too {_more(gap, 'much', 'little')}"
+    gaps, bearers = engine.load - model.load, [f"{name} bears" for name in contacts.names]
+    if not contacts.determinate:
+        gaps, bearers = gaps.sum(axis=1, keepdims=True), ["wheels and supports bear"]
+    _, bearer = np.unravel_index(int(np.abs(gaps).argmax()), gaps.shape)
+    gap = _largest(gaps)
+    words = f"{bearers[bearer]} {abs(gap):.3g} N too {_more(gap, 'much', 'little')}"
     yield EngineGap("load", gap, band, "N", words)
     if not contacts.determinate:
         span = float(np.hypot(*(contacts.points[:, None] - contacts.points[None]).T).max())

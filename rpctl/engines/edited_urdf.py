@@ -5,8 +5,8 @@ Lengths m, masses kg, inertias kg·m².
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ import pinocchio as pin
 from lxml import etree
 
 from rpctl.arrays import Array
+from rpctl.description.density import inertial_element
 from rpctl.description.meshes.paths import MeshError
 from rpctl.description.records import Shape
 from rpctl.dynamics.stance import find_supports
@@ -50,22 +51,39 @@ class Dialect:
     strict_transmissions: bool = False
 
 
-def edit_urdf(robot: Robot, mended: Mended, dialect: Dialect) -> tuple[str, tuple[str, ...]]:
-    """Return a robot's file for an engine, and notes: what is not mended stays as it was.
+def edit_urdf(
+    robot: Robot,
+    mended: Mended,
+    dialect: Dialect,
+    mesh_file: Callable[[Any], str] | None = None,
+) -> tuple[Any, tuple[str, ...]]:
+    """Return the root of a robot's file for an engine, and notes: the rest stays as it was.
 
     Locked joints become fixed ones. What only draws is left out, and transmissions are, for
     efforts act on joints; and meshes that are not found or that the engine refuses, which the
-    notes tell.
+    notes tell. Each collision is named after its link and its number there.
 
     Args:
         robot: The robot.
         mended: What is mended.
         dialect: The engine's.
+        mesh_file: Returns the file of a <mesh>, or raises a MeshError; None: the user's, if the
+            engine reads its kind.
     """
+
+    def own_file(mesh: Any) -> str:
+        path = robot.description.mesh_paths.resolve(str(mesh.get("filename")))
+        if path.suffix.lower() not in dialect.meshes:
+            raise MeshError(f"{dialect.name} refuses files with {path.suffix} as a collision shape")
+        return str(path)
+
     root = robot.description.document()
     notes: list[str] = []
     for element in root.xpath("./link/visual"):
         element.getparent().remove(element)
+    for link in root.findall("link"):
+        for number, element in enumerate(link.findall("collision")):
+            element.set("name", collision_name(link.get("name"), number))
     for element in root.findall("transmission"):
         root.remove(element)
         if dialect.strict_transmissions and element.find("actuator") is None:
@@ -81,21 +99,40 @@ def edit_urdf(robot: Robot, mended: Mended, dialect: Dialect) -> tuple[str, tupl
     if "wheel" in mended:
         for wheel, tread in zip(robot.drive.wheels, treads, strict=True):
             child = robot.description.joint[wheel.joint].child
-            _drop_collisions(links[name] for name, _ in robot.tree.rigid_links(child))
+            for name, _ in robot.tree.rigid_links(child):
+                for element in links[name].findall("collision"):
+                    links[name].remove(element)
             crowned = dialect.crowned.format(radius=tread.radius, half_width=tread.half_width)
             links[tread.link].append(_collision(crowned, tread.pose))
             notes += [tread.note] if tread.note else []
     if "inertia" in mended:
         _put_inertias(links, robot, dialect)
-    notes += _resolve_meshes(root, robot, dialect)
-    return etree.tostring(root, encoding="unicode"), tuple(dict.fromkeys(notes))
+    notes += _resolve_meshes(root, mesh_file or own_file)
+    return root, tuple(dict.fromkeys(notes))
+
+
+def collision_name(link: str, number: int) -> str:
+    """Return the name of a link's collision shape, given its number among them."""
+    return f"{link}/{number}"
 
 
 def edged_wheels(robot: Robot) -> bool:
     """Whether a wheel is drawn as anything but a sphere: it meets the ground along a line."""
-    treads = [tyre(robot, wheel) for wheel in robot.drive.wheels]
-    shapes = [shape for t in treads for shape in robot.description.link[t.link].collisions]
-    return any(shape.kind != "sphere" for shape in shapes) or not shapes
+    kinds = [kind for wheel in robot.drive.wheels for kind in drawn_kinds(robot, wheel.joint)]
+    return set(kinds) != {"sphere"}
+
+
+def drawn_kinds(robot: Robot, wheel: str) -> list[str]:
+    """Return the kinds of the collision shapes of all that a wheel's joint carries."""
+    links = links_below(robot, robot.description.joint[wheel].child)
+    return [shape.kind for name in links for shape in robot.description.link[name].collisions]
+
+
+def links_below(robot: Robot, link: str) -> Iterator[str]:
+    """Yield a link and all that it carries."""
+    yield link
+    for joint in robot.description.child_joints[link]:
+        yield from links_below(robot, joint.child)
 
 
 def other_shapes(robot: Robot) -> bool:
@@ -114,7 +151,7 @@ def _lock(root: Any, robot: Robot) -> None:
             for found in element.findall(tag):
                 element.remove(found)
         element.set("type", "fixed")
-        element.append(urdf_origin(placement))
+        element.append(_origin(placement))
 
 
 def _others(root: Any, robot: Robot) -> list[Any]:
@@ -138,13 +175,9 @@ def _others(root: Any, robot: Robot) -> list[Any]:
 def _put_supports(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None:
     """Let the supports slide; draw those that the file only shows."""
     for _, link, shape in support_shapes(robot, find_supports(robot)):
-        own = [
-            element
-            for element in links[link].findall("collision")
-            if element.find("geometry")[0].sourceline == shape.line
-        ]
-        for element in own:
-            links[link].remove(element)
+        for element in links[link].findall("collision"):
+            if element.find("geometry")[0].sourceline == shape.line:
+                links[link].remove(element)
         made = _collision(_shape_xml(shape), shape.origin)
         if dialect.proximity:
             made.append(_drake_tags(dialect.proximity))
@@ -164,41 +197,30 @@ def _put_inertias(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None
             element.remove(found)
         if name in carriers:
             body = robot.model.inertias[carriers[name]]
-            element.append(urdf_inertial(body.mass, body.lever, body.inertia))
+            own = {"mass": body.mass, "com": body.lever, "inertia": body.inertia}
+            element.append(inertial_element(replace(robot.description.link[name], **own)))
         elif dialect.massless:
             element.append(etree.fromstring(dialect.massless))
 
 
-def _resolve_meshes(root: Any, robot: Robot, dialect: Dialect) -> list[str]:
+def _resolve_meshes(root: Any, file: Callable[[Any], str]) -> list[str]:
     """Name the files of meshes; leave out those that are not found or cannot be read."""
     refused: dict[str, list[str]] = {}
     for element in root.xpath("./link/collision[geometry/mesh]"):
         mesh = element.find("geometry/mesh")
         try:
-            path = robot.description.mesh_paths.resolve(str(mesh.get("filename")))
+            mesh.set("filename", file(mesh))
         except MeshError as error:
-            reason = f"shapes without a file are left out ({error})"
-        else:
-            mesh.set("filename", str(path))
-            if path.suffix.lower() in dialect.meshes:
-                continue
-            reason = f"{dialect.name} refuses files with {path.suffix} as a collision shape"
-        refused.setdefault(reason, []).append(element.getparent().get("name"))
-        element.getparent().remove(element)
+            refused.setdefault(str(error), []).append(element.getparent().get("name"))
+            element.getparent().remove(element)
     return [
         f"{why}: left out of {listed(dict.fromkeys(names), 1)}" for why, names in refused.items()
     ]
 
 
-def _drop_collisions(links: Iterable[Any]) -> None:
-    for link in links:
-        for element in link.findall("collision"):
-            link.remove(element)
-
-
 def _collision(geometry: str, pose: Array) -> Any:
     element = etree.Element("collision")
-    element.append(urdf_origin(pose))
+    element.append(_origin(pose))
     element.append(_drake_tags(f"<geometry>{geometry}</geometry>"))
     return element
 
@@ -208,32 +230,20 @@ def _drake_tags(text: str) -> Any:
     return etree.fromstring(f'<x xmlns:drake="http://drake.mit.edu">{text}</x>')[0]
 
 
-def urdf_origin(pose: Array) -> Any:
+def _origin(pose: Array) -> Any:
     """Return the element of a pose (4, 4)."""
     rpy = pin.rpy.matrixToRpy(np.ascontiguousarray(pose[:3, :3]))
-    return etree.Element("origin", xyz=urdf_numbers(pose[:3, 3]), rpy=urdf_numbers(rpy))
+    return etree.Element("origin", xyz=_numbers(pose[:3, 3]), rpy=_numbers(rpy))
 
 
 def _shape_xml(shape: Shape) -> str:
     """Return a shape that is no mesh."""
     names = SIZES.get(shape.kind, ROUND_SIZES)
-    values = (urdf_numbers(shape.size),) if shape.kind == "box" else tuple(map(repr, shape.size))
+    values = (_numbers(shape.size),) if shape.kind == "box" else tuple(map(repr, shape.size))
     sizes = " ".join(f'{name}="{value}"' for name, value in zip(names, values, strict=True))
     return f"<{shape.kind} {sizes}/>"
 
 
-def urdf_inertial(mass: float, com: Array, inertia: Array) -> Any:
-    """Return the element of a link's mass (kg), centre of mass (3,) and inertia (3, 3) about it."""
-    element = etree.Element("inertial")
-    etree.SubElement(element, "origin", xyz=urdf_numbers(com))
-    etree.SubElement(element, "mass", value=repr(float(mass)))
-    entries = {f"i{'xyz'[i]}{'xyz'[j]}": inertia[i, j] for i in range(3) for j in range(i, 3)}
-    etree.SubElement(
-        element, "inertia", {name: repr(float(moment)) for name, moment in entries.items()}
-    )
-    return element
-
-
-def urdf_numbers(numbers: Iterable[float]) -> str:
+def _numbers(numbers: Iterable[float]) -> str:
     """Return numbers as a file has them, each to the last digit."""
     return " ".join(repr(float(number)) for number in numbers)

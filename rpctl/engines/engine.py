@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Protocol, cast
@@ -85,7 +85,6 @@ class EngineState:
     """State of a robot in an engine at one instant.
 
     Attributes:
-        t: Time since the start, s.
         pose: Root link's x, y, z (m) and quaternion x, y, z, w (7,), in the world; the ground is
             the plane z = 0.
         joints: Position (rad or m; turns are counted, not taken off) and rate of the moving joints.
@@ -95,7 +94,6 @@ class EngineState:
         energy: Kinetic plus potential energy, J, of the engine's own masses; the zero is free.
     """
 
-    t: float
     pose: Array
     joints: Mapping[str, tuple[float, float]]
     load: Array
@@ -146,6 +144,18 @@ def wheel_slip(robot: Robot, wheel: Wheel, motion: LinkMotion) -> tuple[float, f
     velocity = motion.velocity + np.cross(motion.omega, arm)
     left = (-1.0 if ahead < -LEVEL else 1.0) * axle[:2] / math.hypot(*axle[:2])
     return float(velocity[0] * left[1] - velocity[1] * left[0]), float(velocity[:2] @ left)
+
+
+def wheel_slips(robot: Robot, motion: Callable[[str], LinkMotion]) -> Array:
+    """Return the velocity of each wheel's lowest point (n_wheels, 2), m/s.
+
+    Args:
+        robot: The robot.
+        motion: Of a link, by its name.
+    """
+    children = robot.description.joint
+    slips = [wheel_slip(robot, w, motion(children[w.joint].child)) for w in robot.drive.wheels]
+    return np.array(slips).reshape(-1, 2)
 
 
 def joint_losses(robot: Robot, name: str) -> tuple[float, float]:

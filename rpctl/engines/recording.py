@@ -12,7 +12,8 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.engines.engine import EngineRun, EngineState, LinkMotion, wheel_slip
+from rpctl.engines.engine import EngineRun, EngineState, LinkMotion, wheel_slips
+from rpctl.equivalence.contact.mujoco_body import planar
 from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, Course, ReducedRobot
 from rpctl.errors import DivergedError
 from rpctl.robot.coordinates import level_pose
@@ -46,7 +47,7 @@ class ReducedRun(ReducedRobot):
 
     def __init__(self, dynamics: ReducedDynamics, contacts: Contacts, q: Array) -> None:
         super().__init__(dynamics, q)
-        self._known, self._t, self._tau = contacts, 0.0, np.zeros(len(self.robot.actuators))
+        self._known, self._tau = contacts, np.zeros(len(self.robot.actuators))
         self.contacts = contacts.names
         skids = self.robot.drive.type == "skid-steer"
         self.notes: tuple[str, ...] = (SKID_NOTE,) if skids else ()
@@ -56,7 +57,7 @@ class ReducedRun(ReducedRobot):
     def advance(self, tau: Array, dt: float) -> None:
         """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
         super().advance(tau, dt)
-        self._tau, self._t = tau, self._t + dt
+        self._tau = tau
         for name, before in self._turned.items():
             moved = self.robot.joint_position(self.q, name) - before
             if self.robot.entries[name].is_pair:
@@ -69,19 +70,17 @@ class ReducedRun(ReducedRobot):
         v = dynamics.basis(q) @ nu
         rates = {name: float(v[robot.velocity_index(name)]) for name in self._turned}
         pin.forwardKinematics(robot.model, dynamics.data, q, v)
-        slip = [wheel_slip(robot, wheel, self._motion(wheel.joint)) for wheel in robot.drive.wheels]
         return EngineState(
-            t=self._t,
             pose=level_pose(q, -robot.drive.ground),
             joints={name: (at, rates[name]) for name, at in self._turned.items()},
             load=ground_reaction(dynamics, self._known, q, nu, self._tau).load,
-            slip=np.array(slip).reshape(-1, 2),
+            slip=wheel_slips(robot, self._motion),
             energy=dynamics.energy(q, nu),
         )
 
-    def _motion(self, joint: str) -> LinkMotion:
+    def _motion(self, link: str) -> LinkMotion:
         model, data = self.robot.model, self.dynamics.data
-        index = model.getJointId(joint)
+        index = model.frames[model.getFrameId(link)].parentJoint
         place, frame = data.oMi[index], pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         motion = pin.getVelocity(model, data, index, frame)
         return LinkMotion(place.rotation, place.translation, motion.linear, motion.angular)
@@ -148,20 +147,24 @@ def record(
         fault = str(error)
     samples = samples or [(0.0, start, 0.0 * start.load, 0.0 * start.slip, 0.0)]
     t, states, load, slip, work = zip(*samples, strict=True)
-    first = start.planar
-    poses = np.array([_seen_from(first, state.planar) for state in states])
+    x, y, turn = start.planar
+    home = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, turn), np.array([x, y, 0.0]))
+    root = np.array(
+        [pin.SE3ToXYZQUAT(home.actInv(pin.XYZQUATToSE3(state.pose))) for state in states]
+    )
+    poses = np.array([planar(pose) for pose in root])
     poses[:, 2] = np.unwrap(poses[:, 2])
     return EngineRecording(
         t=np.array(t),
         pose=poses,
-        root=np.array([_root_seen_from(first, state.pose) for state in states]),
+        root=root,
         tilt=np.array([state.tilt for state in states]),
         joints={n: np.array([state.joints[n][0] for state in states]) for n in start.joints},
         load=_after_first(load),
         slip=_after_first(slip),
         energy=np.array([state.energy for state in states]),
         work=np.array(work),
-        crept=float(np.hypot(*first[:2])),
+        crept=math.hypot(x, y),
         sunk=float(-robot.drive.ground - start.pose[2]),
         notes=run.notes,
         fault=fault,
@@ -189,19 +192,3 @@ def _samples(run: EngineRun, robot: Robot, plan: ContactPlan, tick: float) -> It
 def _after_first(rows: Sequence[Array]) -> Array:
     """Return means over the time before each sample; the first has none, and gets the second's."""
     return np.array([*rows[1:2], *rows[1:]] if len(rows) > 1 else rows)
-
-
-def _seen_from(first: Array, pose: Array) -> Array:
-    """Return a pose (3,) as seen from another."""
-    cos, sin = np.cos(first[2]), np.sin(first[2])
-    x, y = pose[:2] - first[:2]
-    return np.array([cos * x + sin * y, cos * y - sin * x, pose[2] - first[2]])
-
-
-def _root_seen_from(first: Array, pose: Array) -> Array:
-    """Return x, y, z and quaternion (7,) as seen from a planar pose (3,), heights as they are."""
-    x, y, _ = _seen_from(first, np.array([*pose[:2], 0.0]))
-    c, s = np.cos(0.5 * first[2]), -np.sin(0.5 * first[2])
-    qx, qy, qz, qw = pose[3:]
-    turned = [c * qx - s * qy, c * qy + s * qx, c * qz + s * qw, c * qw - s * qz]
-    return np.array([x, y, pose[2], *turned])

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts
+from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.comparison import EngineGap, compare
 from rpctl.engines.engine import (
@@ -26,8 +26,12 @@ from rpctl.engines.engine import (
 )
 from rpctl.engines.recording import EngineRecording, ReducedRun, record, referee_course
 from rpctl.engines.turning import TurnVerdict, judge_turn
-from rpctl.equivalence.contact.plan import SERVO_BANDWIDTH, ContactPlan, plan_motion
-from rpctl.errors import RpctlError
+from rpctl.equivalence.contact.plan import (
+    SERVO_BANDWIDTH,
+    ContactPlan,
+    plan_motion,
+    standing_contacts,
+)
 from rpctl.robot.model import Robot
 
 RunWith = Callable[[Mended], EngineRecording]
@@ -261,7 +265,7 @@ class EngineVerdict:
 
 
 class Referee:
-    """A robot, its motion, and what the reduced model does.
+    """A robot, how it stands, its motion, and what the reduced model does.
 
     Args:
         robot: The robot.
@@ -269,30 +273,16 @@ class Referee:
         duration: Of the motion, s.
 
     Raises:
-        RpctlError: The robot has a fixed base, is not known to stand, or cannot move gently.
+        NotGentle: The robot has a fixed base, or is not known to stand.
     """
 
     def __init__(
         self, robot: Robot, friction: float = FRICTION, duration: float = DURATION_S
     ) -> None:
         self.robot, self._friction, self._duration = robot, friction, duration
-        if not robot.drive.wheels:
-            raise RpctlError(f"{robot.name} has a fixed base: there is no ground to disagree about")
         self.dynamics = ReducedDynamics(robot)
+        self.contacts = standing_contacts(self.dynamics, friction)
         self._motions: dict[float, tuple[ContactPlan, EngineRecording]] = {}
-
-    @cached_property
-    def contacts(self) -> Contacts:
-        """How the robot stands.
-
-        Raises:
-            RpctlError: It is not known to stand.
-        """
-        found = find_contacts(self.dynamics, self._friction)
-        if found is None or not found.balanced:
-            why = found.notes[0] if found is not None and found.notes else "it has no contacts"
-            raise RpctlError(f"{self.robot.name} is not known to stand: {why}")
-        return found
 
     def motion(self, tick: float) -> tuple[ContactPlan, EngineRecording]:
         """Return the efforts that hold for a tick (s) each, and what the model does under them."""

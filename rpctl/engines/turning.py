@@ -108,12 +108,12 @@ class TurnVerdict:
 
     def to_dict(self, engine: str) -> dict[str, Any]:
         """Return it as plain values for JSON; an infinite track is None."""
-        tracks = {
-            "track": math.inf if self.default is None else self.default.track,
-            "mended": self.mended.track,
-        }
+        turns = {"track": self.default, "mended": self.mended}
         return {
-            **{name: track if math.isfinite(track) else None for name, track in tracks.items()},
+            **{
+                name: turn.track if turn is not None and math.isfinite(turn.track) else None
+                for name, turn in turns.items()
+            },
             "declared": self.declared,
             "own": self.own,
             "agrees": self.agrees,
@@ -174,8 +174,13 @@ def turn_in_place(
     names = [wheel.joint for wheel in robot.drive.wheels]
     motors = [robot.actuators.index(name) for name in names]
     limits = np.array([robot.description.joint[name].effort for name in names])
-    side, rolls = np.sign(wheel_places(robot)[:, 1]), _rolling(robot)
-    spin = np.array([_spin_inertia(robot, name) for name in names])
+    side, joints = np.sign(wheel_places(robot)[:, 1]), robot.description.joint
+    left = [mostly_left(robot.tree.axis(joints[name])) for name in names]
+    # each wheel's way forward over its turn, m: its radius, with a sign
+    rolls = np.copysign([wheel.radius for wheel in robot.drive.wheels], left)
+    inertia = pin.crba(robot.model, robot.model.createData(), robot.configuration())
+    # of each wheel about its axle, kg m², its motor's rotor with it
+    spin = np.diag(inertia)[[robot.velocity_index(name) for name in names]]
     summed, rows = np.zeros(len(names)), []
     settling, count = round(SETTLING_S / tick), round(TURNING_S / tick)
     for k in range(settling + count):
@@ -240,22 +245,3 @@ def scrubbing_track(places: Array, load: Sequence[float] | Array) -> float:
         slip = np.hypot(*np.split(rows @ twist - rims, 2))
         scale = weight / np.maximum(slip, CONVERGED)
     return 2.0 / float(twist[2]) if twist[2] > 0.0 else math.inf
-
-
-def _rolling(robot: Robot) -> Array:
-    """Return each wheel's way forward over its turn (n_wheels,), m: its radius, with a sign."""
-    drive = robot.drive
-    axes = [robot.tree.axis(robot.description.joint[wheel.joint]) for wheel in drive.wheels]
-    return np.array(
-        [
-            math.copysign(wheel.radius, mostly_left(axis))
-            for wheel, axis in zip(drive.wheels, axes, strict=True)
-        ]
-    )
-
-
-def _spin_inertia(robot: Robot, name: str) -> float:
-    """Return the inertia (kg m²) of a wheel about its axle, its motor's rotor with it."""
-    index = robot.velocity_index(name)
-    inertia = pin.crba(robot.model, robot.model.createData(), robot.configuration())
-    return float(inertia[index, index])

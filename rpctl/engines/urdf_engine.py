@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
+from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.dynamics.stance import find_supports
@@ -26,7 +27,7 @@ from rpctl.engines.engine import (
     Mended,
     Switch,
     in_order,
-    wheel_slip,
+    wheel_slips,
 )
 from rpctl.equivalence.contact.model import support_shapes
 from rpctl.equivalence.contact.mujoco_body import STABLE, one_directional, tie_rod_efforts
@@ -44,6 +45,8 @@ class NamedContacts:
 
     Attributes:
         names: The wheels' joints, then the supports, as ``Contacts.names``.
+        supports_of: Of each link that carries some: the index, the place (3,) and the reach (m) of
+            its supports.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -55,33 +58,28 @@ class NamedContacts:
             for joint in wheels
             for link, _ in robot.tree.rigid_links(robot.description.joint[joint].child)
         }
-        self._supports_of: dict[str, list[tuple[int, Array, float]]] = {}
+        self.supports_of: dict[str, list[tuple[int, Array, float]]] = {}
         for name, link, shape in support_shapes(robot, supports):
             row = (self.names.index(name), shape.origin[:3, 3], max(shape.size) + NEAR_M)
-            self._supports_of.setdefault(link, []).append(row)
+            self.supports_of.setdefault(link, []).append(row)
 
-    @property
-    def carriers(self) -> tuple[str, ...]:
-        """Links that carry supports."""
-        return tuple(self._supports_of)
-
-    def loads(self, points: Iterable[Point], motions: Mapping[str, LinkMotion]) -> Array:
+    def loads(self, points: Iterable[Point], motion: Callable[[str], LinkMotion]) -> Array:
         """Return the load of each contact (n,), N; what touches elsewhere is nobody's."""
         load = np.zeros(len(self.names))
         for link, place, force in points:
             index = self._wheel_of.get(link)
             if index is None:
-                index = self._support(link, place, motions)
+                index = self._support(link, place, motion)
             if index is not None:
                 load[index] += force
         return load
 
-    def _support(self, link: str, place: Array, motions: Mapping[str, LinkMotion]) -> int | None:
+    def _support(self, link: str, place: Array, motion: Callable[[str], LinkMotion]) -> int | None:
         """Return the support of a link that is nearest to a point, if one is near."""
         nearest, index = math.inf, None
-        for k, centre, reach in self._supports_of.get(link, ()):
-            motion = motions[link]
-            distance = math.dist((motion.rotation @ centre + motion.origin)[:2], place[:2])
+        for k, centre, reach in self.supports_of.get(link, ()):
+            frame = motion(link)
+            distance = math.dist((frame.rotation @ centre + frame.origin)[:2], place[:2])
             if distance < min(nearest, reach):
                 nearest, index = distance, k
         return index
@@ -138,10 +136,10 @@ class UrdfRun(ABC):
     @contextmanager
     def file(self, mended: Mended) -> Iterator[str]:
         """Have the robot's file, mended, for the engine to read; what was left out is noted."""
-        text, self.notes = edit_urdf(self.robot, mended, self.dialect)
+        root, self.notes = edit_urdf(self.robot, mended, self.dialect)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "robot.urdf"
-            path.write_text(text, encoding="utf-8")
+            path.write_bytes(etree.tostring(root, encoding="utf-8"))
             yield str(path)
 
     def measured(self, names: Sequence[str]) -> tuple[Array, Array]:
@@ -158,37 +156,24 @@ class UrdfRun(ABC):
         """
         efforts = dict(zip(self.robot.actuators, tau.tolist(), strict=True))
         stride = self.step if self.rods or self.forgets else dt
+        bandwidth = min(BANDWIDTH, STABLE / self.step)
         for _ in range(round(dt / stride)):
             self.t += stride
-            self.exert(self._with_rods(efforts))
+            rods = {}
+            if self.rods:  # they pull anew in each step
+                rods = tie_rod_efforts(self.robot.drive, self.joints(), self.rods, bandwidth)
+            self.exert(efforts | {name: efforts.get(name, 0.0) + rods[name] for name in rods})
         if not np.linalg.norm(self.motion(self.robot.description.root).velocity) < MAX_SPEED:
             raise EngineFault(f"{self.dialect.name}'s motion of {self.robot.name} diverges")
 
-    def _with_rods(self, efforts: dict[str, float]) -> dict[str, float]:
-        """Return efforts and those of the rods, which pull anew in each step."""
-        if not self.rods:
-            return efforts
-        bandwidth = min(BANDWIDTH, STABLE / self.step)
-        rods = tie_rod_efforts(self.robot.drive, self.joints(), self.rods, bandwidth)
-        return efforts | {name: efforts.get(name, 0.0) + rod for name, rod in rods.items()}
-
     def state(self) -> EngineState:
         """Return the state now; loads are those of the last step."""
-        robot = self.robot
-        children = [robot.description.joint[wheel.joint].child for wheel in robot.drive.wheels]
-        links = (robot.description.root, *children, *self._named.carriers)
-        motions = {link: self.motion(link) for link in dict.fromkeys(links)}
-        root = motions[robot.description.root]
-        slip = [
-            wheel_slip(robot, wheel, motions[child])
-            for wheel, child in zip(robot.drive.wheels, children, strict=True)
-        ]
+        root = self.motion(self.robot.description.root)
         return EngineState(
-            t=self.t,
             pose=np.array([*root.origin, *pin.Quaternion(root.rotation).coeffs()]),
             joints=self.joints(),
-            load=self._named.loads(self.points(), motions),
-            slip=np.array(slip).reshape(-1, 2),
+            load=self._named.loads(self.points(), self.motion),
+            slip=wheel_slips(self.robot, self.motion),
             energy=self.energy(),
         )
 

@@ -8,8 +8,8 @@ rounding of float64 grows with the products: :func:`allowed` then gives that muc
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -127,6 +127,17 @@ def worst(
         known = names[min(axis, len(names) - 1)]
         labels.append(known[int(i)] if i < len(known) else str(i))
     return Check(name, against, float(size[index]), limit, entry=", ".join(labels))
+
+
+def worst_cases(samples: Iterable[tuple[int, Iterable[Check]]]) -> Iterator[Check]:
+    """Yield every row of some samples, each with its number, at its worst one."""
+    found: dict[tuple[str, str], Check] = {}
+    for sample, rows in samples:
+        for row in rows:
+            known = found.get((row.name, row.against))
+            if known is None or row.limit_ratio > known.limit_ratio:
+                found[row.name, row.against] = replace(row, sample=sample)
+    yield from found.values()
 
 
 def rate(function: Callable[[float], Array], step: float) -> Array:

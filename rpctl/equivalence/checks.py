@@ -25,7 +25,7 @@ from rpctl.equivalence.certificate import (
 from rpctl.equivalence.energy import energy_rate, power_balance
 from rpctl.equivalence.gibbs_appell import GibbsAppell, RollingTerms, Terms
 from rpctl.equivalence.mujoco_engine import MujocoEngine
-from rpctl.equivalence.rolling_rows import RollingRows
+from rpctl.equivalence.rolling_rows import FileRows
 from rpctl.equivalence.state import (
     ForcedState,
     RoundingScales,
@@ -139,7 +139,7 @@ def definite(dynamics: ReducedDynamics, state: State) -> Iterator[Check]:
 
 
 def multipliers(
-    dynamics: ReducedDynamics, rolling: RollingRows, oracle: GibbsAppell, forced: ForcedState
+    dynamics: ReducedDynamics, rolling: FileRows, oracle: GibbsAppell, forced: ForcedState
 ) -> Iterator[Check]:
     """Compare accelerations and constraint forces with the Lagrange-multiplier path.
 
@@ -275,17 +275,15 @@ class ConstrainedMotion:
 
     Attributes:
         v_dot: Acceleration of the tree (nv,).
-        multipliers: λ (rows,), the shortest that fits; N for wheels, N·m or N for mimic joints.
         force: Aᵀ λ (nv,), which is determinate.
     """
 
     v_dot: Array
-    multipliers: Array
     force: Array
 
 
 def constrained_motion(
-    robot: Robot, rolling: RollingRows, q: Array, v: Array, push: Array
+    robot: Robot, rolling: FileRows, q: Array, v: Array, push: Array
 ) -> ConstrainedMotion:
     """Solve the tree's equations with multipliers, whatever the rank of A.
 
@@ -308,10 +306,10 @@ def constrained_motion(
         free = cho_solve(factor, force - M @ v_dot + A.T @ multipliers)
         more = scale * (inverse @ (scale * (-drift - A @ (v_dot + free))))
         v_dot, multipliers = v_dot + free + response @ more, multipliers + more
-    return ConstrainedMotion(v_dot, multipliers, A.T @ multipliers)
+    return ConstrainedMotion(v_dot, A.T @ multipliers)
 
 
-def pinocchio_motion(robot: Robot, rolling: RollingRows, q: Array, v: Array, push: Array) -> Array:
+def pinocchio_motion(robot: Robot, rolling: FileRows, q: Array, v: Array, push: Array) -> Array:
     """Return v̇ (nv,) by Pinocchio's own constrained dynamics.
 
     It is well posed for independent rows only, so as many rows of A are handed over as A has rank.
@@ -334,7 +332,4 @@ def pinocchio_motion(robot: Robot, rolling: RollingRows, q: Array, v: Array, pus
 
 def effort_columns(robot: Robot) -> Array:
     """Return B_q (nv, n_act): the generalised force of each actuator's unit effort."""
-    columns = np.zeros((robot.nv, len(robot.actuators)))
-    for column, name in enumerate(robot.actuators):
-        columns[robot.velocity_index(name), column] = 1.0
-    return columns
+    return np.eye(robot.nv)[:, [robot.velocity_index(name) for name in robot.actuators]]

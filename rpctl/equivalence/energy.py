@@ -73,7 +73,10 @@ def power_balance(dynamics: ReducedDynamics, state: State) -> Check:
         solver = library("scipy.integrate").DOP853(
             follow, 0.0, here, POWER_SPAN_S, first_step=FIRST_STEP_S, rtol=ACCURACY, atol=floor
         )
-        while solver.nfev < POWER_EVALUATIONS and _steers_well(robot, q):
+        while solver.nfev < POWER_EVALUATIONS:
+            angles = {s.joint: robot.joint_position(q, s.joint) for s in robot.drive.steered}
+            if not is_regular(robot.drive, angles):  # ν determines no one motion there
+                break
             solver.step()
             if solver.status == "failed":
                 break
@@ -116,12 +119,6 @@ def _place(robot: Robot, start: Array, y: Array) -> Array:
     q = pin.integrate(robot.model, start, np.array([0.0, 0.0, *y[2 : robot.nv]]))
     q[:2] += y[:2]
     return np.asarray(q)
-
-
-def _steers_well(robot: Robot, q: Array) -> bool:
-    """Return whether ν determines the motion at q."""
-    angles = {s.joint: robot.joint_position(q, s.joint) for s in robot.drive.steered}
-    return is_regular(robot.drive, angles)
 
 
 def _lost(dynamics: ReducedDynamics, v: Array) -> Array:

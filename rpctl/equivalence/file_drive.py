@@ -100,11 +100,9 @@ def rotor_inertias(robot: Robot, raw: RawFile) -> dict[str, float]:
     given = robot.loaded_with.rotors
     if given is None:
         return {}
-    found = dict(raw.rotors)
-    moving = [each.name for each in raw.joints if each.type != "fixed"]
+    found, free = dict(raw.rotors), [joint.name for joint in raw.moving(robot.locked)]
     for pattern, inertia in given.items():
-        found |= {name: inertia for name in moving if fnmatchcase(name, pattern)}
-    free = set(moving) - robot.locked.keys()
+        found |= {name: inertia for name in free if fnmatchcase(name, pattern)}
     return {name: inertia for name, inertia in found.items() if inertia and name in free}
 
 
@@ -161,8 +159,8 @@ def measure(robot: Robot, raw: RawFile) -> tuple[Drive, tuple[str, ...]]:
         size = wheel_size(raw, raw.joint[wheel.joint], robot.locked, paths)
         if size is None:
             shapeless.append(wheel.joint)
-            size = wheel.radius, wheel.offset
-        placed[wheel.joint] = place(raw.joint[wheel.joint], poses, size)
+        radius, offset = (wheel.radius, wheel.offset) if size is None else size[:2]
+        placed[wheel.joint] = place(raw.joint[wheel.joint], poses, radius, offset)
     heading = _heading(drive, placed)
     forward = _forward(drive, raw, placed, heading)
     swivels = tuple(_swivel(drive, each, raw, poses, placed, forward) for each in drive.swivels)
@@ -313,10 +311,8 @@ def _swivel(
 def _carrier(drive: Drive, raw: RawFile, link: str) -> str | None:
     """Return the swivel that carries a link; None where the root link does."""
     names = [swivel.joint for swivel in drive.swivels]
-    above = {joint.child: joint for joint in raw.joints}
-    while link in above and above[link].name not in names:
-        link = above[link].parent
-    return above[link].name if link in above else None
+    carriers = [joint.name for joint in raw.chain(link) if joint.name in names]
+    return carriers[-1] if carriers else None
 
 
 def _wheel(

@@ -10,8 +10,9 @@ these are three or more frozen joints that turn on it, those of ``rpctl.drive.wh
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,34 +29,6 @@ RADIUS_ROUNDING_M = 1e-9  # m; shapes whose radii differ by no more are tyres of
 MAX_ECCENTRICITY = 0.1  # of the radius: how far a part of another link may be off the axle
 
 
-def _reach(
-    raw: RawFile, wheel: RawJoint, locked: Mapping[str, float]
-) -> tuple[float, float] | None:
-    """Return a wheel's radius over its rollers, and their middle along its axle, m; None without.
-
-    Args:
-        wheel: The wheel's joint.
-        locked: Positions of the frozen joints, rad or m.
-    """
-    poses = raw.poses(locked, wheel.child)
-    radii, along = [], []
-    for roller in _rollers(raw, wheel, locked):
-        pose = poses[roller.child]
-        shapes = [
-            (shape.size[0], (pose @ shape.origin)[:3, 3])
-            for role in ("collision", "visual")
-            for shape in raw.link[roller.child].shapes
-            if shape.role == role
-            and shape.kind in ROUND_KINDS
-            and (shape.kind == "sphere" or _sine(shape.origin[:3, 2], roller.axis) <= MAX_TILT_SINE)
-        ]
-        if shapes:
-            middle = shapes[0][1]
-            radii.append(max(size for size, _ in shapes) + _sine(middle, wheel.axis))
-            along.append(float(middle @ wheel.axis))
-    return (max(radii), float(np.mean(along))) if radii else None
-
-
 def on_the_ground(
     raw: RawFile, wheel: RawJoint, locked: Mapping[str, float]
 ) -> tuple[float, float] | None:
@@ -67,14 +40,13 @@ def on_the_ground(
     """
     poses = raw.poses(locked)
     axle = poses[wheel.parent][:3, :3] @ wheel.origin[:3, :3] @ wheel.axis
-    found = (poses[roller.child] for roller in _rollers(raw, wheel, locked))
-    axes = (roller.axis for roller in _rollers(raw, wheel, locked))
-    rollers = [(pose, pose[:3, :3] @ axis) for pose, axis in zip(found, axes, strict=True)]
+    rollers = _rollers(raw, wheel, locked)
+    axes = {roller.child: poses[roller.child][:3, :3] @ roller.axis for roller in rollers}
     low, high = MECANUM_COSINES
-    if not rollers or not all(low < abs(float(axis @ axle)) < high for _, axis in rollers):
+    if not axes or not all(low < abs(float(axis @ axle)) < high for axis in axes.values()):
         return None
-    _, along = min(rollers, key=lambda roller: float(roller[0][2, 3]))
-    return float(along[0]), float(along[1])
+    x, y, _ = axes[min(axes, key=lambda child: float(poses[child][2, 3]))].tolist()
+    return x, y
 
 
 def _rollers(raw: RawFile, wheel: RawJoint, locked: Mapping[str, float]) -> list[RawJoint]:
@@ -109,10 +81,18 @@ class PlacedWheel:
         return np.array([y, -x]) / math.hypot(x, y)
 
 
+class WheelSize(NamedTuple):
+    """A wheel's radius, the distance of its centre along the axle, and half its width, m."""
+
+    radius: float
+    offset: float
+    half_width: float
+
+
 def wheel_size(
     raw: RawFile, joint: RawJoint, locked: Mapping[str, float], paths: MeshPaths
-) -> tuple[float, float] | None:
-    """Return a wheel's radius and the distance of its centre along the axle, m; None without.
+) -> WheelSize | None:
+    """Return how large a wheel is drawn; None where nothing draws it.
 
     Args:
         joint: The wheel's joint.
@@ -121,55 +101,66 @@ def wheel_size(
     on_rollers = _reach(raw, joint, locked)
     if on_rollers is not None:
         return on_rollers
-    parts = list(_parts(raw, joint.child, locked))
+    parts = [
+        (shape, pose @ shape.origin, name == joint.child)
+        for name, pose in raw.poses(locked, joint.child, rigid=True).items()
+        for shape in raw.link[name].shapes
+    ]
     for measured in (_primitive, _mesh):
         for role in ("collision", "visual"):
             found = [
                 size
                 for shape, at, own in parts
                 if shape.role == role
-                and (size := measured(shape, at, joint.axis, paths)) is not None
-                and (own or size[2] <= MAX_ECCENTRICITY * size[0])
+                and (drawn := measured(shape, at, joint.axis, paths)) is not None
+                for size, beside in [drawn]
+                if own or beside <= MAX_ECCENTRICITY * size.radius
             ]
             if found:
-                radius = max(size[0] for size in found)
-                tyres = [middle for size, middle, _ in found if radius - size <= RADIUS_ROUNDING_M]
-                return radius, float(np.mean(tyres))
+                widest = max(found, key=lambda size: size.radius)
+                tyres = [
+                    size.offset
+                    for size in found
+                    if widest.radius - size.radius <= RADIUS_ROUNDING_M
+                ]
+                return widest._replace(offset=float(np.mean(tyres)))
     return None
 
 
-def _parts(
-    raw: RawFile, link: str, locked: Mapping[str, float]
-) -> Iterator[tuple[RawShape, Array, bool]]:
-    """Yield the shapes of a link and of those that do not move on it: pose (4, 4), whose it is."""
-    still = {link}
-    for name, pose in raw.poses(locked, link).items():
-        joint = raw.above[name]
-        if name != link and joint.parent in still:
-            if joint.type in (*TURNING, "prismatic") and joint.name not in locked:
-                continue
-            still.add(name)
-        if name in still:
-            for shape in raw.link[name].shapes:
-                yield shape, pose @ shape.origin, name == link
+def _reach(raw: RawFile, wheel: RawJoint, locked: Mapping[str, float]) -> WheelSize | None:
+    """Return a wheel's size over its rollers; None without."""
+    poses = raw.poses(locked, wheel.child)
+    radii, along = [], []
+    for roller in _rollers(raw, wheel, locked):
+        shapes = [  # collision shapes first
+            (drawn[0].radius, (poses[roller.child] @ shape.origin)[:3, 3])
+            for shape in sorted(raw.link[roller.child].shapes, key=lambda shape: shape.role)
+            if (drawn := _primitive(shape, shape.origin, roller.axis, None)) is not None
+        ]
+        if shapes:
+            middle = shapes[0][1]
+            radii.append(max(radius for radius, _ in shapes) + _sine(middle, wheel.axis))
+            along.append(float(middle @ wheel.axis))
+    return WheelSize(max(radii), float(np.mean(along)), 0.0) if radii else None
 
 
 def _primitive(
-    shape: RawShape, at: Array, axis: Array, paths: MeshPaths
-) -> tuple[float, float, float] | None:
-    """Return a round shape's radius, its middle along an axis and beside it, m; None if not."""
+    shape: RawShape, at: Array, axis: Array, _: MeshPaths | None
+) -> tuple[WheelSize, float] | None:
+    """Return a round shape's size about an axis and its distance beside it, m; None if not."""
     if shape.kind not in ROUND_KINDS or not shape.size[0] > 0.0:
         return None
-    if shape.kind != "sphere" and np.linalg.norm(np.cross(at[:3, 2], axis)) > MAX_TILT_SINE:
+    if shape.kind != "sphere" and _sine(at[:3, 2], axis) > MAX_TILT_SINE:
         return None
-    middle = at[:3, 3]
-    return shape.size[0], float(middle @ axis), float(np.linalg.norm(np.cross(middle, axis)))
+    radius, middle = shape.size[0], at[:3, 3]
+    half_width = radius if shape.kind == "sphere" else 0.5 * shape.size[-1]
+    return WheelSize(radius, float(middle @ axis), half_width), _sine(middle, axis)
 
 
 def _mesh(
     shape: RawShape, at: Array, axis: Array, paths: MeshPaths
-) -> tuple[float, float, float] | None:
-    """Return half of a mesh's wider extent across an axis, its middle along it and beside it, m.
+) -> tuple[WheelSize, float] | None:
+    """Return a mesh's size about an axis, half of its wider extent across, and its distance beside.
 
     None where it cannot be read.
     """
@@ -186,18 +177,20 @@ def _mesh(
     placed = points @ np.column_stack([axis, one, np.cross(axis, one)])
     low, high = placed.min(axis=0), placed.max(axis=0)
     along, x, y = (0.5 * (low + high)).tolist()
-    return 0.5 * float(max(high[1:] - low[1:])), along, math.hypot(x, y)
+    half_width, *across = (0.5 * (high - low)).tolist()
+    return WheelSize(max(across), along, half_width), math.hypot(x, y)
 
 
-def place(joint: RawJoint, poses: Mapping[str, Array], size: tuple[float, float]) -> PlacedWheel:
-    """Return a wheel at its joint, given the links' poses (4, 4), its radius and offset (m).
+def place(joint: RawJoint, poses: Mapping[str, Array], radius: float, offset: float) -> PlacedWheel:
+    """Return a wheel at its joint.
 
     Args:
         joint: The wheel's joint.
         poses: Pose (4, 4) of every link in the root link's frame, m.
-        size: Radius and distance of the wheel's centre along its axle, m.
+        radius: Its radius, m.
+        offset: Distance of its centre along its axle, m.
     """
-    pose, (radius, offset) = poses[joint.parent] @ joint.origin, size
+    pose = poses[joint.parent] @ joint.origin
     axle = pose[:3, :3] @ joint.axis
     return PlacedWheel(pose[:3, 3] + offset * axle, axle, radius, offset)
 

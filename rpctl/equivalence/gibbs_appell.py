@@ -31,7 +31,6 @@ from rpctl.equivalence.tree import (
     Scalars,
     Tree,
     TreeJoint,
-    cross,
     cross_columns,
     dot,
     in_rows,
@@ -98,9 +97,9 @@ class LinkKinematics:
 
     def at(self, offset: Array) -> tuple[Array, Array]:
         """Return J_v (3, n) and a₀ (3,) of a point fixed in the frame, ``offset`` (world) away."""
-        centripetal = cross(self.omega, cross(self.omega, offset))
+        centripetal = np.cross(self.omega, np.cross(self.omega, offset))
         J_v = self.J_v + cross_columns(self.J_w, offset)
-        return J_v, self.a + cross(self.alpha, offset) + centripetal
+        return J_v, self.a + np.cross(self.alpha, offset) + centripetal
 
 
 @dataclass(frozen=True)
@@ -142,7 +141,7 @@ class GibbsAppell:
         J_w[2, 2] = 1.0
         J_v[..., :2] = R[..., :2]
         omega = np.matvec(J_w, v)
-        a = cross(omega, np.matvec(J_v, v))
+        a = np.cross(omega, np.matvec(J_v, v))
         rows = self.free_rates()
         root = LinkKinematics(R, omega, J_w, J_v, np.zeros(3), a)
         rates = JointRates(rows, dict.fromkeys(rows, 0.0), R)
@@ -169,17 +168,17 @@ class GibbsAppell:
         """
         n, drive, scalars = self.robot.dof, self.tree.reading.drive, self.scalars
         speeds, across = np.asarray(nu), R[..., :2]
-        base = base_motion(self.tree, drive, positions, speeds)
+        base, moved = base_motion(self.tree, drive, positions, speeds)
         J_w, J_v = scalars.zeros(base.J.shape), across @ base.J[..., :2, :]
         J_w[..., 2, :] = base.J[..., 2, :]
         omega, alpha = np.matvec(J_w, speeds), scalars.zeros(base.drift.shape)
         alpha[..., 2] = base.drift[..., 2]
-        a = np.matvec(across, base.drift[..., :2]) + cross(omega, np.matvec(J_v, speeds))
+        a = np.matvec(across, base.drift[..., :2]) + np.cross(omega, np.matvec(J_v, speeds))
         identity = scalars.identity(n)[len(drive.base_speeds) :]
         rows = dict(zip(self.robot.joint_names, identity, strict=True))
         drifts = dict.fromkeys(rows, 0 * speeds[..., 0])
-        rows |= {name: rate.row for name, rate in base.rates.items()}
-        drifts |= {name: rate.drift for name, rate in base.rates.items()}
+        rows |= {name: rate.row for name, rate in moved.items()}
+        drifts |= {name: rate.drift for name, rate in moved.items()}
         return LinkKinematics(R, omega, J_w, J_v, alpha, a), JointRates(rows, drifts, R)
 
     def terms(
@@ -197,7 +196,7 @@ class GibbsAppell:
         for body, motion in self.links(positions, u, root, rates):
             inertia, J_v, force = self._at_centre(body, motion)
             J_w, omega = motion.J_w, motion.omega
-            moment = np.matvec(inertia, motion.alpha) + cross(omega, np.matvec(inertia, omega))
+            moment = np.matvec(inertia, motion.alpha) + np.cross(omega, np.matvec(inertia, omega))
             M = M + body.mass * (J_v.mT @ J_v) + J_w.mT @ inertia @ J_w
             h = h + np.matvec(J_v.mT, force) + np.matvec(J_w.mT, moment)
             if self.scalars is FLOATS:
@@ -239,7 +238,7 @@ class GibbsAppell:
                 a = np.matvec(J_v, rate) + force / body.mass
                 G = G + half * body.mass * dot(a, a)
             G = G + half * dot(np.matvec(inertia, alpha), alpha)
-            G = G + dot(alpha, cross(motion.omega, np.matvec(inertia, motion.omega)))
+            G = G + dot(alpha, np.cross(motion.omega, np.matvec(inertia, motion.omega)))
         for name, inertia in self.tree.armature.items():
             G = G + half * inertia * (dot(rates.rows[name], rate) + rates.drifts[name]) ** 2
         return G
@@ -318,7 +317,7 @@ class GibbsAppell:
         spin, change = lifted(dot(row, u)) * axis, lifted(drift) * axis
         if joint_part.kind == "prismatic":
             J_v, a = carrier.at(lifted(position) * axis)
-            a = a + change + 2 * cross(carrier.omega, spin)
+            a = a + change + 2 * np.cross(carrier.omega, spin)
             J_v = J_v + outer(axis, row)
             return LinkKinematics(carrier.R, carrier.omega, carrier.J_w, J_v, carrier.alpha, a)
         return LinkKinematics(
@@ -326,7 +325,7 @@ class GibbsAppell:
             omega=carrier.omega + spin,
             J_w=carrier.J_w + outer(axis, row),
             J_v=carrier.J_v,
-            alpha=carrier.alpha + change + cross(carrier.omega, spin),
+            alpha=carrier.alpha + change + np.cross(carrier.omega, spin),
             a=carrier.a,
         )
 
@@ -354,14 +353,14 @@ class GibbsAppell:
         """
         wheel = self.tree.wheels[joint_part.name]
         d, down = np.matvec(R, wheel.direction), -wheel.radius * UP
-        lever = dot(d, cross(axle, down))
+        lever = dot(d, np.cross(axle, down))
         J_c, a_c = carrier.at(wheel.offset * axle + np.matvec(R, wheel.shift))
         J_contact = J_c + cross_columns(carrier.J_w, down)
         row = -np.matvec(J_contact.mT, d) / lifted(lever)
         spin = lifted(dot(row, u)) * axle
-        change = a_c + cross(carrier.alpha + cross(carrier.omega, spin), down)
-        slip = np.matvec(J_contact, u) + cross(spin, down)
-        return row, -(dot(d, change) + dot(cross(carrier.omega, d), slip)) / lever
+        change = a_c + np.cross(carrier.alpha + np.cross(carrier.omega, spin), down)
+        slip = np.matvec(J_contact, u) + np.cross(spin, down)
+        return row, -(dot(d, change) + dot(np.cross(carrier.omega, d), slip)) / lever
 
     def _heading(self, q: Array) -> Array:
         return FLOATS.rotation(UP, np.arctan2(q[..., 3], q[..., 2]))

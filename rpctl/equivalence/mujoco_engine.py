@@ -16,12 +16,11 @@ MuJoCo (Todorov, Erez, Tassa, IROS 2012) is optional, and imported when an engin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib import metadata
 from importlib.util import find_spec
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -30,10 +29,11 @@ from lxml import etree
 from rpctl.arrays import Array
 from rpctl.description.density import inertial_element
 from rpctl.drive.drive import Swivel, Wheel
-from rpctl.equivalence.contact.mujoco_body import mujoco_library, quaternion
+from rpctl.equivalence.contact.mujoco_body import free_inertia, mujoco_library, quaternion
 from rpctl.equivalence.file_drive import UPRIGHT_ROUNDING, FileReading, read, rotor_inertias
-from rpctl.equivalence.raw_file import RawFile, document
-from rpctl.equivalence.tree import FLOATS, Tree, cross, cross_columns
+from rpctl.equivalence.raw_file import document
+from rpctl.equivalence.rolling_rows import COMPLEX_STEP, DOWN, RollingRows, turned, with_rate
+from rpctl.equivalence.tree import FLOATS, Tree, cross_columns
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
@@ -111,8 +111,8 @@ class MujocoModel:
             the joints.
         root: Index of the root link's body.
         joints: Index in qpos and in qvel of every moving joint.
-        refused: Links that MuJoCo refuses, each with the reason.
-        fused: What was done about them: made one body with the links fixed to them.
+        refused: Links that MuJoCo refuses, each with the reason; they are made one body with the
+            links fixed to them.
 
     Raises:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
@@ -128,19 +128,18 @@ class MujocoModel:
         self._robot = robot
         self._raw = (reading or read(robot)).raw
         self.refused: tuple[str, ...] = ()
-        self.fused: tuple[str, ...] = ()
         spec = self._mujoco.MjSpec.from_string(_bare_urdf(robot))
-        self._freeze(spec)
-        for head, poses in _rigid_bodies(self._raw, robot.locked).items():
-            self._give_inertia(spec, head, poses)
+        for name, position in robot.locked.items():
+            joint = self._raw.joint[name]
+            body, pose = spec.body(NAME_PREFIX + joint.child), joint.motion(position)
+            body.pos, body.quat = pose[:3, 3], quaternion(pose)
+        moving = self._raw.moving(robot.locked)
+        for head in (self._raw.root, *(joint.child for joint in moving)):
+            self._give_inertia(spec, head, self._raw.poses(robot.locked, head, rigid=True))
         (release or self._add_planar_base)(spec, spec.body(NAME_PREFIX + self._raw.root))
         self.mjm = self._compiled(spec)
         self.root = int(self.mjm.body(NAME_PREFIX + self._raw.root).id)
-        self.joints = {
-            joint.name: int(self.mjm.joint(joint.name).dofadr[0])
-            for joint in self._raw.joints
-            if joint.type != "fixed" and joint.name not in robot.locked
-        }
+        self.joints = {joint.name: int(self.mjm.joint(joint.name).dofadr[0]) for joint in moving}
         for name, inertia in rotor_inertias(robot, self._raw).items():
             self.mjm.dof_armature[self.joints[name]] = inertia
 
@@ -164,14 +163,6 @@ class MujocoModel:
             reason = " ".join(str(error).replace(NAME_PREFIX, "").split())
             raise EngineRefused(f"{self._robot.name}: MuJoCo refuses it: {reason}") from None
 
-    def _freeze(self, spec: Any) -> None:
-        """Move the bodies behind locked joints to where these are locked."""
-        for name, position in self._robot.locked.items():
-            joint = self._raw.joint[name]
-            body = spec.body(NAME_PREFIX + joint.child)
-            pose = joint.motion(position)
-            body.pos, body.quat = pose[:3, 3], quaternion(pose)
-
     def _give_inertia(self, spec: Any, head: str, poses: dict[str, Array]) -> None:
         """Set the inertias of the links that move as one body with the link ``head``.
 
@@ -183,10 +174,9 @@ class MujocoModel:
         if faults:
             lines = self._robot.description.link
             named = tuple(f'link "{k}" (line {lines[k].line}): {why}' for k, why in faults.items())
-            whole = _sum([body.placed(poses[link]) for link, body in bodies.items()])
+            whole = combined([body.placed(poses[link]) for link, body in bodies.items()])
             self._require(whole, named, tuple(poses))
             self.refused += named
-            self.fused += tuple(_fusion_note(link, head) for link in faults)
             bodies = {link: whole if link == head else MASSLESS for link in poses}
         for link, body in bodies.items():
             body.put(spec.body(NAME_PREFIX + link))
@@ -245,25 +235,8 @@ def _bare_urdf(robot: Robot) -> str:
     return str(etree.tostring(bare, encoding="unicode"))
 
 
-def _rigid_bodies(raw: RawFile, locked: Mapping[str, float]) -> dict[str, dict[str, Array]]:
-    """Return, by the first link of each moving body, the poses (4, 4) of its links in that one."""
-    bodies = {raw.root: {raw.root: np.eye(4)}}
-    stack = [(raw.root, raw.root)]
-    while stack:
-        link, head = stack.pop()
-        for joint in raw.below[link]:
-            if joint.type != "fixed" and joint.name not in locked:
-                bodies[joint.child] = {joint.child: np.eye(4)}
-                stack.append((joint.child, joint.child))
-            else:
-                pose = joint.motion(locked.get(joint.name, 0.0))
-                bodies[head][joint.child] = bodies[head][link] @ pose
-                stack.append((joint.child, head))
-    return bodies
-
-
-def _sum(bodies: list[Inertial]) -> Inertial:
-    """Return several bodies as one, by the parallel-axis rule."""
+def combined(bodies: list[Inertial]) -> Inertial:
+    """Return several bodies as one, by the parallel-axis rule; negative masses are taken out."""
     mass = sum(body.mass for body in bodies)
     com = sum((body.mass * body.com for body in bodies), np.zeros(3)) / (mass or 1.0)
     inertia = np.zeros((3, 3))
@@ -273,15 +246,7 @@ def _sum(bodies: list[Inertial]) -> Inertial:
     return Inertial(mass, com, inertia)
 
 
-def _fusion_note(link: str, head: str) -> str:
-    if link == head:
-        return f'link "{link}" is made one body with the links fixed to it'
-    return f'link "{link}" is made one body with "{head}", to which it is fixed'
-
-
 OLDEST_MUJOCO = (3, 14)  # before it MuJoCo turned an inertia read from a URDF to its principal axes
-DOWN = np.array([0.0, 0.0, -1.0])
-LEFT = 0.5 * math.pi  # from forward
 CONTRADICTION_TOLERANCE = 1e-9  # of the solution: rows that no motion meets; rounding leaves 1e-13
 
 
@@ -310,29 +275,27 @@ def installed() -> bool:
     return (int(major), int(minor)) >= OLDEST_MUJOCO
 
 
-class MujocoEngine:
-    """The equations of one robot by MuJoCo.
+class MujocoEngine(RollingRows):
+    """The equations of one robot by MuJoCo, rolling by its Jacobians; v is as MuJoCo orders it.
 
     Args:
         reading: Its file; read anew if None.
 
     Attributes:
-        refused: Links that MuJoCo refuses, each with the reason.
-        fused: What was done about them: made one body with the links fixed to them.
+        refused: Links that MuJoCo refuses, each with the reason; they are made one body with the
+            links fixed to them.
 
     Raises:
         EngineRefused: A moving body is unphysical even as a whole; its links are named.
     """
 
     def __init__(self, robot: Robot, reading: FileReading | None = None) -> None:
-        self._mujoco, self._robot = mujoco_library(), robot
-        self._tree = Tree(robot, FLOATS, reading)
-        self._drive = self._tree.reading.drive
-        made = MujocoModel(robot, self._tree.reading)
-        self.refused, self.fused = made.refused, made.fused
-        self._model, self._root, self._joints = made.mjm, made.root, made.joints
+        tree = Tree(robot, FLOATS, reading)
+        made = MujocoModel(robot, tree.reading)
+        super().__init__(robot, tree, made.joints)
+        self._mujoco, self._model, self._root = mujoco_library(), made.mjm, made.root
+        self.refused = made.refused
         self._data = self._mujoco.MjData(self._model)
-        self._unit = np.eye(robot.nv, robot.nv + 1)  # rows of single rates: none has a drift
 
     def reduced(self, q: Array, nu: Array) -> EngineTerms:
         """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling.
@@ -340,167 +303,56 @@ class MujocoEngine:
         Raises:
             RpctlError: The constraints and ν do not determine one motion.
         """
-        rows = self._rows(q, np.zeros(self._robot.nv))
-        S = _solve(rows[:, :-1], np.eye(len(rows), len(nu), len(nu) - len(rows)))  # [0; I]
-        rows = self._rows(q, S @ nu)
-        drift = _solve(rows[:, :-1], -rows[:, -1])
-        M = np.zeros((self._robot.nv, self._robot.nv))
-        for row, unit in zip(M, np.eye(self._robot.nv), strict=True):
-            self._mujoco.mj_mulM(self._model, self._data, row, unit)
+        rows, _ = self._rows(q, np.zeros(self._robot.nv))
+        S = _solve(rows, np.eye(len(rows), len(nu), len(nu) - len(rows)))  # [0; I]
+        rows, change = self._rows(q, S @ nu)
+        drift = _solve(rows, -change)
+        M = free_inertia(self._model, self._data)
         h = S.T @ (self._data.qfrc_bias + M @ drift)
-        B = S[[self._joints[name] for name in self._robot.actuators]].T
+        B = S[[self._index[name] for name in self._robot.actuators]].T
         return EngineTerms(S.T @ M @ S, h, B, S.T @ self._data.qfrc_passive)
 
-    def _rows(self, q: Array, v: Array) -> Array:
-        """Return [A; W] and, as one more column, [Ȧ; Ẇ] v; v (nv,) is as MuJoCo orders it."""
-        self._data.qpos[:3] = q[0], q[1], math.atan2(q[3], q[2])
-        for name, index in self._joints.items():
-            self._data.qpos[index] = self._robot.joint_position(q, name)
-        self._data.qvel[:] = v
-        self._mujoco.mj_fwdPosition(self._model, self._data)
-        self._mujoco.mj_fwdVelocity(self._model, self._data)
-        return np.array([*self._constraints(), *self._follower_rows(), *self._speeds()])
+    def _rows(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return [A; W] and [Ȧ; Ẇ] v at q (nq,) and v (nv,)."""
+        data, heading = self._data, math.atan2(q[3], q[2])
+        data.qpos[:3], data.qvel[:] = (q[0], q[1], heading), v
+        for name, index in self._index.items():
+            data.qpos[index] = self._robot.joint_position(q, name)
+        self._mujoco.mj_fwdPosition(self._model, data)
+        self._mujoco.mj_fwdVelocity(self._model, data)
+        moving = data.qpos + 1j * COMPLEX_STEP * v
+        self.course = complex(moving[2])
+        self.positions = {name: moving[index] for name, index in self._index.items()}
+        return with_rate((*self.constraints(), *self.speeds()), v)
 
-    def _constraints(self) -> Iterator[Array]:
-        """Yield the rows of A (nv + 1,), but for swivels that follow: speeds that are 0.
+    def place(self, at: tuple[float, float]) -> Array:
+        """Return the rows (2, nv) of the velocity of a place of the root link, m there."""
+        R = self._data.xmat[self._root].reshape(3, 3)
+        return self._jacobian(self._data.xpos[self._root] + R @ [*at, 0.0], self._root)[0, :2]
 
-        A wheel's is that of its contact along the direction in which it stands still, a swivel's
-        that of its contact to the left, an axle's that of P. Two swivels may share one.
-        """
-        drive, unit, turn = self._drive, self._unit, self._unit[2]
-        if drive.type == "fixed":
-            yield from unit[:3]
-        for joint in self._robot.mimics:
-            leader, factor = self._tree.leader(joint.name)
-            followed = factor * unit[self._joints[leader]] if leader in self._joints else 0.0
-            yield unit[self._joints[joint.name]] - followed
-        for wheel in drive.wheels:
-            if wheel.swivel is None:
-                angle = math.atan2(wheel.direction[1], wheel.direction[0])
-                yield self._along(angle, turn, self._contact(wheel))
-        if drive.has_axle:
-            yield self._along(drive.heading + LEFT, turn, self._base(drive.point))
-        lateral: dict[str, Array] = {}
-        for swivel in drive.swivels:
-            angle, swing = self._heading(swivel)
-            for speed, wheel in self._carried(swivel):
-                axle = self._data.xaxis[self._model.joint(wheel.joint).id]
-                forward = self._direction(angle) @ cross(axle, DOWN)
-                yield speed + math.copysign(wheel.radius, forward) * unit[self._joints[wheel.joint]]
-            if swivel.role != "follower":
-                row = self._along(angle + LEFT, swing, self._pivot(swivel))
-                name = swivel.shares or swivel.joint
-                lateral[name] = lateral.get(name, 0.0) + row + swivel.trail * swing
-        yield from lateral.values()
-
-    def _follower_rows(self) -> Iterator[Array]:
-        """Yield the rows of A (nv + 1,) of the swivels that follow others.
-
-        The axles meet in one centre of rotation while the determinant of their lateral rows is 0.
-        By a swivel's own angle, a lateral row changes by minus the forward one.
-        """
-        turn, fixed = self._unit[2], []
-        if self._drive.has_axle:
-            axle = self._along(self._drive.heading + LEFT, turn, self._base(self._drive.point))
-            fixed = [axle[:3]]
-        for follower in self._drive.followers:
-            swivels = [*self._drive.steered, follower]
-            ahead, aside = np.array([self._meeting(swivel) for swivel in swivels]).swapaxes(0, 1)
-            angles = [s.sign * self._unit[self._joints[s.joint]] for s in swivels]
-            rates = [row[:-1] @ self._data.qvel for row in angles]
-            row = np.zeros(len(turn))
-            for i, j in product(range(len(swivels)), repeat=2):
-                turned = aside.copy()
-                turned[[i, j]] = ahead[[i, j]]
-                size = np.linalg.det([*fixed, *turned])
-                if i == j:
-                    row -= size * angles[i]
-                else:
-                    row[-1] += size * rates[i] * rates[j]
-            yield row
-
-    def _meeting(self, swivel: Swivel) -> tuple[Array, Array]:
-        """Return what a swivel's forward and lateral speed take of the base's twist, (3,) each."""
-        (angle, swing), pivot = self._heading(swivel), self._pivot(swivel)
-        return self._along(angle, swing, pivot)[:3], self._along(angle + LEFT, swing, pivot)[:3]
-
-    def _speeds(self) -> Iterator[Array]:
-        """Yield the rows of W (nv + 1,): the base's speeds, steered joints' rates, the arm's."""
-        drive, turn = self._drive, self._unit[2]
-        P = self._base(drive.point)
-        if drive.has_axle:
-            yield self._along(drive.heading, turn, P)
-        elif drive.steered:
-            yield np.mean([speed for speed, _ in self._carried(drive.steered[0])], axis=0)
-        elif drive.wheels:
-            yield self._along(0.0, turn, P)
-            yield self._along(LEFT, turn, P)
-        if drive.base_speeds and not drive.steered:
-            yield turn
-        for name in (*(swivel.joint for swivel in drive.steered), *self._robot.joint_names):
-            yield self._unit[self._joints[name]]
-
-    def _heading(self, swivel: Swivel) -> tuple[float, Array]:
-        """Return a swivel's angle from the root link's x axis, rad, and the row of its turning."""
-        angle, swing = swivel.heading, self._unit[2]
-        for each in self._drive.chain(swivel):
-            index = self._joints[each.joint]
-            swing = swing + each.sign * self._unit[index]
-            angle += each.sign * float(self._data.qpos[index])
-        return angle, swing
-
-    def _pivot(self, swivel: Swivel) -> Array:
-        """Return [J, J̇ v] (3, nv + 1) of a place on a swivel's axis, of a leaning one its pivot."""
+    def pivot(self, swivel: Swivel) -> Array:
+        """Return the rows (2, nv) of a place on a swivel's axis; of a leaning one its pivot."""
         joint = self._model.joint(swivel.joint).id
         if swivel.parent is None and math.hypot(*self._data.xaxis[joint][:2]) > UPRIGHT_ROUNDING:
-            return self._base(swivel.pivot)
-        return self._jacobian(self._data.xanchor[joint], self._model.jnt_bodyid[joint])[0]
+            return self.place(swivel.pivot)
+        return self._jacobian(self._data.xanchor[joint], self._model.jnt_bodyid[joint])[0, :2]
 
-    def _carried(self, swivel: Swivel) -> Iterator[tuple[Array, Wheel]]:
-        """Yield the row of the forward speed at each wheel that a swivel carries, and the wheel."""
-        angle, swing = self._heading(swivel)
-        forward = self._along(angle, swing, self._pivot(swivel))
-        for at in self._drive.carried(swivel):
-            wheel = self._drive.wheels[at]
-            yield forward - wheel.lateral * swing, wheel
-
-    def _direction(self, angle: float) -> Array:
-        """Return the direction (3,) at an angle from the root link's x axis, in world axes."""
-        R = self._data.xmat[self._root].reshape(3, 3)
-        return np.asarray(R @ [math.cos(angle), math.sin(angle), 0.0])
-
-    def _along(self, angle: float, swing: Array, motion: Array) -> Array:
-        """Return the row (nv + 1,) of a velocity along a direction that turns as ``swing`` says.
-
-        Args:
-            motion: [J, J̇ v] (3, nv + 1) of the velocity.
-        """
-        direction, v = self._direction(angle), self._data.qvel
-        row = direction @ motion
-        row[-1] += (swing[:-1] @ v) * (cross(-DOWN, direction) @ motion[:, :-1] @ v)
-        return row
-
-    def _contact(self, wheel: Wheel) -> Array:
-        """Return [J, J̇ v] (3, nv + 1) of the contact point of a wheel that the root link holds."""
+    def held(self, wheel: Wheel) -> Array:
+        """Return the row (nv,) of the contact of a wheel on the root link, as the ground holds."""
         joint, data = self._model.joint(wheel.joint).id, self._data
         centre = data.xanchor[joint] + wheel.offset * data.xaxis[joint]
         linear, angular = self._jacobian(centre, self._model.jnt_bodyid[joint])
-        left = self._drive.heading + LEFT
-        grip = (wheel.shift * math.cos(left), wheel.shift * math.sin(left))
-        shift = self._base(grip) - self._base((0.0, 0.0))
-        return linear + cross_columns(angular, wheel.radius * DOWN) + shift
-
-    def _base(self, place: tuple[float, float]) -> Array:
-        """Return [J, J̇ v] (3, nv + 1) of a place in the root link's frame that moves along."""
-        R = self._data.xmat[self._root].reshape(3, 3)
-        return self._jacobian(self._data.xpos[self._root] + R @ [*place, 0.0], self._root)[0]
+        contact = linear + cross_columns(angular, wheel.radius * DOWN)
+        x, y = turned((0.0, wheel.shift), self._drive.heading)
+        shift = self.place((x, y)) - self.place((0.0, 0.0))
+        return np.asarray(turned(wheel.direction, self.course) @ (contact[:2] + shift))
 
     def _jacobian(self, point: Array, body: int) -> Array:
-        """Return [J, J̇ v] (2, 3, nv + 1), linear and angular, of a point (world) of a body."""
+        """Return the Jacobians (2, 3, nv), linear and angular, of a point (world) of a body."""
         J, J_dot = np.zeros((2, 2, 3, self._robot.nv))
         self._mujoco.mj_jac(self._model, self._data, *J, point, body)
         self._mujoco.mj_jacDot(self._model, self._data, *J_dot, point, body)
-        return np.concatenate([J, (J_dot @ self._data.qvel)[..., None]], axis=-1)
+        return J + 1j * COMPLEX_STEP * J_dot
 
 
 def _solve(rows: Array, wanted: Array) -> Array:

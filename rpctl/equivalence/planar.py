@@ -18,7 +18,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Swivel
-from rpctl.equivalence.tree import SwivelPart, Tree, components, cross, dot, in_rows, lifted, vector
+from rpctl.equivalence.tree import SwivelPart, Tree, components, dot, in_rows, lifted, vector
 
 
 class JointRate(NamedTuple):
@@ -35,16 +35,10 @@ class Twist(NamedTuple):
     drift: Array  # (3,)
 
 
-class BaseRates(NamedTuple):
-    """The root link's twist J ν, the drift of its components, and the rates of joints."""
-
-    J: Array  # (3, n)
-    drift: Array  # (3,)
-    rates: dict[str, JointRate]
-
-
-def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Array) -> BaseRates:
-    """Return how a base moves when its wheels roll.
+def base_motion(
+    tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Array
+) -> tuple[Twist, dict[str, JointRate]]:
+    """Return how a base moves when its wheels roll, and the rates of joints.
 
     Args:
         tree: The robot's tree, whose scalars are used.
@@ -87,7 +81,7 @@ def base_motion(tree: Tree, drive: Drive, positions: Mapping[str, Any], nu: Arra
             rates[wheel.joint] = _wheel_rate(
                 tree, wheel.joint, positions, nu, carriers[part.parent], rates[part.joint]
             )
-    return BaseRates(J, drift, rates)
+    return Twist(J, drift), rates
 
 
 def _steered_twist(
@@ -225,9 +219,9 @@ def follower_rate(
         derivatives.append((rolling(d, part.pivot), part.sign * rates[one.joint].row))
     (l1, l2), ((k1, row1), (k2, row2)) = rows, derivatives
     rate1, rate2 = lifted(dot(row1, nu)), lifted(dot(row2, nu))
-    N = cross(l1, l2)
-    first, second = -cross(k1, l2), -cross(l1, k2)  # of Ṅ, by φ̇₁ and by φ̇₂
-    N_drift = 2 * rate1 * rate2 * cross(k1, k2) - (rate1 * rate1 + rate2 * rate2) * N
+    N = np.cross(l1, l2)
+    first, second = -np.cross(k1, l2), -np.cross(l1, k2)  # of Ṅ, by φ̇₁ and by φ̇₂
+    N_drift = 2 * rate1 * rate2 * np.cross(k1, k2) - (rate1 * rate1 + rate2 * rate2) * N
     part = tree.swivels[swivel.joint]
     V, A, B, D = (_velocity(part, twist) for twist in (N, first, second, N_drift))
     square = dot(V, V)
@@ -267,5 +261,5 @@ def _cross(a: Array, b: Array) -> Any:
 def _inverse(rows: Sequence[Array]) -> Array:
     """Return the inverse (..., 3, 3) of a matrix of three rows, by their cross products."""
     a, b, c = rows
-    columns = in_rows([cross(b, c), cross(c, a), cross(a, b)]).mT
-    return columns / lifted(lifted(dot(a, cross(b, c))))
+    columns = in_rows([np.cross(b, c), np.cross(c, a), np.cross(a, b)]).mT
+    return columns / lifted(lifted(dot(a, np.cross(b, c))))

@@ -10,9 +10,9 @@ from __future__ import annotations
 import codecs
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -150,13 +150,27 @@ class RawFile:
             link = joints[-1].parent
         return tuple(reversed(joints))
 
-    def poses(self, positions: Mapping[str, float], start: str | None = None) -> dict[str, Array]:
-        """Return the poses (4, 4) of a link (None: the root) and those below it, in its frame."""
+    def moving(self, locked: Collection[str]) -> list[RawJoint]:
+        """Return the joints that move, but for those that are locked."""
+        return [j for j in self.joints if j.type != "fixed" and j.name not in locked]
+
+    def poses(
+        self, positions: Mapping[str, float], start: str | None = None, rigid: bool = False
+    ) -> dict[str, Array]:
+        """Return the poses (4, 4) of a link (None: the root) and those below it, in its frame.
+
+        Args:
+            positions: Of joints, rad or m; others are at 0.
+            rigid: Whether only links that do not move on it count: joints with a position are
+                locked there.
+        """
         found = {start or self.root: np.eye(4)}
         stack = list(found)
         while stack:
             link = stack.pop()
             for joint in self.below[link]:
+                if rigid and joint.type != "fixed" and joint.name not in positions:
+                    continue
                 found[joint.child] = found[link] @ joint.motion(positions.get(joint.name, 0.0))
                 stack.append(joint.child)
         return found
@@ -176,6 +190,7 @@ def document(data: bytes) -> Any:
     return root
 
 
+@lru_cache(maxsize=4)
 def read_file(data: bytes) -> RawFile:
     """Return the links and joints in a file's bytes."""
     root = document(data)

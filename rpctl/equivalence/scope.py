@@ -13,7 +13,7 @@ from typing import Any
 
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.standing import Standing, holding_at_home
-from rpctl.equivalence.certificate import Check, Skipped
+from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.file_drive import FileReading
 from rpctl.errors import listed
 from rpctl.robot.model import Robot
@@ -75,9 +75,14 @@ class Scope:
 
 def find_scope(robot: Robot, reading: FileReading, standing: Standing | None) -> Scope:
     """Return the scope of a robot's certificate."""
-    proves = FIXED if standing is None else ROLLING
-    assumes = (*_standing(standing), *_roles(robot), *_joints(robot), *_losses(robot))
-    margin = None if standing is None else standing.margin
+    proves, margin = (FIXED, None) if standing is None else (ROLLING, standing.margin)
+    lossy = robot.losses is not None and (robot.losses.damping.any() or robot.losses.friction.any())
+    assumes = (
+        *_standing(standing),
+        *_roles(robot),
+        *([f"held: {', '.join(robot.locked)}"] if robot.locked else []),
+        "losses as in the file" if lossy else "no losses in joints",
+    )
     return Scope(proves, assumes, tuple(_shared(robot, reading)), margin)
 
 
@@ -101,13 +106,6 @@ def conditions(dynamics: ReducedDynamics, standing: Standing | None) -> Iterator
     value, bound = f"{abs(holding[k]):.3g} {unit}", f"{limit:.3g} {unit}"
     bound = bound if math.isfinite(limit) else "-"
     yield Condition(HOLDS, GRAVITY, float(ratio), 1.0, entry=name, value=value, bound=bound)
-
-
-def not_known(standing: Standing | None) -> tuple[Skipped, ...]:
-    """Return the row that says why it is not known whether the robot stands, if so."""
-    if standing is None or not standing.unknown:
-        return ()
-    return (Skipped(STANDS, GRAVITY, standing.unknown),)
 
 
 def _shortened(phrase: str) -> str:
@@ -146,16 +144,6 @@ def _roles(robot: Robot) -> Iterator[str]:
             yield f"{label}: {'all' if names else 'none'}"
         elif names:
             yield f"{label}: {', '.join(names)}"
-
-
-def _joints(robot: Robot) -> Iterator[str]:
-    if robot.locked:
-        yield f"held: {', '.join(robot.locked)}"
-
-
-def _losses(robot: Robot) -> Iterator[str]:
-    lossy = robot.losses is not None and (robot.losses.damping.any() or robot.losses.friction.any())
-    yield "losses as in the file" if lossy else "no losses in joints"
 
 
 def _shared(robot: Robot, reading: FileReading) -> Iterator[str]:

@@ -47,17 +47,9 @@ def outer(a: Array, b: Array) -> Array:
     return a[..., :, None] * b[..., None, :]
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Return a × b of vectors (..., 3)."""
-    (ax, ay, az), (bx, by, bz) = components(a), components(b)
-    return vector([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
 def cross_columns(J: Array, b: Array) -> Array:
     """Return the columns of J (..., 3, n), each × b (..., 3)."""
-    x, y, z = J[..., 0, :], J[..., 1, :], J[..., 2, :]
-    bx, by, bz = b[..., 0, None], b[..., 1, None], b[..., 2, None]
-    return np.moveaxis(np.array([y * bz - z * by, z * bx - x * bz, x * by - y * bx]), 0, -2)
+    return np.cross(J, b[..., None], axisa=-2, axisb=-2, axisc=-2)
 
 
 def in_rows(rows: Sequence[Array]) -> Array:
@@ -200,8 +192,14 @@ class Tree:
         self._mimics = {joint.name: joint.mimic for joint in reading.joints if joint.mimic}
         inertials = {link.name: link.inertial for link in reading.links}
         for name in robot.description.estimated_links:
-            inertials[name] = _estimate(robot, name)
-        self.bodies = {n: self._body(n, each) for n, each in inertials.items() if _resists(each)}
+            record, origin = robot.description.link[name], np.eye(4)  # what a density gave it
+            origin[:3, 3] = record.com
+            inertials[name] = RawInertial(float(record.mass or 0.0), origin, record.inertia)
+        self.bodies = {
+            name: self._body(name, each)
+            for name, each in inertials.items()
+            if each is not None and (each.mass or np.any(each.inertia))
+        }
         self.below: dict[str, list[TreeJoint]] = {name: [] for name in inertials}
         for joint in reading.joints:
             self.below[joint.parent].append(self._hinge(joint))
@@ -324,18 +322,6 @@ class Tree:
             leader = joint = mimic.joint
             factor *= 1.0 if mimic.multiplier is None else float(mimic.multiplier)
         return leader, factor
-
-
-def _estimate(robot: Robot, link: str) -> RawInertial:
-    """Return the inertia that a density gave a link without one: the robot's own."""
-    record, origin = robot.description.link[link], np.eye(4)
-    origin[:3, 3] = record.com
-    return RawInertial(float(record.mass or 0.0), origin, record.inertia)
-
-
-def _resists(inertial: Any) -> bool:
-    """Return whether an <inertial>, or None, has a mass or an inertia."""
-    return inertial is not None and bool(inertial.mass or np.any(inertial.inertia))
 
 
 def _filled(values: list[Any], shape: tuple[int, ...]) -> Array:

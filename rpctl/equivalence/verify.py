@@ -17,6 +17,7 @@ from rpctl.equivalence.certificate import (
     EXACT_TOLERANCE,
     Check,
     Skipped,
+    worst_cases,
 )
 from rpctl.equivalence.file_drive import FileReading, read
 from rpctl.equivalence.gibbs_appell import (
@@ -29,8 +30,8 @@ from rpctl.equivalence.gibbs_appell import (
     free_terms,
     rolling_terms,
 )
-from rpctl.equivalence.rolling_rows import RollingRows
-from rpctl.equivalence.scope import Condition, Scope, conditions, find_scope, not_known
+from rpctl.equivalence.rolling_rows import FileRows
+from rpctl.equivalence.scope import GRAVITY, STANDS, Condition, Scope, conditions, find_scope
 from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
 from rpctl.errors import RpctlError, require_known
@@ -132,7 +133,7 @@ class _Derivations:
     """
 
     dynamics: ReducedDynamics
-    rolling: RollingRows
+    rolling: FileRows
     oracle: GibbsAppell
     geometry: Geometry
     mujoco: mujoco_engine.MujocoEngine | None
@@ -170,31 +171,24 @@ def verify(
     reading, dynamics = read(robot), ReducedDynamics(robot)
     geometry, oracle = Geometry(dynamics, reading), GibbsAppell(robot, reading=reading)
     mujoco, absent = _engine(robot, reading, engines)
-    derivations = _Derivations(dynamics, RollingRows(robot, oracle.tree), oracle, geometry, mujoco)
+    derivations = _Derivations(dynamics, FileRows(robot, oracle.tree), oracle, geometry, mujoco)
     standing = stand_at_home(dynamics)
-    rows = (*geometry.record(), *_worst(derivations, samples, seed, progress))
-    skipped = (*geometry.skipped(), *absent, *not_known(standing))
-    made = _certificate(
-        robot,
-        (*rows, *conditions(dynamics, standing)),
-        scope=find_scope(robot, reading, standing),
+    rows = (*geometry.record(), *worst_cases(_compare_each(derivations, samples, seed, progress)))
+    skipped = (*geometry.skipped(), *absent)
+    if standing is not None and standing.unknown:
+        skipped += (Skipped(STANDS, GRAVITY, standing.unknown),)
+    made = Certificate(
+        robot=robot.name,
         samples=samples,
         seed=seed,
+        checks=(*(row for row in rows if row.name != DECLARED), *conditions(dynamics, standing)),
+        scope=find_scope(robot, reading, standing),
         skipped=skipped,
-    )
-    return _with_trials(robot, made, trials) if trials else made
-
-
-def _certificate(robot: Robot, rows: Sequence[Check], **facts: Any) -> Certificate:
-    declared = tuple(check for check in rows if check.name == DECLARED)
-    return Certificate(
-        robot=robot.name,
-        checks=tuple(check for check in rows if check not in declared),
-        declared=declared,
+        declared=tuple(row for row in rows if row.name == DECLARED),
         idealised=tuple(each.sentence for each in idealisations(robot)),
         loaded_with={"source": robot.source, **robot.loaded_with.arguments()},
-        **facts,
     )
+    return _with_trials(robot, made, trials) if trials else made
 
 
 def _require_samples(samples: int) -> None:
@@ -206,35 +200,22 @@ def _require_samples(samples: int) -> None:
         raise RpctlError(f"{samples:,} samples, over {most}; {how_to_raise('MAX_STATES')}")
 
 
-def _worst(
+def _compare_each(
     derivations: _Derivations,
     samples: int,
     seed: int,
     progress: Callable[[int], object] | None,
-) -> Iterator[Check]:
-    """Yield every row at its worst sample."""
-    found: dict[tuple[str, str], Check] = {}
+) -> Iterator[tuple[int, Iterator[Check]]]:
+    """Yield each sample with its comparisons; the oracle's walk is made for many at once."""
+    oracle, robot = derivations.oracle, derivations.dynamics.robot
     for start in range(0, samples, STATES_AT_ONCE):
         batch = range(start, min(samples, start + STATES_AT_ONCE))
-        for sample, compared in zip(batch, _compare_each(derivations, seed, batch), strict=True):
-            for check in compared:
-                known = found.get((check.name, check.against))
-                if known is None or check.limit_ratio > known.limit_ratio:
-                    found[check.name, check.against] = replace(check, sample=sample)
+        states = [draw_state(robot, seed, sample) for sample in batch]
+        terms = free_terms(oracle, states), rolling_terms(oracle, states)
+        for sample, state, of_tree, in_nu in zip(batch, states, *terms, strict=True):
+            yield sample, _compare(derivations, state, of_tree, in_nu)
             if progress is not None:
                 progress(sample + 1)
-    yield from found.values()
-
-
-def _compare_each(
-    derivations: _Derivations, seed: int, samples: range
-) -> Iterator[Iterator[Check]]:
-    """Yield the comparisons of each sample; the oracle's walk is made for all at once."""
-    oracle = derivations.oracle
-    states = [draw_state(derivations.dynamics.robot, seed, sample) for sample in samples]
-    free, rolling = free_terms(oracle, states), rolling_terms(oracle, states)
-    for state, of_tree, in_nu in zip(states, free, rolling, strict=True):
-        yield _compare(derivations, state, of_tree, in_nu)
 
 
 def _compare(

@@ -21,7 +21,6 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Wheel
 from rpctl.equivalence.file_drive import LENGTH_ROUNDING_M, MAX_AXLE_OFFSET
 from rpctl.equivalence.raw_file import TURNING, RawFile
-from rpctl.equivalence.tree import cross
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -53,7 +52,7 @@ class FileMotion:
         for joint in self.raw.chain(link):
             rate, pose = self.rates.get(joint.name, 0.0), self.poses[joint.child]
             axis = pose[:3, :3] @ joint.axis
-            arm = cross(axis, point - pose[:3, 3]) if joint.type in TURNING else axis
+            arm = np.cross(axis, point - pose[:3, 3]) if joint.type in TURNING else axis
             velocity = velocity + rate * arm
         return velocity
 
@@ -112,12 +111,14 @@ def slip(motion: FileMotion) -> Slip:
     constrained: dict[str, float] = {}
     by_design: dict[str, float] = {}
     for each in wheels:
-        constrained[f"{each.wheel.joint}, {_rolls(drive, each)}"] = float(
-            _along(drive, each) @ each.slip
-        )
-        if not _has_rollers(drive, each.wheel):
+        wheel, direction, held = each.wheel, "forward", each.ahead
+        rollers = wheel.swivel is None and not wheel.slides and drive.type in ("mecanum", "omni")
+        if rollers and drive.type == "mecanum":
+            direction, held = "along its roller", np.array([*wheel.direction, 0.0])
+        constrained[f"{wheel.joint}, {direction}"] = float(held @ each.slip)
+        if not rollers:
             found = constrained if _held_sideways(drive, each) else by_design
-            found[f"{each.wheel.joint}, sideways"] = float(each.left @ each.slip)
+            found[f"{wheel.joint}, sideways"] = float(each.left @ each.slip)
     constrained |= _on_average(drive, wheels)
     if drive.has_axle:
         constrained["P, sideways"] = float(
@@ -135,7 +136,7 @@ def slip(motion: FileMotion) -> Slip:
 def _base_speeds(motion: FileMotion, wheels: Sequence[WheelMotion]) -> dict[str, float]:
     """Return the base's own quasi-velocities: v, of P or the first steered wheels; vx, vy; ω."""
     drive, (vx, vy, turn) = motion.drive, motion.twist
-    ahead = cross(_left(drive), UP)
+    ahead = np.cross(_left(drive), UP)
     values = {"vx": vx, "vy": vy, "omega": turn}
     values["v"] = ahead @ motion.velocity(motion.raw.root, _point(drive))
     if drive.steered and not drive.has_axle:
@@ -156,34 +157,18 @@ def _rolling(motion: FileMotion, wheel: Wheel) -> WheelMotion:
     contact = centre + wheel.radius * down / np.linalg.norm(down)
     slipping = motion.velocity(joint.child, contact)
     if wheel.shift and wheel.swivel is None:  # a declared track: it grips so far to its left
-        slipping = slipping - motion.twist[2] * wheel.shift * cross(_left(motion.drive), UP)
-    ahead = cross(axle, UP)
+        slipping = slipping - motion.twist[2] * wheel.shift * np.cross(_left(motion.drive), UP)
+    ahead = np.cross(axle, UP)
     ahead = ahead / np.linalg.norm(ahead)
     return WheelMotion(
         wheel=wheel,
         centre=centre,
         ahead=ahead,
-        left=cross(UP, ahead),
+        left=np.cross(UP, ahead),
         slip=slipping,
         speed=float(np.linalg.norm(motion.velocity(joint.parent, centre)[:2])),
         rim_speed=motion.rates[wheel.joint] * wheel.radius,
     )
-
-
-def _has_rollers(drive: Drive, wheel: Wheel) -> bool:
-    return drive.type in ("mecanum", "omni") and wheel.swivel is None and not wheel.slides
-
-
-def _rolls(drive: Drive, each: WheelMotion) -> str:
-    on_roller = drive.type == "mecanum" and _has_rollers(drive, each.wheel)
-    return "along its roller" if on_roller else "forward"
-
-
-def _along(drive: Drive, each: WheelMotion) -> Array:
-    """Return the direction (3,) in which the ground holds a wheel, whatever else slides."""
-    if drive.type == "mecanum" and _has_rollers(drive, each.wheel):
-        return np.array([*each.wheel.direction, 0.0])
-    return each.ahead
 
 
 def _held_sideways(drive: Drive, each: WheelMotion) -> bool:
@@ -193,7 +178,7 @@ def _held_sideways(drive: Drive, each: WheelMotion) -> bool:
     if each.wheel.swivel is not None:
         return not _sharing(drive, each.wheel.swivel)
     arm = each.centre - _point(drive)
-    abreast = abs(float(arm @ cross(_left(drive), UP)))
+    abreast = abs(float(arm @ np.cross(_left(drive), UP)))
     return abreast <= MAX_AXLE_OFFSET * float(np.linalg.norm(arm[:2])) + LENGTH_ROUNDING_M
 
 

@@ -61,7 +61,7 @@ def test_loads_go_to_the_wheel_or_the_nearest_support(paper: Robot) -> None:
         ("base_link", np.array([1.0, 1.6, 0.0]), 7.0),  # the hull drags: nobody's
         ("arm_rail_link", ball, 9.0),
     ]
-    assert named.loads(points, {"base_link": base}).tolist() == [120.0, 0.0, 150.0]
+    assert named.loads(points, {"base_link": base}.__getitem__).tolist() == [120.0, 0.0, 150.0]
 
 
 def test_a_wheel_that_rolls_does_not_slip_and_one_that_does_not_turn_drags(paper: Robot) -> None:

@@ -31,7 +31,7 @@ from rpctl.equivalence import checks, wheel_slip
 from rpctl.equivalence.certificate import Check
 from rpctl.equivalence.gibbs_appell import GibbsAppell
 from rpctl.equivalence.mujoco_engine import MujocoEngine
-from rpctl.equivalence.rolling_rows import RollingRows
+from rpctl.equivalence.rolling_rows import FileRows
 from rpctl.equivalence.wheel_slip import FileMotion, Slip
 from tests.equivalence import mutations, shared_faults
 from tests.equivalence.fault_injection import Injection, in_function, in_method, rolling_of
@@ -289,7 +289,7 @@ PROBES: dict[str, tuple[str, Injection]] = {
     "MuJoCo: damping": (LOSSY, in_class(MujocoEngine, "reduced", field("damping"))),
     "Lagrange: v̇": (GENERAL, result_of(checks.constrained_motion, field("v_dot"))),
     "Lagrange: Aᵀλ": (GENERAL, result_of(checks.constrained_motion, field("force"))),
-    "Lagrange: Ȧv": (GENERAL, in_class(RollingRows, "at", pushed)),
+    "Lagrange: Ȧv": (GENERAL, in_class(FileRows, "at", pushed)),
     "Pinocchio: v̇": (GENERAL, result_of(checks.pinocchio_motion, scaled(1.0 + SMALL))),
     "inverse: 1e-11 of M ν̇": (GENERAL, in_method("inverse", heavier)),
     "forward: 1e-6": (GENERAL, in_method("forward", mutations.scaled(slice(None)))),

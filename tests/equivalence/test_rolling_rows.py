@@ -14,7 +14,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.drive.drive import Swivel
 from rpctl.equivalence.file_drive import read
-from rpctl.equivalence.rolling_rows import LEFT, RollingRows
+from rpctl.equivalence.rolling_rows import LEFT, FileRows
 from rpctl.equivalence.tree import FLOATS, Tree
 from rpctl.equivalence.wheel_slip import FileMotion
 from tests.drive.drive_cases import body, xml
@@ -42,8 +42,8 @@ def chain(folder: Path) -> tuple[Robot, Tree, Swivel]:
     robot = rpctl.load(write(folder, xml(parts)), drive="differential")
     reading = read(robot)
     swivels = tuple(
-        Swivel(name, "caster", (x, y), heading=0.2, sign=sign)
-        for name, (x, y, sign) in HITCHES.items()
+        Swivel(name, "caster", (x, y), heading=0.2, sign=sign, parent=parent)
+        for (name, (x, y, sign)), parent in zip(HITCHES.items(), (None, "first"), strict=True)
     )
     drive = dataclasses.replace(reading.drive, swivels=swivels)
     return robot, Tree(robot, FLOATS, dataclasses.replace(reading, drive=drive)), swivels[-1]
@@ -70,12 +70,12 @@ def test_a_contact_behind_a_joint_behind_a_joint(
     v[:3] = twist
     for name, rate in rates.items():
         v[robot.velocity_index(name)] = rate
-    row = RollingRows(robot, tree).contact(last, positions, PLACE, aside)
-    assert not row.imag.any()
-    assert row.real @ v == pytest.approx(wanted, rel=1e-14)
+    rows = FileRows(robot, tree)
+    rows.positions = positions
+    assert rows.contact(last, PLACE, aside) @ v == pytest.approx(wanted, rel=1e-14)
 
 
-def assert_rates(robot: Robot, rows: RollingRows, rng: np.random.Generator) -> None:
+def assert_rates(robot: Robot, rows: FileRows, rng: np.random.Generator) -> None:
     """Ȧ v is the difference of A over a short while along v, times v."""
     q, v, step = robot.random_configuration(rng), rng.normal(size=robot.nv), 1e-6
     ahead, behind = (
@@ -89,7 +89,7 @@ def test_the_drift_of_a_chain_is_the_rate_of_its_rows(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
     robot, tree, _ = chain(tmp_path)
-    rows = RollingRows(robot, tree)
+    rows = FileRows(robot, tree)
     assert_rates(robot, rows, rng)
     assert np.abs(rows.at(robot.random_configuration(rng), np.ones(robot.nv))[1]).max() > 0.1
 
@@ -98,7 +98,7 @@ def test_the_drift_of_a_chain_is_the_rate_of_its_rows(
 def test_the_rows_of_any_drive(tmp_path: Path, rng: np.random.Generator, kind: str) -> None:
     """S ν fulfils them, and so does its acceleration; they leave no other motion."""
     robot = rpctl.load(write(tmp_path, vehicle(kind)))
-    rows, dynamics = RollingRows(robot, Tree(robot, FLOATS)), ReducedDynamics(robot)
+    rows, dynamics = FileRows(robot, Tree(robot, FLOATS)), ReducedDynamics(robot)
     assert_rates(robot, rows, rng)
     q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
     S, v_dot = dynamics.basis(q), dynamics.basis_drift(q, nu)

@@ -9,7 +9,6 @@ stands for a part of a sound whole.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -39,11 +38,15 @@ def body_inertia(robot: Robot, joint: int) -> tuple[Inertial, tuple[str, ...]]:
         robot: The robot; the inertia is its model's.
         joint: Index of the joint in the model.
     """
-    carried = robot.model.inertias[joint]
-    links = list(_links(robot, joint))
-    whole, said = _mended(carried, links[0])
-    head = links[0].name
-    fused = tuple(_fusion(link, head, len(links)) for link in links if link_fault(link))
+    head = head_link(robot, joint)
+    links = [robot.description.link[name] for name, _ in robot.tree.rigid_links(head)]
+    whole, said = _mended(robot.model.inertias[joint], links[0])
+    sound = f'; as one body with the links fixed to "{head}" it is sound, and so it moves'
+    fused = tuple(
+        f'link "{link.name}" (line {link.line}): {fault}{sound if len(links) > 1 else ""}'
+        for link in links
+        if (fault := link_fault(link))
+    )
     return whole, said or fused
 
 
@@ -58,13 +61,6 @@ def is_physical(given: Inertial) -> bool:
     least = float(np.linalg.eigvalsh(given.inertia)[0])
     sound = not inertia_fault(given.inertia, ROUNDING)
     return sound and given.mass >= MIN_MASS and least >= MIN_MOMENT
-
-
-def _links(robot: Robot, joint: int) -> Iterator[Link]:
-    """Yield the links that a joint carries, its own first."""
-    head = head_link(robot, joint)
-    for name, _ in robot.tree.rigid_links(head):
-        yield robot.description.link[name]
 
 
 def head_link(robot: Robot, joint: int) -> str:
@@ -84,7 +80,9 @@ def _mended(carried: pin.Inertia, head: Link) -> tuple[Inertial, tuple[str, ...]
         mass = MIN_MASS
     fault = inertia_fault(inertia, ROUNDING)
     if fault:
-        inertia = _physical(inertia)
+        second, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
+        kept = (axes * np.maximum(second, 0.0)) @ axes.T  # no second moment is negative
+        inertia = np.trace(kept) * np.eye(3) - kept
         said += (f"{where}: its {fault}; {moments_text(inertia)} are used",)
     least = np.linalg.eigvalsh(inertia)[0]
     if least < MIN_MOMENT:
@@ -92,21 +90,6 @@ def _mended(carried: pin.Inertia, head: Link) -> tuple[Inertial, tuple[str, ...]
         if not fault and least <= ROUNDING * MIN_MOMENT:
             said += (f"{where} has no inertia about some axis; {MIN_MOMENT:g} kg·m² is added",)
     return Inertial(mass, np.array(carried.lever), inertia), said
-
-
-def _physical(inertia: Array) -> Array:
-    """Return the inertia whose negative second moments are 0 instead."""
-    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    moments, axes = np.linalg.eigh(second)
-    kept = (axes * np.maximum(moments, 0.0)) @ axes.T
-    return np.asarray(np.trace(kept) * np.eye(3) - kept)
-
-
-def _fusion(link: Link, head: str, count: int) -> str:
-    fault = f'link "{link.name}" (line {link.line}): {link_fault(link)}'
-    if count == 1:
-        return fault
-    return f'{fault}; as one body with the links fixed to "{head}" it is sound, and so it moves'
 
 
 def body_name(link: str) -> str:

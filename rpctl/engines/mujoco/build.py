@@ -5,8 +5,8 @@ friction turns (E. Todorov, "Convex and analytically-invertible dynamics with co
 constraints", ICRA 2014). The model is plain: any MuJoCo runs it, without callbacks.
 
 What a tie rod does on a car, a constraint does here. Where one swivel leads, its follower's angle
-is a polynomial of its own (MuJoCo's joint equality). Where several lead, a fixed tendon ties the
-follower to them along their Jacobian, which is kept up to date as the robot steers.
+is a polynomial of its own (MuJoCo's joint equality). Where several lead, no constraint of MuJoCo's
+says so: the rods are springs of whoever steps the robot.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import polynomial
 
-from rpctl.arrays import Array
 from rpctl.drive.steering import MAX_STEERING, follower_positions
 from rpctl.engines.mujoco.bodies import add_bodies, add_motors
 from rpctl.engines.mujoco.ground import GRIP, GROUND, GroundContacts
 from rpctl.engines.mujoco.settings import BASE, LEAST, ContactSettings, Heights, read_heights
-from rpctl.equivalence.contact.mujoco_body import follower_slopes, mujoco_library
+from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from rpctl.errors import RpctlError, require_positive
 from rpctl.robot.model import Robot
 
@@ -31,21 +31,6 @@ TIE_STEPS = 4.0  # timesteps: time constant of a tie
 TIE_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)
 DEGREE = 4  # of MuJoCo's polynomial
 FIT = 2e-3  # rad: largest error of a polynomial that stands for a tie rod
-
-
-@dataclass(frozen=True)
-class Follower:
-    """A swivel whose angle several others determine.
-
-    Attributes:
-        joint: Its joint.
-        leaders: Joints of the others.
-        tie: Name of the tendon and of the equality that tie it.
-    """
-
-    joint: str
-    leaders: tuple[str, ...]
-    tie: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +44,7 @@ class Built:
         contacts: Names of the contacts: the wheels' joints, then the supports, as
             ``Contacts.names``.
         geoms: Name of the contact of each geom that meets the ground, by the geom's name.
-        followers: Swivels whose ties change as the robot steers.
+        followers: Swivels that no equality ties: whoever steps the robot pulls them by rods.
         notes: What was assumed, in sentences.
         repairs: What of the file was mended, in sentences.
         heights: Of the ground; None: it is the plane z = 0.
@@ -68,7 +53,7 @@ class Built:
     spec: Any
     contacts: tuple[str, ...]
     geoms: Mapping[str, str]
-    followers: tuple[Follower, ...]
+    followers: tuple[str, ...]
     notes: tuple[str, ...]
     repairs: tuple[str, ...]
     heights: Heights | None = None
@@ -111,11 +96,16 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
         if joint.mimic is not None and joint.mimic.joint not in robot.locked:
             coefficients = (joint.mimic.offset, joint.mimic.multiplier)
             _tie(spec, joint.name, joint.mimic.joint, coefficients, settings)
-    followers, ties = _tie_followers(spec, robot, settings)
+    polynomials, notes = tie_polynomials(robot), ground.notes
+    for name, coefficients in polynomials.items():
+        _tie(spec, name, robot.drive.steered[0].joint, coefficients, settings)
+    followers = tuple(s.joint for s in robot.drive.followers if s.joint not in polynomials)
+    if polynomials:
+        turned = ", ".join(polynomials)
+        notes = [*notes, f"a tie rod, as a polynomial of degree {DEGREE}, turns {turned}"]
     ground.even()
     contacts = tuple(dict.fromkeys(ground.owners.values()))
-    notes = (*ground.notes, *ties)
-    return Built(spec, contacts, ground.owners, followers, notes, repairs, heights)
+    return Built(spec, contacts, ground.owners, followers, tuple(notes), repairs, heights)
 
 
 def _set_options(spec: Any, robot: Robot, settings: ContactSettings) -> None:
@@ -146,49 +136,27 @@ def _add_ground(spec: Any, friction: float, heights: Heights | None) -> None:
     ground.type, ground.hfieldname, ground.pos = kinds.mjGEOM_HFIELD, GROUND, [0.0, 0.0, low]
 
 
-def _tie_followers(
-    spec: Any, robot: Robot, settings: ContactSettings
-) -> tuple[tuple[Follower, ...], tuple[str, ...]]:
-    """Tie followers to the swivels that lead them; return those that change, and notes."""
-    leaders = tuple(swivel.joint for swivel in robot.drive.steered)
-    changing, polynomials = [], []
-    for swivel in robot.drive.followers:
-        fitted = _polynomial(robot, swivel.joint, leaders[0]) if len(leaders) == 1 else None
-        if fitted is not None:
-            _tie(spec, swivel.joint, leaders[0], tuple(fitted), settings)
-            polynomials.append(swivel.joint)
-            continue
-        follower = Follower(swivel.joint, leaders, f"{swivel.joint}/tie")
-        _add_tendon(spec, robot, follower, settings)
-        changing.append(follower)
-    notes: tuple[str, ...] = ()
-    if polynomials:
-        notes += (f"a tie rod, as a polynomial of degree {DEGREE}, turns {', '.join(polynomials)}",)
-    if changing:
-        names = ", ".join(follower.joint for follower in changing)
-        notes += (
-            f"tie rods that change with the steering hold {names} to the common centre of "
-            "rotation; a model file alone has them as they are straight ahead",
-        )
-    return tuple(changing), notes
+def tie_polynomials(robot: Robot) -> dict[str, tuple[float, ...]]:
+    """Return, by the joint of each swivel that follows a single one, its angle's coefficients (5,).
 
-
-def linearised(robot: Robot, follower: Follower, at: Array) -> tuple[float, Array]:
-    """Return a follower's angle (rad) and its slopes (n,) by its leaders', which are at (n,)."""
-    angles = dict(zip(follower.leaders, at.tolist(), strict=True))
-    place, slopes = follower_slopes(robot.drive, angles)
-    return place[follower.joint], np.array([slopes[follower.joint][name] for name in angles])
-
-
-def _polynomial(robot: Robot, follower: str, leader: str) -> Array | None:
-    """Return the coefficients (5,) of a follower's angle, or None where none fits."""
+    They are of a polynomial of the leader's angle, MuJoCo's ``polycoef``; none, where one of them
+    is no such polynomial.
+    """
+    if len(robot.drive.steered) != 1:
+        return {}
+    leader = robot.drive.steered[0].joint
     joint = robot.description.joint[leader]
     low, high = max(joint.lower, -MAX_STEERING), min(joint.upper, MAX_STEERING)
     angles = 0.5 * (low + high) + 0.5 * (high - low) * np.cos(np.linspace(0.0, math.pi, 41))
-    places = [follower_positions(robot.drive, {leader: float(a)})[follower] for a in angles]
-    fitted = np.polynomial.polynomial.polyfit(angles, places, DEGREE)
-    off = np.polynomial.polynomial.polyval(angles, fitted) - places
-    return np.asarray(fitted) if np.abs(off).max() <= FIT else None
+    places = [follower_positions(robot.drive, {leader: angle}) for angle in angles.tolist()]
+    found = {}
+    for name in places[0]:
+        wanted = [place[name] for place in places]
+        fitted = polynomial.polyfit(angles, wanted, DEGREE)
+        if np.abs(polynomial.polyval(angles, fitted) - wanted).max() > FIT:
+            return {}
+        found[name] = tuple(fitted.tolist())
+    return found
 
 
 def _tie(
@@ -203,18 +171,4 @@ def _tie(
     tie = spec.add_equality(name1=follower, name2=leader)
     tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
     tie.data[: len(coefficients)] = coefficients
-    tie.solref, tie.solimp = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP
-
-
-def _add_tendon(spec: Any, robot: Robot, follower: Follower, settings: ContactSettings) -> None:
-    mujoco = mujoco_library()
-    place, jacobian = linearised(robot, follower, np.zeros(len(follower.leaders)))
-    tendon = spec.add_tendon(name=follower.tie)
-    tendon.wrap_joint(follower.joint, 1.0)
-    for leader, derivative in zip(follower.leaders, jacobian.tolist(), strict=True):
-        tendon.wrap_joint(leader, -derivative)
-    tie = spec.add_equality(name=follower.tie, name1=follower.tie)
-    tie.type, tie.objtype = mujoco.mjtEq.mjEQ_TENDON, mujoco.mjtObj.mjOBJ_TENDON
-    tie.data[:] = 0.0
-    tie.data[0] = place
     tie.solref, tie.solimp = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP

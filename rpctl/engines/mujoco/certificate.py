@@ -17,9 +17,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from lxml import etree
+
 from rpctl.engines.mujoco.equations import Witness, as_plain, from_plain
 from rpctl.engines.mujoco.mjcf_reader import Table
-from rpctl.engines.mujoco.mjcf_writer import Part
 from rpctl.errors import InputError
 from rpctl.files.strict_json import read_json
 
@@ -73,7 +74,7 @@ class MjcfCertificate:
         plain = {**vars(self), "schema": SCHEMA, "witness": as_plain(self.witness)}
         return json.dumps(plain, separators=(",", ":"), sort_keys=False).encode()
 
-    def parts(self, how: str) -> list[Part]:
+    def parts(self, how: str) -> list[Any]:
         """Return the custom texts of the file.
 
         Args:
@@ -91,7 +92,7 @@ class MjcfCertificate:
             TEXT: base64.b64encode(zlib.compress(self._json(), 9)).decode(),
         }
         return [
-            Part("text", {"name": name, "data": UNSAVED.sub("_", text) or "_"})
+            etree.Element("text", {"name": name, "data": UNSAVED.sub("_", text) or "_"})
             for name, text in texts.items()
         ]
 
@@ -111,8 +112,7 @@ def find_certificate(texts: Mapping[str, str], path: object) -> MjcfCertificate:
         )
     try:
         data = _unpacked(packed)
-        plain = read_json(data.decode("utf-8"))
-        certificate = _from_plain(plain)
+        certificate = _from_plain(read_json(data.decode("utf-8")))
     except (ValueError, KeyError, TypeError, AttributeError, zlib.error, binascii.Error) as fault:
         raise InputError(path, f"its certificate is damaged ({fault}); export again") from None
     told = texts.get("rpctl_certificate_sha256")
@@ -137,27 +137,8 @@ def _unpacked(packed: str) -> bytes:
 def _from_plain(plain: Any) -> MjcfCertificate:
     if plain.pop("schema") != SCHEMA:
         raise ValueError("it is of another version of rpctl")
-    _require_table(plain["table"])
     plain["witness"] = from_plain(plain["witness"])
     plain["checks"] = tuple(dict(check) for check in plain["checks"])
     for name in ("made_with", "settings", "verified", "facts"):
         plain[name] = dict(plain[name])
-    for name in ("robot", "source", "urdf", "model"):
-        if not isinstance(plain[name], str):
-            raise TypeError(f"{name} is no text")
     return MjcfCertificate(**plain)
-
-
-def _require_table(table: Any) -> None:
-    """Refuse what is no table.
-
-    Raises:
-        TypeError: It is none.
-    """
-    for kind in table.values():
-        for fields in kind.values():
-            for value in fields.values():
-                if not isinstance(value, str) and not (
-                    isinstance(value, list) and all(isinstance(v, float | int | str) for v in value)
-                ):
-                    raise TypeError("its table holds what is no value")

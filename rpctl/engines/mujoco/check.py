@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rpctl.engines.mujoco.certificate import MjcfCertificate, find_certificate
 from rpctl.engines.mujoco.equations import Witness, compare_with_witness, take_witness
 from rpctl.engines.mujoco.mjcf_reader import Fields, StrictMjcf, Table, Value, read_mjcf
@@ -85,96 +87,75 @@ def compare_tables(exported: Table, found: Table) -> Comparison:
     Fields that only one of them has are of another version of MuJoCo, and left out.
     """
     pairs = [*exported.get("pair", {}).values(), *found.get("pair", {}).values()]
-    walker = _Walker({str(pair[end]) for pair in pairs for end in ("geom1", "geom2")})
-    edits = [edit for kind in sorted({*exported, *found}) for edit in walker.kind(
-        kind, exported.get(kind, {}), found.get(kind, {}), found
-    )]  # fmt: skip
+    paired = {str(pair[end]) for pair in pairs for end in ("geom1", "geom2")}
+    edits: list[Edit] = []
+    roundings: list[float] = []
+    for kind in sorted({*exported, *found}):
+        before, after = exported.get(kind, {}), found.get(kind, {})
+        edits += _element_edits(kind, before, after, paired)
+        for name in (name for name in before if name in after):
+            idle = _is_idle(kind, name, paired, before[name], after[name])
+            for entry, *values in _both(kind, before[name], after[name]):
+                gap = _difference(entry, *values)
+                if not gap <= ROUNDED:
+                    matters = not idle and entry not in HARMLESS_FIELDS
+                    edits.append(Edit(kind, name, entry, *map(_words, values), matters))
+                elif gap > SAME:
+                    roundings.append(gap)
     if any(edit.matters and edit.field != "meaninertia" for edit in edits):  # it follows from these
         edits = [edit for edit in edits if edit.field != "meaninertia"]
     edits.sort(key=lambda edit: not edit.matters)
-    return Comparison(tuple(edits), walker.rounded, walker.largest)
+    return Comparison(tuple(edits), len(roundings), max(roundings, default=0.0))
 
 
-class _Walker:
-    """Compares elements, and counts what was only rounded."""
-
-    def __init__(self, paired: Collection[str]) -> None:
-        self._paired = paired
-        self.rounded = 0
-        self.largest = 0.0
-
-    def kind(
-        self,
-        kind: str,
-        before: Mapping[str, Fields],
-        after: Mapping[str, Fields],
-        found: Table,
-    ) -> Iterator[Edit]:
-        """Yield the edits of all elements of a kind."""
-        for name in (name for name in before if name not in after):
-            matters = kind not in HARMLESS_KINDS and not self.drawn_only(kind, name, before[name])
-            yield Edit(kind, name, "", "", "was removed", matters)
-        for name in (name for name in after if name not in before):
-            matters = kind not in HARMLESS_KINDS and not self.drawn_only(kind, name, after[name])
-            yield Edit(kind, name, "", "", "was added", matters and kind != "sensor")
-        both = [name for name in before if name in after]
-        now = [name for name in after if name in before]
-        if kind in ORDERED and both != now:
-            at = next(i for i, pair in enumerate(zip(both, now, strict=True)) if pair[0] != pair[1])
-            yield Edit(kind, kind, "order", f'"{both[at]}" first', f'"{now[at]}" first', True)
-        for name in both:
-            yield from self.fields(kind, name, before[name], after[name])
-
-    def fields(self, kind: str, name: str, before: Fields, after: Fields) -> Iterator[Edit]:
-        """Yield the edits of one element."""
-        drawn = self.drawn_only(kind, name, before) and self.drawn_only(kind, name, after)
-        shared = before.keys() & after.keys() if kind != "asset" else before.keys() | after.keys()
-        for entry in sorted(shared):
-            if self.same(entry, before.get(entry, ""), after.get(entry, "")):
-                continue
-            matters = not (drawn or entry in HARMLESS_FIELDS or kind in HARMLESS_KINDS)
-            words = _words(before.get(entry, "")), _words(after.get(entry, ""))
-            yield Edit(kind, name, entry, *words, matters)
-
-    def drawn_only(self, kind: str, name: str, fields: Fields) -> bool:
-        """Return whether an element is a geom that touches nothing."""
-        if kind != "geom" or name in self._paired:
-            return False
-        return fields.get("contype") == [0.0] == fields.get("conaffinity")
-
-    def same(self, field: str, before: Value, after: Value) -> bool:
-        """Return whether two values are one, up to rounding; rounding is counted."""
-        if before == after:
-            return True
-        if isinstance(before, str) or isinstance(after, str) or len(before) != len(after):
-            return False
-        words = [(a, b) for a, b in zip(before, after, strict=True) if isinstance(a, str | bytes)]
-        if words or any(isinstance(b, str) for b in after):
-            return before == after
-        gap, size = _gap(field, [float(a) for a in before], [float(b) for b in after])
-        if not gap <= ROUNDED:
-            return False
-        if gap > SAME:
-            self.rounded += 1
-            self.largest = max(self.largest, gap)
-        return size >= 0.0
+def _element_edits(
+    kind: str, before: Mapping[str, Fields], after: Mapping[str, Fields], paired: Collection[str]
+) -> Iterator[Edit]:
+    """Yield which elements of a kind were removed, added, or put in another order."""
+    for name in (name for name in before if name not in after):
+        matters = not _is_idle(kind, name, paired, before[name])
+        yield Edit(kind, name, "", "", "was removed", matters)
+    for name in (name for name in after if name not in before):
+        matters = kind != "sensor" and not _is_idle(kind, name, paired, after[name])
+        yield Edit(kind, name, "", "", "was added", matters)
+    both = [name for name in before if name in after]
+    now = [name for name in after if name in before]
+    if kind in ORDERED and both != now:
+        first, other = next(pair for pair in zip(both, now, strict=True) if pair[0] != pair[1])
+        yield Edit(kind, kind, "order", f'"{first}" first', f'"{other}" first', True)
 
 
-def _gap(field: str, before: list[float], after: list[float]) -> tuple[float, float]:
-    """Return the largest relative difference of two lists of numbers, and the largest number.
+def _is_idle(kind: str, name: str, paired: Collection[str], *states: Fields) -> bool:
+    """Return whether an element moves nothing, as a geom that touches nothing in all its states."""
+    touching = kind != "geom" or name in paired
+    drawn = (each.get("contype") == [0.0] == each.get("conaffinity") for each in states)
+    return kind in HARMLESS_KINDS or (not touching and all(drawn))
+
+
+def _both(kind: str, before: Fields, after: Fields) -> Iterator[tuple[str, Value, Value]]:
+    """Yield the fields of an element with their two values; of an asset all that either has."""
+    names = before.keys() & after.keys() if kind != "asset" else before.keys() | after.keys()
+    for name in sorted(names):
+        yield name, before.get(name, ""), after.get(name, "")
+
+
+def _difference(field: str, before: Value, after: Value) -> float:
+    """Return the largest relative difference of two values; infinite if they are no like numbers.
 
     Directions, places and inertias are compared as wholes: their small entries are rounding.
     """
-    if field.endswith("quat") and sum(a * b for a, b in zip(before, after, strict=True)) < 0.0:
-        after = [-number for number in after]  # the same turn
-    size = max(map(abs, before), default=0.0)
-    gaps = []
-    for a, b in zip(before, after, strict=True):
-        if a == b:
-            continue
-        scale = size if field in DIRECTIONS else max(abs(a), abs(b))
-        gaps.append(abs(a - b) / scale if scale > 0.0 else math.inf)
-    return max(gaps, default=0.0), size
+    if before == after:
+        return 0.0
+    words = any(isinstance(each, str) for each in (before, after, *before, *after))
+    if words or len(before) != len(after):
+        return math.inf
+    old, new = np.array(before, dtype=float), np.array(after, dtype=float)
+    if field.endswith("quat") and old @ new < 0.0:
+        new = -new  # the same turn
+    whole = np.full_like(old, np.abs(old).max())
+    scale = whole if field in DIRECTIONS else np.maximum(np.abs(old), np.abs(new))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.where(old == new, 0.0, np.abs(old - new) / scale).max())
 
 
 def _words(value: Value) -> str:

@@ -17,7 +17,7 @@ from rpctl.engines.engine import (
     Switch,
     in_order,
     joint_losses,
-    wheel_slip,
+    wheel_slips,
 )
 from rpctl.engines.mujoco.build import build
 from rpctl.engines.mujoco.settings import ContactSettings
@@ -36,18 +36,6 @@ SETTING = (
 )
 TICK_S = 2e-3  # s: one of MuJoCo's default steps
 STEP_ROUNDING = 1e-6  # of a step
-
-
-def calm_speed(friction: float) -> float:
-    """Return the speed (m/s) below which what slides is not lifted off the ground.
-
-    MuJoCo's friction is relaxed: what slides at a speed v lifts itself by μ b v/k, b the rate at
-    which friction ends slipping and k the stiffness under the load. With the defaults a wheel that
-    scrubs faster than g/(μ b) hops, spins up in the air and grips where it lands, and so holds a
-    turn back.
-    """
-    slipping_ends = 2.0 / SETTINGS.time_constant  # b, 1/s
-    return LIFT * GRAVITY / (friction * slipping_ends)
 
 
 @dataclass(frozen=True)
@@ -77,19 +65,26 @@ class MujocoSimulator:
 
     def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
         """Return the robot at rest at q (nq,); :meth:`rpctl.engines.engine.Engine.start`."""
-        loaded = load_as_user(robot)
-        touching = mend(loaded.spec, robot, mended, friction)
-        model, told = compiled(loaded.spec)
+        spec, notes = load_as_user(robot)
+        touching = mend(spec, robot, mended, friction)
+        model, told = compiled(spec)
         run = MujocoRun(robot, model, touching, friction)
-        run.notes = (*loaded.notes, *(f"MuJoCo: {note}" for note in told))
+        run.notes = (*notes, *(f"MuJoCo: {note}" for note in told))
         if "losses" in mended:
             run.set_losses()
         run.start(q, tied="mimic" in mended and not touching.tied)
         return run
 
     def turning_speed(self, friction: float) -> float:
-        """Return the speed (m/s) of the rims at which scrubbing wheels stay on the ground."""
-        return calm_speed(friction)
+        """Return the speed (m/s) of the rims at which scrubbing wheels stay on the ground.
+
+        MuJoCo's friction is relaxed: what slides at a speed v lifts itself by μ b v/k, b the rate
+        at which friction ends slipping and k the stiffness under the load. With the defaults a
+        wheel that scrubs faster than g/(μ b) hops, spins up in the air and grips where it lands,
+        and so holds a turn back.
+        """
+        slipping_ends = 2.0 / SETTINGS.time_constant  # b, 1/s
+        return LIFT * GRAVITY / (friction * slipping_ends)
 
     def start_turning(self, robot: Robot, q: Array, friction: float) -> TurningRun:
         """Return the robot at rest at q (nq,), its wheels so that they stay on the ground."""
@@ -102,24 +97,23 @@ class TurningRun(MujocoWorld):
     def __init__(self, robot: Robot, q: Array, friction: float) -> None:
         built = build(robot, SETTINGS, friction)
         super().__init__(robot, built)
-        self.notes, self._t = built.notes, 0.0
+        self.notes = built.notes
         self.place(q, -robot.drive.ground)
         self.settle()
 
     def advance(self, tau: Array, dt: float) -> None:
         """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
         self.run(tau, dt)
-        self._t += dt
 
     def state(self) -> EngineState:
         """Return the state now."""
-        return body_state(self, self._t, self.loads(), self.slips())
+        return body_state(self, self.loads(), self.slips())
 
 
-def body_state(body: MujocoBody, t: float, load: Array, slip: Array) -> EngineState:
-    """Return the state of a robot in MuJoCo at t (s), with its loads and slip."""
+def body_state(body: MujocoBody, load: Array, slip: Array) -> EngineState:
+    """Return the state of a robot in MuJoCo with its loads and slip."""
     joints = {name: body.joint(name) for name in body.dofs}
-    return EngineState(t, body.pose, joints, load, slip, body.energy)
+    return EngineState(body.pose, joints, load, slip, body.energy)
 
 
 class MujocoRun(RollingBody):
@@ -144,13 +138,10 @@ class MujocoRun(RollingBody):
         """Return the state now."""
         self.mujoco.mj_fwdPosition(self.mjm, self.data)
         self.mujoco.mj_fwdVelocity(self.mjm, self.data)
-        wheels = self.robot.drive.wheels
-        slip = [wheel_slip(self.robot, wheel, self._motion(wheel.joint)) for wheel in wheels]
-        slips = np.array(slip).reshape(-1, 2)
-        return body_state(self, float(self.data.time), self._load.copy(), slips)
+        return body_state(self, self._load.copy(), wheel_slips(self.robot, self._motion))
 
-    def _motion(self, joint: str) -> LinkMotion:
-        body = int(self.mjm.body(PREFIX + self.robot.description.joint[joint].child).id)
+    def _motion(self, link: str) -> LinkMotion:
+        body = int(self.mjm.body(PREFIX + link).id)
         twist = self.twist(self.mujoco.mjtObj.mjOBJ_XBODY, body)
         rotation = self.data.xmat[body].reshape(3, 3)
         return LinkMotion(rotation, self.data.xpos[body], twist[:3], twist[3:])

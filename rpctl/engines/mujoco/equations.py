@@ -15,8 +15,8 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.equivalence.certificate import Check, worst
-from rpctl.equivalence.contact.mujoco_body import mujoco_library
+from rpctl.equivalence.certificate import Check, worst, worst_cases
+from rpctl.equivalence.contact.mujoco_body import free_inertia, mujoco_library, part_number
 from rpctl.equivalence.state import draw_state
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root
@@ -160,12 +160,8 @@ def compare_with_witness(
         RpctlError: The model lacks a body, a joint or an actuator that the witness names.
     """
     tree, room = _FreeTree(model, witness), ROUNDING_ROOM * rounding
-    found: dict[str, Check] = {}
-    for sample in range(len(witness.nu)):
-        for check in tree.gaps(sample):
-            if check.name not in found or check.residual > found[check.name].residual:
-                found[check.name] = replace(check, sample=sample)
-    rows = (*found.values(), *tree.limits())
+    samples = ((sample, tree.gaps(sample)) for sample in range(len(witness.nu)))
+    rows = (*worst_cases(samples), *tree.limits())
     return tuple(replace(row, against=against, limit=max(row.limit, room)) for row in rows)
 
 
@@ -176,12 +172,9 @@ class _FreeTree:
         self._mujoco = mujoco_library()
         self._model, self._witness = model, witness
         self._data = self._mujoco.MjData(model)
-        kinds = self._mujoco.mjtObj
-        body = self._find(kinds.mjOBJ_BODY, "body", witness.root)
-        self._joints = [self._find(kinds.mjOBJ_JOINT, "joint", name) for name in witness.joints]
-        self._actuators = [
-            self._find(kinds.mjOBJ_ACTUATOR, "actuator", name) for name in witness.actuators
-        ]
+        body = part_number(model, "body", witness.root)
+        self._joints = [part_number(model, "joint", name) for name in witness.joints]
+        self._actuators = [part_number(model, "actuator", name) for name in witness.actuators]
         free = int(model.body_jntadr[body])
         if free < 0 or int(model.jnt_type[free]) != int(self._mujoco.mjtJoint.mjJNT_FREE):
             raise RpctlError(f'body "{witness.root}" has no free joint; the root link needs one')
@@ -217,9 +210,7 @@ class _FreeTree:
         data.qvel[self._dofs] = self._witness.S[sample] @ self._witness.nu[sample]
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
-        M = np.zeros((model.nv, model.nv))
-        for row, unit in zip(M, np.eye(model.nv), strict=True):
-            mujoco.mj_mulM(model, data, row, unit)
+        M = free_inertia(model, data)
         return M[np.ix_(self._dofs, self._dofs)], np.array(data.qfrc_bias)[self._dofs]
 
     def _columns(self) -> Array:
@@ -262,12 +253,6 @@ class _FreeTree:
         ):
             has = np.array(getattr(model, f"dof_{name}"))[dofs]
             yield _equal(name, has.reshape(len(dofs), -1), values[:, None], witness.joints)
-
-    def _find(self, kind: Any, word: str, name: str) -> int:
-        index = int(self._mujoco.mj_name2id(self._model, kind, name))
-        if index < 0:
-            raise RpctlError(f'there is no {word} "{name}", which the robot has')
-        return index
 
 
 def _equal(name: str, has: Array, wanted: Array, rows: tuple[str, ...]) -> Check:

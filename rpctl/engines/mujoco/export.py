@@ -15,7 +15,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rpctl.arrays import Array
+import numpy as np
+from lxml import etree
+
 from rpctl.engines.mujoco.bodies import body_name
 from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.certificate import MjcfCertificate
@@ -23,7 +25,7 @@ from rpctl.engines.mujoco.check import compare_tables
 from rpctl.engines.mujoco.equations import Witness, compare_with_witness, take_witness
 from rpctl.engines.mujoco.ground import has_rollers
 from rpctl.engines.mujoco.mjcf_reader import StrictMjcf, parse_mjcf, tabulate
-from rpctl.engines.mujoco.mjcf_writer import Drawn, Part, draw, numbers, to_bytes, write_model
+from rpctl.engines.mujoco.mjcf_writer import Drawn, draw, numbers, to_bytes, write_model
 from rpctl.engines.mujoco.sensors import FREE, HOME, HOW, sensor_parts
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.trial import run_on_ground, settle
@@ -76,19 +78,17 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bo
         for pair in spec.pairs:
             pair.solref, pair.solimp = [HARD_STEPS * settings.timestep, 1.0], SOLIMP
             pair.solreffriction = [0.0, 0.0]  # as solref
-    _drop_changing_ties(spec, built)
-    notes = tuple(note for note in built.notes if not note.startswith("tie rods that change"))
-    return replace(built, notes=(*notes, *_loose_note(robot, built)))
-
-
-def _drop_changing_ties(spec: Any, built: Built) -> None:
-    """Leave out ties that rpctl turns as it steps, which no file can; name the others."""
-    changing = {follower.tie for follower in built.followers}
-    for element in (*spec.equalities, *spec.tendons):
-        if element.name in changing:
-            spec.delete(element)
     for tie in spec.equalities:
         tie.name = tie.name or f"{tie.name1}_tie"
+    if built.followers:
+        leaders = ", ".join(swivel.joint for swivel in robot.drive.steered)
+        loose = (
+            f"{', '.join(built.followers)} follow {leaders} in a way that no tie of MuJoCo says: "
+            "the file leaves them to their motors; hold each at its angle of "
+            "robot.configuration(...)"
+        )
+        built = replace(built, notes=(*built.notes, loose))
+    return built
 
 
 def _require_possible(robot: Robot) -> None:
@@ -106,18 +106,6 @@ def _require_possible(robot: Robot) -> None:
             "contacts holds in all directions alike; lock what they hang on, or declare another "
             "drive with --drive"
         )
-
-
-def _loose_note(robot: Robot, built: Built) -> tuple[str, ...]:
-    """Return what is to be said of swivels that no tie holds."""
-    loose = [follower.joint for follower in built.followers]
-    if not loose:
-        return ()
-    leaders = ", ".join(swivel.joint for swivel in robot.drive.steered)
-    return (
-        f"{', '.join(loose)} follow {leaders} in a way that no tie of MuJoCo says: the file leaves "
-        "them to their motors; hold each at its angle of robot.configuration(...)",
-    )
 
 
 @dataclass(frozen=True)
@@ -182,7 +170,14 @@ def write_mjcf(
     rolling = robot if settings.losses else without_losses(robot)
     trial = run_on_ground(rolling, _compiled(bare, drawn, path), root)
     compared = compare_with_witness(file.model, witness)
-    checks = (_verified_row(verified), *_read_back(built, file), *compared, *trial.checks)
+    nearest = next((c for c in verified.checks if not c.passed), verified.worst)
+    proven = replace(nearest, name=f"rpctl verify: {nearest.name}")
+    # Nothing of the file may differ from the model but its keyframe, which is written beside it.
+    found = compare_tables(tabulate(built.compile()), file.table)
+    faults = [edit.sentence for edit in found.edits if edit.matters and edit.kind != "key"]
+    residual = float("inf") if faults else found.largest
+    numbers_kept = Check("every number", READ_BACK, residual, 0.0, entry="; ".join(faults[:3]))
+    checks = (proven, numbers_kept, *compared, *trial.checks)
     given = {"settings": {"friction": friction, **asdict(settings)}, "facts": dict(facts)}
     certificate = _certificate(robot, file, witness, checks, verified, given)
     sections["custom"] = certificate.parts(HOW)
@@ -224,29 +219,27 @@ def _certificate(
     )
 
 
-def _sections(robot: Robot, model: Any, root: str, drawn: Drawn) -> dict[str, list[Part]]:
+def _sections(robot: Robot, model: Any, root: str, drawn: Drawn) -> dict[str, list[Any]]:
     """Return what the file has besides the model: looks, sensors, and the stand at home."""
     home, hold = settle(robot, model, root)
-    key = {"name": HOME, "qpos": numbers(home), "ctrl": numbers(_controls(robot, model, hold))}
+    controls = np.zeros(model.nu)
+    controls[[model.actuator(name).id for name in robot.actuators]] = hold
+    key = {"name": HOME, "qpos": numbers(home), "ctrl": numbers(controls)}
     return {
-        "visual": [Part("headlight", {"ambient": "0.3 0.3 0.3", "diffuse": "0.5 0.5 0.5"})],
+        "visual": [
+            etree.Element("headlight", {"ambient": "0.3 0.3 0.3", "diffuse": "0.5 0.5 0.5"})
+        ],
         "asset": list(drawn.assets),
         "sensor": sensor_parts(robot, root),
-        "keyframe": [Part("key", key)],
+        "keyframe": [etree.Element("key", key)],
     }
 
 
-def _controls(robot: Robot, model: Any, efforts: Array) -> list[float]:
-    """Return controls in the order of the model."""
-    found = [0.0] * int(model.nu)
-    for name, effort in zip(robot.actuators, efforts.tolist(), strict=True):
-        found[int(model.actuator(name).id)] = effort
-    return found
-
-
-def _document(spec: Any, drawn: Drawn, sections: dict[str, list[Part]], path: Path) -> Any:
+def _document(spec: Any, drawn: Drawn, sections: dict[str, list[Any]], path: Path) -> Any:
     """Return the root element of the file."""
-    light = Part("light", {"name": "sun", "pos": "0 0 4", "dir": "0 0 -1", "directional": "true"})
+    light = etree.Element(
+        "light", {"name": "sun", "pos": "0 0 4", "dir": "0 0 -1", "directional": "true"}
+    )
     parts = {**drawn.parts, "world": [light]}
     comment = (
         f" Written by rpctl {VERSION}. Units: m, kg, s, rad, N. Controls are efforts at "
@@ -295,21 +288,3 @@ def _put(path: Path, data: bytes, drawn: Drawn) -> tuple[Path, ...]:
         write_atomically(folder / name, content, follow_links=False)
     write_atomically(path, data)
     return tuple(folder / name for name in drawn.files)
-
-
-def _read_back(built: Built, file: StrictMjcf) -> tuple[Check, ...]:
-    """Return the row of the file against the model that was built: nothing of it may differ.
-
-    All but its keyframe, which is written beside the model.
-    """
-    found = compare_tables(tabulate(built.compile()), file.table)
-    faults = [edit.sentence for edit in found.edits if edit.matters and edit.kind != "key"]
-    row = Check("every number", READ_BACK, found.largest, 0.0)
-    return (replace(row, residual=float("inf"), entry="; ".join(faults[:3])) if faults else row,)
-
-
-def _verified_row(verified: Certificate) -> Check:
-    """Return the certificate of the equations as one row: the check that is nearest its limit."""
-    failed = [check for check in verified.checks if not check.passed]
-    worst = failed[0] if failed else verified.worst
-    return replace(worst, name=f"rpctl verify: {worst.name}")

@@ -12,7 +12,6 @@ import math
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.records import Shape, rotation
@@ -22,11 +21,11 @@ from rpctl.engines.mujoco.bodies import body_name, is_physical, place_in_body
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.equivalence.contact.model import about, geom_size, support_shapes, tyre
 from rpctl.equivalence.contact.mujoco_body import (
+    add_shape,
     mujoco_library,
-    quaternion,
     vertical_inverse_masses,
 )
-from rpctl.equivalence.mujoco_engine import Inertial
+from rpctl.equivalence.mujoco_engine import Inertial, combined
 from rpctl.robot.model import Robot
 
 GROUND = "ground"  # name of the ground's geom
@@ -86,10 +85,8 @@ class GroundContacts:
 
         ``kind`` and ``size`` are MuJoCo's; without friction the geom slides.
         """
-        kinds = mujoco_library().mjtGeom
-        geom = body.add_geom(name=name, type=getattr(kinds, f"mjGEOM_{kind.upper()}"), mass=0.0)
-        geom.size, geom.pos, geom.quat = size, pose[:3, 3], quaternion(pose)
-        geom.contype = geom.conaffinity = 0
+        geom = add_shape(body, name, kind, size, pose)
+        geom.mass = geom.contype = geom.conaffinity = 0
         pair = self._spec.add_pair(name=name, geomname1=GROUND, geomname2=name)
         pair.condim = 3 if friction > 0.0 else 1
         pair.friction = [friction, friction, 0.0, 0.0, 0.0]
@@ -166,7 +163,8 @@ class GroundContacts:
             pair.solimp = ROLLER_IMPEDANCE
             self.owners[name] = wheel.joint
             places.append(place)
-        rest = _without(carried, inertia, places)
+        whole = Inertial(float(carried.mass), carried.lever, carried.inertia)
+        rest = combined([whole, *(Inertial(-mass, at, -inertia.inertia) for at in places)])
         if is_physical(rest):
             rest.put(body)
 
@@ -260,19 +258,3 @@ def _harder(impedance: float, ratio: float) -> float:
     """Return the impedance d for which d/(1 − d) is ``ratio`` times that of another."""
     odds = ratio * impedance / (1.0 - impedance)
     return odds / (1.0 + odds)
-
-
-def _without(carried: pin.Inertia, roller: Inertial, places: list[Array]) -> Inertial:
-    """Return what is left of a wheel without rollers at some places (3,), by Steiner's rule."""
-    mass = float(carried.mass) - len(places) * roller.mass
-    moment = carried.mass * carried.lever - roller.mass * np.sum(places, axis=0)
-    com = moment / mass
-    inertia = carried.inertia + carried.mass * _spread(carried.lever)
-    for place in places:
-        inertia = inertia - roller.inertia - roller.mass * _spread(place)
-    return Inertial(mass, com, inertia - mass * _spread(com))
-
-
-def _spread(r: Array) -> Array:
-    """Return the inertia (3, 3) of a unit mass at r (3,) about the origin."""
-    return np.asarray(r @ r * np.eye(3) - np.outer(r, r))

@@ -10,9 +10,8 @@ that follow from others: one that a new MuJoCo adds is in the table.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -124,29 +123,16 @@ def tabulate(model: Any) -> Table:
     of = _NamedModel(mujoco_library(), model)
     table: Table = {"option": {"option": _option(of)}, "model": {"model": _rest(of)}}
     for kind, prefix in PREFIXES.items():
-        rows: dict[str, Fields] = {}
-        for index, fields in enumerate(_rows(of, prefix)):
-            rows[of.name(kind, index)] = fields
-        table[kind] = rows
+        arrays = _arrays(of, prefix)
+        table[kind] = {
+            of.name(kind, index): {name: _value(of, name, index, arrays) for name in arrays}
+            for index in range(min(map(len, arrays.values()), default=0))
+        }
     for index, fields in enumerate(table["joint"].values()):
         fields |= _degree_of_freedom(of, index)
     for index, fields in enumerate(table["body"].values()):
         fields["inertia"] = _inertia(of, index)
     return table
-
-
-def _rows(of: _NamedModel, prefix: str) -> Iterator[Fields]:
-    """Yield the fields of each element of a kind."""
-    arrays = _arrays(of, prefix)
-    count = min((len(array) for array in arrays.values()), default=0)
-    for index in range(count):
-        yield {name: _value(of, name, index, arrays) for name, array in arrays.items()}
-
-
-@cache
-def _attributes() -> tuple[str, ...]:
-    """Return the names of what a compiled model holds."""
-    return tuple(dir(mujoco_library().MjModel))
 
 
 def _numbers(value: Any) -> list[float | str]:
@@ -158,7 +144,7 @@ def _arrays(of: _NamedModel, prefix: str) -> dict[str, Any]:
     """Return what the model holds of a kind, by the names of fields without their prefix."""
     left_out = {*COMPILER_ONLY, *DERIVED.get(prefix, ())}
     found = {}
-    for attribute in _attributes():
+    for attribute in dir(of.model):
         name = attribute.removeprefix(f"{prefix}_")
         if name != attribute and name not in left_out:
             array = getattr(of.model, attribute)

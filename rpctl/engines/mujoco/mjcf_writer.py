@@ -12,6 +12,7 @@ import ctypes
 import hashlib
 import re
 from collections.abc import Iterable
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
@@ -33,26 +34,13 @@ LONG_NUMBER = re.compile(r"-?\d+\.\d{9,}(e[+-]?\d+)?")
 WRITTEN_LAST = ("sensor", "keyframe", "custom")  # sections that stand below the model's own
 
 
-@dataclass(frozen=True)
-class Part:
-    """An element that is added to a body or a section: a drawn shape, a sensor, a text.
-
-    Attributes:
-        tag: As MJCF calls it.
-        attributes: As written.
-    """
-
-    tag: str
-    attributes: dict[str, str]
-
-
 def numbers(values: Iterable[float]) -> str:
     """Return numbers as MJCF has them, each in the fewest digits that it is read from again."""
     return " ".join(_number(value) for value in values)
 
 
 def write_model(
-    spec: Any, drawn: dict[str, list[Part]], sections: dict[str, list[Part]], comment: str
+    spec: Any, drawn: dict[str, list[Any]], sections: dict[str, list[Any]], comment: str
 ) -> Any:
     """Return the root element of the MJCF of a spec that was compiled.
 
@@ -69,11 +57,11 @@ def write_model(
     bodies = {body.get("name"): body for body in root.iter("body")}
     bodies["world"] = world = root.find("worldbody")
     for name, parts in drawn.items():
-        _add(bodies[name], parts)
+        bodies[name].extend(deepcopy(parts))
     for name, parts in sections.items():
         if parts:
             section = etree.Element(name)
-            _add(section, parts)
+            section.extend(deepcopy(parts))
             root.insert(len(root) if name in WRITTEN_LAST else root.index(world), section)
     return root
 
@@ -93,11 +81,6 @@ def _xml(spec: Any) -> str:
         return LONG_NUMBER.sub(lambda found: _number(found[0]), spec.to_xml())
     finally:
         native._mjPRIVATE__set_xml_precision(usual)
-
-
-def _add(parent: Any, parts: Iterable[Part]) -> None:
-    for part in parts:
-        etree.SubElement(parent, part.tag, part.attributes)
 
 
 def _number(value: Any) -> str:
@@ -123,8 +106,8 @@ class Drawn:
         notes: What was left out, and why.
     """
 
-    parts: dict[str, list[Part]]
-    assets: list[Part]
+    parts: dict[str, list[Any]]
+    assets: list[Any]
     files: dict[str, bytes]
     notes: tuple[str, ...]
 
@@ -149,8 +132,8 @@ class _Drawing:
 
     def __init__(self, robot: Robot, meshes: bool) -> None:
         self._robot, self._meshes = robot, meshes
-        self._parts: dict[str, list[Part]] = {}
-        self._assets: dict[str, Part] = {}
+        self._parts: dict[str, list[Any]] = {}
+        self._assets: dict[str, Any] = {}
         self._files: dict[str, bytes] = {}
         self._faults: dict[str, list[str]] = {}
         self._triangles = 0
@@ -160,10 +143,9 @@ class _Drawing:
         if shape.rgba is not None and shape.rgba[3] <= 0.0:
             return
         if shape.mesh is None:
-            size = geom_size(shape)
             kept = {"sphere": 1, "box": 3}.get(shape.kind, 2)
-            self._place(head, name, pose, {"type": shape.kind, "size": numbers(size[:kept])},
-                        shape.rgba)  # fmt: skip
+            size = numbers(geom_size(shape)[:kept])
+            self._place(head, name, pose, shape.rgba, type=shape.kind, size=size)
         elif self._meshes:
             try:
                 self._add_mesh(head, name, pose, shape)
@@ -181,25 +163,24 @@ class _Drawing:
                 if self._triangles > MAX_TRIANGLES:
                     raise MeshError(f"over {MAX_TRIANGLES} triangles in all")
                 file = f"{asset}.obj"
-                self._assets[asset] = Part(
+                self._assets[asset] = etree.Element(
                     "mesh", {"name": asset, "file": file, "inertia": "shell"}
                 )
                 self._files[file] = data
             each = name if len(surfaces) == 1 else f"{name}_{number}"
-            self._place(head, each, pose, {"type": "mesh", "mesh": asset},
-                        shape.rgba or surface.rgba)  # fmt: skip
+            self._place(head, each, pose, shape.rgba or surface.rgba, type="mesh", mesh=asset)
 
     def _place(
         self,
         head: str,
         name: str,
         pose: Array,
-        shape: dict[str, str],
         rgba: tuple[float, ...] | None,
+        **shape: str,
     ) -> None:
         attributes = {"name": name, **shape, **NOTHING, "rgba": numbers(rgba or COLOUR)}
         attributes |= {"pos": numbers(pose[:3, 3]), "quat": numbers(quaternion(pose))}
-        self._parts.setdefault(body_name(head), []).append(Part("geom", attributes))
+        self._parts.setdefault(body_name(head), []).append(etree.Element("geom", attributes))
 
     def drawn(self) -> Drawn:
         """Return all that was collected."""

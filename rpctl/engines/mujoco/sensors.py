@@ -14,12 +14,12 @@ import math
 from typing import Any
 
 import numpy as np
+from lxml import etree
 
 from rpctl.arrays import Array
 from rpctl.dynamics.rolling import find_rolling, selection
 from rpctl.engines.mujoco.bodies import body_name
-from rpctl.engines.mujoco.mjcf_writer import Part
-from rpctl.equivalence.contact.mujoco_body import mujoco_library
+from rpctl.equivalence.contact.mujoco_body import mujoco_library, part_number, planar
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import BASE_NV, Robot
@@ -40,14 +40,15 @@ HOW = (
 )
 
 
-def sensor_parts(robot: Robot, root: str) -> list[Part]:
+def sensor_parts(robot: Robot, root: str) -> list[Any]:
     """Return the sensors of a file."""
     parts = [
-        Part(tag, {"name": name, "objtype": "xbody", "objname": root}) for name, tag in BASE.items()
+        etree.Element(tag, {"name": name, "objtype": "xbody", "objname": root})
+        for name, tag in BASE.items()
     ]
     for joint in robot.moving_joint_names:
-        parts.append(Part("jointpos", {"name": f"{joint}_position", "joint": joint}))
-        parts.append(Part("jointvel", {"name": f"{joint}_velocity", "joint": joint}))
+        parts.append(etree.Element("jointpos", {"name": f"{joint}_position", "joint": joint}))
+        parts.append(etree.Element("jointvel", {"name": f"{joint}_velocity", "joint": joint}))
     return parts
 
 
@@ -86,8 +87,7 @@ class MjcfRobot:
         self._index = [robot.velocity_index(name) for name in joints]
         self._root = f"{body_name(robot.description.root)}{FREE}"
         self._selection = selection(robot, find_rolling(robot))
-        kind = self._mujoco.mjtObj.mjOBJ_ACTUATOR
-        self.actuators = [self._find(kind, "actuator", name) for name in robot.actuators]
+        self.actuators = [part_number(model, "actuator", name) for name in robot.actuators]
 
     def state(self, data: Any) -> tuple[Array, Array]:
         """Return q (nq,) and ν (dof,), as measured at the last step or ``mj_forward``.
@@ -96,13 +96,12 @@ class MjcfRobot:
             data: ``MjData`` of the model.
         """
         measured, robot = data.sensordata, self._robot
-        w, x, y, z = measured[self._places["base_quaternion"]].tolist()
-        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        w, *turn = measured[self._places["base_quaternion"]]
+        x, y, heading = planar(np.array([*measured[self._places["base_position"]], *turn, w]))
         cos, sin = math.cos(heading), math.sin(heading)
-        px, py, _ = measured[self._places["base_position"]].tolist()
         vx, vy, _ = measured[self._places["base_velocity"]].tolist()
         q, v = np.zeros(robot.nq), np.zeros(robot.nv)
-        write_root(q, px, py, heading)
+        write_root(q, x, y, heading)
         for name, place in zip(robot.moving_joint_names, self._positions, strict=True):
             robot.set_joint(q, name, float(measured[place]))
         turning = float(measured[self._places["base_turning"]][2])
@@ -117,30 +116,19 @@ class MjcfRobot:
             data: ``MjData`` of the model.
             q: Configuration (nq,); None: at the origin, at home.
         """
-        key = self._find(self._mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME)
-        self._mujoco.mj_resetDataKeyframe(self._model, data, key)
+        self._mujoco.mj_resetDataKeyframe(self._model, data, part_number(self._model, "key", HOME))
         if q is not None:
             x, y, heading = read_root(q)
-            turn = np.array([math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)])
             free = data.joint(self._root)
             free.qpos[:2] = x, y
-            free.qpos[3:7] = turn
+            free.qpos[3:7] = math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)
             for name in self._robot.moving_joint_names:
                 data.joint(name).qpos[0] = self._robot.joint_position(q, name)
         self._mujoco.mj_forward(self._model, data)
 
     def _address(self, name: str, size: int) -> slice:
-        index = self._find(self._mujoco.mjtObj.mjOBJ_SENSOR, "sensor", name)
+        index = part_number(self._model, "sensor", name)
         start = int(self._model.sensor_adr[index])
         if int(self._model.sensor_dim[index]) != size:
             raise RpctlError(f'sensor "{name}" has no {size} numbers; export the robot again')
         return slice(start, start + size)
-
-    def _find(self, kind: Any, word: str, name: str) -> int:
-        index = int(self._mujoco.mj_name2id(self._model, kind, name))
-        if index < 0:
-            raise RpctlError(
-                f'the model has no {word} "{name}"; it is not the file that `rpctl export` wrote '
-                f"of {self._robot.name}, or it was edited"
-            )
-        return index

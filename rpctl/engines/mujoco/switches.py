@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import polynomial
 
 from rpctl.arrays import Array
 from rpctl.description.records import Shape
 from rpctl.drive.drive import Wheel
-from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.stance import find_supports
+from rpctl.engines.edited_urdf import collision_name, drawn_kinds, links_below
 from rpctl.engines.engine import Mended, Switch
 from rpctl.engines.mujoco.bodies import (
     body_inertia,
@@ -20,7 +19,8 @@ from rpctl.engines.mujoco.bodies import (
     link_fault,
     place_in_body,
 )
-from rpctl.engines.mujoco.user_load import GROUND, PREFIX, geom_name
+from rpctl.engines.mujoco.build import tie_polynomials
+from rpctl.engines.mujoco.user_load import GROUND, PREFIX
 from rpctl.equivalence.contact.model import (
     IMPRATIO,
     SOLIMP,
@@ -32,14 +32,14 @@ from rpctl.equivalence.contact.model import (
 )
 from rpctl.equivalence.contact.mujoco_body import (
     Touching,
+    add_shape,
     mujoco_library,
     one_directional,
-    quaternion,
 )
+from rpctl.errors import listed
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
-MAX_TIED = 0.35  # rad of a leader: the referee steers by .3
 SELF, FLOOR = 1, 2  # bits of contype and conaffinity: the robot's own shapes, and the ground
 MAX_NAMED = 3  # names in a sentence
 SOLREF_WORDS = " ".join(f"{value:g}" for value in SOLREF)
@@ -103,7 +103,7 @@ class _Mender:
         """Find the geoms of a wheel; where that is mended, give it a crown instead."""
         robot = self._robot
         drawn = [
-            geom_name(link, k)
+            PREFIX + collision_name(link, k)
             for link in links_below(robot, robot.description.joint[wheel.joint].child)
             for k in range(len(robot.description.link[link].collisions))
         ]
@@ -118,12 +118,10 @@ class _Mender:
 
     def take_support(self, name: str, link: str, shape: Shape) -> None:
         """Find the geoms of a support; where that is mended, let another one slide instead."""
-        shapes, sliding = (
-            self._robot.description.link[link].collisions,
-            "caster" in self._mended,
-        )
-        drawn = [geom_name(link, k) for k, one in enumerate(shapes) if one.line == shape.line]
-        self._take(drawn, name, replaced=sliding)
+        shapes, sliding = self._robot.description.link[link].collisions, "caster" in self._mended
+        drawn = [k for k, one in enumerate(shapes) if one.line == shape.line]
+        names = [PREFIX + collision_name(link, k) for k in drawn]
+        self._take(names, name, replaced=sliding)
         if sliding:
             self._touch(link, name, shape.kind, geom_size(shape), shape.origin).condim = 1
 
@@ -139,10 +137,8 @@ class _Mender:
         """Add a geom of a contact that meets the ground and nothing else, and weighs nothing."""
         # On the body that moves: MuJoCo 3.14 misplaces what is added to links that it fuses.
         head, place = place_in_body(self._robot, link)
-        pose, body = place @ pose, self._spec.body(PREFIX + head)
-        number = getattr(self._mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")
-        geom = body.add_geom(name=PREFIX + name, type=number, size=size)
-        geom.pos, geom.quat, geom.mass = pose[:3, 3], quaternion(pose), 0.0
+        geom = add_shape(self._spec.body(PREFIX + head), PREFIX + name, kind, size, place @ pose)
+        geom.mass = 0.0
         geom.contype, geom.conaffinity, geom.priority = 0, FLOOR, 1
         self.owner[geom.name] = name
         return geom
@@ -192,40 +188,6 @@ class _Mender:
             spec.joint(name).armature = float(robot.armature[robot.velocity_index(name)])
 
 
-def tie_polynomials(robot: Robot) -> dict[str, Array]:
-    """Return, by the joint of each swivel that follows a single one, MuJoCo's polycoef (5,).
-
-    Its angle is a polynomial of the leader's, within what the referee steers.
-    """
-    drive = robot.drive
-    if len(drive.steered) != 1:
-        return {}
-    leader = drive.steered[0].joint
-    grid = np.linspace(-MAX_TIED, MAX_TIED, 81)
-    places = [follower_positions(drive, {leader: angle}) for angle in grid.tolist()]
-    return {
-        swivel.joint: np.asarray(
-            polynomial.polyfit(grid, [place[swivel.joint] for place in places], 4), float
-        )
-        for swivel in drive.followers
-    }
-
-
-def links_below(robot: Robot, link: str) -> Iterator[str]:
-    """Yield a link and all that it carries."""
-    yield link
-    for joint in robot.description.child_joints[link]:
-        yield from links_below(robot, joint.child)
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return a few names in words."""
-    more = len(names) - MAX_NAMED
-    shown = names if more < 1 else [*names[:MAX_NAMED], f"{more} more"]
-    *rest, last = shown
-    return f"{', '.join(rest)} and {last}" if rest else last
-
-
 SAID = {  # what MuJoCo does with any robot by default, and what mends it
     "cone": (
         "friction is a pyramid, stronger along some directions than along others",
@@ -268,9 +230,9 @@ def _wheel(robot: Robot) -> Switch:
         f'make them <geom type="ellipsoid" size="{radius:.4g} {radius:.4g} {half:.4g}"/>, z along '
         "the axle: crowned, they touch at one point"
     )
-    bare = [wheel.joint for wheel in wheels if not _shapes(robot, wheel.joint)]
+    bare = [wheel.joint for wheel in wheels if not drawn_kinds(robot, wheel.joint)]
     if bare:
-        return Switch("wheel", f"{listed(bare)} have no <collision> to roll on", setting)
+        return Switch("wheel", f"{listed(bare, MAX_NAMED)} have no <collision> to roll on", setting)
     if any(one_directional(robot, wheel) for wheel in wheels):
         return Switch(
             "wheel",
@@ -278,18 +240,12 @@ def _wheel(robot: Robot) -> Switch:
             "model each roller as a body on its own hinge, or turn the contact's frame between "
             "mj_step1 and mj_step2",
         )
-    kinds = sorted({kind for wheel in wheels for kind in _shapes(robot, wheel.joint)})
+    kinds = sorted({kind for wheel in wheels for kind in drawn_kinds(robot, wheel.joint)})
     drawn = (
         "hulls of meshes" if kinds == ["mesh"] else " and ".join(_plural(kind) for kind in kinds)
     )
     fault = f"wheels are {drawn} {2e3 * half:.3g} mm wide, which touch along a line and scrub"
     return Switch("wheel", fault, setting)
-
-
-def _shapes(robot: Robot, joint: str) -> list[str]:
-    """Return the kinds of the shapes that a wheel's joint carries."""
-    links = links_below(robot, robot.description.joint[joint].child)
-    return [shape.kind for name in links for shape in robot.description.link[name].collisions]
 
 
 def _plural(kind: str) -> str:
@@ -308,11 +264,11 @@ def _caster(robot: Robot) -> Iterator[Switch]:
         for part in parts
         if all(s.line != part.line for s in robot.description.link[part.link].collisions)
     ]
-    fault = f"{listed(names)} {'drag' if len(names) > 1 else 'drags'} with friction"
+    fault = f"{listed(names, MAX_NAMED)} {'drag' if len(names) > 1 else 'drags'} with friction"
     setting = 'set <geom condim="1" priority="1"/> there: they slide'
     if bare:
         have = "have" if len(bare) > 1 else "has"
-        fault = f"{listed(bare)} {have} no <collision>, so nothing bears there"
+        fault = f"{listed(bare, MAX_NAMED)} {have} no <collision>, so nothing bears there"
         setting = f"draw them for collisions, too, and {setting.removesuffix(' there: they slide')}"
     yield Switch("caster", fault, setting)
 
@@ -323,10 +279,10 @@ def _inertia(robot: Robot) -> Iterator[Switch]:
     unphysical = [link.name for link in links if link_fault(link)]
     faults = {}
     if guessed:
-        fault = f"{listed(guessed)} have no <inertial> and weigh 1000 kg/m³"
+        fault = f"{listed(guessed, MAX_NAMED)} have no <inertial> and weigh 1000 kg/m³"
         faults[fault] = 'set <compiler inertiafromgeom="false"/>'
     if unphysical:
-        fault = f"the inertias of {listed(unphysical)} are unphysical and get changed"
+        fault = f"the inertias of {listed(unphysical, MAX_NAMED)} are unphysical and get changed"
         faults[fault] = "give the sum of the links fixed together to the body that moves"
     if robot.armature.any():
         setting = 'set <joint armature="..."/> to that of the <transmission>'
@@ -338,29 +294,21 @@ def _inertia(robot: Robot) -> Iterator[Switch]:
 def _mimic(robot: Robot) -> Iterator[Switch]:
     followers = [swivel.joint for swivel in robot.drive.followers]
     if followers:
-        yield Switch(
-            "mimic",
-            f"nothing holds {listed(followers)} to the common centre of rotation",
-            _tie_setting(robot),
-        )
+        fault = f"nothing holds {listed(followers, MAX_NAMED)} to the common centre of rotation"
+        ties = [
+            f'<joint joint1="{name}" joint2="{robot.drive.steered[0].joint}" '
+            f'polycoef="{" ".join(f"{c:.4g}" for c in coefficients)}"/>'
+            for name, coefficients in tie_polynomials(robot).items()
+        ]
+        springs = "pull them by stiff springs to the angles that the others fix"
+        setting = f"set <equality>{''.join(ties)}</equality>" if ties else springs
+        yield Switch("mimic", fault, setting)
     elif robot.mimics:
         yield Switch(
             "mimic",
-            f"{listed([joint.name for joint in robot.mimics])} follow softly",
+            f"{listed([joint.name for joint in robot.mimics], MAX_NAMED)} follow softly",
             f'set <equality><joint solref="{SOLREF_WORDS}" solimp="{SOLIMP_WORDS}"/></equality>',
         )
-
-
-def _tie_setting(robot: Robot) -> str:
-    """Return how followers are tied: by MuJoCo's equality, where it can."""
-    ties = [
-        f'<joint joint1="{name}" joint2="{robot.drive.steered[0].joint}" '
-        f'polycoef="{" ".join(f"{c:.4g}" for c in polynomial)}"/>'
-        for name, polynomial in tie_polynomials(robot).items()
-    ]
-    if ties:
-        return f"set <equality>{''.join(ties)}</equality>"
-    return "pull them by stiff springs to the angles that the others fix"
 
 
 def _losses(robot: Robot) -> Iterator[Switch]:

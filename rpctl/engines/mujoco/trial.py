@@ -15,12 +15,17 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.ground_reaction import Contacts, find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.mujoco.ground import has_rollers
 from rpctl.engines.mujoco.sensors import HOME
 from rpctl.equivalence.certificate import Skipped
-from rpctl.equivalence.contact.mujoco_body import MujocoBody, follower_slopes, mujoco_library, muted
+from rpctl.equivalence.contact.mujoco_body import (
+    MujocoBody,
+    follower_slopes,
+    mujoco_library,
+    muted,
+    part_number,
+)
 from rpctl.equivalence.contact.plan import (
     TICK_S,
     ContactPlan,
@@ -28,10 +33,11 @@ from rpctl.equivalence.contact.plan import (
     ReducedRobot,
     plan_motion,
     rest_plan,
+    standing_contacts,
     start,
 )
 from rpctl.equivalence.contact.trial import Gap, gap_row, tilt_note, travelled
-from rpctl.errors import ActuationError, DivergedError, RpctlError, SingularBasisError
+from rpctl.errors import ActuationError, DivergedError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
 from rpctl.robot.model import Robot
 
@@ -85,10 +91,7 @@ class _TrialBody(MujocoBody):
         Raises:
             RpctlError: The file has no such keyframe.
         """
-        key = int(self.mujoco.mj_name2id(self.mjm, self.mujoco.mjtObj.mjOBJ_KEY, HOME))
-        if key < 0:
-            raise RpctlError(f'the file has no keyframe "{HOME}" for the robot to start from')
-        self.mujoco.mj_resetDataKeyframe(self.mjm, self.data, key)
+        self.mujoco.mj_resetDataKeyframe(self.mjm, self.data, part_number(self.mjm, "key", HOME))
         self.mujoco.mj_forward(self.mjm, self.data)
 
     def advance(self, tau: Array, dt: float) -> None:
@@ -148,22 +151,23 @@ def run_on_ground(robot: Robot, model: Any, root: str) -> GroundTrial:
         RpctlError: The file has no home.
     """
     dynamics = ReducedDynamics(robot)
-    plan, skipped = _plan(dynamics, find_contacts(dynamics))
+    plan = _plan(dynamics)
     body, rest = _TrialBody(robot, model, root), _at_rest(dynamics)
     body.go_home()
     first = body.stand
     _stand(body, rest, STANDING_S)
     checks = _standing_rows(first, body.stand)
     notes = tuple(tilt_note(float(first[4])))
-    if plan is not None:
-        rolling, scrubs = _crowned(model, robot)
-        if scrubs:
-            notes += (SCRUB_NOTE,)
-        body = _TrialBody(robot, rolling, root)
-        body.go_home()
-        _stand(body, rest, SETTLING_S)
-        checks += _motion_rows(dynamics, body, plan)
-    return GroundTrial(tuple(checks), skipped, notes)
+    if isinstance(plan, Skipped):
+        return GroundTrial(tuple(checks), (plan,), notes)
+    rolling, scrubs = _crowned(model, robot)
+    if scrubs:
+        notes += (SCRUB_NOTE,)
+    body = _TrialBody(robot, rolling, root)
+    body.go_home()
+    _stand(body, rest, SETTLING_S)
+    checks += _motion_rows(dynamics, body, plan)
+    return GroundTrial(tuple(checks), (), notes)
 
 
 def _crowned(model: Any, robot: Robot) -> tuple[Any, bool]:
@@ -186,19 +190,12 @@ def _crowned(model: Any, robot: Robot) -> tuple[Any, bool]:
     return found, True
 
 
-def _plan(
-    dynamics: ReducedDynamics, contacts: Contacts | None
-) -> tuple[ContactPlan | None, tuple[Skipped, ...]]:
+def _plan(dynamics: ReducedDynamics) -> ContactPlan | Skipped:
     """Return the motion to make, or the row that says why there is none."""
-    name = "rolls as the reduced model"
-    if contacts is None:
-        return None, (Skipped(name, FILE, "a fixed base has nothing to roll"),)
-    if not contacts.balanced:
-        return None, (Skipped(name, FILE, f"not known to stand: {'; '.join(contacts.notes[:1])}"),)
     try:
-        return plan_motion(dynamics, contacts), ()
+        return plan_motion(dynamics, standing_contacts(dynamics))
     except (NotGentle, ActuationError, SingularBasisError) as reason:
-        return None, (Skipped(name, FILE, str(reason)),)
+        return Skipped("rolls as the reduced model", FILE, str(reason))
 
 
 def _at_rest(dynamics: ReducedDynamics) -> ContactPlan:

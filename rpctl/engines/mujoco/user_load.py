@@ -8,42 +8,31 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from lxml import etree
 
+from rpctl.description.density import inertial_element
 from rpctl.description.meshes import reading as mesh_files
-from rpctl.description.meshes.paths import MeshError
 from rpctl.description.meshes.reading import Surface, convex_hull
-from rpctl.description.records import Joint, Shape
-from rpctl.engines.edited_urdf import urdf_inertial, urdf_numbers, urdf_origin
-from rpctl.engines.engine import EngineFault
+from rpctl.engines.edited_urdf import Dialect, edit_urdf
+from rpctl.engines.engine import ALL_DEFAULT, EngineFault
 from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from rpctl.robot.model import Robot
 
 PREFIX = "rpctl/"  # before the names of links: MuJoCo has a body called "world"
 GROUND = "rpctl ground"
+DIALECT = Dialect("MuJoCo", meshes=(), crowned="")
 LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-9  # boundmass and boundinertia, once MuJoCo asks for them
 
 
-@dataclass(frozen=True, eq=False)
-class UserLoad:
-    """A robot in MuJoCo, as it is loaded and before it is compiled.
+def load_as_user(robot: Robot) -> tuple[Any, tuple[str, ...]]:
+    """Return the ``MjSpec`` of a robot as MuJoCo takes its file, and what was done to the file.
 
-    Attributes:
-        spec: The ``MjSpec``: root link free, ground there. Geoms of a link are named
-            :func:`geom_name`, bodies :data:`PREFIX` + link; fixed links are fused when compiled.
-        notes: What had to be done to the file, in sentences.
-    """
-
-    spec: Any
-    notes: tuple[str, ...]
-
-
-def load_as_user(robot: Robot) -> UserLoad:
-    """Return a robot as MuJoCo takes its file.
+    The root link is free, and there is a ground. Bodies are named :data:`PREFIX` + link, geoms
+    :data:`PREFIX` + :func:`rpctl.engines.edited_urdf.collision_name`; fixed links are fused when it
+    is compiled.
 
     Args:
         robot: The robot: links, joints and shapes of its file; locked joints are fixed.
@@ -61,7 +50,7 @@ def load_as_user(robot: Robot) -> UserLoad:
     spec.body(PREFIX + robot.description.root).add_freejoint()
     kind = mujoco.mjtGeom.mjGEOM_PLANE
     spec.worldbody.add_geom(name=GROUND, type=kind, size=[0.0, 0.0, 1.0])
-    return UserLoad(spec, notes)
+    return spec, notes
 
 
 def compiled(spec: Any) -> tuple[Any, tuple[str, ...]]:
@@ -70,21 +59,12 @@ def compiled(spec: Any) -> tuple[Any, tuple[str, ...]]:
     Raises:
         EngineFault: It refuses the robot all the same.
     """
-    notes: tuple[str, ...] = ()
-    refusal = _refusal(spec)
-    while refusal:
-        notes += (_told(spec, refusal),)
-        refusal = _refusal(spec)
-    return spec.compile(), notes
-
-
-def _refusal(spec: Any) -> str:
-    """Return why MuJoCo does not compile a spec, or nothing."""
     try:
-        spec.compile()
+        return spec.compile(), ()
     except ValueError as error:
-        return " ".join(str(error).replace(PREFIX, "").split())
-    return ""
+        told = _told(spec, " ".join(str(error).replace(PREFIX, "").split()))
+    model, notes = compiled(spec)
+    return model, (told, *notes)
 
 
 def _told(spec: Any, reason: str) -> str:
@@ -117,85 +97,34 @@ def _made_ball(spec: Any, reason: str) -> bool:
     return True
 
 
-def geom_name(link: str, index: int) -> str:
-    """Return the name of the geom of a link's collision shape.
-
-    Args:
-        link: The link.
-        index: Of the shape among the link's collisions.
-    """
-    return f"{PREFIX}{link}/{index}"
-
-
 def _urdf(robot: Robot) -> tuple[str, Mapping[str, bytes], tuple[str, ...]]:
-    """Return the file without what it draws, its meshes as files of hulls, and what was done."""
-    root, lost = etree.Element("robot", name="robot"), []
+    """Return the file without what it draws, its meshes as files of hulls, and what was done.
+
+    An axis that the file leaves out is URDF's, (1, 0, 0): MuJoCo has another.
+    """
     assets: dict[str, bytes] = {}
-    for link in robot.description.links:
-        element = etree.SubElement(root, "link", name=PREFIX + link.name)
-        if link.mass is not None:
-            element.append(urdf_inertial(link.mass, link.com, link.inertia))
-        for k, shape in enumerate(link.collisions):
-            if not _add_collision(element, robot, geom_name(link.name, k), shape, assets):
-                lost.append(link.name)
-    for joint in robot.description.joints:
-        _add_joint(root, robot, joint)
-    notes = [f"meshes of {', '.join(lost)} cannot be read, and are left out"] if lost else []
-    return str(etree.tostring(root, encoding="unicode")), assets, tuple(notes)
 
+    def hull_file(mesh: Any) -> str:
+        scale = tuple(map(float, mesh.attrib.pop("scale", "1 1 1").split()))
+        paths, name = robot.description.mesh_paths, f"mesh{len(assets)}.stl"
+        read = mesh_files.read_shape(mesh.get("filename"), scale, paths)
+        assets[name] = _stl(convex_hull(read.surfaces, scale))
+        return name
 
-def _add_collision(
-    element: Any, robot: Robot, name: str, shape: Shape, assets: dict[str, bytes]
-) -> bool:
-    """Add a shape, and return whether it could be read."""
-    geometry: dict[str, str]
-    if shape.kind == "mesh":
-        content = _hull_file(robot, shape)
-        if content is None:
-            return False
-        file = f"mesh{len(assets)}.stl"
-        assets[file], geometry = content, {"filename": file}
-    elif shape.kind == "box":
-        geometry = {"size": urdf_numbers(shape.size)}
-    else:
-        geometry = dict(zip(("radius", "length"), map(repr, shape.size), strict=False))
-    collision = etree.SubElement(element, "collision", name=name)
-    collision.append(urdf_origin(shape.origin))
-    etree.SubElement(etree.SubElement(collision, "geometry"), shape.kind, geometry)
-    return True
-
-
-def _add_joint(root: Any, robot: Robot, joint: Joint) -> None:
-    """Add a joint; a locked one is fixed where it is."""
-    locked = joint.moving and joint.name in robot.locked
-    moving = joint.moving and not locked
-    kind = joint.kind if moving else "fixed"
-    element = etree.SubElement(root, "joint", name=joint.name, type=kind)
-    etree.SubElement(element, "parent", link=PREFIX + joint.parent)
-    etree.SubElement(element, "child", link=PREFIX + joint.child)
-    element.append(urdf_origin(joint.motion(robot.locked[joint.name]) if locked else joint.origin))
-    if not moving:
-        return
-    etree.SubElement(element, "axis", xyz=urdf_numbers(joint.axis))
-    etree.SubElement(
-        element, "dynamics", damping=repr(joint.damping), friction=repr(joint.friction)
-    )
-    limits = {"lower": joint.lower, "upper": joint.upper}
-    if kind != "continuous" and np.isfinite(list(limits.values())).all():
-        etree.SubElement(element, "limit", {name: repr(v) for name, v in limits.items()})
-    if joint.mimic is not None and joint.mimic.joint not in robot.locked:
-        numbers = {"multiplier": joint.mimic.multiplier, "offset": joint.mimic.offset}
-        words = {name: repr(v) for name, v in numbers.items()}
-        etree.SubElement(element, "mimic", {"joint": joint.mimic.joint, **words})
-
-
-def _hull_file(robot: Robot, shape: Shape) -> bytes | None:
-    """Return the convex hull of a mesh as an STL file, or None where it cannot be read."""
-    try:
-        mesh = mesh_files.read_shape(str(shape.mesh), shape.size, robot.description.mesh_paths)
-        return _stl(convex_hull(mesh.surfaces, shape.size))
-    except MeshError:
-        return None
+    root, notes = edit_urdf(robot, ALL_DEFAULT, DIALECT, hull_file)
+    for element in [each for each in root if each.tag not in ("link", "joint")]:
+        root.remove(element)
+    for link in robot.description.estimated_links:
+        (element,) = root.xpath("./link[@name=$name]", name=link)
+        element.append(inertial_element(robot.description.link[link]))
+    for element in root.xpath("./link | ./link/collision"):
+        element.set("name", PREFIX + element.get("name"))
+    for joint in root.findall("joint"):
+        for end in ("parent", "child"):
+            joint.find(end).set("link", PREFIX + joint.find(end).get("link"))
+        if joint.find("axis") is None:
+            etree.SubElement(joint, "axis", xyz="1 0 0")
+    return str(etree.tostring(root, encoding="unicode")), assets, notes
 
 
 def _stl(hull: Surface) -> bytes:

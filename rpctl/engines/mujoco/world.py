@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.drive.drive import Wheel
-from rpctl.engines.engine import LinkMotion, wheel_slip
+from rpctl.engines.engine import LinkMotion, wheel_slips
 from rpctl.engines.mujoco.bodies import body_name
-from rpctl.engines.mujoco.build import Built, Follower, linearised
+from rpctl.engines.mujoco.build import Built
 from rpctl.equivalence.contact.mujoco_body import MujocoBody, muted
 from rpctl.errors import DivergedError
 from rpctl.robot.model import Robot
@@ -33,7 +32,7 @@ class MujocoWorld(MujocoBody):
         super().__init__(robot, built.compile(), root, built.contacts, built.geoms)
         self._timestep = float(self.mjm.opt.timestep)
         self._motors = np.array([self.mjm.actuator(name).trnid[0] for name in robot.actuators])
-        self._ties = [_Tie(self, follower) for follower in built.followers]
+        self._tied = bool(built.followers)
         self._links: dict[str, tuple[int, int]] = {}
         self._settled: Array | None = None
 
@@ -41,6 +40,8 @@ class MujocoWorld(MujocoBody):
         """Put the robot at q (nq,), at rest, its root link level at a ``height`` (m)."""
         self.put(q, height)
         self.mujoco.mj_step1(self.mjm, self.data)
+        if self._tied:
+            self.tie()
 
     def settle(self) -> None:
         """Let the robot sink into its contacts, all joints held."""
@@ -85,8 +86,6 @@ class MujocoWorld(MujocoBody):
         data = self.data
         steps = max(1, math.ceil(dt / self._timestep - STEP_ROUNDING))
         self.mjm.opt.timestep = dt / steps
-        for tie in self._ties:
-            tie.update()
         before = data.qpos[self.mjm.jnt_qposadr[self._motors]]
         data.ctrl[:], self._settled = tau, None
         self._step(steps)
@@ -131,21 +130,22 @@ class MujocoWorld(MujocoBody):
 
     def slips(self) -> Array:
         """Return the velocity of each wheel's lowest point (n_wheels, 2): along it, to its left."""
-        wheels = self.robot.drive.wheels
-        slips = [wheel_slip(self.robot, wheel, self._motion(wheel)) for wheel in wheels]
-        return np.array(slips).reshape(-1, 2)
+        return wheel_slips(self.robot, self._motion)
 
-    def _motion(self, wheel: Wheel) -> LinkMotion:
-        link = self.robot.description.joint[wheel.joint].child
+    def _motion(self, link: str) -> LinkMotion:
         velocity, R = self.velocity(link), self.data.body(body_name(link)).xmat.reshape(3, 3)
         return LinkMotion(R, self.origin(link), velocity[:3], velocity[3:])
 
     def _step(self, steps: int) -> None:
         with muted():
-            self.mujoco.mj_step2(self.mjm, self.data)
-            if steps > 1:
-                self.mujoco.mj_step(self.mjm, self.data, steps - 1)
-            self.mujoco.mj_step1(self.mjm, self.data)
+            at_once = 1 if self.rods else steps  # rods pull anew in each step
+            for _ in range(steps // at_once):
+                self.data.qfrc_applied[:] = 0.0
+                self.pull_rods()
+                self.mujoco.mj_step2(self.mjm, self.data)
+                if at_once > 1:
+                    self.mujoco.mj_step(self.mjm, self.data, at_once - 1)
+                self.mujoco.mj_step1(self.mjm, self.data)
         if self.diverged:
             raise DivergedError(
                 f"the motion in MuJoCo diverged at {self.data.time:.3f} s; shorten the timestep of "
@@ -160,24 +160,3 @@ class MujocoWorld(MujocoBody):
             body = self.mjm.site_bodyid[site] if fixed else self.mjm.body(body_name(link)).id
             self._links[link] = int(body), site
         return self._links[link]
-
-
-class _Tie:
-    """A follower's tie, linearised where the swivels that lead it stand."""
-
-    def __init__(self, world: MujocoWorld, follower: Follower) -> None:
-        model = world.mjm
-        self._world, self._follower = world, follower
-        self._equality = int(model.equality(follower.tie).id)
-        first = int(model.tendon_adr[model.tendon(follower.tie).id])
-        self._wraps = slice(first + 1, first + 1 + len(follower.leaders))
-
-    def update(self) -> None:
-        """Let it follow the leaders from where they are; heading back is heading along."""
-        world, follower = self._world, self._follower
-        at, _ = world.measured(follower.leaders)
-        place, jacobian = linearised(world.robot, follower, at)
-        position, _ = world.joint(follower.joint)
-        place += math.pi * round((position - place) / math.pi)
-        world.mjm.wrap_prm[self._wraps] = -jacobian
-        world.mjm.eq_data[self._equality, 0] = place - jacobian @ at

@@ -21,18 +21,15 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.description.meshes import reading as mesh_files
-from rpctl.description.meshes.paths import MeshError, MeshPaths
-from rpctl.description.records import Joint, Shape
+from rpctl.description.records import Shape
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.stance import Supports, find_supports
-from rpctl.equivalence.contact.mujoco_body import RollingBody, Touching, mujoco_library, quaternion
+from rpctl.equivalence.contact.mujoco_body import RollingBody, Touching, add_shape, mujoco_library
+from rpctl.equivalence.file_wheels import WheelSize, wheel_size
 from rpctl.equivalence.mujoco_engine import NAME_PREFIX, MujocoModel
+from rpctl.equivalence.raw_file import read_file
 from rpctl.robot.model import Robot
 
-MAX_AXIS_SINE = (
-    0.02  # sine of the largest angle between a wheel's cylinder and its axle (CAD rounding)
-)
 MIN_HALF_WIDTH_M = 1e-3  # m: least half width of a tyre; a thinner one is a knife
 DECLARED = "drive file"  # source of a radius that the user gives
 
@@ -45,7 +42,7 @@ class Tyre:
     keeps the radius, the width and the middle that the file draws, and leaves scrubbing out.
 
     Attributes:
-        link: The link that draws it.
+        link: The wheel's link.
         pose: Its pose (4, 4) in that link's frame, z along the axle.
         radius: m.
         half_width: m.
@@ -60,22 +57,22 @@ class Tyre:
 
 
 def tyre(robot: Robot, wheel: Wheel) -> Tyre:
-    """Return the tread of a wheel as its file draws it: collision before visual, the widest.
+    """Return the tread of a wheel as its file draws it, seen by the proof's own reader.
 
     Where the user declares the radius, or the file draws nothing round, the radius is the
     drive's, and the note says so.
     """
-    joint = robot.description.joint[wheel.joint]
-    drawn = max(_treads(robot, joint), key=lambda found: found.radius, default=None)
-    if drawn is None:
-        pose = about(joint.axis)
-        pose[:3, 3] = wheel.offset * np.array(wheel.axis)
+    raw = read_file(robot.description.raw)
+    joint = raw.joint[wheel.joint]
+    size = wheel_size(raw, joint, robot.locked, robot.description.mesh_paths)
+    note = f"the radius of {wheel.joint} is the drive file's" if wheel.source == DECLARED else ""
+    if size is None:
+        size = WheelSize(wheel.radius, wheel.offset, 0.0)
         note = f"{wheel.joint} draws no wheel: its radius and centre are the drive's"
-        return Tyre(joint.child, pose, wheel.radius, MIN_HALF_WIDTH_M, note)
-    if wheel.source == DECLARED:
-        note = f"the radius of {wheel.joint} is the drive file's"
-        return Tyre(drawn.link, drawn.pose, wheel.radius, drawn.half_width, note)
-    return drawn
+    radius = wheel.radius if note else size.radius
+    pose = about(joint.axis)
+    pose[:3, 3] = size.offset * joint.axis
+    return Tyre(joint.child, pose, radius, max(size.half_width, MIN_HALF_WIDTH_M), note)
 
 
 def support_shapes(robot: Robot, supports: Supports) -> Iterator[tuple[str, str, Shape]]:
@@ -87,49 +84,6 @@ def support_shapes(robot: Robot, supports: Supports) -> Iterator[tuple[str, str,
             part.link,
             next(shape for shape in link.shapes if shape.line == part.line),
         )
-
-
-def _treads(robot: Robot, joint: Joint) -> list[Tyre]:
-    """Return the round shapes of a wheel, of the first of its links that draws any."""
-    paths = MeshPaths(robot.description.path, robot.description.read_with.package_dirs)
-    stack = [(joint.child, joint.axis)]
-    while stack:
-        name, axis = stack.pop(0)
-        link = robot.description.link[name]
-        for shapes in (link.collisions, link.visuals):
-            found = [_tread(name, shape, axis, paths) for shape in shapes]
-            if any(found):
-                return [one for one in found if one is not None]
-        fixed = (below for below in robot.description.child_joints[name] if not below.moving)
-        stack.extend((below.child, below.origin[:3, :3].T @ axis) for below in fixed)
-    return []
-
-
-def _tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre | None:
-    """Return the tread that a shape is of a wheel about ``axis`` (3,) in its link, or None."""
-    if shape.kind == "sphere":
-        return Tyre(link, shape.origin, shape.size[0], shape.size[0])
-    if shape.kind in ("cylinder", "capsule"):
-        if np.linalg.norm(np.cross(shape.origin[:3, 2], axis)) > MAX_AXIS_SINE:
-            return None
-        radius, length = shape.size
-        return Tyre(link, shape.origin, radius, max(0.5 * length, MIN_HALF_WIDTH_M))
-    return _mesh_tread(link, shape, axis, paths) if shape.kind == "mesh" else None
-
-
-def _mesh_tread(link: str, shape: Shape, axis: Array, paths: MeshPaths) -> Tyre | None:
-    """Return the tread that bounds a mesh, its centre on the link's z axis turned to ``axis``."""
-    try:
-        surfaces = mesh_files.read_shape(str(shape.mesh), shape.size, paths).surfaces
-    except MeshError:
-        return None
-    points = np.concatenate([surface.vertices for surface in surfaces]) * shape.size
-    pose = about(axis)
-    points = (points @ shape.origin[:3, :3].T + shape.origin[:3, 3]) @ pose[:3, :3]
-    low, high = points.min(axis=0), points.max(axis=0)
-    pose[:3, 3] = 0.5 * (low[2] + high[2]) * axis
-    radius = 0.5 * float((high - low)[:2].max())
-    return Tyre(link, pose, radius, max(0.5 * float(high[2] - low[2]), MIN_HALF_WIDTH_M))
 
 
 def geom_size(shape: Shape) -> list[float]:
@@ -213,13 +167,12 @@ class _Builder:
 
     def __init__(self, robot: Robot, friction: float) -> None:
         self._robot, self._friction = robot, friction
-        self._mujoco = mujoco_library()
         self.geoms: dict[str, str] = {}
         self.notes: list[str] = []
 
     def release(self, spec: Any, root: Any) -> None:
         """Give the root link six degrees of freedom, and the robot a ground to stand on."""
-        mujoco, option = self._mujoco, spec.option
+        mujoco, option = mujoco_library(), spec.option
         root.add_freejoint()
         option.timestep, option.cone = STEP_S, mujoco.mjtCone.mjCONE_ELLIPTIC
         option.impratio = IMPRATIO
@@ -228,14 +181,12 @@ class _Builder:
         plane.contype, plane.conaffinity = 2, 0
         for wheel in self._robot.drive.wheels:
             tread = tyre(self._robot, wheel)
-            geom = self._touch(spec, tread.link, wheel.joint, tread.pose)
-            geom.type, geom.condim = mujoco.mjtGeom.mjGEOM_ELLIPSOID, 3
-            geom.size = [tread.radius, tread.radius, tread.half_width]
+            size = [tread.radius, tread.radius, tread.half_width]
+            self._touch(spec, tread.link, wheel.joint, "ellipsoid", size, tread.pose)
             self.notes += [tread.note] if tread.note else []
         for name, link, shape in support_shapes(self._robot, find_supports(self._robot)):
-            geom = self._touch(spec, link, name, shape.origin)
-            geom.type = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
-            geom.size, geom.condim = geom_size(shape), 1
+            size = geom_size(shape)
+            self._touch(spec, link, name, shape.kind, size, shape.origin).condim = 1
         for joint in self._robot.mimics:
             if joint.mimic is not None and joint.mimic.joint not in self._robot.locked:
                 equal = spec.add_equality(name1=joint.name, name2=joint.mimic.joint)
@@ -243,11 +194,11 @@ class _Builder:
                 equal.data[:2] = joint.mimic.offset, joint.mimic.multiplier
                 equal.solref, equal.solimp = SOLREF, SOLIMP
 
-    def _touch(self, spec: Any, link: str, name: str, pose: Array) -> Any:
+    def _touch(
+        self, spec: Any, link: str, name: str, kind: str, size: list[float], pose: Array
+    ) -> Any:
         """Return a geom of a link that meets the plane, placed in the link."""
-        geom = spec.body(NAME_PREFIX + link).add_geom(
-            name=NAME_PREFIX + name, pos=pose[:3, 3], quat=quaternion(pose)
-        )
+        geom = add_shape(spec.body(NAME_PREFIX + link), NAME_PREFIX + name, kind, size, pose)
         geom.contype, geom.conaffinity, geom.priority = 0, 2, 1
         geom.friction[0] = self._friction
         geom.solref, geom.solimp = SOLREF, SOLIMP

@@ -19,7 +19,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Wheel
 from rpctl.drive.steering import follower_positions
-from rpctl.errors import EngineMissing
+from rpctl.errors import EngineMissing, RpctlError
 from rpctl.robot.coordinates import write_root
 from rpctl.robot.model import BASE_NV, Robot
 
@@ -51,6 +51,50 @@ def quaternion(pose: Array) -> Array:
     return turn
 
 
+def part_number(model: Any, kind: str, name: str) -> int:
+    """Return the number of a model's part.
+
+    Args:
+        model: The ``MjModel``.
+        kind: As ``mjtObj`` calls it: ``"body"``, ``"joint"``, ``"key"`` …
+        name: Its name.
+
+    Raises:
+        RpctlError: The model has no such part.
+    """
+    mujoco = mujoco_library()
+    number = mujoco.mj_name2id(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
+    if number < 0:
+        raise RpctlError(
+            f'the model has no {kind} "{name}"; it is not the file that `rpctl export` wrote of '
+            "the robot, or it was edited"
+        )
+    return int(number)
+
+
+def add_shape(body: Any, name: str, kind: str, size: Sequence[float], pose: Array) -> Any:
+    """Add a geom to an ``MjsBody`` and return it.
+
+    Args:
+        body: The body.
+        name: Of the geom.
+        kind: As MuJoCo calls it: ``"sphere"``, ``"ellipsoid"`` …
+        size: As MuJoCo counts it.
+        pose: In the body (4, 4).
+    """
+    number = getattr(mujoco_library().mjtGeom, f"mjGEOM_{kind.upper()}")
+    place, turn = pose[:3, 3], quaternion(pose)
+    return body.add_geom(name=name, type=number, size=size, pos=place, quat=turn)
+
+
+def free_inertia(model: Any, data: Any) -> Array:
+    """Return the inertia (nv, nv) of all of a model's coordinates, at the posture computed last."""
+    M = np.zeros((model.nv, model.nv))
+    for row, unit in zip(M, np.eye(model.nv), strict=True):
+        mujoco_library().mj_mulM(model, data, row, unit)
+    return M
+
+
 @contextmanager
 def muted() -> Iterator[None]:
     """Let MuJoCo warn nobody, neither on stderr nor in a file; its ``MjData`` counts warnings."""
@@ -78,6 +122,7 @@ class MujocoBody:
         data: The ``MjData``.
         root: Index of the root link's body.
         dofs: Index in ``qvel`` of each moving joint.
+        rods: What each follower weighs about its axis, by joint, kg·m²; without, no rod pulls.
     """
 
     def __init__(
@@ -107,6 +152,7 @@ class MujocoBody:
         order = {name: k for k, name in enumerate(self.contacts)}
         self.owner = {int(model.geom(g).id): order[name] for g, name in (owner or {}).items()}
         model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self.rods: dict[str, float] = {}
 
     def put(self, q: Array, height: float) -> None:
         """Put the robot at q (nq,), at rest, its root link level at a height (m).
@@ -192,6 +238,22 @@ class MujocoBody:
         both = np.zeros(6)
         self.mujoco.mj_objectVelocity(self.mjm, self.data, kind, index, both, 0)
         return np.concatenate([both[3:], both[:3]])
+
+    def tie(self) -> None:
+        """Let stiff tie rods hold the swivels that follow others, from where the robot stands."""
+        own = np.diag(free_inertia(self.mjm, self.data))
+        followers = [swivel.joint for swivel in self.robot.drive.followers]
+        self.rods = {name: float(own[self.dofs[name]]) for name in followers}
+
+    def pull_rods(self) -> None:
+        """Pull each swivel that follows towards its place, and those that it follows back."""
+        if self.rods:
+            drive = self.robot.drive
+            swivels = [swivel.joint for swivel in (*drive.steered, *drive.followers)]
+            joints = {name: self.joint(name) for name in swivels}
+            bandwidth = min(TIE_ROD_BANDWIDTH, STABLE / self.mjm.opt.timestep)
+            for name, effort in tie_rod_efforts(drive, joints, self.rods, bandwidth).items():
+                self.data.qfrc_applied[self.dofs[name]] += effort
 
     def push_body(self, body: int, at: Array, force: Array, moment: Array) -> None:
         """Push a body besides, until ``xfrc_applied`` is cleared.
@@ -304,7 +366,8 @@ def tie_rod_efforts(
     for name, wanted in place.items():
         position, rate = joints[name]
         rate -= sum(slope * leaders[leader][1] for leader, slope in slopes[name].items())
-        pull = inertia[name] * bandwidth * (bandwidth * (position - wanted) + 2.0 * rate)
+        gap = math.remainder(position - wanted, math.pi)  # heading back is heading along
+        pull = inertia[name] * bandwidth * (bandwidth * gap + 2.0 * rate)
         efforts[name] -= pull
         for leader, slope in slopes[name].items():
             efforts[leader] += slope * pull
@@ -343,7 +406,6 @@ class RollingBody(MujocoBody):
 
     Attributes:
         rolling: The wheels that are held in one direction only, by the index of their geom.
-        rods: What each follower weighs about its axis, by joint, kg·m²; without, no rod pulls.
     """
 
     def __init__(
@@ -356,9 +418,7 @@ class RollingBody(MujocoBody):
             for wheel, geom in crowned.items()
             if geom is not None and one_directional(robot, wheel)
         }
-        self.rods: dict[str, float] = {}
         self._friction = friction
-        self._bandwidth = min(TIE_ROD_BANDWIDTH, STABLE / model.opt.timestep)
         self._motors = [self.dofs[name] for name in robot.actuators]
 
     def start(self, q: Array, tied: bool = True) -> None:
@@ -370,11 +430,8 @@ class RollingBody(MujocoBody):
         """
         self.put(q, -self.robot.drive.ground)
         self.mujoco.mj_forward(self.mjm, self.data)
-        if tied and self.robot.drive.followers:
-            M = np.zeros((self.mjm.nv, self.mjm.nv))
-            self.mujoco.mj_fullM(self.mjm, self.data, M)
-            dofs = {swivel.joint: self.dofs[swivel.joint] for swivel in self.robot.drive.followers}
-            self.rods = {name: float(M[dof, dof]) for name, dof in dofs.items()}
+        if tied:
+            self.tie()
 
     def steps(self, tau: Array, count: int) -> Iterator[int]:
         """Step under efforts (n_act,), N·m or N, and yield the number of each step."""
@@ -387,16 +444,6 @@ class RollingBody(MujocoBody):
                 self._turn_contacts()
                 self.mujoco.mj_step2(self.mjm, self.data)
                 yield step
-
-    def pull_rods(self) -> None:
-        """Pull each swivel that follows towards its place, and those that it follows back."""
-        drive = self.robot.drive
-        if self.rods:
-            swivels = [swivel.joint for swivel in (*drive.steered, *drive.followers)]
-            joints = {name: self.joint(name) for name in swivels}
-            efforts = tie_rod_efforts(drive, joints, self.rods, self._bandwidth)
-            for name, effort in efforts.items():
-                self.data.qfrc_applied[self.dofs[name]] += effort
 
     def _turn_contacts(self) -> None:
         """Let friction hold rollers and balls along one direction only, between two half steps."""
@@ -416,22 +463,14 @@ class RollingBody(MujocoBody):
     def held(self, wheel: Wheel) -> Array:
         """Return the direction (3,) in which the ground holds a wheel, level, world.
 
-        It is the drive's angle off the wheel's rolling direction, which MuJoCo's axle gives.
+        It turns with the wheel's axle, which the file draws and MuJoCo has now.
         """
-        axle = self.data.xaxis[self.mjm.joint(wheel.joint).id]
-        ahead = np.array([axle[1], -axle[0], 0.0]) / math.hypot(axle[0], axle[1])
-        x, y = _off_rolling(self.robot, wheel)
-        return np.array([x * ahead[0] - y * ahead[1], x * ahead[1] + y * ahead[0], 0.0])
+        now = complex(*self.data.xaxis[self.mjm.joint(wheel.joint).id][:2])
+        drawn = complex(*self.robot.tree.axis(self.robot.description.joint[wheel.joint])[:2])
+        turned = complex(*wheel.direction) * now / drawn
+        return np.array([turned.real, turned.imag, 0.0]) / abs(turned)
 
 
 def one_directional(robot: Robot, wheel: Wheel) -> bool:
     """Return whether the ground holds a wheel in one direction only."""
     return wheel.slides or robot.drive.type in ("mecanum", "omni")
-
-
-def _off_rolling(robot: Robot, wheel: Wheel) -> tuple[float, float]:
-    """Return the direction in which a wheel is held, seen from its rolling direction (2,)."""
-    axle = robot.tree.axis(robot.description.joint[wheel.joint])
-    ahead = np.array([axle[1], -axle[0]]) / math.hypot(axle[0], axle[1])
-    x, y = wheel.direction
-    return float(ahead[0] * x + ahead[1] * y), float(ahead[0] * y - ahead[1] * x)

@@ -18,12 +18,14 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.description.records import Joint
-from rpctl.dynamics.ground_reaction import Contacts, ground_reaction
+from rpctl.drive.steering import steer, trailing_positions
+from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts, ground_reaction
 from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import ActuationError, RpctlError
 from rpctl.robot.model import Robot
 
+AHEAD = np.array([1.0, 0.0, 0.0])  # a twist
 DURATION_S = 2.0  # s
 TICK_S = 2e-3  # s: both sides hold their efforts this long
 TOP_SPEED = 1.0  # m/s at the end, where nothing speaks for less: a walking pace
@@ -198,6 +200,25 @@ class ContactPlan:
         return tau
 
 
+def standing_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Contacts:
+    """Return how a robot stands on the ground.
+
+    Args:
+        dynamics: Its dynamics.
+        friction: Coefficient between wheels and ground.
+
+    Raises:
+        NotGentle: It has a fixed base, or is not known to stand.
+    """
+    found = find_contacts(dynamics, friction)
+    if found is None:
+        raise NotGentle("a fixed base has nothing to roll")
+    if not found.balanced:
+        why = found.notes[0] if found.notes else "it has no contacts"
+        raise NotGentle(f"not known to stand: {why}")
+    return found
+
+
 def plan_motion(
     dynamics: ReducedDynamics, contacts: Contacts, course: Course | None = None
 ) -> ContactPlan:
@@ -260,16 +281,23 @@ def _plan(
     )
 
 
-def start(robot: Robot) -> Array:
-    """Return where the motion starts (nq,): the arm at home, casters trailing."""
-    drive, turned = robot.drive, dict[str | None, float]()
+def start(robot: Robot, twist: Array | None = None) -> Array:
+    """Return where a motion starts (nq,), at the origin: the arm at home, casters trailing.
+
+    Args:
+        robot: The robot.
+        twist: Twist of P (3,) that its wheels are steered for, of any length; None: straight ahead,
+            what steers at 0.
+    """
+    drive = robot.drive
+    root = robot.root_velocity @ (AHEAD if twist is None else twist)
     joints = dict(zip(robot.joint_names, robot.home, strict=True))
-    for swivel in drive.swivels:
-        if swivel.trails:
-            trailing = drive.heading + (math.pi if swivel.trail > 0.0 else 0.0)
-            turned[swivel.joint] = trailing - swivel.heading
-            turn = swivel.sign * (turned[swivel.joint] - turned.get(swivel.parent, 0.0))
-            joints[swivel.joint] = math.remainder(turn, 2.0 * math.pi)
+    if twist is not None and drive.steered:
+        steering = steer(drive, np.vstack([root, np.zeros((2, 3))]))[0]
+        joints |= zip((swivel.joint for swivel in drive.steered), steering.tolist(), strict=True)
+    casters = [swivel for swivel in drive.swivels if swivel.trails]
+    trailing = trailing_positions(drive, root, casters)
+    joints |= zip((swivel.joint for swivel in casters), trailing.tolist(), strict=True)
     return robot.configuration(joints=joints)
 
 

@@ -15,11 +15,18 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.ground_reaction import Contacts, find_contacts, ground_reaction
+from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import CONTACT_ORACLE, Check, Skipped
 from rpctl.equivalence.contact.model import ContactModel
-from rpctl.equivalence.contact.plan import TICK_S, ContactPlan, NotGentle, ReducedRobot, plan_motion
+from rpctl.equivalence.contact.plan import (
+    TICK_S,
+    ContactPlan,
+    NotGentle,
+    ReducedRobot,
+    plan_motion,
+    standing_contacts,
+)
 from rpctl.equivalence.mujoco_engine import EngineRefused
 from rpctl.errors import ActuationError, RpctlError, SingularBasisError
 from rpctl.robot.coordinates import read_root, write_root
@@ -170,8 +177,6 @@ SETTLING_S = 0.3  # s in which the robot sinks into its contacts: 150 of their t
 MAX_TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
 TICKS_PER_SAMPLE = 5  # ticks between two samples
 
-Row = tuple[Array, ...]  # of Motion's arrays
-
 
 def gaps(
     robot: Robot,
@@ -278,20 +283,15 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
     Returns:
         The trial, or the row that says why there is none.
     """
-    if not robot.drive.wheels:
-        return Skipped(CHECK_NAME, CONTACT_ORACLE, "a fixed base has nothing to roll")
     robot = without_losses(robot)
     dynamics = ReducedDynamics(robot)
-    contacts = find_contacts(dynamics)
-    if contacts is None or not contacts.balanced:
-        why = contacts.notes[0] if contacts is not None else "it has no contacts"
-        return Skipped(CHECK_NAME, CONTACT_ORACLE, f"not known to stand: {why}")
     try:
+        contacts = standing_contacts(dynamics)
         plan, model = plan_motion(dynamics, contacts), ContactModel(robot)
     except (NotGentle, ActuationError, SingularBasisError, EngineRefused) as reason:
         return Skipped(CHECK_NAME, CONTACT_ORACLE, str(reason))
-    engine = _motion(_engine_rows(dynamics, plan, model))
-    reduced = _motion(_reduced_rows(dynamics, contacts, plan, engine.pose[0]))
+    engine = _motion(plan, _settled(plan, model))
+    reduced = _motion(plan, _Reduced(dynamics, contacts, plan, engine.pose[0]))
     times: Array = TICKS_PER_SAMPLE * TICK_S * np.arange(len(engine.pose), dtype=float)
     times.setflags(write=False)
     rows = gaps(robot, contacts, plan.names, reduced, engine)
@@ -309,53 +309,60 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
     )
 
 
-def _motion(rows: list[Row]) -> ContactMotion:
-    return ContactMotion(*(np.array(column) for column in zip(*rows, strict=True)))
+class _Reduced(ReducedRobot):
+    """The reduced model as :class:`ContactModel` is asked, at rest at a pose (3,) of the root link.
+
+    Attributes:
+        ground: What the ground did at the start of the last advance.
+    """
+
+    ground: GroundReaction
+
+    def __init__(
+        self, dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan, pose: Array
+    ) -> None:
+        super().__init__(dynamics, plan.q[0])
+        self._contacts = contacts
+        write_root(self.q, *pose)
+
+    @property
+    def planar(self) -> Array:
+        """The root link's x, y (m) and heading (rad) (3,)."""
+        return np.array(read_root(self.q))
+
+    def advance(self, tau: Array, dt: float) -> None:
+        """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
+        self.ground = ground_reaction(self.dynamics, self._contacts, self.q, self.nu, tau)
+        super().advance(tau, dt)
 
 
-def _engine_rows(dynamics: ReducedDynamics, plan: ContactPlan, model: ContactModel) -> list[Row]:
-    """Return what MuJoCo does, from where the robot has settled."""
-    casters = caster_names(dynamics.robot)
+def _settled(plan: ContactPlan, model: ContactModel) -> ContactModel:
+    """Return MuJoCo's robot where it has settled at the start of the plan."""
     model.start(plan.q[0])
     for _ in range(round(SETTLING_S / TICK_S)):
         plan.drive(model, -1)
-    rows: list[Row] = []
-    for tick in range(len(plan.tau) + 1):
-        pose, (swung, _) = model.planar, model.measured(casters)
-        tau = plan.drive(model, tick)
-        if tick % TICKS_PER_SAMPLE == 0:
-            ground, efforts = model.ground, tau[list(plan.servoed)]
-            rows.append((pose, ground.load, ground.force, ground.zmp, efforts, swung))
-    return rows
+    return model
 
 
-def _reduced_rows(
-    dynamics: ReducedDynamics, contacts: Contacts, plan: ContactPlan, pose: Array
-) -> list[Row]:
-    """Return what the reduced model does from a pose (3,) of the root link, at rest.
+def _motion(plan: ContactPlan, model: ContactModel | _Reduced) -> ContactMotion:
+    """Return what one side does from where it is.
 
     A wrong model may run into a posture that is singular; from there on its rows are NaN.
     """
-    model, rows = ReducedRobot(dynamics, plan.q[0]), list[Row]()
-    casters = caster_names(dynamics.robot)
-    write_root(model.q, *pose)
+    casters, rows = caster_names(model.robot), list[tuple[Array, ...]]()
     try:
         for tick in range(len(plan.tau) + 1):
-            q, nu, (swung, _) = model.q, model.nu, model.measured(casters)
-            tau = plan.efforts(tick, *model.measured(plan.names))
+            pose, (swung, _) = model.planar, model.measured(casters)
+            tau = plan.drive(model, tick)
             if tick % TICKS_PER_SAMPLE == 0:
-                ground, efforts = (
-                    ground_reaction(dynamics, contacts, q, nu, tau),
-                    tau[list(plan.servoed)],
-                )
-                place = np.array(read_root(q))
-                rows.append((place, ground.load, ground.force, ground.zmp, efforts, swung))
-            model.advance(tau, TICK_S)
+                ground, efforts = model.ground, tau[list(plan.servoed)]
+                rows.append((pose, ground.load, ground.force, ground.zmp, efforts, swung))
     except RpctlError:
         if not rows:
             raise
     lost = tuple(np.full_like(part, np.nan) for part in rows[0])
-    return rows + [lost] * (1 + len(plan.tau) // TICKS_PER_SAMPLE - len(rows))
+    rows += [lost] * (1 + len(plan.tau) // TICKS_PER_SAMPLE - len(rows))
+    return ContactMotion(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def tilt_note(tilt: float) -> Iterator[str]:

@@ -24,7 +24,7 @@ from rpctl.equivalence.contact.model import MIN_LOAD_N, SOLREF, ContactModel
 from rpctl.equivalence.contact.mujoco_body import UP, vertical_inverse_masses
 from rpctl.equivalence.contact.plan import TICK_S, rest_plan
 from rpctl.equivalence.mujoco_engine import NAME_PREFIX
-from rpctl.equivalence.onset.prediction import SLIPS, Instant, Manoeuvre, instant
+from rpctl.equivalence.onset.prediction import SLIPS, Instant, Manoeuvre, bisected, instant
 from rpctl.robot.model import Robot
 
 # MuJoCo lifts a contact that slides at v by 2 μ d T v, T its time constant and d its impedance.
@@ -227,7 +227,4 @@ def measure(runs: OnsetRuns, guess: float) -> float:
         if low != high and not runs.ends(low):
             break
         low, high = low / WIDER, low
-    while high - low > RESOLUTION * high:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if runs.ends(middle) else (middle, high)
-    return runs.extrapolated(0.5 * (low + high))
+    return runs.extrapolated(bisected(runs.ends, low, high, RESOLUTION))

@@ -22,18 +22,18 @@ import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.drive.drive import BASE_SPEEDS
-from rpctl.drive.steering import heading_radius, steer, trailing_positions
+from rpctl.drive.steering import heading_radius
 from rpctl.dynamics.grip import WheelForces, missing_grip, wheel_forces
 from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, ground_reactions, stance_at
 from rpctl.dynamics.pushes import push_at, pushed_efforts
 from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
+from rpctl.equivalence.contact.plan import AHEAD, start
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
 CIRCLE_SPANS = 1.5  # radius of the circle, of the distance between the outermost contacts
 STEERING_MARGIN = 1.5  # of the tightest bend that the steering allows
 SLIPS, TIPS = "slips", "tips"
-AHEAD = np.array([1.0, 0.0, 0.0])
 REST = np.zeros(3)
 SMALLEST, LARGEST = 1e-3, 64.0  # of the natural size: where an onset is looked for
 RESOLUTION = 1e-4  # relative, of a predicted onset
@@ -127,7 +127,7 @@ def circle_radius(robot: Robot, contacts: Contacts) -> float:
 
 def pushed_height(dynamics: ReducedDynamics) -> float:
     """Return the height of the highest link above the ground with the arm at home, m."""
-    model, data = dynamics.robot.model, dynamics.placements(configuration(dynamics.robot, AHEAD))
+    model, data = dynamics.robot.model, dynamics.placements(start(dynamics.robot, AHEAD))
     pin.updateFramePlacements(model, data)
     bodies = [k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY]
     highest = max(float(data.oMf[k].translation[2]) for k in bodies)
@@ -150,7 +150,7 @@ def instant(dynamics: ReducedDynamics, manoeuvre: Manoeuvre, value: float) -> In
     acceleration = manoeuvre.acceleration * value
     twist = value * np.array(manoeuvre.twist)
     twist = twist - AHEAD * manoeuvre.before * acceleration
-    q = configuration(robot, np.array(manoeuvre.twist) if any(manoeuvre.twist) else AHEAD)
+    q = start(robot, np.array(manoeuvre.twist) if any(manoeuvre.twist) else AHEAD)
     to_speeds = _speeds_of_twist(dynamics, q)
     nu, nu_dot, rest = to_speeds @ twist, to_speeds @ (acceleration * AHEAD), np.zeros(robot.dof)
     heading = robot.drive.heading
@@ -168,24 +168,6 @@ def instant(dynamics: ReducedDynamics, manoeuvre: Manoeuvre, value: float) -> In
         tau=pushed_efforts(dynamics, q, nu, nu_dot, pushed),
         unforced=pushed_efforts(dynamics, q, nu, rest, none),
     )
-
-
-def configuration(robot: Robot, twist: Array) -> Array:
-    """Return q (nq,) at the origin: the arm at home, wheels steered and casters trailing.
-
-    Args:
-        robot: The robot.
-        twist: Twist of P (3,) that its wheels are to allow, of any length.
-    """
-    drive, root = robot.drive, robot.root_velocity @ twist
-    joints = dict(zip(robot.joint_names, robot.home, strict=True))
-    if drive.steered:
-        steering = steer(drive, np.vstack([root, np.zeros((2, 3))]))[0]
-        joints |= zip((swivel.joint for swivel in drive.steered), steering.tolist(), strict=True)
-    casters = [swivel for swivel in drive.swivels if swivel.trails]
-    trailing = trailing_positions(drive, root, casters)
-    joints |= zip((swivel.joint for swivel in casters), trailing.tolist(), strict=True)
-    return robot.configuration(joints=joints)
 
 
 def _speeds_of_twist(dynamics: ReducedDynamics, q: Array) -> Array:
@@ -274,8 +256,12 @@ def find_onset(ends: Callable[[float], bool], size: float) -> float:
         high *= 2.0
         if high > LARGEST * size:
             return math.inf
-    low = 0.5 * high
-    while high - low > RESOLUTION * high:
+    return bisected(ends, 0.5 * high, high, RESOLUTION)
+
+
+def bisected(ends: Callable[[float], bool], low: float, high: float, resolution: float) -> float:
+    """Return the number between two from which on a manoeuvre ends, to a relative resolution."""
+    while high - low > resolution * high:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if ends(middle) else (middle, high)
     return 0.5 * (low + high)

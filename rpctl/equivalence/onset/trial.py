@@ -7,9 +7,10 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from rpctl.dynamics.ground_reaction import FRICTION, Contacts, find_contacts
+from rpctl.dynamics.ground_reaction import FRICTION, Contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import CONTACT_ORACLE, Skipped
+from rpctl.equivalence.contact.plan import NotGentle, standing_contacts
 from rpctl.equivalence.contact.trial import tilt_note
 from rpctl.equivalence.mujoco_engine import EngineRefused
 from rpctl.equivalence.onset.measurement import RUN_S, OnsetRuns, PushedBody, measure
@@ -174,22 +175,17 @@ def onset_trial(robot: Robot, friction: float = FRICTION) -> OnsetTrial | Skippe
     Returns:
         The trial, or the row that says why there is none.
     """
-    if not robot.drive.wheels:
-        return Skipped(TRIAL_NAME, CONTACT_ORACLE, "a fixed base neither slips nor tips")
     robot = without_losses(robot)
     dynamics = ReducedDynamics(robot)
-    contacts = find_contacts(dynamics, friction)
-    if contacts is None or not contacts.balanced:
-        why = contacts.notes[0] if contacts is not None else "it has no contacts"
-        return Skipped(TRIAL_NAME, CONTACT_ORACLE, f"not known to stand: {why}")
     try:
+        contacts = standing_contacts(dynamics, friction)
         rows = [
             _tried(dynamics, contacts, manoeuvre)
             for ending in (SLIPS, TIPS)
             for manoeuvre in manoeuvres(dynamics, contacts, RUN_S, ending)
         ]
-    except EngineRefused as refusal:
-        return Skipped(TRIAL_NAME, CONTACT_ORACLE, str(refusal))
+    except (NotGentle, EngineRefused) as reason:
+        return Skipped(TRIAL_NAME, CONTACT_ORACLE, str(reason))
     onsets = tuple(row for row in rows if isinstance(row, Onset))
     untried = tuple(row for row in rows if isinstance(row, NoOnset))
     tilt = max((onset.tilt for onset in onsets), default=0.0)

@@ -92,6 +92,9 @@ class MujocoMotion(MujocoWorld):
         tilt = self.tilt
         sink = self._height - self.robot.drive.ground - float(self.pose[2])
         said: tuple[str, ...] = ()
+        if self.rods:
+            names = ", ".join(self.rods)
+            said += (f"stiff tie rods hold {names} to the common centre of rotation",)
         if tilt > TOLD_TILT and self._level:
             said += (f"it stands {math.degrees(tilt):.2g}° out of the level",)
         if abs(sink) > TOLD_SINK and self._level:

@@ -213,8 +213,8 @@ def test_meshes_lie_beside_the_file_mirrored_as_they_are(tmp_path: Path) -> None
     a, b, c = (np.array(points[int(k) - 1], float) for k in corners[0])
     assert np.cross(b - a, c - a)[2] < 0.0  # the side that is outside stays outside
     assert not draw(robot, False).files
-    part = next(part for part in drawn.parts["finger"] if part.attributes["type"] == "mesh")
-    assert part.attributes["contype"] == part.attributes["conaffinity"] == "0"
+    part = next(part for part in drawn.parts["finger"] if part.get("type") == "mesh")
+    assert part.get("contype") == part.get("conaffinity") == "0"
 
 
 @pytest.mark.parametrize("name", cells(CATALOGUE, slow=TELLING))
