@@ -11,6 +11,7 @@ import trimesh
 
 import rpctl
 from rpctl import ReducedDynamics
+from tests import urdf
 from tests.drive.drive_cases import (
     TRANSMISSION,
     Files,
@@ -21,7 +22,6 @@ from tests.drive.drive_cases import (
     tricycle,
     xml,
 )
-from tests import urdf
 from tests.vehicles import KINDS, caster, rear_axle, vehicle
 
 
