@@ -179,6 +179,7 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
     """
     rolling: list[Wheel | Swivel] = [*drive.wheels, *drive.swivels]
     base = {each.joint for each in rolling if each.driven}
+    steering = {swivel.joint for swivel in drive.swivels if not swivel.trails}
     idle = [j for j in tree.description.joints if tree.is_free(j) and not (j.effort or j.mimic)]
     driven = {joint.name for joint in idle} & (base | tree.description.actuated)
     findings = []
@@ -187,6 +188,9 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
         if joint.name in driven:
             text += ", yet a transmission, plugin or drive file has a motor there: it is taken as "
             findings.append(Finding("warning", joint.line, f"{text}not given; give one above 0"))
+        elif joint.name in steering:
+            text += ": no motor steers with it; give one above 0, or say driven = true of its "
+            findings.append(Finding("warning", joint.line, f"{text}[[swivel]] in a drive file"))
         elif all(joint.name != each.joint for each in rolling):
             text += f": nothing drives it, it coasts, and no law tracks it; --lock {joint.name} "
             text += "holds it, or give one above 0 if a motor does"
