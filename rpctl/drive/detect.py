@@ -16,7 +16,7 @@ from rpctl.drive.no_drive import (
     drive_file_draft,
     explain_no_drive,
     explain_unknown_radius,
-    fixed_steering,
+    fixed_swivels,
     misaligned_axes,
     upright_spinners,
     wheels_on_fixed_joints,
@@ -123,9 +123,12 @@ def _held_by_fixed_joints(evidence: Evidence) -> Iterator[str]:
             "what looks like further wheels on the ground is held by fixed joints, so it slides; "
             f"make {'; '.join(still)}, or call it a caster"
         )
-    straight = fixed_steering(tree, wheels)
-    if straight:
-        yield f"wheels hang on fixed joints that are called steering; make {'; '.join(straight)}"
+    straight = fixed_swivels(tree, [wheel.joint for wheel in wheels])
+    if straight and not mecanum_evidence(evidence):
+        yield (
+            "wheels hang on fixed joints that are called steering or casters; make "
+            f"{'; '.join(straight)}"
+        )
 
 
 def _refuse_swivels_of_mecanum_wheels(evidence: Evidence) -> None:

@@ -128,7 +128,7 @@ def _leftover(
 def _fault(tree: FrozenTree, joint: Joint, moving: Sequence[Joint]) -> Leftover | None:
     """Return why an endless joint cannot carry a wheel of the drive, but for its height."""
     above, below = tree.free_joints(joint.parent), moved_below(tree, joint.child)
-    leaning = [carrier for carrier in moving if tree.is_leaning(carrier)]
+    leaning = [c for c in moving if tree.is_leaning(c) or (c.endless and is_named_caster(c))]
     if leaning:
         edits = (f'"{c.name}" (line {c.line}) {_upright_axis(tree, c)}' for c in leaning)
         why = f"is steered about an axis more than {MAX_LEAN_DEG:g}° off the upright"

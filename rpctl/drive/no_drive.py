@@ -209,12 +209,12 @@ def wheels_on_fixed_joints(tree: FrozenTree, wheels: Sequence[WheelCandidate] = 
 
     Such a wheel is a leaf of the tree that the root link holds, rigidly or by upright joints: a
     level cylinder on the ground, or meshes and spheres that a name calls a wheel. A caster may
-    slide.
+    slide. What holds it and is called steering, or a caster, follows.
 
     Args:
         wheels: The wheels on the ground, which turn; meshes count at the height of theirs alone.
     """
-    advice = []
+    advice, still = [], []
     floor = min((wheel.bottom for wheel in wheels), default=tree.floor)
     for joint in tree.description.joints:
         if joint.kind != "fixed" or tree.description.child_joints[joint.child]:
@@ -231,8 +231,9 @@ def wheels_on_fixed_joints(tree: FrozenTree, wheels: Sequence[WheelCandidate] = 
             axis = "its axle as <axis>"
         else:
             continue
+        still.append(joint)
         advice.append(f'"{joint.name}" (line {joint.line}) type="continuous" with {axis}')
-    return advice
+    return advice + fixed_swivels(tree, still)
 
 
 def _beside_a_wheel(tree: FrozenTree, joint: Joint, wheels: Sequence[WheelCandidate]) -> bool:
@@ -253,22 +254,29 @@ def _as_high(height: float, wheels: Sequence[WheelCandidate]) -> bool:
     return any(abs(height - each.centre[2]) < 0.5 * (each.radius or 0.0) for each in wheels)
 
 
-def fixed_steering(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> list[str]:
-    """Return the change that lets each wheel steer whose name says so and whose joint is fixed.
+def fixed_swivels(tree: FrozenTree, wheels: Sequence[Joint]) -> list[str]:
+    """Return the change that lets what holds each wheel turn, whose name says so, yet is fixed.
 
-    What also carries other wheels steers none of them.
+    It is called steering, or a caster. What also carries other wheels turns none of them.
+
+    Args:
+        wheels: Joints of wheels.
     """
-    chains = [tree.description.chain(w.joint.parent) for w in wheels if w.swivel is None]
+    chains = [tree.description.chain(j.parent) for j in wheels if not tree.free_joints(j.parent)]
     carried = Counter(joint.name for chain in chains for joint in chain)
-    return [
-        f'"{joint.name}" (line {joint.line}) type="revolute" with '
-        f"{axis_element(tree.frame(joint)[:3, :3].T[:, 2])} and its <limit>"
-        for chain in chains
-        for joint in chain
-        if joint.kind == "fixed"
-        and carried[joint.name] == 1
-        and any(word in f"{joint.name} {joint.child}".lower() for word in STEERING_WORDS)
-    ]
+    advice = []
+    for joint in (joint for chain in chains for joint in chain):
+        steers = any(word in f"{joint.name} {joint.child}".lower() for word in STEERING_WORDS)
+        if (
+            joint.kind == "fixed"
+            and carried[joint.name] == 1
+            and (steers or is_named_caster(joint))
+        ):
+            axis = axis_element(tree.frame(joint)[:3, :3].T[:, 2])
+            kind = f'type="revolute" with {axis} and its <limit>'
+            kind = kind if steers else f'type="continuous" with {axis}'
+            advice.append(f'"{joint.name}" (line {joint.line}) {kind}')
+    return advice
 
 
 def misaligned_axes(tree: FrozenTree, candidates: tuple[WheelCandidate, ...]) -> list[str]:

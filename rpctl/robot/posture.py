@@ -31,6 +31,8 @@ FORWARD_LENGTH = 0.5  # m behind the front of the base that weigh so
 FORWARD_CLEARANCE = 0.1  # m that the end effector keeps ahead of the base
 BEARING_WEIGHT = 0.5  # per rad that the end is off straight ahead of where its branch turns
 LIMIT_WEIGHT = 1.0  # per square of a joint's way from the middle of its range to a limit (mean)
+OVERLOAD_WEIGHT = 10.0  # per effort limit that gravity asks beyond the share that a search leaves
+HOLDING_SHARE = 0.8  # of an effort limit that gravity may take, as other branches move, too
 TWIST_WEIGHT = 0.2  # per rad² (mean of the joints that turn) that a posture is off zero
 FIRST_STEP, LAST_STEP = 0.15, 0.01  # of a joint's range: steps of the refinement
 STARTS = 2  # drawn postures that are refined
@@ -185,6 +187,7 @@ def _score(branch: Branch, scale: Scale, positions: Array, with_clearance: bool 
     lightness = max(scale.lightness_ratio(measures), 1e-12)
     score = math.log(manipulability) + math.log(lightness)
     score -= BEARING_WEIGHT * measures.bearing + _strain(branch, positions)
+    score -= OVERLOAD_WEIGHT * max(0.0, measures.load - HOLDING_SHARE)
     if branch.robot.drive.wheels:
         behind = FORWARD_CLEARANCE - measures.forward
         score -= min(1.0, max(0.0, behind / FORWARD_LENGTH))
@@ -220,6 +223,7 @@ class Measures:
         forward: How far ahead of the rest of the robot its end is, m.
         bearing: Angle between the way from where the branch begins to turn to its end and the
             forward direction, rad.
+        load: What gravity asks of a joint over its effort limit, the largest; 0 without limits.
     """
 
     singular: Array
@@ -228,6 +232,7 @@ class Measures:
     depth: float
     forward: float
     bearing: float
+    load: float
 
 
 class Branch:
@@ -258,6 +263,7 @@ class Branch:
             if j.mimic is not None and j.mimic.joint in names
         ]
         self._columns = rate_columns(robot, names)
+        self._limits = np.array([robot.joints[i].effort or math.inf for i in joints])
         pin.forwardKinematics(robot.model, self._data, self._q)
         self._front, self._mount = self._find_front(), self._find_mount()
 
@@ -290,7 +296,10 @@ class Branch:
         at = pin.updateFramePlacement(model, data, self._frame).translation
         x, y, z = at - self._mount
         bearing = math.atan2(math.hypot(y, z), x)
-        return Measures(singular, lightness, height, depth, float(at[0]) - self._front, bearing)
+        gravity = self._columns.T @ pin.computeGeneralizedGravity(model, data, q)
+        load = float((np.abs(gravity) / self._limits).max())
+        forward = float(at[0]) - self._front
+        return Measures(singular, lightness, height, depth, forward, bearing, load)
 
     @cached_property
     def _moved(self) -> LinkPoints:
