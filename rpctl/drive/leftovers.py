@@ -134,7 +134,9 @@ def _fault(tree: FrozenTree, joint: Joint, moving: Sequence[Joint]) -> Leftover 
         why = f"is steered about an axis more than {MAX_LEAN_DEG:g}° off the upright"
         return Leftover(joint, why, edit=f"give {', '.join(edits)}", steered=True)
     if moving:
-        names = tuple(carrier.name for carrier in moving)
+        still = [carrier.name for carrier in moving]
+        still += [carrier.name for carrier in above if tree.is_upright(carrier)][:-1]
+        names = tuple(c.name for c in above if c.name in still and not _carries_wheel(tree, c))
         why = f"hangs on {_quoted(names)}, which can move and may be no suspension"
         return Leftover(joint, why, hold=names)
     if len(above) > 1:
@@ -151,6 +153,13 @@ def _fault(tree: FrozenTree, joint: Joint, moving: Sequence[Joint]) -> Leftover 
         names = tuple(each.name for each in below)
         return Leftover(joint, f"moves other joints, {_quoted(names)}", hold=names)
     return None
+
+
+def _carries_wheel(tree: FrozenTree, carrier: Joint) -> bool:
+    """Return whether wheels hang on an upright joint itself, as a trailer's do on its hitch."""
+    wheels = [j for j in tree.description.joints if tree.is_free(j) and j.endless]
+    above = [tree.free_joints(joint.parent)[-1:] for joint in wheels if tree.is_level(joint)]
+    return tree.is_upright(carrier) and any(j.name == carrier.name for last in above for j in last)
 
 
 def _upright_axis(tree: FrozenTree, joint: Joint) -> str:
