@@ -126,7 +126,8 @@ def _held_by_fixed_joints(evidence: Evidence) -> Iterator[str]:
     straight = fixed_swivels(tree, [wheel.joint for wheel in wheels])
     if straight and not mecanum_evidence(evidence):
         yield (
-            "wheels hang on fixed joints that are called steering or casters; make "
+            "wheels hang on fixed joints that are called steering or casters, or have an upright "
+            "<axis>; make "
             f"{'; '.join(straight)}"
         )
 

@@ -255,9 +255,10 @@ def _as_high(height: float, wheels: Sequence[WheelCandidate]) -> bool:
 
 
 def fixed_swivels(tree: FrozenTree, wheels: Sequence[Joint]) -> list[str]:
-    """Return the change that lets what holds each wheel turn, whose name says so, yet is fixed.
+    """Return the change that lets what holds each wheel turn, and is fixed though it should.
 
-    It is called steering, or a caster. What also carries other wheels turns none of them.
+    It is called steering, or a caster, or has an upright <axis>, of which a fixed joint has no
+    need. What also carries other wheels turns none of them.
 
     Args:
         wheels: Joints of wheels.
@@ -270,7 +271,7 @@ def fixed_swivels(tree: FrozenTree, wheels: Sequence[Joint]) -> list[str]:
         if (
             joint.kind == "fixed"
             and carried[joint.name] == 1
-            and (steers or is_named_caster(joint))
+            and (steers or is_named_caster(joint) or tree.is_upright(joint))
         ):
             axis = axis_element(tree.frame(joint)[:3, :3].T[:, 2])
             kind = f'type="revolute" with {axis} and its <limit>'

@@ -125,6 +125,10 @@ def test_casters_that_are_fixed_are_told_with_their_wheels(files: Files) -> None
     upright = '"fl_caster" (line 1) type="continuous" with <axis xyz="0 0 1"/>'
     assert upright in refusal
     assert any(upright in doubt for doubt in files.load(text).drive.doubts)
+    named = files.load(text.replace("caster", "head")).drive.doubts  # its <axis> tells
+    assert any(upright.replace("caster", "head") in doubt for doubt in named)
+    level = text.replace("caster", "head").replace('<axis xyz="0 0 1"/>', "")
+    assert not any("head" in doubt for doubt in files.load(level).drive.doubts)
     rollers = text.replace("_wheel_link", "_mecanum_link")
     assert files.load(rollers).drive.doubts == ()
 
