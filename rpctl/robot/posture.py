@@ -223,7 +223,7 @@ class Measures:
         forward: How far ahead of the rest of the robot its end is, m.
         bearing: Angle between the way from where the branch begins to turn to its end and the
             forward direction, rad.
-        load: What gravity asks of a joint over its effort limit, the largest; 0 without limits.
+        load: What gravity asks of a joint of the robot over its effort limit, the largest.
     """
 
     singular: Array
@@ -263,7 +263,8 @@ class Branch:
             if j.mimic is not None and j.mimic.joint in names
         ]
         self._columns = rate_columns(robot, names)
-        self._limits = np.array([robot.joints[i].effort or math.inf for i in joints])
+        self._holding = rate_columns(robot, robot.joint_names)
+        self._limits = np.array([joint.effort or math.inf for joint in robot.joints])
         pin.forwardKinematics(robot.model, self._data, self._q)
         self._front, self._mount = self._find_front(), self._find_mount()
 
@@ -296,7 +297,7 @@ class Branch:
         at = pin.updateFramePlacement(model, data, self._frame).translation
         x, y, z = at - self._mount
         bearing = math.atan2(math.hypot(y, z), x)
-        gravity = self._columns.T @ pin.computeGeneralizedGravity(model, data, q)
+        gravity = self._holding.T @ pin.computeGeneralizedGravity(model, data, q)
         load = float((np.abs(gravity) / self._limits).max())
         forward = float(at[0]) - self._front
         return Measures(singular, lightness, height, depth, forward, bearing, load)
