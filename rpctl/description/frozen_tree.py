@@ -75,8 +75,13 @@ class FrozenTree:
             ]
 
     def heights(self, link: str) -> list[tuple[float, float]]:
-        """Return the lowest and the highest point of each shape of a link but meshes, m."""
-        shapes = (each for each in self.description.link[link].shapes if each.kind != "mesh")
+        """Return the lowest and the highest point of each shape of a link but meshes, m.
+
+        They are its collision shapes, on which simulators stand it; without any, what is drawn.
+        """
+        body = self.description.link[link]
+        shapes = [shape for shape in body.collisions if shape.kind != "mesh"]
+        shapes = shapes or [shape for shape in body.visuals if shape.kind != "mesh"]
         return [_heights(shape, self.pose(link) @ shape.origin) for shape in shapes]
 
     def lowest(self, link: str) -> float:

@@ -16,7 +16,7 @@ from rpctl.drive.no_drive import (
     explain_no_drive,
     explain_unknown_radius,
     fits,
-    fixed_steering,
+    fixed_swivels,
     misaligned_axes,
     upright_spinners,
     wheels_on_fixed_joints,
@@ -99,9 +99,12 @@ def _unused(evidence: Evidence) -> Iterator[str]:
             "what looks like further wheels on the ground is held by fixed joints, so it slides; "
             f"make {'; '.join(still)}, or call it a caster"
         )
-    straight = fixed_steering(tree, wheels)
-    if straight:
-        yield f"wheels hang on fixed joints that are called steering; make {'; '.join(straight)}"
+    straight = fixed_swivels(tree, [wheel.joint for wheel in wheels])
+    if straight and MECANUM not in _told(evidence):
+        yield (
+            "wheels hang on fixed joints that are called steering or casters, or have an upright "
+            f"<axis>; make {'; '.join(straight)}"
+        )
 
 
 def _refuse_swivels_of_mecanum_wheels(evidence: Evidence) -> None:

@@ -145,14 +145,20 @@ def _faults(
     ``moving`` are the joints that tilt it; ``gap`` is how far above the ground it ends, m.
     """
     above, below = tree.free_joints(joint.parent), moved_below(tree, joint)
-    leaning = [carrier for carrier in moving if tree.is_leaning(carrier)]
+    leaning = [
+        carrier
+        for carrier in moving
+        if tree.is_leaning(carrier) or (carrier.endless and is_called(carrier, CASTER_WORDS))
+    ]
     if leaning:
         upright = (axis_edit(tree, c, np.array([0.0, 0.0, tree.axis(c)[2]])) for c in leaning)
         why = f"is steered about an axis more than {MAX_LEAN_DEG:g}° off the upright"
         yield Leftover(joint, why, edit=f"give {', '.join(upright)}", steered=True)
     if moving:
-        why = f"hangs on {_quoted(_names(moving))}, which can move and may be no suspension"
-        yield Leftover(joint, why, hold=_names(moving))
+        still = [*moving, *[carrier for carrier in above if tree.is_upright(carrier)][:-1]]
+        still = [c for c in above if c in still and not _carries_wheel(tree, c)]
+        why = f"hangs on {_quoted(_names(still))}, which can move and may be no suspension"
+        yield Leftover(joint, why, hold=_names(still))
     if len(above) > 1:
         yield Leftover(joint, f"swivels about {len(above)} upright axes", hold=_names(above[:-1]))
     if joint.mimic is not None:
@@ -167,6 +173,13 @@ def _faults(
     if math.isnan(gap):
         yield Leftover(joint, "has no other beside it that stands on the ground")
     yield Leftover(joint, f"ends {1e3 * gap:.3g} mm above the ground")
+
+
+def _carries_wheel(tree: FrozenTree, carrier: Joint) -> bool:
+    """Return whether wheels hang on an upright joint itself, as a trailer's do on its hitch."""
+    wheels = [j for j in tree.description.joints if tree.is_free(j) and j.endless]
+    above = [tree.free_joints(joint.parent)[-1:] for joint in wheels if tree.is_level(joint)]
+    return tree.is_upright(carrier) and any(carrier in last for last in above)
 
 
 def axis_edit(tree: FrozenTree, joint: Joint, axis: Array, change: str = "") -> str:

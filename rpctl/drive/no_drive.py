@@ -227,12 +227,12 @@ def wheels_on_fixed_joints(tree: FrozenTree, wheels: Sequence[WheelCandidate] = 
 
     Such a wheel is a leaf of the tree that the root link holds, rigidly or by upright joints: a
     level cylinder on the ground, or meshes and spheres that a name calls a wheel. A caster may
-    slide.
+    slide. What holds it and is called steering, or a caster, follows.
 
     Args:
         wheels: The wheels on the ground, which turn; meshes count at the height of theirs alone.
     """
-    advice = []
+    advice, still = [], []
     floor = min((wheel.bottom for wheel in wheels), default=tree.floor)
     for joint in tree.description.joints:
         place = tree.pose(joint.child)[:3, 3]
@@ -253,22 +253,32 @@ def wheels_on_fixed_joints(tree: FrozenTree, wheels: Sequence[WheelCandidate] = 
         elif drawn and (not wheels or any(off < 0.5 * radius for off, radius in heights)):
             change = 'type="continuous" with its axle as <axis>'
             advice.append(f'"{joint.name}" (line {joint.line}) {change}')
-    return advice
+        else:
+            continue
+        still.append(joint)
+    return advice + fixed_swivels(tree, still)
 
 
-def fixed_steering(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> list[str]:
-    """Return the change that lets each wheel steer whose name says so and whose joint is fixed.
+def fixed_swivels(tree: FrozenTree, wheels: Sequence[Joint]) -> list[str]:
+    """Return the change that lets what holds each wheel turn, and is fixed though it should.
 
-    What also carries other wheels steers none of them.
+    It is called steering, or a caster, or has an upright <axis>, of which a fixed joint has no
+    need. What also carries other wheels turns none of them.
+
+    Args:
+        wheels: Joints of wheels.
     """
-    chains = [tree.description.chain(w.joint.parent) for w in wheels if w.swivel is None]
+    chains = [tree.description.chain(j.parent) for j in wheels if not tree.free_joints(j.parent)]
     carried = Counter(joint.name for chain in chains for joint in chain)
-    return [
-        axis_edit(tree, joint, UP, 'type="revolute" with ') + " and its <limit>"
-        for chain in chains
-        for joint in chain
-        if joint.kind == "fixed" and carried[joint.name] == 1 and is_called(joint, STEERING_WORDS)
-    ]
+    advice = []
+    for joint in (joint for chain in chains for joint in chain):
+        steers = is_called(joint, STEERING_WORDS)
+        turns = steers or is_called(joint, CASTER_WORDS) or tree.is_upright(joint)
+        if joint.kind == "fixed" and carried[joint.name] == 1 and turns:
+            kind = "revolute" if steers else "continuous"
+            change = axis_edit(tree, joint, UP, f'type="{kind}" with ')
+            advice.append(change + (" and its <limit>" if steers else ""))
+    return advice
 
 
 def misaligned_axes(tree: FrozenTree, wheels: Sequence[WheelCandidate]) -> list[str]:

@@ -163,7 +163,7 @@ def multipliers(
         limit = allowed(FORWARD_TOLERANCE, size, largest)
         yield worst("accelerations", who, (v_dot - theirs) / (largest or 1.0), limit, names)
     force = torques - push
-    scale = max(np.abs(torques).max(), np.abs(tau).max(initial=0.0))
+    scale = max(np.abs(torques).max(), np.abs(tau).max(initial=0.0)) or 1.0  # of nothing that acts
     products = np.abs(M @ forced.response) @ forced.forces + parts
     swing = _swing(inertia_spread(dynamics, q, np.array([*q[:2], 0.0])), nu)
     limit = allowed(FORWARD_TOLERANCE, max(float(products.max()), swing), scale)
@@ -187,7 +187,7 @@ def consistent(dynamics: ReducedDynamics, forced: ForcedState) -> Iterator[Check
     left_over = dynamics.inverse(q, nu, forced.nu_dot) - dynamics.actuation(q) @ forced.tau
     # B τ and h cancel but for M ν̇, and each is rounded: what h alone makes of ν̇ is the scale.
     alone = dynamics.forward(q, nu, np.zeros_like(forced.tau))
-    scale = float(np.abs([alone, forced.nu_dot]).max())
+    scale = float(np.abs([alone, forced.nu_dot]).max()) or 1.0
     limit = allowed(FORWARD_TOLERANCE, forced.size, scale)
     gap = np.linalg.solve(M, left_over) / scale
     yield worst("forward ∘ inverse", "identity", gap, limit, speeds)

@@ -102,7 +102,8 @@ def slip(motion: FileMotion) -> Slip:
 
     The ground holds a wheel along its heading and sideways; a roller, an omni wheel and one that
     slides in one direction only. Sideways one constraint keeps P: axles off it slide, as those of a
-    skid-steer drive do. Swivels that share a lateral force are held sideways on average.
+    skid-steer drive do. Swivels that share a lateral force are held sideways on average, and so are
+    a swivel's wheels that stand one behind the other, as a trailer's two axles do.
     """
     drive, wheels = motion.drive, [_rolling(motion, wheel) for wheel in motion.drive.wheels]
     twist = {each.joint: abs(motion.rates.get(each.joint, 0.0)) for each in drive.steered}
@@ -117,7 +118,7 @@ def slip(motion: FileMotion) -> Slip:
             direction, held = "along its roller", np.array([*wheel.direction, 0.0])
         constrained[f"{wheel.joint}, {direction}"] = float(held @ each.slip)
         if not rollers:
-            found = constrained if _held_sideways(drive, each) else by_design
+            found = constrained if _held_sideways(drive, each, wheels) else by_design
             found[f"{wheel.joint}, sideways"] = float(each.left @ each.slip)
     constrained |= _on_average(drive, wheels)
     if drive.has_axle:
@@ -171,38 +172,41 @@ def _rolling(motion: FileMotion, wheel: Wheel) -> WheelMotion:
     )
 
 
-def _held_sideways(drive: Drive, each: WheelMotion) -> bool:
+def _held_sideways(drive: Drive, each: WheelMotion, wheels: Sequence[WheelMotion]) -> bool:
     """Return whether the ground holds a wheel sideways, by itself."""
-    if each.wheel.slides:
+    swivel = each.wheel.swivel
+    if each.wheel.slides or len(_sharing(drive, swivel)) > 1:
         return False
-    if each.wheel.swivel is not None:
-        return not _sharing(drive, each.wheel.swivel)
-    arm = each.centre - _point(drive)
-    abreast = abs(float(arm @ np.cross(_left(drive), UP)))
+    middle, ahead = _point(drive), np.cross(_left(drive), UP)
+    if swivel is not None:
+        carried = [other.centre for other in wheels if other.wheel.swivel == swivel]
+        middle, ahead = np.mean(carried, axis=0), each.ahead
+    arm = each.centre - middle
+    abreast = abs(float(arm @ ahead))
     return abreast <= MAX_AXLE_OFFSET * float(np.linalg.norm(arm[:2])) + LENGTH_ROUNDING_M
 
 
 def _on_average(drive: Drive, wheels: Sequence[WheelMotion]) -> dict[str, float]:
-    """Return the mean sideways velocity of swivels that share a lateral force, m/s."""
-    groups: dict[tuple[str, ...], dict[str, float]] = {}
+    """Return the mean sideways velocity of wheels that share a lateral force, by swivels, m/s."""
+    groups: dict[tuple[str, ...], dict[str, list[float]]] = {}
     for each in wheels:
-        group = _sharing(drive, each.wheel.swivel)
-        if group:
+        name = each.wheel.swivel
+        if name is not None and not _held_sideways(drive, each, wheels):
             side = math.copysign(1.0, float(each.left @ _left(drive)))
-            groups.setdefault(group, {})[str(each.wheel.swivel)] = side * float(
-                each.left @ each.slip
-            )
+            parts = groups.setdefault(_sharing(drive, name), {})
+            parts.setdefault(name, []).append(side * float(each.left @ each.slip))
     return {
-        f"{' and '.join(group)}, sideways on average": float(np.mean(list(parts.values())))
+        f"{' and '.join(group)}, sideways on average": float(
+            np.mean([np.mean(sides) for sides in parts.values()])
+        )
         for group, parts in groups.items()
     }
 
 
 def _sharing(drive: Drive, swivel: str | None) -> tuple[str, ...]:
-    """Return the swivels that share a lateral force with one; nothing if it has its own."""
+    """Return the swivels that share a lateral force with one, itself among them."""
     leader = {each.joint: each.shares or each.joint for each in drive.swivels}
-    group = tuple(name for name in leader if leader[name] == leader.get(swivel or ""))
-    return group if len(group) > 1 else ()
+    return tuple(name for name in leader if leader[name] == leader.get(swivel or ""))
 
 
 def _left(drive: Drive) -> Array:

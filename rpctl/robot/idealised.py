@@ -219,14 +219,22 @@ def _axle_scatter(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Ideali
                 f"{listed(*(wheel.joint for wheel in line))} are taken for wheels on one axle; "
                 f"their centres are {1e3 * apart:.3g} mm apart along the heading",
             )
-    places = [abs(float((wheel.centre[:2] - drive.point) @ ahead)) for wheel in wheels]
-    if len(lines) > 1 and max(places) > LENGTH_ROUNDING_M:
+    yield from _axles_apart(wheels, np.array(drive.point), ahead, "fixed axles", "P")
+
+
+def _axles_apart(
+    wheels: list[WheelCandidate], middle: Array, ahead: Array, axles: str, place: str
+) -> Iterator[Idealisation]:
+    """Yield how far along a heading axles are from the point (2,) that alone is held sideways."""
+    count = len(lines_of(wheels))
+    places = [abs(float((wheel.centre[:2] - middle) @ ahead)) for wheel in wheels]
+    if count > 1 and max(places) > LENGTH_ROUNDING_M:
         furthest = wheels[int(np.argmax(places))]
         yield Idealisation(
             "axles apart",
             max(places),
             "m",
-            f"{len(lines)} fixed axles share one lateral constraint, at P: "
+            f"{count} {axles} share one lateral constraint, at {place}: "
             f"{listed(furthest.joint)} is {max(places):.3g} m from it along the heading, and in a "
             f"bend slides sideways, without friction, at {max(places):.3g} m/s for each rad/s",
         )
@@ -290,6 +298,7 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Itera
             f"contact is {1e3 * abs(trail):.3g} mm {'ahead of' if trail > 0.0 else 'behind'} its "
             "axis",
         )
+    yield from _axles_apart(wheels, contact, ahead, f"axles on {listed(joint)}", "their middle")
     angle, worst = max(
         ((_axle_angle(wheel.axle, swivel.heading), wheel) for wheel in wheels),
         key=lambda item: item[0],

@@ -171,6 +171,7 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
     """
     rolling: list[Wheel | Swivel] = [*drive.wheels, *drive.swivels]
     base = {each.joint for each in rolling if each.driven}
+    steering = {swivel.joint for swivel in drive.swivels if not swivel.trails}
     idle = [j for j in tree.description.joints if tree.is_free(j) and not (j.effort or j.mimic)]
     driven = {joint.name for joint in idle} & (base | tree.description.actuated)
     findings = []
@@ -180,6 +181,12 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
             text = (
                 f"{said}, yet a transmission, plugin or drive file has a motor there: it is taken "
                 "as not given; give one above 0"
+            )
+            findings.append(Finding("warning", joint.line, text))
+        elif joint.name in steering:
+            text = (
+                f"{said}: no motor steers with it; give one above 0, or say driven = true of its "
+                "[[swivel]] in a drive file"
             )
             findings.append(Finding("warning", joint.line, text))
         elif all(joint.name != each.joint for each in rolling):

@@ -30,6 +30,8 @@ FORWARD_LENGTH = 0.5  # m behind the front of the base that weigh so
 FORWARD_CLEARANCE = 0.1  # m that the end effector keeps ahead of the base
 BEARING_WEIGHT = 0.5  # per rad that the end is off straight ahead of where its branch turns
 LIMIT_WEIGHT = 1.0  # per square of a joint's way from the middle of its range to a limit (mean)
+OVERLOAD_WEIGHT = 10.0  # per effort limit that gravity asks beyond the share that a search leaves
+HOLDING_SHARE = 0.8  # of an effort limit that gravity may take, as other branches move, too
 TWIST_WEIGHT = 0.2  # per rad² (mean of the joints that turn) that a posture is off zero
 FIRST_STEP, LAST_STEP = 0.15, 0.01  # of a joint's range: steps of the refinement
 STARTS = 2  # drawn postures that are refined
@@ -179,6 +181,7 @@ def _score(branch: Branch, scale: Scale, positions: Array, with_clearance: bool 
     measures = branch.measure(positions, with_clearance)
     score = sum(math.log(max(ratio, 1e-12)) for ratio in scale.ratios(measures))
     score -= BEARING_WEIGHT * measures.bearing + _strain(branch, positions)
+    score -= OVERLOAD_WEIGHT * max(0.0, measures.load - HOLDING_SHARE)
     if branch.robot.drive.wheels:
         behind = FORWARD_CLEARANCE - measures.forward
         score -= min(1.0, max(0.0, behind / FORWARD_LENGTH))
@@ -214,6 +217,7 @@ class Measures:
         forward: How far ahead of the rest of the robot its end is, m.
         bearing: Angle between the way from where the branch begins to turn to its end and the
             forward direction, rad.
+        load: What gravity asks of a joint of the robot over its effort limit, the largest.
     """
 
     singular: Array
@@ -222,6 +226,7 @@ class Measures:
     depth: float
     forward: float
     bearing: float
+    load: float
 
 
 class Branch:
@@ -252,6 +257,8 @@ class Branch:
             if j.mimic is not None and j.mimic.joint in names
         ]
         self._columns = rate_columns(robot, names)
+        self._holding = rate_columns(robot, robot.joint_names)
+        self._limits = np.array([joint.effort or math.inf for joint in robot.joints])
         pin.forwardKinematics(robot.model, self._data, self._q)
         links = [name for name, _ in robot.tree.rigid_links(robot.description.root)]
         links += [robot.description.joint[wheel.joint].child for wheel in robot.drive.wheels]
@@ -291,7 +298,10 @@ class Branch:
         at = pin.updateFramePlacement(model, data, self._frame).translation
         x, y, z = at - self._mount
         bearing = math.atan2(math.hypot(y, z), x)
-        return Measures(singular, lightness, height, depth, float(at[0]) - self._front, bearing)
+        gravity = self._holding.T @ pin.computeGeneralizedGravity(model, data, q)
+        load = float((np.abs(gravity) / self._limits).max())
+        forward = float(at[0]) - self._front
+        return Measures(singular, lightness, height, depth, forward, bearing, load)
 
     @cached_property
     def _moved(self) -> LinkPoints:

@@ -483,3 +483,24 @@ def test_wheels_that_are_steered_and_do_not_roll_are_asked_about(files: Files) -
     assert '"front_left", "front_right" steers a wheel that does not roll' in refusal_text
     assert 'joint about its axle between "front_left"' in refusal_text
     assert "--lock" not in refusal_text
+
+
+@pytest.mark.parametrize("towed", [False, True])
+def test_all_that_holds_a_wheel_is_named_at_once(files: Files, towed: bool) -> None:
+    """A wheel on a slide, a turn and its steering: what hangs wheels itself is no such turn."""
+    parts = base()
+    parts.link("turn_link", 1.0)
+    parts.joint("turn", "revolute", ("base", "turn_link"), "-0.5 0 0.2", "0 0 1")
+    parts.link("slide_link", 1.0)
+    parts.joint("slide", "prismatic", ("turn_link", "slide_link"), "0 0 0", "1 0 0", STRUT)
+    parts.link("fork", 0.5)
+    parts.joint("steer", "continuous", ("slide_link", "fork"), "-0.5 0 0", "0 0 1")
+    parts.wheel("third", "fork", "-0.1 0 -0.1")
+    if towed:
+        parts.wheel("cart_left", "turn_link", "-0.3 0.3 -0.1")
+        parts.wheel("cart_right", "turn_link", "-0.3 -0.3 -0.1")
+    refusal = files.refusal(parts)
+    assert ("--lock turn --lock slide" in refusal) is not towed
+    assert "--lock slide" in refusal
+    held = files.load(parts, lock=["slide"] if towed else ["slide", "turn"]).drive
+    assert held.swivels[-1].role == "caster"

@@ -106,6 +106,40 @@ def test_steering_hinges_that_are_fixed_are_told(files: Files) -> None:
     assert 'make "base_to_left_hinge" (line 1) type="revolute" with <axis xyz="0 0 1"/>' in told[0]
 
 
+def on_casters(kind: str, axis: str) -> Parts:
+    """Return a base whose four wheels hang on casters of a kind of joint, about an axis."""
+    parts = body()
+    for x, y in ((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)):
+        name = f"{'fb'[x < 0]}{'lr'[y < 0]}"
+        parts.link(f"{name}_fork", 0.5)
+        parts.joint(f"{name}_caster", kind, ("base", f"{name}_fork"), f"{x} {y} 0.2", axis)
+        parts.wheel(f"{name}_wheel", f"{name}_fork", "-0.05 0 -0.1")
+    return parts
+
+
+def test_casters_that_are_fixed_are_told_with_their_wheels(files: Files) -> None:
+    """Who mends the wheels alone would have a skid-steer base."""
+    text = xml(on_casters("fixed", "0 0 1"))
+    refusal = files.refusal(text.replace('"continuous"', '"fixed"'))
+    assert '"fl_wheel" (line 1) type="continuous" with <axis xyz="0 1 0"/>' in refusal
+    upright = '"fl_caster" (line 1) type="continuous" with <axis xyz="0 0 1"/>'
+    assert upright in refusal
+    assert any(upright in doubt for doubt in files.load(text).drive.doubts)
+    named = files.load(text.replace("caster", "head")).drive.doubts  # its <axis> tells
+    assert any(upright.replace("caster", "head") in doubt for doubt in named)
+    level = text.replace("caster", "head").replace('<axis xyz="0 0 1"/>', "")
+    assert not any("head" in doubt for doubt in files.load(level).drive.doubts)
+    rollers = text.replace("_wheel_link", "_mecanum_link")
+    assert files.load(rollers).drive.doubts == ()
+
+
+def test_a_caster_that_does_not_stand_upright_is_not_to_be_locked(files: Files) -> None:
+    refusal = files.refusal(on_casters("continuous", "1 0 0"))
+    assert '"fl_caster" (line 1) <axis xyz="0 0 1"/>' in refusal
+    assert "--lock '*_caster'" not in refusal
+    assert files.load(on_casters("continuous", "0 0 1"), "powered-casters").drive.swivels
+
+
 def test_wheels_whose_axles_stand_make_no_fixed_base(files: Files) -> None:
     """Four endless joints side by side, upright, which meshes alone say are wheels."""
     parts = body()

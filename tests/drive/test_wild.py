@@ -11,6 +11,7 @@ import trimesh
 
 import rpctl
 from rpctl import ReducedDynamics
+from tests import urdf
 from tests.drive.drive_cases import (
     TRANSMISSION,
     Files,
@@ -412,3 +413,13 @@ def test_the_start_of_every_type_is_accepted(files: Files, kind: str) -> None:
     sized = files.load(text, start.replace("# radius", "radius")).drive
     assert [w.radius for w in sized.wheels] == [w.radius for w in drive.wheels]
     assert {w.source for w in sized.wheels} == {"drive file"}
+
+
+def test_a_body_drawn_through_the_ground(files: Files) -> None:
+    """A box that is drawn on its side reaches below the wheels; its collision shape does not."""
+    parts = axles(0.2, -0.2)
+    drawn = urdf.shape('box size="0.6 0.9 0.3"', "visual", xyz=(0, 0, 0.1), rpy=(np.pi / 2, 0, 0))
+    parts.xml[0] = parts.xml[0].replace("</link>", f"{drawn}</link>")
+    assert files.load(parts, "skid-steer").drive.ground == pytest.approx(0.0, abs=1e-12)
+    parts.xml[0] = re.sub("<collision>.*?</collision>", "", parts.xml[0])
+    assert '"axle0_left": the body reaches 0.35 m lower' in files.load(parts).drive.doubts[0]

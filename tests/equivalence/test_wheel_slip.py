@@ -11,15 +11,23 @@ import pytest
 import rpctl
 from rpctl.equivalence.file_drive import read
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
+from rpctl.robot.inspection import idealisations
 from tests.robots import write
-from tests.vehicles import vehicle
+from tests.vehicles import rear_axle, start, trailer, vehicle
 
 
 def moved(
     folder: Path, kind: str, twist: tuple[float, float, float], rates: dict[str, float],
     positions: dict[str, float],
 ) -> Slip:  # fmt: skip
-    reading = read(rpctl.load(write(folder, vehicle(kind))))
+    return text_moved(folder, vehicle(kind), twist, rates, positions)
+
+
+def text_moved(
+    folder: Path, text: str, twist: tuple[float, float, float], rates: dict[str, float],
+    positions: dict[str, float],
+) -> Slip:  # fmt: skip
+    reading = read(rpctl.load(write(folder, text)))
     joint_rates = dict.fromkeys((wheel.joint for wheel in reading.drive.wheels), 0.0) | rates
     at = dict.fromkeys((swivel.joint for swivel in reading.drive.swivels), 0.0) | positions
     return slip(
@@ -73,3 +81,38 @@ def test_the_speed_of_a_base_without_an_axle_is_its_first_swivels(
     """The rims' mean speed along the swivel's heading, wherever that points."""
     found = moved(tmp_path, kind, (1.0, 0.0, 0.0), rates, {"fl_steer": angle})
     assert found.base == pytest.approx({"v": speed})
+
+
+def tandem() -> str:
+    """Return a base that pulls a trailer, whose axles are 0.6 and 0.8 m behind its hitch."""
+    parts = start()
+    rear_axle(parts)
+    trailer(parts, "cart", "base", "-0.3 0 0.2", 0.6, "0 0 1")
+    parts.wheel("cart_left_rear", "cart_body", "-0.8 0.23 -0.1")
+    parts.wheel("cart_right_rear", "cart_body", "-0.8 -0.21 -0.1")
+    return parts.text("tandem")
+
+
+@pytest.mark.parametrize(
+    ("rate", "average", "front", "rear"),
+    [(0.0, 0.5, 0.45, 0.55), (-0.5 - 0.15 / 0.7, 0.0, 0.15 / 7, 0.15 / 7)],
+)
+def test_a_trailers_two_axles_are_held_sideways_on_average(
+    tmp_path: Path, rate: float, average: float, front: float, rear: float
+) -> None:
+    """The base turns at 0.5 rad/s about P: its hitch, 0.3 m behind, goes 0.15 m/s to the right."""
+    found = text_moved(tmp_path, tandem(), (1.0, 0.0, 0.5), {"cart_hitch": rate}, {})
+    held = {key: size * found.speed for key, size in found.constrained.items()}
+    sliding = {key: size * found.speed for key, size in found.by_design.items()}
+    assert held["cart_hitch, sideways on average"] == pytest.approx(average, abs=1e-12)
+    assert sliding["cart_left, sideways"] == pytest.approx(front)
+    assert sliding["cart_right_rear, sideways"] == pytest.approx(rear)
+    assert len(sliding) == 4
+
+
+def test_a_trailer_of_two_axles_is_verified_and_told(tmp_path: Path) -> None:
+    robot = rpctl.load(write(tmp_path, tandem()))
+    assert rpctl.verify(robot, samples=5, engines=()).passed
+    told = [each for each in idealisations(robot) if each.what == "axles apart"]
+    assert [each.value for each in told] == pytest.approx([0.1])
+    assert '2 axles on "cart_hitch" (line 1) share one lateral' in told[0].sentence

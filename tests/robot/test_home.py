@@ -198,6 +198,24 @@ def test_a_stretched_arm_takes_a_posture_and_tells(tmp_path: Path) -> None:
     assert at_home(rpctl.load(path, home="auto")) == at_home(robot)
 
 
+@pytest.mark.parametrize(("effort", "holds"), [(1000, False), (12, True)])
+def test_a_chosen_posture_is_one_that_the_joints_hold(
+    effort: float, holds: bool, tmp_path: Path
+) -> None:
+    """Two rods of 1 kg and 1 m in an upright plane; what is left of 12 N m is for other branches.
+
+    At q₁, q₂ below the level the first joint holds m g l (1.5 cos q₁ + 0.5 cos(q₁ + q₂)).
+    """
+    limit, rod = urdf.limit(-2.5, 2.5, effort, 2), (1.0, 1.0)
+    parts = [
+        limb("rod_1", "base", "0 1 0", limit, "revolute", "0 0 1.5", rod),
+        limb("rod_2", "rod_1", "0 1 0", limit, "revolute", "1 0 0", rod),
+    ]
+    q1, q2 = rpctl.load(write(tmp_path, *parts), drive="fixed", home="auto").home
+    moment = 9.81 * (1.5 * np.cos(q1) + 0.5 * np.cos(q1 + q2))
+    assert bool(abs(moment) < 0.81 * 12.0) is holds
+
+
 def lowest(robot: Robot) -> float:
     """Return the height of the lowest end of the rods over the ground, m."""
     q, data = robot.configuration_at(np.zeros(3), robot.home), robot.model.createData()

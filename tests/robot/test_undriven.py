@@ -12,6 +12,7 @@ import rpctl
 from rpctl.errors import ActuationError, DescriptionError
 from rpctl.robot.vary import set_limits
 from tests.robots import SET_A, platform, write
+from tests.vehicles import vehicle
 
 # A mass of 2 kg at .5 m below a level hinge, .5 m high in the middle of the axle.
 PENDULUM = """
@@ -138,3 +139,26 @@ def test_minus_one_is_no_limit(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace(IDLE, '<limit effort="-1" velocity="-1"/>'))
     joint = rpctl.load(path).description.joint["hinge"]
     assert math.isinf(joint.effort) and math.isinf(joint.velocity)
+
+
+def test_a_car_that_no_motor_steers_is_told(tmp_path: Path) -> None:
+    text = vehicle("tricycle").replace('effort="40"', 'effort="0"')
+    robot = rpctl.load(write(tmp_path, text))
+    assert not robot.drive.swivels[0].driven
+    (told,) = findings(robot, "warning")
+    assert told.startswith('effort limit of joint "steer" is 0: no motor steers with it')
+    drive = tmp_path / "drive.toml"
+    drive.write_text('type = "tricycle"\n[[swivel]]\njoint = "steer"\ndriven = true\n')
+    assert "steer" in rpctl.load(tmp_path / "robot.urdf", drive).actuators
+
+
+def test_what_nothing_moves_is_verified(tmp_path: Path) -> None:
+    """A level slide without a motor: no force acts, and none is divided by."""
+    slide = PENDULUM.replace('type="continuous"', 'type="prismatic"')
+    limit = '<limit lower="0" upper="0" effort="0" velocity="0"/>'
+    slide = slide.replace('<limit effort="0" velocity="9"/>', limit)
+    base = '<link name="base"><inertial><mass value="3"/><inertia ixx=".1" iyy=".1" izz=".1"'
+    base += ' ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    robot = rpctl.load(write(tmp_path, f'<robot name="slide">{base}{slide}</robot>'), "fixed")
+    assert robot.quasi_velocities == ("hinge",)
+    assert rpctl.verify(robot, samples=2).passed
