@@ -81,13 +81,27 @@ def test_on_the_reference_the_law_asks_for_the_reference(tmp_path: Path, kind: s
         np.testing.assert_allclose(nu_d_dot, rates.nu_dot, atol=1e-8)
 
 
-@pytest.mark.parametrize("kind", STEERED)
+def backwards(t: float) -> tuple[float, float, float]:
+    """Round a circle of 2 m, the rear ahead."""
+    turn = -0.2 * t
+    return 2.0 * numbers.sin(turn), 2.0 - 2.0 * numbers.cos(turn), turn
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [*((kind, "eight") for kind in STEERED), ("articulated", "eight"), ("articulated", "back")],
+)
 def test_what_is_asked_for_changes_as_it_says(
-    tmp_path: Path, kind: str, rng: np.random.Generator
+    tmp_path: Path, kind: str, name: str, rng: np.random.Generator
 ) -> None:
     """The speed, along an actual motion that has nothing to do with the reference."""
     robot = load(tmp_path, kind)
-    reference, dynamics = reference_by_name(robot, "eight"), ReducedDynamics(robot)
+    reference = (
+        rpctl.as_reference(backwards, joints=robot.home)
+        if name == "back"
+        else reference_by_name(robot, name)
+    )
+    dynamics = ReducedDynamics(robot)
     law = UnifiedKinematic(approach=None).start(dynamics, 0.002)
     nu, rates = 0.2 * rng.normal(size=robot.dof), np.zeros(robot.dof)
     start = on(robot, reference(4.0))
@@ -103,6 +117,16 @@ def test_what_is_asked_for_changes_as_it_says(
         rates[1 : 1 + count] = asked(0.0).nu_d_dot[1 : 1 + count]
     slope = (asked(STEP).nu_d[0] - asked(-STEP).nu_d[0]) / (2 * STEP)
     assert slope == pytest.approx(asked(0.0).nu_d_dot[0], abs=1e-5)
+
+
+def test_an_articulated_base_goes_back_rear_axle_first(tmp_path: Path) -> None:
+    """From beside a circle: steered from the front its error would grow at first, and stay."""
+    robot = load(tmp_path, "articulated")
+    reference = rpctl.as_reference(backwards, joints=robot.home)
+    off = (0.05, -0.1, 0.1)
+    figures = summarize(track(robot, reference, duration=14.0, initial_error=off, **IN_PYTHON))
+    assert (figures.outcome, figures.limits_violated) == ("tracked", ())
+    assert figures.final_base_error < 4e-3
 
 
 @pytest.mark.parametrize(("kind", "name"), cells(GRID, slow=IN_CI))
