@@ -17,10 +17,6 @@ from rpctl.arrays import Array
 from rpctl.control.error import Tracking
 from rpctl.control.law import Command
 from rpctl.control.steering import (
-    ANGLE_MARGIN,
-    BRAKE_TIME,
-    RATE_FRACTION,
-    STEERING_HORIZON_RATIO,
     Measured,
     base_command,
     max_deviation,
@@ -35,6 +31,8 @@ from tests.vehicles import vehicle
 
 STEERED = ["car-like", "parallel", "tricycle", "bicycle", "steered", "twin"]
 EXACT = [kind for kind in STEERED if kind != "tricycle"]  # whose trailing wheel lags a little
+ANGLE_MARGIN, BRAKE_TIME = 0.02, 0.3  # rad, s
+RATE_FRACTION, STEERING_HORIZON_RATIO = 0.9, 0.25
 STEP = 1e-6
 # A thousand samples take less in Python than machine code takes to build.
 IN_PYTHON: dict[str, Any] = {"control_period": 0.01, "plant_step": 0.01}
