@@ -58,13 +58,12 @@ PAIRS = [
     (name, reference)
     for name in OWN
     for reference in BASE_PATHS
-    if ROBOTS[name][1] != "fixed"
-    and not (reference == "spin" and name in ON_AXLES)
-    and (name, reference) != ("loader", "reverse")  # pushed, its hitch leaves an error of 3 cm
+    if ROBOTS[name][1] != "fixed" and not (reference == "spin" and name in ON_AXLES)
 ]
 PAIRS_IN_CI = {
     ("skid_steer", "circle"),
     ("bicycle", "reverse"),
+    ("loader", "reverse"),
     ("swerve", "eight"),
     ("caster_drive", "eight"),
     ("mecanum", "spin"),
@@ -73,6 +72,7 @@ OFF = (0.1, -0.1, 0.1)  # m, m, rad: the error at the start of a robot that driv
 SHRUNK = 0.05  # m: the base's error after 3.5 s, which was 0.14 m
 SETTLED = 2e-3  # m: the base's error after 12 s
 SPUN = 1e-2  # m: the same where it turns on the spot, which mends what lies beside it slowly
+BACKED = 5e-3  # m: the same where the rear axle leads, which first has to come to its path
 FOLLOWED = 5e-4  # m: the end effector's error of an arm that starts on its reference
 SPRUNG = {  # springs that a URDF does not tell bear the shoulders: their motors alone are too weak
     "pr2": {f"{side}_{joint}_flex_joint" for side in "lr" for joint in ("elbow", "wrist")},  # falls
@@ -129,4 +129,5 @@ def test_every_drive_follows_every_reference(name: str, reference: str) -> None:
     robot = rpctl.load(name)
     summary = rpctl.summarize(rpctl.track(robot, reference, duration=12.0, initial_error=OFF))
     assert summary.limits_violated == ()
-    assert summary.final_base_error < (SPUN if reference == "spin" else SETTLED)
+    bounds = {"spin": SPUN, "reverse": BACKED if name == "loader" else SETTLED}
+    assert summary.final_base_error < bounds.get(reference, SETTLED)

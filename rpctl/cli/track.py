@@ -275,6 +275,8 @@ def track_command(
     output.print(
         f"[bold]{escape(loaded.name)}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
     )
+    for doubt in loaded.drive.doubts:
+        output.print(f"[yellow]doubt[/] {escape(doubt)}")
     show_reference(output, loaded, reference, options.strict)
     budget = require_affordable(loaded, config, reference)
     certificate = None

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl import math
-from rpctl.control.error import Tracking
+from rpctl.control.error import Tracking, base_error, base_error_rate
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import steered_angles
 from rpctl.kernels.scalars import clipped, dot, rounded
@@ -18,6 +18,7 @@ from rpctl.reference.motion import ReferenceState
 from rpctl.robot.model import BASE_NV, Robot
 
 SLOW_SPEED = 0.1  # m/s: well below it steering follows the reference, well above it the twist
+PULLING_SPEED = 0.02  # m/s: well above it the hitch of what is pulled is bounded by being pulled
 STEERING_HORIZON_RATIO = 0.25  # of the law's horizon: steering has to be faster than the base
 # Largest deviation of the steering direction from the reference's unit direction.
 AXLE_MAX_DEVIATION = 1.0  # of bases with an axle
@@ -132,7 +133,7 @@ def base_command(
     towards = _direction(sheet, drive, at.direction, twist)
     wanted = steered_angles(sheet, drive, _of_root(sheet, robot, "m", towards), "d")
     along = steered_angles(sheet, drive, _of_root(sheet, robot, "r", at.direction), "f")
-    bend = _bend(sheet, robot, twist, measured) if drive.type == "articulated" else None
+    bend = _bend(sheet, robot, at, twist, measured) if drive.type == "articulated" else None
     commands = [
         _joint_command(sheet, robot, k, measured, angles, time, bend)
         for k, angles in enumerate(zip(wanted, along, strict=True))
@@ -184,29 +185,111 @@ def _rolling(
     return speed, sheet.named("v_1_dot", rate / square)
 
 
-def _bend(sheet: Sheet, robot: Robot, twist: Sequence[Any], measured: Measured) -> tuple[Any, Any]:
-    """Write the rate of an articulated base's hitch that turns it as a twist asks, and its weight.
+def leading(
+    sheet: Sheet, robot: Robot, at: Tracking, pose: Sequence[Any], state: ReferenceState,
+    measured: Measured,
+) -> Tracking:  # fmt: skip
+    """Write what a law reads of the axle that leads: of an articulated base backwards its rear one.
 
-    The rear axle's row is n·V + k (ω + φ̇) = 0, with V the hitch's velocity and k the trail. Towed
-    forward at a speed p the rear trails, so that φ̇ = −(n·V + k ω)/k keeps φ bounded. At rest and
-    pushed backwards it does not: the weight, p²/(p² + v_s²), is 0 there.
+    What leads pulls the rest, whose hitch then stays bounded; what is pushed has to be steered from
+    behind, and its lateral error first grows. The rear axle of the reference bends as its direction
+    would in a steady turn.
 
     Args:
         sheet: Where to write.
         robot: The robot.
+        at: What a law reads of P.
+        pose: Of P (3,).
+        state: The reference.
+        measured: The robot's state.
+    """
+    (angle,) = steered_angles(sheet, robot.drive, _of_root(sheet, robot, "g", at.direction), "g")
+    angle = sheet.named("bend_r", angle)
+    rate = sheet.named("bend_r_dot", sheet.rate(angle))
+    wanted, twist = _rear(sheet, robot, "w", state.pose, at.twist, angle, rate)
+    _, ahead = _rear(sheet, robot, "l", state.pose, at.direction, angle, 0.0)
+    bend = sheet.symbol("bend", measured.steered[0])
+    sheet.moves(bend, measured.steering_rates[0])
+    own, moving = _rear(sheet, robot, "o", pose, at.own_twist, bend, measured.steering_rates[0])
+    error = [sheet.symbol(f"t{i}", e) for i, e in enumerate(base_error(wanted, own), start=1)]
+    for each, change in zip(error, base_error_rate(error, twist, moving), strict=True):
+        sheet.moves(each, change)
+    parts = [twist, [sheet.rate(each) for each in twist], ahead, error, error, moving]
+    back = _back(at)
+    chosen = [
+        [sheet.named(f"lead{k}{i}", math.if_else(back, *pair)) for i, pair in enumerate(pairs)]
+        for k, pairs in enumerate(
+            zip(rear, front, strict=True) for rear, front in zip(parts, at[1:], strict=True)
+        )
+    ]
+    return Tracking(sheet, *chosen)
+
+
+def of_front(
+    sheet: Sheet, robot: Robot, at: Tracking, speed: Any, turn: Any, measured: Measured
+) -> tuple[Any, Any]:
+    """Return the speed and turning rate of P at which the leading axle has those that are asked."""
+    (swivel,), heading = robot.drive.steered, robot.drive.heading
+    angle = swivel.heading - heading + swivel.sign * sheet.definitions["bend"][0]
+    cos, sin = math.cos(angle), math.sin(angle)
+    x, y = np.subtract(swivel.pivot, robot.drive.point)
+    along = numbers.cos(heading) * x + numbers.sin(heading) * y
+    left = numbers.cos(heading) * y - numbers.sin(heading) * x
+    across = -swivel.trail * turn
+    turning = sheet.named("front_turn", (sin * speed + cos * across) / along)
+    back = _back(at)
+    moved = cos * speed - sin * across + turning * left
+    return math.if_else(back, moved, speed), math.if_else(back, turning, turn)
+
+
+def _back(at: Tracking) -> Any:
+    return at.direction[0] < 0.0
+
+
+def _rear(
+    sheet: Sheet, robot: Robot, name: str, pose: Sequence[Any], twist: Sequence[Any], angle: Any,
+    rate: Any,
+) -> tuple[list[Any], list[Any]]:  # fmt: skip
+    """Write pose (3,) and twist (3,) of an articulated base's rear axle, from those of P."""
+    (swivel,), (px, py) = robot.drive.steered, robot.drive.point
+    (x, y), heading = swivel.pivot, swivel.heading + swivel.sign * angle
+    cos, sin = math.cos(heading), math.sin(heading)
+    root = pose[2] - robot.drive.heading
+    c, s = math.cos(root), math.sin(root)
+    dx, dy = x - px + swivel.trail * cos, y - py + swivel.trail * sin
+    place = [pose[0] + c * dx - s * dy, pose[1] + s * dx + c * dy, root + heading]
+    ahead, left, turn = _of_root(sheet, robot, f"{name}_root", twist)
+    V, turned = (ahead - turn * y, left + turn * x), turn + swivel.sign * rate
+    moved = [cos * V[0] + sin * V[1], cos * V[1] - sin * V[0] + swivel.trail * turned, turned]
+    return place, [sheet.named(f"{name}_rear{i}", each) for i, each in enumerate(moved, start=1)]
+
+
+def _bend(
+    sheet: Sheet, robot: Robot, at: Tracking, twist: Sequence[Any], measured: Measured
+) -> tuple[Any, Any]:
+    """Write the rate of an articulated base's hitch that turns it as a twist asks, and its weight.
+
+    The rear axle's row is n·V + k (ω + φ̇) = 0, with V the hitch's velocity and k the trail, so
+    that φ̇ = −(n·V + k ω)/k. What leads (:func:`leading`) pulls the rest at a speed p, and φ stays
+    bounded. At rest, and while the base still moves the other way, it does not: the weight,
+    p²/(p² + v_p²), is 0 there.
+
+    Args:
+        sheet: Where to write.
+        robot: The robot.
+        at: What a law reads of P.
         twist: Desired twist (3,) of P.
         measured: The robot's state.
     """
     (swivel,) = robot.drive.steered
     (x, y), (ahead, left, turn) = swivel.pivot, _of_root(sheet, robot, "b", twist)
-    angle = sheet.symbol("bend", measured.steered[0])
-    sheet.moves(angle, measured.steering_rates[0])
-    heading = swivel.heading + swivel.sign * angle
+    heading = swivel.heading + swivel.sign * sheet.definitions["bend"][0]
     cos, sin = math.cos(heading), math.sin(heading)
     V = ahead - turn * y, left + turn * x
-    towed = math.fmax(-numbers.copysign(1.0, swivel.trail) * (cos * V[0] + sin * V[1]), 0.0)
+    speed = -numbers.copysign(1.0, swivel.trail) * (cos * V[0] + sin * V[1])
+    towed = math.fmax(math.if_else(_back(at), -speed, speed), 0.0)
     rate = -swivel.sign * ((cos * V[1] - sin * V[0]) / swivel.trail + turn)
-    weight = sheet.named("towed", towed**2 / (towed**2 + SLOW_SPEED**2))
+    weight = sheet.named("towed", towed**2 / (towed**2 + PULLING_SPEED**2))
     return weight, sheet.named("bend_free", rate)
 
 

@@ -26,7 +26,14 @@ from rpctl.control.error import (
 )
 from rpctl.control.fragment import ANSWERED, NO_COMMAND, REFUSED, LawFrame, is_fine
 from rpctl.control.law import Command, Rest, TrackingController
-from rpctl.control.steering import Measured, Rolling, base_command, reference_direction
+from rpctl.control.steering import (
+    Measured,
+    Rolling,
+    base_command,
+    leading,
+    of_front,
+    reference_direction,
+)
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
@@ -235,20 +242,24 @@ def desired(
     for symbols, rates in (state[1:3], state[4:6]):
         for symbol, rate in zip(symbols, rates, strict=True):
             sheet.moves(symbol, rate)
-    error = _base_errors(sheet, robot, state, measured)
+    pose = _base_pose(sheet, robot, measured)
+    error = _base_errors(sheet, state, measured, pose)
     joints = _joint_errors(sheet, robot, state, measured)
     nu_d, nu_d_dot, refused = list[Any](), list[Any](), math.SX(0)
     if drive.base_speeds:
         direction = reference_direction(sheet, state)
-        leashed = error if law.leash is None else law.leash(sheet, error)
-        at = Tracking(
-            sheet, state.twist, state.twist_dot, direction, error, leashed, measured.twist
-        )
+        at = Tracking(sheet, state.twist, state.twist_dot, direction, error, error, measured.twist)
+        articulated = drive.type == "articulated"
+        seen = leading(sheet, robot, at, pose, state, measured) if articulated else at
+        if law.leash is not None:
+            seen = seen._replace(e=law.leash(sheet, seen.error))
         if drive.omnidirectional:
-            twist = omnidirectional_twist(at, law.horizon)
+            twist = omnidirectional_twist(seen, law.horizon)
         else:
-            refused = math.SX(law.refuses(at))
-            speed, turn = _asked(law, at)
+            refused = math.SX(law.refuses(seen))
+            speed, turn = _asked(law, seen)
+            if articulated:
+                speed, turn = of_front(sheet, robot, at, speed, turn, measured)
             twist = [speed, math.SX(0), turn]
         nu_d, nu_d_dot = base_command(sheet, robot, at, twist, measured, law.horizon)
     arm = zip(joints, state.joint_rates, horizons, strict=True)
@@ -284,17 +295,21 @@ def _asked(law: BaseLaw, at: Tracking) -> tuple[Any, Any]:
     return speed, turn
 
 
-def _base_errors(
-    sheet: Sheet, robot: Robot, state: ReferenceState, measured: Measured
-) -> list[Any]:
-    """Write the base's error, and how it changes."""
+def _base_pose(sheet: Sheet, robot: Robot, measured: Measured) -> list[Any]:
+    """Write the pose (3,) of P."""
     (px, py), (x, y, theta) = robot.drive.point, measured.pose
     cos, sin = math.cos(theta), math.sin(theta)
-    pose = [
+    return [
         sheet.named("x_P", x + cos * px - sin * py),
         sheet.named("y_P", y + sin * px + cos * py),
         sheet.named("theta_P", theta + robot.drive.heading),
     ]
+
+
+def _base_errors(
+    sheet: Sheet, state: ReferenceState, measured: Measured, pose: Sequence[Any]
+) -> list[Any]:
+    """Write the base's error, and how it changes."""
     values = base_error(state.pose, pose)
     error = [sheet.symbol(f"x{i}", each) for i, each in enumerate(values, start=1)]
     rates = base_error_rate(error, state.twist, measured.twist)

@@ -255,8 +255,8 @@ def _compare(drive: Drive, control: BaseControl) -> Iterator[Finding]:
         yield Finding(
             "warning",
             control.line,
-            f"{control.label} is made for {control.kind} drives, and the wheels make a "
-            f"{drive.type} drive; say which it is with --drive",
+            f"{control.label} is made for {control.kind} drives, and by its wheels the drive is "
+            f"{drive.type}; say which it is with --drive",
         )
         return
     rolling = [w for w in drive.wheels if w.driven and not w.slides]

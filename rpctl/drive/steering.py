@@ -142,7 +142,7 @@ def steered_angles(sheet: Sheet, drive: Drive, twist: Sequence[Any], mark: str) 
     With V the velocity of a wheel's place, its lateral row asks n·V = 0, so that the angle φ is
     V's; its rate follows from the row's own, φ̇ d·V = n·V̇. Swivels that mimic another one count
     along with it, each by its ratio. A contact off the steering axis (trail k) turns a steady
-    bend's angle by asin(k ω/|V|).
+    bend's angle by asin(k ω/d·V).
 
     Args:
         sheet: Where to write.
@@ -177,7 +177,8 @@ def _steered_angle(
     if not swivel.trail:
         return position
     size = math.sqrt(math.fmax(V[0][0] ** 2 + V[0][1] ** 2, MIN_SPEED**2))
-    u = sheet.named(f"{name}_u", swivel.trail * twist[2] / size)
+    faces = math.if_else(swivel.sign * along < 0.0, -1.0, 1.0)  # whether the wheels roll forward
+    u = sheet.named(f"{name}_u", faces * swivel.trail * twist[2] / size)
     tight = math.fabs(u) >= 1.0  # the bend is tighter than the trail: no steady angle
     right = 0.5 * numbers.pi * math.sign(u)
     lag = math.if_else(tight, right, math.asin(math.if_else(tight, 0.0, u)))

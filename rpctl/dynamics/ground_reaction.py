@@ -29,6 +29,7 @@ from rpctl.dynamics.stance import (
 from rpctl.errors import require_positive
 from rpctl.robot.coordinates import ROOT_JOINT
 
+ON_ONE_LINE = "on one line"  # of contacts: two such wheels hold nothing upright
 FRICTION = 0.7  # of rubber on a dry indoor floor
 MIN_LOAD = 1e-3  # of the weight: below it a contact bears nothing to speak of
 MIN_LATERAL_SINE = (
@@ -333,8 +334,8 @@ def contact_notes(
         )
     if not balanced:
         return (
-            f"only {', '.join(names)} are known to touch the ground, on one line: the planar model "
-            f"assumes balance and leaves {free} out, so loads and margins are "
+            f"only {', '.join(names)} are known to touch the ground, {ON_ONE_LINE}: the planar "
+            f"model assumes balance and leaves {free} out, so loads and margins are "
             "not defined; if "
             f"the robot does not balance, {fix}",
         )

@@ -149,6 +149,7 @@ def _roles(robot: Robot) -> Iterator[str]:
 def _shared(robot: Robot, reading: FileReading) -> Iterator[str]:
     """Yield the inputs that all derivations share and none checks, as phrases."""
     drive = robot.drive
+    yield from (f"doubtful, {doubt}" for doubt in drive.doubts)
     if robot.description.expanded:
         given = robot.description.read_with.xacro_args
         words = "".join(f" {name}:={value}" for name, value in given.items())

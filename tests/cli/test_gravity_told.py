@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from rpctl.cli.app import app
 from tests import urdf
-from tests.robots import SET_A, platform, write
+from tests.robots import SET_A, platform, wheel, write
 
 TOLD = "gravity at home exceeds the effort limit of arm_joint: 9.81 of 5 N m; give --home"
 
@@ -49,3 +49,24 @@ def test_inspect_finds_that_a_robot_does_not_stand(tmp_path: Path) -> None:
         "it does not stand at home: only left_joint, right_joint touch the ground, on one line"
     ]
     assert "does not stand" not in said("inspect", "paper")
+
+
+def test_what_is_doubtful_of_the_drive_is_told_with_the_proof_and_before_the_run(
+    tmp_path: Path,
+) -> None:
+    """Four parallel wheels could be mecanum wheels: no row can question that."""
+    path = str(
+        write(
+            tmp_path,
+            platform(
+                SET_A,
+                extra="\n".join(
+                    wheel("far", (-0.6, 0.75), 1, SET_A) + wheel("back", (-0.6, -0.75), 1, SET_A)
+                ),
+            ),
+        )
+    )
+    told = "4 parallel wheels are taken for ordinary ones, skid-steer"
+    assert f"doubtful, {told}" in " ".join(said("verify", path, "--samples", "1").split())
+    words = ("--samples", "0", "--duration", "0.1", "--out", str(tmp_path / "out"))
+    assert f"doubt {told}" in " ".join(said("track", path, *words).split())

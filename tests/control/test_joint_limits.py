@@ -12,13 +12,11 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, math, scale_limits
 from rpctl.arrays import Array
 from rpctl.control.joint_limits import (
-    APPROACH_TIME,
-    BRAKE_FRACTION,
-    LIMIT_MARGIN,
     JointLimits,
 )
 from tests.control.referee import Bounds, joint_bounds
 
+APPROACH_TIME, BRAKE_FRACTION, LIMIT_MARGIN = 0.06, 0.5, 1e-3  # s, and shares
 PERIOD, H1 = 0.002, 0.15
 DOWN, UP = 4.0, 16.0  # what the efforts can brake a joint with that rises, and one that falls
 NAME = "arm_prismatic_joint"

@@ -17,10 +17,6 @@ from rpctl.arrays import Array
 from rpctl.control.error import Tracking
 from rpctl.control.law import Command
 from rpctl.control.steering import (
-    ANGLE_MARGIN,
-    BRAKE_TIME,
-    RATE_FRACTION,
-    STEERING_HORIZON_RATIO,
     Measured,
     base_command,
     max_deviation,
@@ -35,6 +31,8 @@ from tests.vehicles import vehicle
 
 STEERED = ["car-like", "parallel", "tricycle", "bicycle", "steered", "twin"]
 EXACT = [kind for kind in STEERED if kind != "tricycle"]  # whose trailing wheel lags a little
+ANGLE_MARGIN, BRAKE_TIME = 0.02, 0.3  # rad, s
+RATE_FRACTION, STEERING_HORIZON_RATIO = 0.9, 0.25
 STEP = 1e-6
 # A thousand samples take less in Python than machine code takes to build.
 IN_PYTHON: dict[str, Any] = {"control_period": 0.01, "plant_step": 0.01}
@@ -81,13 +79,27 @@ def test_on_the_reference_the_law_asks_for_the_reference(tmp_path: Path, kind: s
         np.testing.assert_allclose(nu_d_dot, rates.nu_dot, atol=1e-8)
 
 
-@pytest.mark.parametrize("kind", STEERED)
+def backwards(t: float) -> tuple[float, float, float]:
+    """Round a circle of 2 m, the rear ahead."""
+    turn = -0.2 * t
+    return 2.0 * numbers.sin(turn), 2.0 - 2.0 * numbers.cos(turn), turn
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [*((kind, "eight") for kind in STEERED), ("articulated", "eight"), ("articulated", "back")],
+)
 def test_what_is_asked_for_changes_as_it_says(
-    tmp_path: Path, kind: str, rng: np.random.Generator
+    tmp_path: Path, kind: str, name: str, rng: np.random.Generator
 ) -> None:
     """The speed, along an actual motion that has nothing to do with the reference."""
     robot = load(tmp_path, kind)
-    reference, dynamics = reference_by_name(robot, "eight"), ReducedDynamics(robot)
+    reference = (
+        rpctl.as_reference(backwards, joints=robot.home)
+        if name == "back"
+        else reference_by_name(robot, name)
+    )
+    dynamics = ReducedDynamics(robot)
     law = UnifiedKinematic(approach=None).start(dynamics, 0.002)
     nu, rates = 0.2 * rng.normal(size=robot.dof), np.zeros(robot.dof)
     start = on(robot, reference(4.0))
@@ -103,6 +115,16 @@ def test_what_is_asked_for_changes_as_it_says(
         rates[1 : 1 + count] = asked(0.0).nu_d_dot[1 : 1 + count]
     slope = (asked(STEP).nu_d[0] - asked(-STEP).nu_d[0]) / (2 * STEP)
     assert slope == pytest.approx(asked(0.0).nu_d_dot[0], abs=1e-5)
+
+
+def test_an_articulated_base_goes_back_rear_axle_first(tmp_path: Path) -> None:
+    """From beside a circle: steered from the front its error would grow at first, and stay."""
+    robot = load(tmp_path, "articulated")
+    reference = rpctl.as_reference(backwards, joints=robot.home)
+    off = (0.05, -0.1, 0.1)
+    figures = summarize(track(robot, reference, duration=14.0, initial_error=off, **IN_PYTHON))
+    assert (figures.outcome, figures.limits_violated) == ("tracked", ())
+    assert figures.final_base_error < 4e-3
 
 
 @pytest.mark.parametrize(("kind", "name"), cells(GRID, slow=IN_CI))

@@ -21,7 +21,7 @@ from rpctl.control.error import tracking_error
 from rpctl.control.law import KinematicLaw
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.errors import UnknownNameError
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, reference_rates
 from rpctl.simulation.plants.rolling import VelocityPlant
 from tests.grids import cells
 
@@ -212,6 +212,18 @@ def test_a_controller_answers_with_speeds(paper: Robot) -> None:
     assert {answer.efforts.shape for answer in answers} == {(0,)}
     command, dt = answers[-1].command, 0.11
     np.testing.assert_allclose(answers[-1].speeds, command.nu_d + dt * command.nu_d_dot)
+
+
+def test_a_controller_asks_for_what_holds_when_its_command_acts(paper: Robot) -> None:
+    """In a soft start: on its reference, it wants the speeds that this has a dead time later."""
+    count, dead_time = 60, 0.1
+    answers = stepped(paper, VelocityOutput(0.1, dead_time), count)
+    reference = load_reference(paper, "circle")
+    now, then = (
+        reference_rates(paper, reference(0.02 * (count - 1) + ahead)).nu[0]
+        for ahead in (0.0, dead_time)
+    )
+    assert abs(answers[-1].command.nu_d[0] - then) < 0.1 * (then - now)
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from rpctl.drive.steering import (
 from tests.robots import write
 from tests.vehicles import vehicle
 
-STEERED = ["car-like", "parallel", "tricycle", "bicycle", "steered", "twin"]
+STEERED = ["car-like", "parallel", "tricycle", "bicycle", "steered", "twin", "articulated"]
 STEP = 1e-4  # s; second differences lose eight digits
 
 
@@ -33,9 +33,10 @@ def load(folder: Path, kind: str) -> Robot:
 
 
 def drawn(robot: Robot, rng: np.random.Generator) -> Array:
-    """Return a twist that the base can have, and its first two derivatives (3, 3)."""
+    """Return a twist that the base can have, ahead or back, and two derivatives (3, 3)."""
     direction = rng.uniform(-0.3, 0.3, (3, 3))
     direction[0, 0] += 0.8
+    direction *= rng.choice([1.0, -1.0])
     if robot.drive.has_axle:  # P moves along the heading only
         direction[:, 1] = -robot.drive.point[0] * direction[:, 2]
         direction[:, 0] += robot.drive.point[1] * direction[:, 2]
@@ -71,11 +72,11 @@ def test_the_steering_leaves_the_twist_that_it_was_set_for(
         twist = direction[0]
         positions = steer(drive, direction)[0]
         names = [swivel.joint for swivel in drive.steered]
-        if kind != "tricycle":
+        if kind not in ("tricycle", "articulated"):
             N = free_twist(drive, dict(zip(names, positions, strict=True)))
             np.testing.assert_allclose(np.cross(N, twist), 0.0, atol=1e-12)
             continue
-        # Its contact lies k ahead of the axis: in a steady bend it does not move sideways.
+        # The contact lies k ahead of the axis: in a steady bend it does not move sideways.
         (swivel,) = drive.steered
         angle = angle_of(swivel, positions[0])
         sideways = lateral_row(swivel.pivot, angle) @ twist + swivel.trail * twist[2]

@@ -85,8 +85,8 @@ def test_a_plugin_for_another_drive_is_warned_of(files: Files, kind: str) -> Non
     text = driven("", f"gz-sim-{kind}-system")
     (found,) = told(files.load(text))
     assert found.severity == "warning"
-    assert "the wheels make a differential drive; say which it is with --drive" in found.message
-    assert "the wheels make a differential drive" in files.refusal(text, strict=True)
+    assert "by its wheels the drive is differential; say which it is with --drive" in found.message
+    assert "by its wheels the drive is differential" in files.refusal(text, strict=True)
 
 
 def test_the_actuators_of_ros2_control(files: Files) -> None:

@@ -20,9 +20,6 @@ from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, steering
 from rpctl.reference.named import (
     BASE_PATHS,
-    KEPT_AT_MOST,
-    LAP_RATE,
-    MARGIN_M,
     clear_waves,
     reference_by_name,
 )
@@ -38,6 +35,8 @@ from tests.grids import cells
 from tests.robots import SET_A, ball, cargo, platform, write
 from tests.vehicles import KINDS, vehicle
 
+LAP_RATE = 2.0 * math.pi / 18.5  # rad/s: 20 s a lap, of which the soft start of 3 s costs half
+MARGIN_M, KEPT_AT_MOST = 0.01, 0.5  # m, and of a pair's distance at home
 HALF = 0.5  # of each limit
 SAMPLED = 1.02  # limits are kept at samples of a lap, and exceeded by 2 % at most between them
 CLOSED = ("circle", "eight")

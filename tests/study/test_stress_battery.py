@@ -16,7 +16,6 @@ from rpctl.simulation.config import Config, RunSettings, read_config, write_conf
 from rpctl.study.cells import CellRunner, References
 from rpctl.study.compare import PAPER, LawPair
 from rpctl.study.stress_battery import (
-    LOCALISATION,
     STRESSES,
     Battery,
     StressCell,
@@ -89,7 +88,9 @@ def test_a_level_changes_what_it_says_alone() -> None:
     ):
         assert changed(name, level) == replace(nominal, plant=replace(plant, **expected)), name
     assert changed("friction", 0.2) == nominal.with_run(friction=0.2)
-    assert changed("noise", 1.0).plant.noise == LOCALISATION
+    noise = changed("noise", 1.0).plant.noise  # of a lidar in a map, and of encoders
+    assert (noise.position, noise.heading, noise.joints) == (0.01, 0.005, 0.0005)
+    assert (noise.speed, noise.turn_rate, noise.joint_rates) == (0.01, 0.01, 0.005)
     assert changed("noise", 4.0).plant.noise.heading == pytest.approx(0.02)
     load = changed("payload", 2.0).plant.payload
     assert (load.mass, load.link_of(robot)) == (2.0, robot.end_effector)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.horizon.law import Horizon
+from rpctl.dynamics.ground_reaction import ON_ONE_LINE
 from rpctl.simulation.merits.ground import slip_ranges, tilts
 from rpctl.simulation.merits.outcome import (
     CANNOT_HOLD,
@@ -59,15 +60,18 @@ def _jack_knifed(run: Run) -> Outcome | None:
 
 
 def _tips(run: Run) -> Outcome | None:
-    log = run.log
+    log, robot = run.log, run.robot
     if log.root_pose.size:  # of a plant whose robot can lean
         lean = tilts(log)
         if lean.max() <= FALLEN:
             return None
         when = run.t[int(np.argmax(lean > FALLEN))]
         return Outcome(TIPS, f"it leans {math.degrees(lean.max()):.2g}°, from {when:.3g} s on")
-    if not log.tip_margin.size:
-        return None
+    if not log.tip_margin.size:  # it has contacts on one line alone, or none that are known
+        line = [note for note in run.ground.notes if ON_ONE_LINE in note]
+        if not line or robot.drive.type == "bicycle":  # which something else holds upright
+            return None
+        return Outcome(TIPS, f"it does not stand: {line[0].partition(':')[0]}")
     first = _lasting(run, log.tip_margin < 0.0)
     if first is None:
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math as numbers
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -146,6 +147,25 @@ def test_a_failed_solve_falls_back_and_is_counted(
     np.testing.assert_allclose(called[:4], [0.02, 0.03, 0.04, 0.05])
     assert summarize(run).kinematic_report["fallbacks"] == 3
     assert len(called) == 6
+
+
+def test_a_heading_may_turn_over_between_what_was_expected_and_what_came(paper: Robot) -> None:
+    """Facing back its angle leaps by a whole turn, and the command is that of another heading."""
+    dynamics, found = ReducedDynamics(paper), []
+    for turn in (0.5, numbers.pi):
+        cos, sin = numbers.cos(turn), numbers.sin(turn)
+
+        def ahead(t: float, place: tuple[float, float, float] = (cos, sin, turn)) -> Any:
+            return 0.3 * t * place[0], 0.3 * t * place[1], place[2]
+
+        reference = rpctl.as_reference(ahead, joints=paper.home)
+        law = Horizon(prepare=True).start(dynamics, 0.02)
+        for t, off in ((0.0, -1e-3), (0.02, 1e-3)):
+            q, nu = paper.state((0.3 * t * cos, 0.3 * t * sin, turn + off), (0.3, 0.0))
+            command = law(dynamics, reference, t, q, nu)
+            law.prepare(t, q, nu, 0.02)
+        found.append(command.nu_d_dot)
+    np.testing.assert_allclose(found[1], found[0], atol=1e-5)
 
 
 def test_a_prepared_plan_is_the_plan(paper: Robot) -> None:

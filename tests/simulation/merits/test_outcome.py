@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import rpctl
 from rpctl import Disc, Horizon, Run, summarize
 from rpctl.arrays import Array
 from rpctl.control.obstacles import HalfPlane
 from rpctl.simulation.config import Config
 from rpctl.simulation.merits.summary import Summary
 from tests.golden import part
+from tests.robots import write
 from tests.runs import vary
+from tests.vehicles import Parts, rear_axle
 
 COUNT = 401
 T: Array = np.linspace(0.0, 8.0, COUNT)  # s
@@ -295,6 +299,19 @@ def test_a_robot_whose_weight_leaves_its_contacts_tips(
     assert (found.outcome, found.succeeded) == (name, name == "tracked")
     if name == "tips":
         assert found.outcome_sentence.startswith("it tips over at 2 s: its weight falls 0.05 m")
+
+
+def test_two_coaxial_wheels_alone_do_not_track(tmp_path: Path) -> None:
+    """Planar equations hold it upright; nothing else does, though its path is followed exactly."""
+    parts = Parts([])
+    parts.link("base", 25.0, com="0 0 0.25")
+    rear_axle(parts)
+    run = rpctl.track(rpctl.load(write(tmp_path, parts.text("two"))), "line", duration=2.0)
+    found = summarize(run)
+    assert (found.outcome, found.succeeded) == ("tips", False)
+    assert found.outcome_sentence == (
+        "it does not stand: only rear_left, rear_right are known to touch the ground, on one line"
+    )
 
 
 def test_a_robot_that_leans_has_tipped(golden: Run) -> None:

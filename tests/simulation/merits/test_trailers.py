@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,7 @@ import rpctl
 from rpctl.control.controller import Controller
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.summary import summarize
+from tests.robots import write
 from tests.vehicles import CASTERS, caster, rear_axle, start, trailer
 
 
@@ -46,9 +48,18 @@ def test_a_trailer_that_folds_is_told(tug: Robot) -> None:
     assert "cart_hitch leaves -80.2° to 80.2°" in summarize(run).outcome_sentence
 
 
+@pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("at", ["track", "controller"])
-def test_a_trailer_is_not_pushed(tug: Robot, at: str) -> None:
+def test_a_trailer_is_not_pushed(tmp_path: Path, at: str, count: int) -> None:
     """No law holds its hitch: refused before the start, with the way out."""
+    parts, places = start(), [("base", "-0.4 0.03 0.2"), *2 * [("{}_body", "-0.8 0 0")]]
+    rear_axle(parts)
+    caster(parts, "caster", *CASTERS[0], twin=False)
+    names = ["cart", "second", "third"][:count]
+    for before, name, (puller, place) in zip(["", *names], names, places, strict=False):
+        trailer(parts, name, puller.format(before), place, 0.7, "0 0 -1")
+    tug = rpctl.load(write(tmp_path, parts.text("tug")))
+    assert len(tug.drive.trailers) == count
     reference = rpctl.load_reference(tug, "reverse")
     with pytest.raises(rpctl.RpctlError, match=r"pushes the trailer .* --lock cart_hitch"):
         if at == "track":
