@@ -28,8 +28,8 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
     Returns:
         The path.
     """
-    page = certificate_page(certificate)
-    return write_atomically(path, page.encode("utf-8", "backslashreplace"))
+    page = certificate_page(certificate).encode("utf-8", "backslashreplace")
+    return write_atomically(path, page)
 
 
 def certificate_page(certificate: Certificate) -> str:

@@ -14,12 +14,12 @@ from rpctl.engines.recording import EngineRecording
 from rpctl.engines.referee import Cause, EngineVerdict, beyond
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
-from rpctl.view.chart import Chart, Line
+from rpctl.view.charts import Chart, Line
 from rpctl.view.pages.motion_data import drawn_charts
-from rpctl.view.pages.page import Badge, Section, Table
-from rpctl.view.pages.panel import KEYBOARD, motion_entry, notes_section, stand_in_entry
+from rpctl.view.pages.page import Badge, Section, Table, stand_in_entry
+from rpctl.view.pages.panel import KEYBOARD, motion_entry, notes_section
 from rpctl.view.pages.report import Page, page_bytes
-from rpctl.view.scene.scene import FreeMotion, free_scene
+from rpctl.view.scene.scene import free_scene
 
 MODEL = "Reduced model"
 
@@ -55,19 +55,17 @@ def referee_page(robot: Robot, verdicts: Sequence[EngineVerdict]) -> bytes:
         verdicts: On the engines, at least one.
     """
     shown = list(_shown(verdicts))
-    recordings = [one.recording for one in shown]
-    scene = free_scene(robot, [FreeMotion(each.t, each.root, each.joints) for each in recordings])
+    scene = free_scene(robot, [one.recording for one in shown])
     said = dict.fromkeys(note for verdict in verdicts for note in (*verdict.notes, *scene.notes))
     names = ", ".join(f"{verdict.engine} {verdict.version}" for verdict in verdicts)
-    notes = notes_section(tuple(said))
     entries = [motion_entry(k, one.name, one.shown) for k, one in enumerate(shown)]
     page = Page(
         title=robot.name,
         subtitle=f"the same efforts and the same start · {names}",
         scene_label=f"{robot.name} in {len(shown)} motions, in three dimensions",
         badges=[_badge(verdict) for verdict in verdicts],
-        legend=[*entries, *stand_in_entry(scene.stand_ins)],
-        panel=[*map(_verdict_section, verdicts), *([notes] if notes else []), KEYBOARD],
+        legend=[*entries, *filter(None, [stand_in_entry(scene.stand_ins)])],
+        panel=[*map(_verdict_section, verdicts), *notes_section(tuple(said)), KEYBOARD],
         scene=scene,
         data={"plots": drawn_charts(scene.times, _charts(verdicts, shown))},
     )
@@ -120,8 +118,8 @@ def _cause(cause: Cause, verdict: EngineVerdict) -> tuple[str, str]:
 
 
 def _gap_row(gap: EngineGap) -> tuple[str, list[str]]:
-    sizes = [gap_text(abs(gap.gap), gap.unit), gap_text(gap.band, gap.unit)]
-    return gap.name.capitalize(), [*sizes, "" if gap.agrees else gap.words]
+    size, band = gap_text(abs(gap.gap), gap.unit), gap_text(gap.band, gap.unit)
+    return gap.name.capitalize(), [size, band, "" if gap.agrees else gap.words]
 
 
 def _charts(verdicts: Sequence[EngineVerdict], shown: Sequence[Shown]) -> list[Chart]:

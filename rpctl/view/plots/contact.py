@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull
 
 from rpctl.arrays import Array
@@ -14,10 +15,6 @@ from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial
 from rpctl.view.labels import literal
 from rpctl.view.palette import light
 from rpctl.view.plots import style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 WIDTH_IN, PANEL_IN = 9.4, 1.9  # inches: of the figure, and a chart's height
 MOST_LINES = 5  # joints in a chart: more cannot be told apart
@@ -32,8 +29,6 @@ def contact_figure(trial: ContactTrial) -> Figure:
 
     MuJoCo's lines are broad, the reduced model's thin: where both agree these lie inside those.
     """
-    from matplotlib.figure import Figure
-
     reduced, engine = trial.reduced, trial.engine
     parts = [_load_part(trial)]
     torques = [k for k, slides in enumerate(trial.slides) if not slides]
@@ -67,16 +62,16 @@ def draw_plan(trial: ContactTrial, axes: Axes) -> None:
     """Draw the ground seen from above: paths, the robot at the ends, and its contacts' tracks."""
     outline = trial.footprint[ConvexHull(trial.footprint).vertices]
     engine, reduced = _finite(trial.engine), _finite(trial.reduced)
-    tracks = np.array([_placed(trial.footprint, pose) for pose in engine[::TRACK_STRIDE]])
+    tracks = np.array([style.placed(trial.footprint, pose) for pose in engine[::TRACK_STRIDE]])
     for track in tracks.transpose(1, 0, 2):
         axes.plot(*track.T, color=style.DESIRED, lw=0.8, ls=(0, (2, 4)))
     words = "MuJoCo: free body, friction"
     axes.plot(*engine[:, :2].T, color=style.TIP, label=words, **BROAD)
     words = "reduced model: rolling as an equation"
     axes.plot(*reduced[:, :2].T, color=style.BASE, label=words, **THIN)
-    axes.fill(*_placed(outline, engine[0]).T, fill=False, ec=style.DESIRED, lw=1.0)
-    axes.fill(*_placed(outline, engine[-1]).T, color=style.TIP, alpha=0.25, lw=0.0)
-    axes.fill(*_placed(outline, reduced[-1]).T, fill=False, ec=style.BASE, lw=1.4)
+    axes.fill(*style.placed(outline, engine[0]).T, fill=False, ec=style.DESIRED, lw=1.0)
+    axes.fill(*style.placed(outline, engine[-1]).T, color=style.TIP, alpha=0.25, lw=0.0)
+    axes.fill(*style.placed(outline, reduced[-1]).T, fill=False, ec=style.BASE, lw=1.4)
     for word, pose in (("start", engine[0]), ("end", engine[-1])):
         axes.plot(*pose[:2], marker="o", ms=5.0, mfc=style.PAPER, mec=style.INK)
         axes.annotate(word, pose[:2], (6.0, 6.0), textcoords="offset points",
@@ -117,10 +112,3 @@ def _finite(motion: ContactMotion) -> Array:
     """Return the poses up to the first that is no number."""
     whole = np.isfinite(motion.pose).all(axis=1)
     return motion.pose if whole.all() else motion.pose[: max(1, int(whole.argmin()))]
-
-
-def _placed(points: Array, pose: Array) -> Array:
-    """Return points (n, 2) of the root link's frame on the floor."""
-    x, y, turn = pose
-    cos, sin = math.cos(turn), math.sin(turn)
-    return np.asarray(points @ np.array([[cos, sin], [-sin, cos]]) + [x, y])

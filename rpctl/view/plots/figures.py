@@ -6,16 +6,30 @@ import base64
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_known
 from rpctl.files.writing import write_atomically
 from rpctl.simulation.run.run import Run
-from rpctl.view.chart import ERROR_FLOOR, PANELS, PATHS, Chart, Panel, decades
-from rpctl.view.charts import ALL_SPLITS, charts, coloured_joints, has_base
+from rpctl.view.charts import (
+    ALL_SPLITS,
+    ERROR_FLOOR,
+    PANELS,
+    PATHS,
+    Chart,
+    Panel,
+    charts,
+    coloured_joints,
+    decades,
+    has_base,
+)
 from rpctl.view.marks import MARK, comment
 from rpctl.view.plots import style
 from rpctl.view.plots.paths import draw_paths
@@ -28,10 +42,6 @@ from rpctl.view.plots.style import (
     sampled,
     style_axes,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 PAGE_WIDTH_IN, COLUMN_WIDTH_IN = (
     180.0 / 25.4,
@@ -90,8 +100,6 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
     Raises:
         UnknownNameError: The run has no such panel.
     """
-    from matplotlib.figure import Figure
-
     run = sampled(run)
     shown = _choose(find_panels(run), panels)
     width, columns = (COLUMN_WIDTH_IN, 1) if column or len(shown) == 1 else (PAGE_WIDTH_IN, 2)
@@ -145,8 +153,6 @@ def to_png(figure: Figure, dpi: int, run: str | None = None) -> bytes:
         dpi: Dots per inch.
         run: Digest of the run that it is of, which the file tells; None: of no run.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     buffer = io.BytesIO()
     figure.set_dpi(dpi)
     canvas: Any = FigureCanvasAgg(figure)  # ``savefig`` draws twice, first for the layout alone
@@ -157,8 +163,6 @@ def to_png(figure: Figure, dpi: int, run: str | None = None) -> bytes:
 @own_settings()
 def to_pdf(figure: Figure, run: str | None = None) -> bytes:
     """Return a figure as the bytes of a PDF, its fonts and the digest of its run in it."""
-    from matplotlib import rc_context
-
     buffer = io.BytesIO()
     # Without a date the same run gives the same file.
     metadata = {"CreationDate": None, "Keywords": comment(run) or None}
@@ -170,8 +174,6 @@ def to_pdf(figure: Figure, run: str | None = None) -> bytes:
 @own_settings()
 def to_svg(figure: Figure) -> bytes:
     """Return a figure as the bytes of an SVG, the same for the same figure."""
-    from matplotlib import rc_context
-
     buffer = io.BytesIO()
     with rc_context({"svg.hashsalt": "rpctl"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})

@@ -6,20 +6,24 @@ Only the paper figure has this panel: the page shows the same in its scene.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon
+from matplotlib.ticker import MaxNLocator
+from scipy.spatial import ConvexHull, QhullError
 
 from rpctl.arrays import Array
 from rpctl.control.obstacles import Disc, HalfPlane
+from rpctl.robot.coordinates import read_root
 from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, run_obstacles
 from rpctl.simulation.run.run import Run
-from rpctl.view.chart import PATHS
+from rpctl.view.charts import PATHS
 from rpctl.view.plots import style
-from rpctl.view.scene.obstacles import near, rims
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from rpctl.view.scene.stage import line_ends, near, rims
 
 MAX_POSES = 10  # of the robot along its path, at most
 MIN_POSE_SPACING = 1.2  # lengths of the robot from one of its poses to the next, at least
@@ -35,8 +39,6 @@ CLEARANCE_STYLE: dict[str, Any] = {"lw": 0.6, "ls": (0, (4, 2.5)), "zorder": ZOR
 
 def draw_paths(axes: Axes, run: Run) -> None:
     """Draw the paths of base and end effector, actual and desired, robot and obstacles."""
-    from matplotlib.ticker import MaxNLocator
-
     pairs = []
     if run.robot.drive.wheels:
         pairs.append((run.log.base, run.base_ref, style.BASE, "base"))
@@ -66,13 +68,12 @@ def _draw_poses(axes: Axes, run: Run) -> None:
     wanted = np.arange(run.t[0], run.t[-1] + 1e-9, interval) if interval else run.t[:1]
     for k in np.searchsorted(run.t, wanted).clip(max=len(run.t) - 1):
         x, y, heading = run.log.base[k]
-        length = HEADING_TICK_RATIO * size
-        tick = [x, x + length * np.cos(heading)], [y, y + length * np.sin(heading)]
-        axes.plot(*tick, color=style.INK, lw=0.9, zorder=3.5)
+        ahead = HEADING_TICK_RATIO * size * np.array([np.cos(heading), np.sin(heading)])
+        axes.plot([x, x + ahead[0]], [y, y + ahead[1]], color=style.INK, lw=0.9, zorder=3.5)
         if outline is not None:
-            placed = run.q[k, :2] + outline @ _rotation(run.q[k]).T
-            axes.fill(*placed.T, fc=style.BASE, ec="none", alpha=0.08, zorder=1.5)
-            axes.fill(*placed.T, fc="none", ec=style.INK, lw=0.5, alpha=0.7, zorder=1.6)
+            corners = style.placed(outline, read_root(run.q[k])).T
+            axes.fill(*corners, fc=style.BASE, ec="none", alpha=0.08, zorder=1.5)
+            axes.fill(*corners, fc="none", ec=style.INK, lw=0.5, alpha=0.7, zorder=1.6)
     if interval and outline is not None:
         text = f"contacts and heading, every {interval:g} s"
         axes.fill([], [], fc=style.FAINT, ec=style.INK, lw=0.5, label=text)
@@ -83,19 +84,11 @@ def support_outline(run: Run) -> Array | None:
 
     There are none where fewer than three contacts are known, or all lie in one line.
     """
-    from scipy.spatial import ConvexHull, QhullError
-
     points = np.array(run.ground.points).reshape(-1, 2)
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except (QhullError, ValueError):
         return None
-
-
-def _rotation(q: Array) -> Array:
-    """Return the rotation (2, 2) of the root link at a configuration (nq,)."""
-    cosine, sine = q[2:4]
-    return np.array([[cosine, -sine], [sine, cosine]])
 
 
 def _size(run: Run) -> float:
@@ -151,9 +144,7 @@ def half_plane(plane: HalfPlane, centre: Array, far: float) -> Array:
         far: How far it goes on in each direction, m.
     """
     (gap,) = plane.distance(centre[None])
-    foot = centre - gap * plane.normal
-    along = far * np.array([-plane.normal[1], plane.normal[0]])
-    ends = np.stack([foot - along, foot + along])
+    ends = line_ends(plane, centre, gap, far)
     return np.concatenate([ends, ends[::-1] - far * plane.normal])
 
 
@@ -173,9 +164,6 @@ def _draw(
     axes: Axes, obstacle: AvoidedObstacle, centre: Array, far: float, fill_style: dict[str, Any]
 ) -> None:
     """Draw one obstacle; it does not widen the axes."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Circle, Polygon
-
     shape, radius = obstacle.shape, obstacle.radius
     clearance_style = {**CLEARANCE_STYLE, "color": fill_style["ec"]}
     if isinstance(shape, Disc):
@@ -193,7 +181,5 @@ def _draw(
 
 def _fill_style(body: str, colour: str) -> dict[str, Any]:
     """Return how an obstacle is filled: edge and hatching in one colour, on a tint of it."""
-    from matplotlib.colors import to_rgba
-
     tint = to_rgba(colour, 0.1)
     return {"fc": tint, "ec": colour, "lw": 0.8, "hatch": HATCHES[body], "zorder": ZORDER}

@@ -21,11 +21,11 @@ from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.loop.track import default_duration, simulate
 from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.run.run import Run
-from rpctl.view.pages.robot_page import GoalService, robot_page
-from rpctl.view.serve.live import STOP, Broadcast, LiveFigures, StopRequest, signals
-from rpctl.view.serve.server import EVENTS, Action, PageServer, Stream
+from rpctl.view.pages.robot_page import robot_page
+from rpctl.view.serve.live import Broadcast, LiveFigures, StopRequest, signals
+from rpctl.view.serve.server import GO, STOP, Action, PageServer, Stream
 
-GO = "go"  # where the page asks for a motion, below its own address
+DEFAULT_LAW = "unified"  # the first to choose
 LOOK_S = 0.1  # s; as often the server looks whether it is to end
 REACHED_M, REACHED_RAD = 0.02, 0.02  # a goal as near as that is called reached
 PLACE = Range(-MAX_DISTANCE, MAX_DISTANCE)
@@ -115,8 +115,9 @@ class GoServer:
 
     def _page(self) -> bytes:
         robot = self._load()
-        service = GoalService(EVENTS, GO, STOP, _laws(), LiveFigures(robot).charts())
-        page = robot_page(robot, command=self._command, service=service).encode()
+        laws = sorted(KINEMATIC_LAWS, key=lambda name: name != DEFAULT_LAW)
+        charts = LiveFigures(robot).charts()
+        page = robot_page(robot, command=self._command, laws=laws, charts=charts).encode()
         self._robot = robot
         return page
 
@@ -176,9 +177,3 @@ def ending(run: Run, request: GoRequest) -> str:
     if broken:
         words.append(f"{broken[0].joint} broke its limit of {broken[0].limit}")
     return f"{'Reached' if near else 'Not reached'} in {run.t[-1]:.1f} s: {'; '.join(words)}."
-
-
-def _laws() -> list[str]:
-    """Return the names of the kinematic laws, the default one first."""
-    default = "unified"
-    return [default, *(name for name in KINEMATIC_LAWS if name != default)]

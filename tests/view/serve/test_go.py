@@ -17,8 +17,8 @@ import rpctl
 from rpctl import Robot
 from rpctl.errors import RpctlError
 from rpctl.reference.pose_goal import PoseGoal
-from rpctl.view.serve.go import GO, GoServer, ending, read_request
-from rpctl.view.serve.live import STOP
+from rpctl.view.serve.go import GoServer, ending, read_request
+from rpctl.view.serve.server import GO, STOP
 from tests.view.chromium import opened, wait
 from tests.view.serve.test_live import PATIENCE, command
 from tests.view.serve.test_server import ask, listen, post
