@@ -116,8 +116,7 @@ def check_command(
     from rpctl.simulation.mjcf_file import check_mjcf
 
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
-    given = None if robot is None else options.load(robot)
-    found = check_mjcf(file, given, options.package_dirs)
+    found = check_mjcf(file, None if robot is None else options.load(robot), options.package_dirs)
     tell(as_json, found.to_dict, partial(show_check, found), found.passed)
 
 

@@ -131,8 +131,7 @@ def _show(league: League) -> None:
         for verdict in verdicts:
             for said in filter(None, (verdict.line, verdict.turn_line)):
                 out.print(escape(said), soft_wrap=True)
-        notes = dict.fromkeys(note for verdict in verdicts for note in verdict.notes)
-        for note in notes:
+        for note in dict.fromkeys(note for verdict in verdicts for note in verdict.notes):
             out.print(f"[dim]note[/] {escape(note)}")
     for name, error in refused.items():
         out.print(f"[dim]-[/] {escape(name)}: {escape(str(error))}")

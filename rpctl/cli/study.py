@@ -239,10 +239,9 @@ def _show_sensitivity(out: Console, result: StudyResult, found: Sensitivity) -> 
                       *["way"] * told)  # fmt: skip
     table.columns[0].max_width = NAME_WIDTH
     for each in bars:
-        value = number(each.value, Unit(unit.factor, ""))
         table.add_row(
             escape(parameter_words(each.name).name),
-            value,
+            number(each.value, Unit(unit.factor, "")),
             _span(each.low, each.high, unit.factor),
             *[each.way] * told,
         )
@@ -278,8 +277,7 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
     for name, words in (("before", "as in the file"), ("after", "found")):
         each = checked[name]
         value = Interval(**each["statistic"])
-        success = percent(each["success"]["value"])
-        table.add_row(words, success, number(value.value, unit),
+        table.add_row(words, percent(each["success"]["value"]), number(value.value, unit),
                       _span(value.low, value.high, unit.factor))  # fmt: skip
     out.print(table)
     out.print()

@@ -61,8 +61,7 @@ def _read(text: str) -> tuple[float, ...]:
 
 
 def _show(robot: Robot, results: Sequence[Mapping[str, Any]]) -> None:
-    gains = joint_gains(ReducedDynamics(robot))
-    console().print(escape(gains_sentence(robot.joint_names, gains)))
+    console().print(escape(gains_sentence(robot.joint_names, joint_gains(ReducedDynamics(robot)))))
     table = new_table(
         "bandwidth", ">h", ">h1", ">k", ">least stiffness", ">stands lateness of",
         ">peak effort", ">joint error", "outcome",

@@ -72,8 +72,7 @@ def verify_command(
         from rpctl.view.pages.certificate import write_certificate
 
         write_certificate(certificate, settings.html)
-    show = partial(show_certificate, certificate)
-    tell(as_json, certificate.to_dict, show, certificate.passed)
+    tell(as_json, certificate.to_dict, partial(show_certificate, certificate), certificate.passed)
 
 
 def certify(robot: Robot, settings: VerifyOptions, strict: bool = False) -> Certificate:
@@ -116,8 +115,7 @@ def show_certificate(certificate: Certificate) -> None:
 
 def _trial_table(trial: ContactTrial) -> Table:
     """Return the rows of a contact trial: the largest gap of each kind, and its band."""
-    against = f"against {CONTACT_ORACLE}"
-    table = new_table("", against, ">largest gap", ">band", ">of it", "where")
+    table = new_table("", f"against {CONTACT_ORACLE}", ">largest gap", ">band", ">of it", "where")
     for check in trial.checks:
         gap, band = check.format_value(check.gap), check.format_value(check.band)
         share, where = f"{100.0 * check.residual:.0f} %", f"at {check.time:.2f} s"

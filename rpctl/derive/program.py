@@ -52,14 +52,13 @@ def program(robot: Robot) -> ScalarProgram:
     nodes, found = _steps(given, terms)
     M, h = np.reshape(found[: n * n], (n, n)), found[n * n : n * n + n]
     B = np.reshape(np.array(found[n * n + n :], dtype=int), (n, width))
-    lost = _steps(given, losses) if dynamics.lossy else ((), ())
     return ScalarProgram(
         positions,
         nodes,
         tuple(map(tuple, M.tolist())),
         tuple(h),
         tuple(map(tuple, B.tolist())),
-        *lost,
+        *_steps(given, losses) if dynamics.lossy else ((), ()),
     )
 
 

@@ -36,10 +36,9 @@ def shortest_form(forms: Iterable[EquationForm]) -> ShortForm:
 
     Of long forms only the first few are tried, few terms first.
     """
-    ordered = sorted(forms, key=lambda form: form.size)
     choices = [
         (form, order)
-        for form in ordered
+        for form in sorted(forms, key=lambda form: form.size)
         for order in (
             (form.rates, form.angles, form.lengths),
             (form.rates, form.lengths, form.angles),

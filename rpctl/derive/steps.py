@@ -207,8 +207,7 @@ def _text(node: Node, texts: Sequence[tuple[str, int]], language: Language) -> t
         return f"{kind}{language.suffix}({arguments})", ATOM_PRECEDENCE
     if kind == "?":
         parts = [_parenthesised(texts[a], LOGIC_PRECEDENCE) for a in held]
-        choice = language.choice.format(test=parts[0], yes=parts[1], no=parts[2])
-        return choice, CHOICE_PRECEDENCE
+        return language.choice.format(test=parts[0], yes=parts[1], no=parts[2]), CHOICE_PRECEDENCE
     word, precedence = language.words.get(kind, kind), PRECEDENCES[kind]
     if len(held) == 1:
         return f"{word}{_parenthesised(texts[held[0]], ATOM_PRECEDENCE)}", precedence

@@ -77,8 +77,7 @@ SPECIAL |= {character: f"\\{character}" for character in "#$%&_{}"}
 
 def to_latex(form: ClosedForm) -> str:
     """Return a closed form as a complete LaTeX document that needs nothing but amsmath."""
-    context = {"columns": form.B.cols, "body": _equations(form)}
-    return rendered("document.tex.jinja", context)
+    return rendered("document.tex.jinja", {"columns": form.B.cols, "body": _equations(form)})
 
 
 def _equations(form: ClosedForm) -> str:
@@ -128,8 +127,7 @@ def aligned(rows: Sequence[tuple[str, sp.Expr]], names: Mapping[sp.Symbol, str])
 
 def _pieces(expression: sp.Expr, names: Mapping[sp.Symbol, str]) -> Iterator[str]:
     """Yield parts of an expression between which a line may end: terms, also inside of factors."""
-    terms = expression.as_ordered_terms()
-    for place, term in enumerate(terms):
+    for place, term in enumerate(expression.as_ordered_terms()):
         whole = _latex(term, names)
         sign = "" if place == 0 or whole.startswith("-") else "+ "
         sums = [factor for factor in sp.Mul.make_args(term) if factor.is_Add]

@@ -242,8 +242,7 @@ def fit_arm(dynamics: ReducedDynamics, arm: Waves) -> tuple[Waves, str]:
     for step in range(MAX_STEPS + 1):
         factor = STEP**step if step < MAX_STEPS else 0.0
         arm = replace(arm, amplitude=factor * full)
-        state = PathReference(None, 0.0, arm, 0.0)(times)
-        worst = _arm_usage(dynamics, sample(robot, state))
+        worst = _arm_usage(dynamics, sample(robot, PathReference(None, 0.0, arm, 0.0)(times)))
         if worst is None or worst.ratio <= LIMIT_SHARE:
             break
         note = f"{STEP * 100.0 * factor:.0f} % of its swing for {worst.text(robot)}"

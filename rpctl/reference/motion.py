@@ -203,8 +203,7 @@ def reference_rates(robot: Robot, state: ReferenceState) -> ReferenceRates:
         own = speeds[..., :1] if drive.has_axle else _rolling_speed(robot, speeds, turned)
         base = np.concatenate([own, turned[..., 1:, :]], axis=-1)
     else:
-        count = len(drive.base_speeds)
-        base = speeds[..., [0, 2]] if drive.has_axle else speeds[..., :count]
+        base = speeds[..., [0, 2]] if drive.has_axle else speeds[..., : len(drive.base_speeds)]
     arm = np.stack([state.joint_rates, state.joint_accelerations], axis=-2)
     found = np.concatenate([base, arm], axis=-1)
     return ReferenceRates(found[..., 0, :], found[..., 1, :])

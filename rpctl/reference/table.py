@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math as numbers
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeGuard
@@ -12,7 +12,6 @@ import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
-from rpctl.reference.formula import Columns, Reader
 from rpctl.reference.motion import (
     Reference,
     ReferenceState,
@@ -66,10 +65,6 @@ class ReferenceTable:
         """
         return self._rows
 
-    def states(self) -> Iterator[ReferenceState]:
-        """Yield the state at each time."""
-        return map(state_of, self._rows)
-
     def at(self, chosen: slice) -> ReferenceTable:
         """Return it at some of its times."""
         return ReferenceTable(self.robot, self.t[chosen], self._rows[chosen])
@@ -104,16 +99,14 @@ def tabulate(robot: Robot, reference: Reference, times: Array) -> ReferenceTable
         for t, row in zip(times[~fits].tolist(), rows[~fits], strict=True):
             require_state(robot, state_of(row), t)
         return ReferenceTable(robot, times, rows)
-    states = [require_state(robot, reference(t), t) for t in times.tolist()]
-    return table_of(robot, times, states)
+    return table_of(robot, times, [require_state(robot, reference(t), t) for t in times.tolist()])
 
 
 def row_reader(robot: Robot, reference: Reference) -> Callable[[float], Array]:
     """Return a function that reads a reference at one time: a row of its table.
 
     It returns the row (9 + 3 n_joints + 9,) of :meth:`ReferenceTable.rows` at a time (s), number by
-    number what :func:`tabulate` has there. The row is valid until the next one is read: it may be
-    the same array each time. A reader is for one thread.
+    number what :func:`tabulate` has there.
 
     Raises:
         WrongAnswerError: When it is called: as of :func:`tabulate`.
@@ -121,8 +114,6 @@ def row_reader(robot: Robot, reference: Reference) -> Callable[[float], Array]:
     if not _tells_rows(reference):
         return lambda t: row_of(require_state(robot, reference(t), t))
     tell, width = reference.row, sum(row_sizes(robot))
-    if isinstance(tell, Columns):
-        tell = Reader(tell.function)
 
     def read(t: float) -> Array:
         row = tell(t)

@@ -162,8 +162,7 @@ def _camera(
     """Open the scene of a run; yields what takes a picture at a time (s), stamped or not."""
     from PIL.Image import open as decode
 
-    scene = build_scene(robot or robot_of(run), run)
-    html = player(scene, run.robot.name, asset("film.js"))
+    html = player(build_scene(robot or robot_of(run), run), run.robot.name, asset("film.js"))
     with open_page(html, *size) as page:
 
         def photograph(time: float, stamped: bool) -> Image:
@@ -315,8 +314,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 def _executable(driver: Any) -> str:
     """Return the browser: the system's, or the one that Playwright installed."""
-    candidates = (*map(shutil.which, BROWSER_NAMES), driver.chromium.executable_path)
-    for path in candidates:
+    for path in (*map(shutil.which, BROWSER_NAMES), driver.chromium.executable_path):
         if path and Path(path).is_file():
             return str(path)
     raise RpctlError(NO_BROWSER)

@@ -15,7 +15,6 @@ from rpctl.reference.planned.arm import Arm
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach_problem import (
     POINTS_PER_KNOT,
-    BaseMotion,
     DrivingBase,
     GivenBase,
     ReachProblem,
@@ -54,12 +53,13 @@ def plan_reach(
     count = _knot_count(goal)
     knots = clamped_knots(np.linspace(goal.start, goal.end, count - DEGREE + 1))
     s = np.linspace(goal.start, goal.end, POINTS_PER_KNOT * count + 1)
-    plans: list[tuple[BaseMotion, Array]] = []
+    way = goal.position(np.linspace(goal.start, goal.end, 200))
+    plans: list[tuple[GivenBase | DrivingBase, Array]] = []
     if base is not None or fixed:
         plans.append((GivenBase(base or still(np.zeros(3)), s), np.zeros(0)))
     else:
-        if _extent(goal) < STATIONARY_SPAN_RATIO * _span(arm):
-            plans.append((DrivingBase(s, knots, []), _standing_pose(arm, goal, comfort)))
+        if _diagonal(way) < STATIONARY_SPAN_RATIO * _span(arm):
+            plans.append((DrivingBase(s, knots, []), _standing_pose(arm, way, comfort)))
         columns = [0, 1, 2] if robot.drive.omnidirectional else [0, 2]
         driving = DrivingBase(s, knots, columns)
         plans.append((driving, _driving_start(arm, goal, comfort, driving, s, columns)))
@@ -127,13 +127,11 @@ def _fault(arm: Arm, goal: Goal, path: Path, joints: BSpline, coarse: BSpline) -
 
 
 def _miss(arm: Arm, goal: Goal, path: Path, joints: BSpline, s: float) -> float:
-    found = arm.end_effector_pose(path(s).pose, joints(s))
-    return float(np.linalg.norm(goal.error(found, s)))
+    return float(np.linalg.norm(goal.error(arm.end_effector_pose(path(s).pose, joints(s)), s)))
 
 
-def _extent(goal: Goal) -> float:
-    """Return the diagonal of the box around a path, m."""
-    points = goal.position(np.linspace(goal.start, goal.end, 200))
+def _diagonal(points: Array) -> float:
+    """Return the diagonal of the box around points (n, 3), m."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
@@ -141,15 +139,13 @@ def _span(arm: Arm) -> float:
     """Return the approximate extent of the arm's workspace while the base stands, m."""
     rng = np.random.default_rng(0)
     draws = arm.middle + arm.half_range * rng.uniform(-1, 1, (200, len(arm.joints)))
-    points = np.array([arm.end_effector_pose(np.zeros(3), q).translation for q in draws])
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
+    return _diagonal(np.array([arm.end_effector_pose(np.zeros(3), q).translation for q in draws]))
 
 
-def _standing_pose(arm: Arm, goal: Goal, comfort: Array) -> Array:
-    """Return a pose (3,) from which the comfortable arm is in the middle of the path."""
-    middle = goal.position(np.linspace(goal.start, goal.end, 200))[:, :2].mean(axis=0)
+def _standing_pose(arm: Arm, way: Array, comfort: Array) -> Array:
+    """Return a pose (3,) from which the comfortable arm is in the middle of a path's points."""
+    middle, first = way[:, :2].mean(axis=0), way[0, :2]
     x, y, _ = arm.end_effector_pose(np.zeros(3), comfort).translation
-    first = goal.position(goal.start)[:2]
     theta = float(np.angle(complex(*(middle - first)))) if np.any(middle != first) else 0.0
     held = complex(x, y) * np.exp(1j * theta)
     return np.array([middle[0] - held.real, middle[1] - held.imag, theta])

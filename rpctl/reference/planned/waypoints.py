@@ -151,8 +151,7 @@ def along_waypoints(robot: Robot, waypoints: Sequence[Waypoint], limits: Limits)
 def _driven(robot: Robot, path: Path, end: float, limits: Limits) -> TimedPath:
     """Return the reference along a path as fast as limits allow, the arm at home."""
     s = _grid(0.0, end)
-    timing = time_law(s, limits.base(robot, path(s).twist))
-    return TimedPath(path, constant(robot.home), timing)
+    return TimedPath(path, constant(robot.home), time_law(s, limits.base(robot, path(s).twist)))
 
 
 def along_goal(robot: Robot, goal: Goal, limits: Limits) -> TimedPath:

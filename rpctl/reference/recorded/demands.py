@@ -93,8 +93,7 @@ class Demand(Told):
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON says it."""
-        ratio = self.ratio if math.isfinite(self.ratio) else None
-        return {**super().to_dict(), "ratio": ratio}
+        return {**super().to_dict(), "ratio": self.ratio if math.isfinite(self.ratio) else None}
 
 
 class _Asked(NamedTuple):
@@ -188,8 +187,7 @@ def _demand(dynamics: ReducedDynamics, asked: _Asked, times: Array, lines: Array
 
 def _stretches(outside: NDArray[np.intp], times: Array, lines: Array) -> Iterator[Exceedance]:
     """Yield where the samples of given indices are, those near one another as one."""
-    gaps = np.flatnonzero(np.diff(times[outside]) > SAME_STRETCH) + 1
-    for group in np.split(outside, gaps):
+    for group in np.split(outside, np.flatnonzero(np.diff(times[outside]) > SAME_STRETCH) + 1):
         first, last = group[0], group[-1]
         yield Exceedance(
             float(times[first]), float(times[last]), int(lines[first]), int(lines[last])
@@ -281,8 +279,7 @@ def limits_along(
     for k, (name, limit) in enumerate(zip(robot.actuators, robot.effort_limits, strict=True)):
         left = limit - held[:, k]
         most = np.where(left > 0.0, EFFORT_SHARE * left, np.inf)
-        bound = Bound(by_acceleration[:, k], by_square[:, k], np.inf, most)
-        yield bound, f"the effort of {name}"
+        yield Bound(by_acceleration[:, k], by_square[:, k], np.inf, most), f"the effort of {name}"
 
 
 def _reason(limits: Sequence[tuple[Bound, str]], s: Array, at: PathTime) -> str:

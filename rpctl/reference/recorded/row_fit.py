@@ -109,18 +109,6 @@ class RowFit:
         starts, ends = (not rest for rest in found.rests)
         return FittedSpline(spline, starts, ends, found.rate_error)
 
-    def fit_inside(self, names: str, values: Array, unit: str, lever: float) -> BSpline:
-        """Return the spline to columns that have no say in where the motion begins and ends.
-
-        Args:
-            values: Of the rows (K, n).
-            unit: m, rad or none.
-            lever: What one unit moves, m.
-        """
-        if self.wish is None:
-            return through(self.table.t, values)
-        return self.fit(names, values, unit, lever).spline
-
     def keep(
         self,
         names: str,

@@ -156,8 +156,7 @@ def _axis(time_axes: list[Array]) -> tuple[Array, list[Thin]]:
     gap = max(float(np.diff(t).max()) for t in time_axes if len(t) > 1)
     count = max(1, min(MAX_POINTS // 2, int(end / (2.0 * gap))))
     edges = np.linspace(0.0, end, count + 1)
-    times = np.linspace(0.0, end, 2 * count)
-    return times, [_extremes(t, edges) for t in time_axes]
+    return np.linspace(0.0, end, 2 * count), [_extremes(t, edges) for t in time_axes]
 
 
 def _extremes(t: Array, edges: Array) -> Thin:
@@ -186,14 +185,13 @@ def overlay(robot: Robot | RpctlError, run: Run, times: Array) -> dict[str, Any]
     """
     frames = np.searchsorted(run.t - run.t[0], times)
     # The largest up to the next frame
-    ratios = effort_ratios(run, np.maximum.reduceat(np.abs(run.tau), frames))
     return {
         "effort": {
             "joints": [
                 0 if isinstance(robot, RpctlError) else robot.model.getJointId(name)
                 for name in run.robot.actuators
             ],
-            "share": packed(ratios),
+            "share": packed(effort_ratios(run, np.maximum.reduceat(np.abs(run.tau), frames))),
         },
         "stance": _stance(run, frames),
     }

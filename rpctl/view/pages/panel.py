@@ -221,8 +221,7 @@ def _robot(run: Run) -> Section:
     ]
     if run.robot.end_effector is not None:
         rows.append(("End effector", run.robot.end_effector))
-    names = ", ".join(run.robot.quasi_velocities)
-    return Section("Robot", rows=rows, details=("Names", names))
+    return Section("Robot", rows=rows, details=("Names", ", ".join(run.robot.quasi_velocities)))
 
 
 def notes_section(notes: Sequence[str]) -> list[Section]:

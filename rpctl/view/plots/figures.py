@@ -139,8 +139,7 @@ def _places(panels: Sequence[Panel], columns: int) -> list[tuple[int, slice]]:
 def _choose(found: list[PanelChart], wanted: Sequence[str]) -> list[PanelChart]:
     if not wanted:
         return found
-    known = list(dict.fromkeys(panel.name for panel, _ in found))
-    require_known("panel", wanted, known)
+    require_known("panel", wanted, list(dict.fromkeys(panel.name for panel, _ in found)))
     return [each for name in wanted for each in found if each[0].name == name]
 
 

@@ -48,8 +48,7 @@ def draw_paths(axes: Axes, run: Run) -> None:
         axes.plot(*actual[:, :2].T, color=colour, lw=1.2, label=label)
         axes.plot(*actual[0, :2], "o", color=style.PAPER, mec=colour, mew=1.1, ms=4.2, zorder=4)
     for number, (_, desired, _, _) in enumerate(pairs):
-        explained = None if number else "desired"
-        axes.plot(*desired[:, :2].T, label=explained, **style.DESIRED_STYLE)
+        axes.plot(*desired[:, :2].T, label=None if number else "desired", **style.DESIRED_STYLE)
     axes.plot([], [], "o", color=style.PAPER, mec=style.INK, mew=0.9, ms=3.6, label="start")
     if run.robot.drive.wheels:
         _draw_poses(axes, run)

@@ -134,8 +134,7 @@ def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel, text
         along = contact[:2, :2].T @ wheel.direction
         turn = math.atan2(along[1], along[0])
         if abs(math.sin(turn)) > math.sin(ROLLING_TOLERANCE_RAD):
-            bar = _rotated(turn) @ _scaled(1.1 * wheel.radius)
-            shapes.append(_mesh("bar", "roller", bar))
+            shapes.append(_mesh("bar", "roller", _rotated(turn) @ _scaled(1.1 * wheel.radius)))
     name = f"contact-{index}"
     _attach(markers, carrier, name, data.oMi[carrier].inverse().homogeneous @ contact, shapes)
     markers.labels.append(_label(name, text, CONTACT_RANK))

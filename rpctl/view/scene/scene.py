@@ -355,8 +355,7 @@ def _robots(motions: Sequence[Motion]) -> bytes:
             shown = nodes.ghost if k > 1 else nodes.solid
             groups.append(threejs.node("Group", f"{prefix}{ACTUAL}-{joint}", children=shown))
             if motion.desired is not None and k == 1:
-                ghost = threejs.node("Group", f"{REFERENCE}-{joint}", children=nodes.ghost)
-                groups.append(ghost)
+                groups.append(threejs.node("Group", f"{REFERENCE}-{joint}", children=nodes.ghost))
     return threejs.set_group(ROBOTS_PATH, "robots", groups)
 
 

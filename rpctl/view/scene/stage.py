@@ -215,8 +215,7 @@ def obstacle_corners(
     found = [np.empty((0, 3))]
     for obstacle in obstacles:
         edge = near(rims([obstacle]), lower, upper)
-        top = ground + HEIGHT_RATIOS[obstacle.body] * size
-        found += [_level(edge, ground), _level(edge, top)]
+        found += [_level(edge, ground), _level(edge, ground + HEIGHT_RATIOS[obstacle.body] * size)]
     return np.concatenate(found)
 
 

@@ -97,8 +97,7 @@ def set_object(path: str, root: Json) -> bytes:
             found["children"] = [listed(child) for child in entry["children"]]
         return found
 
-    tree = listed(root)
-    scene: Json = {"metadata": {"version": 4.5, "type": "Object"}, "object": tree}
+    scene: Json = {"metadata": {"version": 4.5, "type": "Object"}, "object": listed(root)}
     scene |= {kind: entries for kind, entries in lists.items() if entries}
     return pack({"type": "set_object", "path": path, "object": scene})
 
@@ -110,8 +109,7 @@ def set_group(path: str, name: str, children: Sequence[Json]) -> bytes:
 
 def set_animation(path: str, tracks: Sequence[Json]) -> bytes:
     """Return the command that animates the nodes below a path; the times of tracks are in s."""
-    clip = {"fps": 1, "name": "run", "tracks": list(tracks)}
-    animation = {"path": path, "clip": clip}
+    animation = {"path": path, "clip": {"fps": 1, "name": "run", "tracks": list(tracks)}}
     options = {"play": True, "repetitions": 1}
     return pack(
         {"type": "set_animation", "animations": [animation], "options": options, "path": ""}

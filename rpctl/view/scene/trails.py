@@ -98,9 +98,8 @@ def tube(path: Array, width: float) -> Mesh | None:
         normal = normal - (normal @ tangent) * tangent
         length = np.linalg.norm(normal)
         normal = normal / length if length > MIN_STEP_M else np.cross(tangent, np.eye(3)[k % 3])
-        binormal = np.cross(tangent, normal)
         rings[k] = path[k] + 0.5 * width * (
-            np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), binormal)
+            np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), np.cross(tangent, normal))
         )
     return rings.reshape(-1, 3), strip(len(path), sides)
 

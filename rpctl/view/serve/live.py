@@ -284,8 +284,7 @@ def broadcast(
     """
     states = [reference(t) for t in np.linspace(0.0, duration, DESIRED_POINTS)]
     start = configuration_along(robot, states[0])
-    desired = np.array([state.pose for state in states])
-    motion = LiveMotion(start, desired, duration, obstacles)
+    motion = LiveMotion(start, np.array([state.pose for state in states]), duration, obstacles)
     page = robot_page(robot, motion, charts=LiveFigures(robot).charts()).encode()
     stream, stop = Stream(), StopRequest()
     with signals(stop.on_signal), PageServer(lambda: page, stream, {STOP: stop.ask}) as server:

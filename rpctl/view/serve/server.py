@@ -75,8 +75,7 @@ class Stream:
         """
         data = json.dumps(value, separators=(",", ":"), allow_nan=False)
         with self._changed:
-            number = self._first + len(self._log)
-            event = f"id: {number}\nevent: {kind}\ndata: {data}\n\n".encode()
+            event = f"id: {self._first + len(self._log)}\nevent: {kind}\ndata: {data}\n\n".encode()
             self._log.append(event)
             self._size += len(event)
             while self._size > MAX_KEPT_BYTES and len(self._log) > 1:
@@ -247,8 +246,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.FORBIDDEN)
             return None
         token, slash, place = self.path.removeprefix("/").partition("/")
-        known = hmac.compare_digest(token.encode("latin-1"), self.server.token.encode())
-        if known and slash:
+        if hmac.compare_digest(token.encode("latin-1"), self.server.token.encode()) and slash:
             return place
         self._send(NO_TOKEN, HTTPStatus.NOT_FOUND)
         return None
