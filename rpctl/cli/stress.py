@@ -279,13 +279,10 @@ def _table(report: StressReport, plant: str) -> Table:
     if battery.combinations and len(stresses) > 1:
         table.add_row("[dim]two at once[/]", *(f"[dim]{name}  [/]" for name in VERDICTS[:most]))
         for law in battery.laws:
-            table.add_row(f"  {law}", *_counts(report, plant, law)[:most])
+            ended = Counter(row.verdict.name for row in report.combined(plant, law))
+            marks = (f"[{STYLES[x]}]{ended[x]} {MARKS[x]}[/]" for x in VERDICTS[:most])
+            table.add_row(f"  {law}", *marks)
     return table
-
-
-def _counts(report: StressReport, plant: str, law: LawPair) -> list[str]:
-    found = Counter(row.verdict.name for row in report.combined(plant, law))
-    return [f"[{STYLES[name]}]{found[name]} {MARKS[name]}[/]" for name in VERDICTS]
 
 
 def cell_text(row: StressRow) -> str:

@@ -193,7 +193,9 @@ def show_study(result: StudyResult) -> None:
               f"seed {result.design.seed}")  # fmt: skip
     style = "green" if result.success.value == 1.0 else "yellow"
     success = f"{percent(result.success.value)} (95 % interval {share_span(result.success)})"
-    out.print(f"[{style}]success[/] {success}   {_outcomes(result)}")
+    counts = Counter(result.runs.outcomes).most_common()
+    outcomes = ", ".join(f"{grouped(count)} {escape(word)}" for word, count in counts)
+    out.print(f"[{style}]success[/] {success}   {outcomes}")
     out.print()
     _show_statistics(out, result)
     found = result.sensitivity_of(result.merit)
@@ -203,12 +205,6 @@ def show_study(result: StudyResult) -> None:
     if result.worst:
         out.print()
         _show_worst(out, result)
-
-
-def _outcomes(result: StudyResult) -> str:
-    """Return how many runs ended how, where that is not one word for all."""
-    counts = Counter(result.runs.outcomes)
-    return ", ".join(f"{grouped(count)} {escape(word)}" for word, count in counts.most_common())
 
 
 def _show_statistics(out: Console, result: StudyResult) -> None:
@@ -290,9 +286,9 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
               f"same scatter; {found['evaluations']} sets of settings were tried")  # fmt: skip
     if judged.verdict != BETTER:
         out.print("the search met too few runs to tell: give it more, or keep the file's settings")
-    config = Path(found["config"])
     kind = "the settings found" if judged.verdict == BETTER else "what was found"
-    out.print(f"use {kind}: [bold]{escape(replay_command(command, config))}[/]", soft_wrap=True)
+    replay = replay_command(command, Path(found["config"]))
+    out.print(f"use {kind}: [bold]{escape(replay)}[/]", soft_wrap=True)
 
 
 def _span(low: float, high: float, factor: float = 1.0) -> str:

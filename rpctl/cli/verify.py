@@ -132,10 +132,12 @@ def certificate_line(certificate: Certificate) -> str:
     failed = [f"{check.name} against {check.against}" for check in rows if not check.passed]
     onset = certificate.onset
     failed += [onset_label(row) for row in onset.onsets if not row.passed] if onset else []
-    drawn = f"{certificate.samples} random states, seed {certificate.seed}"
-    count = f"{len(checks)} checks over {drawn}"
+    count = (
+        f"{len(checks)} checks over {certificate.samples} random states, seed {certificate.seed}"
+    )
     if trial is not None:
-        count += f"; {_trial_line(trial)}"
+        apart = trial.path.format_value(trial.path.gap)
+        count += f"; rolled {trial.distance:.2f} m in MuJoCo, at most {apart} apart"
     if onset is not None:
         count += f"; {onset_line(onset)}"
     if failed:
@@ -143,12 +145,6 @@ def certificate_line(certificate: Certificate) -> str:
     worst = certificate.worst
     return f"{MARKS[True]} [bold]verified[/]: {count}; nearest to its limit: {worst.name}, " \
         f"{worst.residual:.0e} of {worst.limit:.0e}"  # fmt: skip
-
-
-def _trial_line(trial: ContactTrial) -> str:
-    """Return, in words, how far the robot rolled in MuJoCo and how far apart its path was."""
-    apart = trial.path.format_value(trial.path.gap)
-    return f"rolled {trial.distance:.2f} m in MuJoCo, at most {apart} apart"
 
 
 def print_rows(checks: Iterable[Check], skipped: Iterable[Skipped], notes: Iterable[str]) -> None:

@@ -8,10 +8,10 @@ from importlib.resources import files
 from typing import Any
 
 import jinja2
+import numpy as np
 
 from rpctl.derive.law_program import LawProgram
-from rpctl.derive.program import program
-from rpctl.derive.steps import C_FLOAT, FUNCTIONS, PYTHON, C, Language, Node, write_steps
+from rpctl.derive.program import C_FLOAT, FUNCTIONS, PYTHON, C, Language, Node, program, write_steps
 from rpctl.robot.model import Robot
 
 LINEAR_SPEEDS = ("v", "vx", "vy")  # speeds of the base in m/s
@@ -81,20 +81,20 @@ def rendered(name: str, context: dict[str, Any], **filters: Callable[..., Any]) 
 
 def _model(robot: Robot, language: Language) -> dict[str, Any]:
     """Return what the templates of the dynamics say."""
-    steps = program(robot)
-    wanted = [node for row in (*steps.M, *steps.B) for node in row]
-    given, text = write_steps(steps.nodes, [*wanted, *steps.h], language)
+    steps, n, m = program(robot), robot.dof, len(robot.actuators)
+    given, text = write_steps(steps.nodes, steps.terms, language)
+    texts = np.array([text(node) for node in steps.terms], dtype=object)
     lost, loss = write_steps(steps.loss_nodes, steps.losses, language)
     return {
         "name": identifier(robot.name),
         "title": comment(robot.name),
         "entries": _entries(robot, steps.positions),
-        "n": robot.dof,
-        "m": len(robot.actuators),
+        "n": n,
+        "m": m,
         "given": given,
-        "M": [[text(node) for node in row] for row in steps.M],
-        "h": [text(node) for node in steps.h],
-        "B": [[text(node) for node in row] for row in steps.B],
+        "M": texts[: n * n].reshape(n, n).tolist(),
+        "h": texts[n * n : n * n + n].tolist(),
+        "B": texts[n * n + n :].reshape(n, m).tolist(),
         "lost": lost,
         "losses": [loss(node) for node in steps.losses],
         "unused": _unused(steps.nodes, ("q", "nu")),
@@ -106,14 +106,14 @@ def _model(robot: Robot, language: Language) -> dict[str, Any]:
 def _law(program: LawProgram, language: Language) -> dict[str, Any]:
     """Return what the templates of a law say."""
     law, robot = program.law, program.law.robot
-    results = {"tau": program.tau, "nu_d": program.nu_d, "nu_d_dot": program.nu_d_dot}
-    wanted = [node for nodes in results.values() for node in nodes]
+    results = program.results.items()
+    wanted = [node for _, nodes in results for node in nodes]
     given, text = write_steps(program.nodes, wanted, language, program.named, "t")
     read = {node[1] for node in program.nodes if node[0] == "input"}
     settings = [
         (
             str(each.symbol),
-            repr(each.value),
+            repr(each.place),
             f"{comment(each.of)} [{each.unit}]".removesuffix(" []"),
         )
         for each in law.settings
@@ -130,7 +130,9 @@ def _law(program: LawProgram, language: Language) -> dict[str, Any]:
         "n_joints": len(robot.joints),
         "settings": settings,
         "given": given,
-        "outputs": [(name, [text(node) for node in nodes]) for name, nodes in results.items()],
+        "outputs": [
+            (name, [text(node) for node in nodes]) for name, nodes in program.results.items()
+        ],
         "unused": _unused(program.nodes, ("pose", "q", "nu", "r")),
         "imported": _functions(program.nodes),
     }

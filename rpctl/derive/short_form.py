@@ -25,11 +25,6 @@ class ShortForm:
     entries: tuple[sp.Expr, ...]
     definitions: tuple[Definition, ...]
 
-    @property
-    def operations(self) -> int:
-        """Number of operations, definitions included."""
-        return operations((*self.entries, *(value for _, value in self.definitions)))
-
 
 def shortest_form(forms: Iterable[EquationForm]) -> ShortForm:
     """Return M's upper triangle and h in the fewest operations that forms and layouts give.
@@ -49,8 +44,8 @@ def shortest_form(forms: Iterable[EquationForm]) -> ShortForm:
     tried = [
         choice for choice, cost in zip(choices, spent, strict=True) if cost <= MAX_WRITING_COST
     ]
-    results = [_Writer(form, order).all() for form, order in tried or choices[:1]]
-    return min(results, key=lambda result: result.operations)
+    results = (_Writer(form, order).all() for form, order in tried or choices[:1])
+    return min(results, key=lambda x: operations((*x.entries, *(v for _, v in x.definitions))))
 
 
 class _Writer:

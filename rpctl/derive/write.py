@@ -12,7 +12,7 @@ from rpctl.control.twist_law import BaseLaw
 from rpctl.derive.closed_form import ClosedForm, closed_form
 from rpctl.derive.codegen import c_law, c_source, python_law, python_source
 from rpctl.derive.law_program import law_program, law_sheet
-from rpctl.derive.steps import Operations
+from rpctl.derive.program import Operations
 from rpctl.derive.text import law_latex, law_text, to_latex, to_text
 from rpctl.errors import RpctlError, require_known
 from rpctl.robot.model import Robot

@@ -112,21 +112,14 @@ class SmoothingProblem:
         """Return how well a spline with free ends fits."""
         return Fit(tau, self.residual(self.coefficients(tau)), self.freedom(tau) / len(self.t))
 
-    def rests(self, tau: float, noise: float) -> tuple[Ends, float]:
-        """Return whether the free spline begins and ends at rest, and its rate's standard error.
-
-        The error is that in the middle, by s.
-
-        Args:
-            noise: Standard deviation of the rows' noise.
-        """
+    def rates(self, tau: float) -> tuple[Array, Array]:
+        """Return the free spline's rates at both ends and in the middle (3, n), and what a noise
+        of 1 makes of each (3,); both by s."""
         ends = self.knots[0], self.knots[-1]
         a = basis_at(self.knots, np.array([*ends, 0.5 * sum(ends)]), 1).toarray()
         spread_out = self.at_rows @ cho_solve_banded(self._factor(tau), a.T)  # (K, 3)
-        errors = noise * np.linalg.norm(spread_out, axis=0) / self.unit
-        rates = np.linalg.norm(a @ self.coefficients(tau) / self.unit, axis=1)
-        slow = rates <= np.maximum(REST_RATE, REST_ERRORS * errors)
-        return (bool(slow[0]), bool(slow[1])), float(errors[2])
+        error = np.linalg.norm(spread_out, axis=0)
+        return a @ self.coefficients(tau) / self.unit, error / self.unit
 
     def spline(self, coefficients: Array) -> BSpline:
         """Return the spline of coefficients (m, n), by time."""
@@ -189,10 +182,13 @@ def smooth(t: Array, values: Array, tolerance: float | None) -> Smoothed | None:
     if tau is None:
         return None
     noise = problem.fit(tau).noise
-    rests, rate_error = problem.rests(tau, noise)
+    rates, errors = problem.rates(tau)
+    slow = np.linalg.norm(rates, axis=1) <= np.maximum(REST_RATE, REST_ERRORS * noise * errors)
+    rests = bool(slow[0]), bool(slow[1])
     if tolerance is not None:
         tau = _within(problem, tolerance, rests) or tau
-    return Smoothed(problem, tau, problem.coefficients(tau, rests), noise, rate_error, rests)
+    found = problem.coefficients(tau, rests)
+    return Smoothed(problem, tau, found, noise, float(noise * errors[2]), rests)
 
 
 def on_knots(found: Smoothed | None, t: Array, values: Array, dense: bool) -> Smoothed:
@@ -205,7 +201,9 @@ def on_knots(found: Smoothed | None, t: Array, values: Array, dense: bool) -> Sm
     """
     if found is None:  # smoothed as little as may be
         problem = SmoothingProblem(t, values, 0.0 if dense else MIN_KNOT_SPACING)
-        rests, _ = problem.rests(problem.shortest, 0.0)
+        rates, _ = problem.rates(problem.shortest)
+        slow = np.linalg.norm(rates, axis=1) <= REST_RATE
+        rests = bool(slow[0]), bool(slow[1])
         least = problem.coefficients(problem.shortest, rests)
         return Smoothed(problem, problem.shortest, least, 0.0, 0.0, rests)
     if dense and found.problem.spacing:
@@ -234,7 +232,8 @@ def _by_cross_validation(problem: SmoothingProblem, dense: SmoothingProblem) -> 
         dense: The rows, with a knot at each.
     """
     fits = [problem.fit(tau) for tau in problem.taus().tolist()]
-    if dense.fit(dense.shortest).score() <= CLEAN_RATIO * min(fit.score() for fit in fits):
+    clean = dense.fit(dense.shortest)
+    if clean.score() <= CLEAN_RATIO * min(fit.score() for fit in fits):
         return None
     scores = [fit.score(INFLATION) for fit in fits]
     best = int(np.argmin(scores))
