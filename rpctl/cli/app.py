@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from rpctl import __version__
 from rpctl.cli.interrupts import exit_code, ignore_signals, raised_signals
-from rpctl.cli.streams import Streams, say
+from rpctl.cli.terminal import Streams, say
 from rpctl.errors import RpctlError
 
 XACRO_OPTION = "--xacro-arg"

@@ -14,8 +14,7 @@ from typing import Annotated
 import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, tell
-from rpctl.cli.streams import print_document, print_json, say
-from rpctl.cli.terminal import console, escape
+from rpctl.cli.terminal import console, escape, print_document, print_json, say
 from rpctl.cli.verify import print_rows
 from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.engines.mujoco.check import MjcfCheck

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rpctl.cli.streams import print_json
+from rpctl.cli.terminal import print_json
 from rpctl.errors import RpctlError
 from rpctl.files.records import FieldType, Plain, Range, fields_of
 from rpctl.robot.load_settings import LoadSettings

@@ -16,8 +16,7 @@ from rich.table import Table
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, split_names, tell
 from rpctl.cli.results import writable_folder, write_results
-from rpctl.cli.streams import say
-from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar
+from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar, say
 from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from rpctl.errors import EngineMissing, require_known, require_positive
 from rpctl.libraries import library

@@ -15,8 +15,16 @@ import typer
 from rich.console import Console
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, default_folder
-from rpctl.cli.streams import print_document, print_json, say
-from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar
+from rpctl.cli.terminal import (
+    console,
+    escape,
+    kept_told,
+    new_table,
+    print_document,
+    print_json,
+    progress_bar,
+    say,
+)
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, to_json, write_atomically
 from rpctl.libraries import library

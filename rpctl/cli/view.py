@@ -11,8 +11,7 @@ from typing import Annotated
 import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, split_names, tell
-from rpctl.cli.streams import say
-from rpctl.cli.terminal import progress_bar
+from rpctl.cli.terminal import progress_bar, say
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.opening import is_folder
 from rpctl.files.writing import require_writable, write_atomically

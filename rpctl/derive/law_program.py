@@ -32,7 +32,7 @@ from rpctl.errors import RpctlError, printable
 from rpctl.files.records import settings_of
 from rpctl.kernels.scalars import cleaned, product
 from rpctl.kernels.sheet import Sheet
-from rpctl.reference.table import row_symbols
+from rpctl.reference.motion import row_symbols
 from rpctl.robot.model import BASE_NV, Robot
 
 BASE_UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}

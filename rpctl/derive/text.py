@@ -5,18 +5,37 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.resources import files
 from typing import Any
 
 import casadi
+import jinja2
 import sympy as sp
 
 from rpctl.derive.closed_form import ClosedForm
-from rpctl.derive.codegen import rendered
 from rpctl.derive.equations import rational
 from rpctl.derive.law_program import LawSheet, LawSymbol
 from rpctl.derive.program import FUNCTIONS, Steps
 from rpctl.derive.short_form import readable
 from rpctl.errors import printable
+
+TEX: dict[str, Any] = {  # how templates of LaTeX mark what is put in: braces are LaTeX's
+    "variable_start_string": "<<", "variable_end_string": ">>",
+    "block_start_string": "<%", "block_end_string": "%>", "comment_start_string": "<#",
+}  # fmt: skip
+
+
+def rendered(name: str, context: dict[str, Any], **filters: Callable[..., Any]) -> str:
+    """Return a template of this room with values, and filters of the caller's, put in."""
+    folder = files("rpctl.derive") / "templates"
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: folder.joinpath(name).read_text("utf-8")),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        **(TEX if ".tex" in name else {}),
+    )
+    environment.filters.update(filters)
+    return environment.get_template(name).render(context)
 
 
 def to_text(form: ClosedForm) -> str:

@@ -302,9 +302,6 @@ def _driver() -> Iterator[Any]:
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
     """Let processes that start meanwhile ignore Ctrl-C; this process closes them in order."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -25,7 +25,7 @@ ELSEWHERE = {  # what opens no input, and why
     "files/worker.py": "opens the null device, for what a worker prints",
     "simulation/run/file.py": "opens entries of an archive that the one way opened",
     "simulation/run/part.py": "opens the lock of the folder that it writes to",
-    "cli/streams.py": "opens the null device in a closed stream's place",
+    "cli/terminal.py": "opens the null device in a closed stream's place",
     "derive/codegen.py": "reads the package's own templates",
     "kernels/cache.py": "reads back what it has written, if it is its own",
     "description/xacro/hooks.py": "replaces xacro's open by asking for what the one way reads",

@@ -50,7 +50,9 @@ def plan_reach(
         None if fixed else float(goal.position(np.linspace(goal.start, goal.end, 50))[:, 2].mean())
     )
     comfort = arm.comfortable_posture(height)
-    count = _knot_count(goal)
+    seconds = goal.end - goal.start if goal.timed else 0.0
+    wanted = max(goal.length / KNOT_LENGTH, seconds / KNOT_TIME)
+    count = int(np.clip(math.ceil(wanted), MIN_KNOTS, MAX_KNOTS))
     knots = clamped_knots(np.linspace(goal.start, goal.end, count - DEGREE + 1))
     s = np.linspace(goal.start, goal.end, POINTS_PER_KNOT * count + 1)
     way = goal.position(np.linspace(goal.start, goal.end, 200))
@@ -75,13 +77,6 @@ def plan_reach(
             whole[:, arm.joints] = joints.c
             return path, quintic(joints.t, whole)
     raise RpctlError(fault or "")
-
-
-def _knot_count(goal: Goal) -> int:
-    wanted = goal.length / KNOT_LENGTH
-    if goal.timed:
-        wanted = max(wanted, (goal.end - goal.start) / KNOT_TIME)
-    return int(np.clip(math.ceil(wanted), MIN_KNOTS, MAX_KNOTS))
 
 
 def _solve_arm(arm: Arm, goal: Goal, path: Path, coarse: BSpline) -> BSpline:
@@ -165,27 +160,18 @@ def _driving_start(
     fine = np.linspace(goal.start, goal.end, 8 * len(s))
     p = goal.position(fine)[:, :2] @ [1.0, 1j]
     first = next((step for step in np.diff(p) if abs(step) > 1e-9), 1.0)
-    best: tuple[float, Array] | None = None
-    for k in range(TRIED_HEADINGS):
+    tries = []
+    for k in range(1 if 1 in columns else TRIED_HEADINGS):
         theta = float(np.angle(first)) + 2.0 * math.pi * k / TRIED_HEADINGS
         trail = _tractrix(p, hitch, theta, sliding=1 in columns)
-        speed, turn = trail[:, 0], trail[:, 2]
-        effort = (
-            np.abs(speed)
-            + (REVERSE_COST - 1.0) * np.maximum(-speed, 0.0)
-            + abs(hitch) * np.abs(turn)
-        )
-        if best is None or effort.sum() < best[0] - 1e-9:
-            best = float(effort.sum()), np.vstack([[0.0, 0.0, theta], trail])
-        if 1 in columns:
-            break
-    if best is None:
-        raise RpctlError("the end effector's path is empty")
-    start, rates = best[1][0], best[1][1:] / (fine[1] - fine[0])
-    place = p[0] - hitch * np.exp(1j * start[2])
+        back, turn = np.maximum(-trail[:, 0], 0.0), np.abs(trail[:, 2])
+        effort = np.abs(trail[:, 0]) + (REVERSE_COST - 1.0) * back + abs(hitch) * turn
+        tries.append((round(float(effort.sum()), 9), theta, trail))  # of equal ones the first
+    _, theta, trail = min(tries, key=lambda each: each[0])
+    rates, place = trail / (fine[1] - fine[0]), p[0] - hitch * np.exp(1j * theta)
     basis = BSpline.design_matrix(0.5 * (fine[1:] + fine[:-1]), driving.knots, DEGREE)
     coefficients = np.linalg.lstsq(basis.toarray(), rates[:, columns], rcond=None)[0]
-    return np.concatenate([[place.real, place.imag, start[2]], coefficients.T.ravel()])
+    return np.concatenate([[place.real, place.imag, theta], coefficients.T.ravel()])
 
 
 def _tractrix(p: Array, hitch: complex, theta: float, sliding: bool) -> Array:

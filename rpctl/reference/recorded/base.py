@@ -23,18 +23,16 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.formula import Along
 from rpctl.reference.paths import Path, Place, basis_at, posed, through
-from rpctl.reference.recorded.row_fit import (
-    METRES_PER_RADIAN,
-    FittedSpline,
-    RowFit,
-    SmoothedColumns,
-    fit_spline,
-)
 from rpctl.reference.recorded.smoothing import (
+    METRES_PER_RADIAN,
     REST_ERRORS,
     Ends,
+    FittedSpline,
+    RowFit,
     Smoothed,
+    SmoothedColumns,
     SmoothingProblem,
+    fit_spline,
     on_knots,
 )
 from rpctl.reference.recorded.table_file import BASE_COLUMNS, HEADING

@@ -18,14 +18,15 @@ from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach import plan_reach
 from rpctl.reference.recorded.base import fit_base, rolled_path
 from rpctl.reference.recorded.demands import Demand, Retimed, find_demands, retimed
-from rpctl.reference.recorded.row_fit import (
+from rpctl.reference.recorded.smoothing import (
     METRES_PER_RADIAN,
     FittedSpline,
     RowFit,
+    Smoothed,
     SmoothedColumns,
     fit_spline,
+    on_knots,
 )
-from rpctl.reference.recorded.smoothing import Smoothed, on_knots
 from rpctl.reference.recorded.table_file import (
     BASE_COLUMNS,
     EE_COLUMNS,

@@ -178,30 +178,28 @@ def _extremes(t: Array, edges: Array) -> Thin:
 def overlay(robot: Robot | RpctlError, run: Run, times: Array) -> dict[str, Any]:
     """Return the efforts and, where they were logged, the ground's reactions at frames.
 
+    Efforts are shares of their limits; without a limit, of their maximum in the run.
+
     Args:
         robot: The robot of the run, or why it cannot be had: efforts colour nothing then.
         run: The run.
         times: Times of the frames (n,), s, from 0.
     """
     frames = np.searchsorted(run.t - run.t[0], times)
-    # The largest up to the next frame
+    most, limits = np.abs(run.tau).max(axis=0), np.array(run.robot.effort_limits)
+    known = np.isfinite(limits) & (limits > 0.0)
+    scale = np.where(known, limits, np.maximum(most, 1e-12))
+    largest = np.maximum.reduceat(np.abs(run.tau), frames)  # up to the next frame
     return {
         "effort": {
             "joints": [
                 0 if isinstance(robot, RpctlError) else robot.model.getJointId(name)
                 for name in run.robot.actuators
             ],
-            "share": packed(effort_ratios(run, np.maximum.reduceat(np.abs(run.tau), frames))),
+            "share": packed(largest / scale),
         },
         "stance": _stance(run, frames),
     }
-
-
-def effort_ratios(run: Run, size: Array) -> Array:
-    """Return |τ| (n, n_act) over its limits; without a limit, over its maximum in the run."""
-    most, limits = np.abs(run.tau).max(axis=0), np.array(run.robot.effort_limits)
-    known = np.isfinite(limits) & (limits > 0.0)
-    return np.asarray(size / np.where(known, limits, np.maximum(most, 1e-12)))
 
 
 def contact_forces(run: Run, samples: Any = slice(None)) -> Array:

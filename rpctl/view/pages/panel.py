@@ -10,7 +10,7 @@ from rpctl.simulation.merits.collision_facts import clearance_text, collision_te
 from rpctl.simulation.merits.obstacles import run_obstacles
 from rpctl.simulation.merits.outcome import SUCCESSES
 from rpctl.simulation.merits.path_error import lag, length
-from rpctl.simulation.merits.summary import Summary, Violation
+from rpctl.simulation.merits.summary import Summary
 from rpctl.simulation.run.run import Run
 from rpctl.view.charts import has_base
 from rpctl.view.pages.page import Badge, Cell, LegendEntry, Section, Table, stand_in_entry
@@ -133,7 +133,11 @@ def _sentences(run: Run, summary: Summary) -> Iterator[str]:
         yield f"The reference: {run.recording['sentence']}."
     if run.perturbed is not None:
         yield f"Expect, {run.perturbed['sentence']}."
-    yield from map(_violation, summary.limits_violated)
+    for broken in summary.limits_violated:
+        yield (
+            f"{broken.joint}: {broken.limit} {broken.value:.4g}, allowed "
+            f"{broken.allowed:.4g}, from {broken.first_time:.2f} s"
+        )
     yield from (f"{each.sentence}." for each in summary.limits_bound)
     yield from (f"{each}." for each in collision_texts(summary.collisions))
     if summary.clearances:
@@ -145,13 +149,6 @@ def _sentences(run: Run, summary: Summary) -> Iterator[str]:
         yield f"On the ground: {summary.ground.sentence}."
     if summary.felt_ground is not None:
         yield f"In the plant: {summary.felt_ground.sentence}."
-
-
-def _violation(broken: Violation) -> str:
-    return (
-        f"{broken.joint}: {broken.limit} {broken.value:.4g}, allowed "
-        f"{broken.allowed:.4g}, from {broken.first_time:.2f} s"
-    )
 
 
 def outcome_badge(summary: Summary) -> Badge:

@@ -90,24 +90,18 @@ def _badge(verdict: EngineVerdict) -> Badge:
 
 def _verdict_section(verdict: EngineVerdict) -> Section:
     """Return what the referee says of an engine: its line, the causes, all gaps."""
-    found = verdict.trace
+    found, word = verdict.trace, "disagrees" if verdict.traced else "disagrees, not traced"
     causes = [_cause(cause, verdict) for cause in (found.causes if found else ())]
     rest = [gap.words for gap in ((*found.cured, *found.remaining) if found else ())]
     told = [] if causes else [verdict.line]
     told += [f"Not explained: {'; '.join(rest)}"] if rest else []
     return Section(
         f"{verdict.engine} {verdict.version} ",
-        [_short_badge(verdict)],
+        [Badge(verdict.agrees, "agrees" if verdict.agrees else word)],
         notes=causes,
         paragraphs=told,
         table=Table(("gap", "band", ""), [_gap_row(gap) for gap in verdict.gaps]),
     )
-
-
-def _short_badge(verdict: EngineVerdict) -> Badge:
-    if verdict.agrees:
-        return Badge(True, "agrees")
-    return Badge(False, "disagrees" if verdict.traced else "disagrees, not traced")
 
 
 def _cause(cause: Cause, verdict: EngineVerdict) -> tuple[str, str]:
@@ -130,29 +124,20 @@ def _charts(verdicts: Sequence[EngineVerdict], shown: Sequence[Shown]) -> list[C
         mine = getattr(recording, name)
         return np.asarray(mine - getattr(model, name)[: len(mine)])
 
-    def path(recording: EngineRecording) -> Array:
-        return 1e3 * np.hypot(*off(recording, "pose")[:, :2].T)
-
-    def heading(recording: EngineRecording) -> Array:
-        return np.degrees(off(recording, "pose")[:, 2])
-
-    def slip(recording: EngineRecording) -> Array:
-        return np.hypot(*np.moveaxis(off(recording, "slip"), 2, 0)).max(axis=1)
-
-    def load(recording: EngineRecording) -> Array:
-        return np.abs(off(recording, "load")).max(axis=1)
-
     def energy(recording: EngineRecording) -> Array:
         made = off(recording, "energy") - off(recording, "work")
         return made - made[0]
 
     kinds: tuple[tuple[str, str, Callable[[EngineRecording], Array], str], ...] = (
-        ("Off the model's path", "mm", path, ""),
-        ("Off the model's heading", "°", heading, ""),
-        ("Slip of the worst wheel", "m/s", slip, "beyond that of the model"),
-        ("Load of the worst contact", "N", load, "off the model's"),
+        ("Off the model's path", "mm", lambda x: 1e3 * np.hypot(*off(x, "pose")[:, :2].T), ""),
+        ("Off the model's heading", "°", lambda x: np.degrees(off(x, "pose")[:, 2]), ""),
+        ("Slip of the worst wheel", "m/s",
+         lambda x: np.hypot(*np.moveaxis(off(x, "slip"), 2, 0)).max(axis=1),
+         "beyond that of the model"),
+        ("Load of the worst contact", "N", lambda x: np.abs(off(x, "load")).max(axis=1),
+         "off the model's"),
         ("Energy made", "J", energy, "beyond work and the model's losses"),
-    )
+    )  # fmt: skip
     return [
         _chart(title, unit, find, note, shown, len(model.t)) for title, unit, find, note in kinds
     ]

@@ -256,28 +256,8 @@ def page_bytes(page: Page) -> bytes:
     Raises:
         RpctlError: meshcat lacks its viewer.
     """
-    text = render_page(
-        "report.html",
-        title=f"{page.title} · rpctl",
-        styles=STYLES,
-        scripts=_scripts(),
-        run=page.run,
-        page=page,
-        licences=licences(charts=True),
-        data=embed({**_scene_data(page.scene), **page.data}),
-    )
-    return text.encode("utf-8", "backslashreplace")
-
-
-def _scripts() -> tuple[str, str, str]:
-    """Return the scripts of a report: meshcat's, uPlot's and its own."""
-    own = '"use strict";\n(() => {\n' + "\n".join(map(asset, SCRIPTS)) + "})();\n"
-    return meshcat_script(), uplot_script(), own
-
-
-def _scene_data(scene: Scene) -> dict[str, Any]:
-    """Return what the page's scripts need of a scene."""
-    return {
+    scene = page.scene
+    shown = {
         "runs": [
             {"prefix": node_prefix(k), "duration": float(times[-1]), "frames": len(times)}
             for k, times in enumerate(scene.motions, 1)
@@ -289,6 +269,23 @@ def _scene_data(scene: Scene) -> dict[str, Any]:
         "origin": scene.origin.tolist(),
         "commands": [base64.b64encode(command).decode() for command in scene.commands],
     }
+    text = render_page(
+        "report.html",
+        title=f"{page.title} · rpctl",
+        styles=STYLES,
+        scripts=_scripts(),
+        run=page.run,
+        page=page,
+        licences=licences(charts=True),
+        data=embed({**shown, **page.data}),
+    )
+    return text.encode("utf-8", "backslashreplace")
+
+
+def _scripts() -> tuple[str, str, str]:
+    """Return the scripts of a report: meshcat's, uPlot's and its own."""
+    own = '"use strict";\n(() => {\n' + "\n".join(map(asset, SCRIPTS)) + "})();\n"
+    return meshcat_script(), uplot_script(), own
 
 
 def poles_section(run: Run, robot: Robot | RpctlError) -> Section | None:

@@ -31,7 +31,7 @@ from rpctl.view.scene.markers import (
     skeleton,
     total_mass_marker,
 )
-from rpctl.view.scene.robot_meshes import Bodies, JointNodes, build_bodies, robot_nodes
+from rpctl.view.scene.robot_meshes import Bodies, build_bodies, robot_nodes
 from rpctl.view.scene.scene import (
     ACTUAL,
     REFERENCE,
@@ -199,14 +199,9 @@ def _commands(
     ground = robot.drive.ground
     commands = opening_commands(lower, upper, ground)
     parts = robot_nodes(bodies)
-    empty = JointNodes()
-
-    def solid(joint: int) -> list[threejs.Json]:
-        return parts.get(joint, empty).solid + markers.joint_nodes[joint]
-
-    def ghost(joint: int) -> list[threejs.Json]:
-        return list(parts.get(joint, empty).ghost)
-
+    marked = markers.joint_nodes.items()
+    solid = {j: [*(parts[j].solid if j in parts else ()), *nodes] for j, nodes in marked}
+    ghost = {j: nodes.ghost for j, nodes in parts.items()}
     figures = [
         total_mass_marker(robot.mass),
         skeleton(robot, ACTUAL, solid),

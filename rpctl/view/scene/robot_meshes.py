@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import PurePath
 
 import numpy as np
@@ -112,7 +112,8 @@ def build_bodies(robot: Robot, triangles: int = MAX_TRIANGLES) -> Bodies:
             found.append(instead)
             placed_surfaces += surfaces_instead
     notes = [_note(reason, where) for reason, where in skipped.items()]
-    notes += [f'mesh "{_file_label(name)}": {each}' for name, each in _remarks(cache)]
+    said = [(name, remark) for (name, _), mesh in cache.items() for remark in mesh.remarks]
+    notes += [f'mesh "{_file_label(name)}": {remark}' for name, remark in dict.fromkeys(said)]
     if len(placed_surfaces) == sum(each.kind == "marker" for each in found):
         notes.append("no shape of this robot can be drawn: sticks stand for its links")
         placed_surfaces, found = list(sticks(robot)), []
@@ -133,12 +134,6 @@ def _file_label(name: str) -> str:
     return PurePath(name).name if outside else name
 
 
-def _remarks(cache: MeshCache) -> list[tuple[str, str]]:
-    """Return what was left out of meshes, each with its name, once."""
-    said = ((name, remark) for (name, _), mesh in cache.items() for remark in mesh.remarks)
-    return list(dict.fromkeys(said))
-
-
 def _note(reason: str, where: list[tuple[str, str]]) -> str:
     """Return the note on shapes that share a fault, from their names and links."""
     (mesh, link), more = where[0], len(where) - 1
@@ -150,7 +145,8 @@ def _shaded(
     placed_surfaces: list[PlacedSurface], triangles: int
 ) -> tuple[tuple[BodyPart, ...], tuple[ShadedMesh, ...], tuple[str, ...]]:
     """Return the parts, their surfaces, simplified to a budget that each enters once, and notes."""
-    digests = [_digest(item.surface) for item in placed_surfaces]
+    found = [item.surface for item in placed_surfaces]
+    digests = [sha256(each.faces.tobytes() + each.vertices.tobytes()).digest() for each in found]
     unique = dict(zip(digests, placed_surfaces, strict=True))  # two files may hold one mesh
     cap = _cap([len(item.surface.faces) for item in unique.values()], triangles)
     surfaces, notes = [], []
@@ -165,11 +161,6 @@ def _shaded(
         for item, digest in zip(placed_surfaces, digests, strict=True)
     )
     return parts, tuple(surfaces), tuple(notes)
-
-
-def _digest(surface: Surface) -> bytes:
-    """Return a digest of a surface's triangles, wherever they came from."""
-    return hashlib.sha256(surface.faces.tobytes() + surface.vertices.tobytes()).digest()
 
 
 def _cap(counts: list[int], total: int) -> int:

@@ -186,7 +186,14 @@ def _compose(
     """
     starts = [part_cloud(each.bodies, each.joints, each.poses[:1]) for each in motions]
     size = max(float(start[:, 2].max()) for start in starts) - ground
-    cloud = np.concatenate([points for motion in motions for points in _clouds(motion)])
+    clouds = [path for motion in motions for path in motion.paths.values()]
+    clouds += [
+        part_cloud(motion.bodies, motion.joints, poses)
+        for motion in motions
+        for poses in (motion.poses, motion.desired)
+        if poses is not None
+    ]
+    cloud = np.concatenate(clouds)
     cloud = np.concatenate([cloud, obstacle_corners(obstacles, cloud, ground, size)])
     lower, upper = cloud.min(axis=0), cloud.max(axis=0)
     lower[2] = min(lower[2], ground)
@@ -211,13 +218,6 @@ def _compose(
         ),
         stand_ins=tuple(stand_ins),
     )
-
-
-def _clouds(motion: Motion) -> list[Array]:
-    """Return points (n, 3) around all that a motion shows, m."""
-    shown = [poses for poses in (motion.poses, motion.desired) if poses is not None]
-    bodies = [part_cloud(motion.bodies, motion.joints, poses) for poses in shown]
-    return [*bodies, *motion.paths.values()]
 
 
 def opening_commands(lower: Array, upper: Array, ground: float) -> list[bytes]:

@@ -44,11 +44,6 @@ class GoRequest(Record):
     arm: Annotated[Mapping[str, float], WITHIN, Setting("rad or m", help="Of the arm's joints.")]
     kinematic: Annotated[str, OneOf(tuple(KINEMATIC_LAWS)), Setting(help="The kinematic law.")]
 
-    @property
-    def pose_goal(self) -> PoseGoal:
-        """Where it is to end."""
-        return PoseGoal(self.goal, self.arm)
-
 
 def read_request(robot: Robot, asked: Any) -> GoRequest:
     """Return what a page asks for, every number checked.
@@ -148,7 +143,7 @@ class GoServer:
     def _simulate(self, robot: Robot, request: GoRequest, server: PageServer) -> str:
         """Return how near a motion came to its goal, in a sentence."""
         start = np.array([request.posture[name] for name in robot.joint_names])
-        goal = request.pose_goal
+        goal = PoseGoal(request.goal, request.arm)
         reference = to_goal(robot, goal, np.array(request.start), start)
         config = Config().with_laws(request.kinematic, None).with_run(reference=str(goal))
         duration = default_duration(reference)

@@ -114,7 +114,7 @@ class LiveFigures:
         self._shown = np.flatnonzero(limited) if limited.any() else np.arange(len(limits))
         self._scale = np.where(limited, PERCENT / np.where(limited, limits, 1.0), 1.0)
         self._percent = bool(limited.any())
-        self._errors, self._efforts = np.empty(0), np.empty(0)
+        self._largest: list[Array] = []  # of each chart's lines, since the last frame
 
     def charts(self) -> list[dict[str, Any]]:
         """Return the charts for the page: title, unit, limits and the names of the lines."""
@@ -136,17 +136,14 @@ class LiveFigures:
 
     def add(self, sample: LoopSample) -> None:
         """Take in a sample; of each line the value of largest magnitude counts."""
-        self._errors = _larger(self._errors, self._sample_errors(sample))
-        self._efforts = _larger(self._efforts, (self._scale * sample.tau)[self._shown])
+        now = [self._sample_errors(sample), (self._scale * sample.tau)[self._shown]]
+        pairs = zip(self._largest or now, now, strict=True)
+        self._largest = [np.where(np.abs(b) > np.abs(a), b, a) for a, b in pairs]
 
     def take(self) -> list[list[float]]:
         """Return the lines' values, one list a chart, and begin anew."""
-        taken = [
-            [round(float(value), FIGURE_DECIMALS) for value in values]
-            for values in (self._errors, self._efforts)
-        ]
-        self._errors, self._efforts = np.empty(0), np.empty(0)
-        return taken
+        taken, self._largest = self._largest, []
+        return [[round(float(value), FIGURE_DECIMALS) for value in values] for values in taken]
 
     def _sample_errors(self, sample: LoopSample) -> Array:
         errors = []
@@ -157,10 +154,6 @@ class LiveFigures:
             actual = self._robot.end_effector_pose(self._data, sample.q).translation
             errors.append(float(np.linalg.norm(wanted - actual)))
         return MILLI * np.array(errors)
-
-
-def _larger(kept: Array, values: Array) -> Array:
-    return values if not kept.size else np.where(np.abs(values) > np.abs(kept), values, kept)
 
 
 class Broadcast:
