@@ -53,7 +53,6 @@ from rpctl.study.stress_report import (
 from rpctl.study.study_result import replay_command
 
 FILES = ("stress.json", "stress.csv", "envelope.png")
-PICTURE = "rpctl.view.plots.stress"
 COMBINATIONS, QUICK_COMBINATIONS = 10, 2
 WIDTH = 100  # characters
 WHY_WIDTH = 40  # characters of a line that says why
@@ -215,7 +214,7 @@ def stress_command(
     ):
         figures = run_battery(battery, folder, executor, advance, settings.resume)
     report = report_of(battery, figures, bound)
-    picture = library(PICTURE).stress_figure(report)  # imports Matplotlib
+    picture = library("rpctl.view.plots.stress").stress_figure(report)  # imports Matplotlib
     write_results(folder, FILES, report.to_dict(), picture, report_csv(report))
     worst = write_worst(report, folder)
     command = join(["rpctl", "track", *words])

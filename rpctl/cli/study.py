@@ -54,7 +54,6 @@ from rpctl.study.words import (
 )
 
 SUMMARY_FILE = "study.json"
-PAGE = "rpctl.view.pages.study"
 SHOWN = 5  # parameters that are named for a merit
 MEASURES = {  # of a sensitivity: what is shown
     "sobol": "share of variance",
@@ -165,7 +164,7 @@ def _run(
     files = [RUNS_FILE, SUMMARY_FILE]
     write_atomically(folder / SUMMARY_FILE, (to_json(content) + "\n").encode(), follow_links=False)
     if settings.html:
-        page = library(PAGE)  # imports Matplotlib and the scene
+        page = library("rpctl.view.pages.study")  # imports Matplotlib and the scene
         files += [page.write_study_report(folder, robot).name, page.PICTURE_FILE]
     if as_json:
         print_json(content)

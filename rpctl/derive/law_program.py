@@ -153,7 +153,11 @@ def law_sheet(
 ) -> LawSheet:
     """Write a kinematic law and the paper's dynamic one on a robot, for a control period (s)."""
     sheet, places = Sheet(), joint_symbols(robot)
-    speeds, pose, reference = _rates(robot, places), _pose(), _reference(robot, places)
+    speeds, reference = _rates(robot, places), _reference(robot, places)
+    pose = [
+        LawSymbol(casadi.SX.sym(name), f"pose[{i}]", POSE_UNITS[i], f"{word} of the root link")
+        for i, (name, word) in enumerate({"x": "x", "y": "y", "theta": "heading"}.items())
+    ]
     positions = [
         LawSymbol(symbol, name, "m" if symbol.name().startswith("eta") else "rad", name)
         for name, symbol in places.items()
@@ -233,13 +237,6 @@ def _rates(robot: Robot, places: dict[str, Any]) -> list[LawSymbol]:
     return [
         LawSymbol(casadi.SX.sym(label), f"nu[{i}]", unit, f"quasi-velocity {name}")
         for i, (name, label, unit) in enumerate(zip(names, labels, units, strict=True))
-    ]
-
-
-def _pose() -> list[LawSymbol]:
-    return [
-        LawSymbol(casadi.SX.sym(name), f"pose[{i}]", POSE_UNITS[i], f"{word} of the root link")
-        for i, (name, word) in enumerate({"x": "x", "y": "y", "theta": "heading"}.items())
     ]
 
 

@@ -89,7 +89,6 @@ def joints_of_code(robot: Robot, read: set[str]) -> tuple[str, ...]:
 
 
 Node = tuple[Any, ...]  # (operation, operands): indices of nodes, a number, or an input's place
-Written = tuple[list[tuple[str, str]], Callable[[int], str]]
 
 FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sqrt", "exp", "log", "pow",
@@ -234,7 +233,7 @@ def write_steps(
     language: Language,
     named: Mapping[int, str] | None = None,
     letter: str = "x",
-) -> Written:
+) -> tuple[list[tuple[str, str]], Callable[[int], str]]:
     """Return the assignments of named steps, and the text of any node after them.
 
     What is used once and short is written where it is used.

@@ -202,11 +202,8 @@ def _effort(expressions: Iterable[sp.Expr]) -> float:
 def _effort_of(expression: sp.Expr) -> float:
     shown = readable(expression)
     numbers = (x for x in sp.preorder_traversal(shown) if x.is_Number)
-    return operations([shown]) + DIGIT_COST * sum(len(_written(x)) for x in numbers)
-
-
-def _written(number: sp.Expr) -> str:
-    return f"{number.p}{number.q}" if number.is_Rational else f"{float(number):.{DECIMALS}g}"
+    texts = (f"{x.p}{x.q}" if x.is_Rational else f"{float(x):.{DECIMALS}g}" for x in numbers)
+    return operations([shown]) + DIGIT_COST * sum(map(len, texts))
 
 
 def settle(entries: Sequence[sp.Expr], bodies: Bodies) -> tuple[list[sp.Expr], Bodies]:

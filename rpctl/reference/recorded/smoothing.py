@@ -128,11 +128,6 @@ class SmoothingProblem:
         """Return the spline of coefficients (m, n), by time."""
         return quintic(self.t[0] + self.unit * self.knots, coefficients)
 
-    def taus(self) -> Array:
-        """Return the values of τ that are tried."""
-        octaves = math.log2(self.longest / self.shortest)
-        return np.geomspace(self.shortest, self.longest, math.ceil(PER_OCTAVE * octaves) + 1)
-
     @cached_property
     def _probes(self) -> Array:
         """Vectors (m, p) whose outer products sum up to the identity, or do so on average."""
@@ -234,7 +229,9 @@ def _by_cross_validation(problem: SmoothingProblem, dense: SmoothingProblem) -> 
     Args:
         dense: The rows, with a knot at each.
     """
-    fits = [problem.fit(tau) for tau in problem.taus().tolist()]
+    count = math.ceil(PER_OCTAVE * math.log2(problem.longest / problem.shortest)) + 1
+    tried = np.geomspace(problem.shortest, problem.longest, count)
+    fits = [problem.fit(tau) for tau in tried.tolist()]
     clean = dense.fit(dense.shortest)
     if clean.score() <= CLEAN_RATIO * min(fit.score() for fit in fits):
         return None
