@@ -36,7 +36,7 @@ def test_request_is_what_the_page_says(paper: Robot) -> None:
     request = read_request(paper, FINE)
     assert request.start == (0.5, -0.5, 1.0)
     assert request.posture == {"arm_revolute_joint": 0.1, "arm_prismatic_joint": 0.5}
-    assert request.pose_goal == PoseGoal((0.5, -0.5, 1.0), {"arm_revolute_joint": 0.3})
+    assert PoseGoal(request.goal, request.arm) == PoseGoal((0.5, -0.5, 1.0), {"arm_revolute_joint": 0.3})
     assert read_request(paper, {**FINE, "goal": None}).pose_goal.pose is None
 
 
