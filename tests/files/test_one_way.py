@@ -26,7 +26,7 @@ ELSEWHERE = {  # what opens no input, and why
     "simulation/run/file.py": "opens entries of an archive that the one way opened",
     "simulation/run/part.py": "opens the lock of the folder that it writes to",
     "cli/terminal.py": "opens the null device in a closed stream's place",
-    "derive/codegen.py": "reads the package's own templates",
+    "derive/text.py": "reads the package's own templates",
     "kernels/cache.py": "reads back what it has written, if it is its own",
     "description/xacro/hooks.py": "replaces xacro's open by asking for what the one way reads",
     "study/provenance.py": "reads the package's own modules",
