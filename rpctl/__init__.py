@@ -39,7 +39,7 @@ def load_ipython_extension(shell: Any) -> None:
     """
 
     def scene(run: Run) -> str:
-        from rpctl.view.pages.scene_page import show
+        from rpctl.view.film import show
 
         return show(run)
 

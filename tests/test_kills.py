@@ -98,7 +98,7 @@ def check_made_files(out: Path, known: set[str], is_new: bool) -> None:
         is_new: Whether the run is the killed one: its files may not have been drawn yet.
     """
     own = digest(out / "run.npz")
-    faults = {fault.name for fault in find_faults(out, own)}
+    faults = find_faults(out, own)
     for name in ("summary.json", "tracking.png", "report.html"):
         path = out / name
         assert is_new or path.exists()

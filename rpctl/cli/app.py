@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from rpctl import __version__
 from rpctl.cli.interrupts import exit_code, ignore_signals, raised_signals
-from rpctl.cli.streams import Streams, say
+from rpctl.cli.terminal import Streams, say
 from rpctl.errors import RpctlError
 
 XACRO_OPTION = "--xacro-arg"
@@ -52,7 +52,7 @@ COMMANDS = {
         "rpctl verify tiago --samples 200 --seed 7",
     ),
     "derive": LazyCommand(
-        "rpctl.cli.derive:derive_command",
+        "rpctl.cli.export:derive_command",
         "Write the reduced equations, or a law, in closed form: to read, to publish, or as code.",
         "rpctl derive tiago --law unified --format c --out tiago_law.c",
     ),
@@ -112,7 +112,7 @@ COMMANDS = {
         "rpctl stress tiago --plants rolling --workers 4",
     ),
     "lag": LazyCommand(
-        "rpctl.cli.lag:lag_command",
+        "rpctl.cli.tune:lag_command",
         "Identify lag and dead time of a robot that takes speeds, from a step in a log.",
         "rpctl lag step.csv",
     ),

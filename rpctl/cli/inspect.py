@@ -43,8 +43,7 @@ def inspect_command(
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
     if list_xacro_args:
         source = find_source(robot)
-        settings = source.read_settings(read_settings(options.given))
-        declared = list_arguments(source.path, settings)
+        declared = list_arguments(source.path, source.read_settings(read_settings(options.given)))
         tell(as_json, lambda: list(map(asdict, declared)), partial(show_arguments, declared))
         return
     loaded = _with_faults(options.load(robot))
@@ -105,8 +104,7 @@ def _remarks(robot: Robot, idealised: Sequence[Mapping[str, Any]]) -> Iterator[s
         yield f"[yellow]doubt[/] {escape(doubt)}"
     findings = condense(robot.findings)
     yield from (_finding(robot, each) for each in findings if each.severity != "info")
-    sentences = (Finding("info", None, each["sentence"]) for each in idealised)
-    for each in condense(sentences):
+    for each in condense(Finding("info", None, each["sentence"]) for each in idealised):
         yield f"[dim]idealised[/] {escape(each.message)}"
     contacts = find_contacts(ReducedDynamics(robot))
     for note in contacts.notes if contacts else ():

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rpctl.cli.streams import print_json
+from rpctl.cli.terminal import print_json
 from rpctl.errors import RpctlError
 from rpctl.files.records import FieldType, Plain, Range, fields_of
 from rpctl.robot.load_settings import LoadSettings
@@ -134,7 +134,11 @@ def read_settings(given: Plain) -> LoadSettings:
     Raises:
         RpctlError: One of them is wrong.
     """
-    readers = {"lock": _positions, "armature": _armature, "xacro_args": _arguments}
+    readers = {
+        "lock": lambda items: _numbers(items, "--lock", "0", "NAME=0.1"),
+        "armature": _armature,
+        "xacro_args": _arguments,
+    }
     read = {name: readers[name](value) for name, value in given.items() if name in readers}
     return LoadSettings.of(**{**given, **read, "losses": "losses" not in given})
 
@@ -169,11 +173,6 @@ def _numbers(items: Iterable[str], option: str, default: str, form: str) -> dict
             fault = f"{option} {item}: {number!r} is not a number; write {form}"
             raise RpctlError(fault) from None
     return numbers
-
-
-def _positions(items: Iterable[str]) -> dict[str, float]:
-    """Return the positions of ``NAME[=POSITION]`` by name."""
-    return _numbers(items, "--lock", "0", "NAME=0.1")
 
 
 def _armature(items: Iterable[str]) -> bool | dict[str, float]:

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, split_names, tell
-from rpctl.cli.streams import say
-from rpctl.cli.terminal import console, escape, new_table, progress_bar
+from rpctl.cli.terminal import console, escape, new_table, progress_bar, say
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.engines.comparison import gap_text
 from rpctl.engines.engine import ENGINES, Engine, installed_engines
@@ -79,8 +78,12 @@ def referee_command(
     else:
         league = play_league(names, found, options, motion, settings.workers, as_json=as_json)
     traced = all(verdict.traced for verdicts in league.judged.values() for verdict in verdicts)
-    plain = partial(_to_dict, league, missing)
-    tell(as_json, plain, partial(_show, league), passed=league.whole and traced)
+    plain = {
+        "robots": {name: [one.to_dict() for one in found] for name, found in league.judged.items()},
+        "refused": {name: str(error) for name, error in league.refused.items()},
+        "missing": list(missing),
+    }
+    tell(as_json, lambda: plain, partial(_show, league), passed=league.whole and traced)
 
 
 def _robots(given: list[str], catalogue: bool) -> list[str]:
@@ -131,8 +134,7 @@ def _show(league: League) -> None:
         for verdict in verdicts:
             for said in filter(None, (verdict.line, verdict.turn_line)):
                 out.print(escape(said), soft_wrap=True)
-        notes = dict.fromkeys(note for verdict in verdicts for note in verdict.notes)
-        for note in notes:
+        for note in dict.fromkeys(note for verdict in verdicts for note in verdict.notes):
             out.print(f"[dim]note[/] {escape(note)}")
     for name, error in refused.items():
         out.print(f"[dim]-[/] {escape(name)}: {escape(str(error))}")
@@ -154,15 +156,6 @@ def _cells(verdict: EngineVerdict) -> list[str]:
         return [head, *gaps, "agrees"]
     causes = [" with ".join(cause.names) for cause in verdict.trace.causes]
     return [head, *gaps, f"disagrees: {', '.join(causes) or 'not traced'}"]
-
-
-def _to_dict(league: League, missing: Sequence[str]) -> dict[str, Any]:
-    """Return all that was found as plain values for JSON."""
-    return {
-        "robots": {name: [one.to_dict() for one in found] for name, found in league.judged.items()},
-        "refused": {name: str(error) for name, error in league.refused.items()},
-        "missing": list(missing),
-    }
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from rpctl.study.cells import AnyCell, CellRunner, Row, run_cells
 from rpctl.study.executor import executor_for
 
 DPI = 200
-FIGURES = "rpctl.view.plots.figures"
 
 
 def run_shown(
@@ -57,7 +56,7 @@ def write_results(
         figure: The picture, Matplotlib's.
         table: The rows as CSV.
     """
-    figures = library(FIGURES)  # imports Matplotlib
+    figures = library("rpctl.view.plots.figures")  # imports Matplotlib
     contents = {
         ".json": (to_json(summary) + "\n").encode(),
         ".csv": table.encode("utf-8", "backslashreplace"),

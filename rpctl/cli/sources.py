@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from rpctl.cli.options import JsonOption, ReadOptions, read_settings
-from rpctl.cli.streams import print_document, print_json, say
-from rpctl.cli.terminal import console, escape, new_table
+from rpctl.cli.terminal import console, escape, new_table, print_document, print_json, say
 from rpctl.description.xacro.expansion import expand
 from rpctl.errors import format_finding
 from rpctl.files.opening import read_source

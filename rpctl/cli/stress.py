@@ -16,8 +16,7 @@ from rich.table import Table
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, split_names, tell
 from rpctl.cli.results import writable_folder, write_results
-from rpctl.cli.streams import say
-from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar
+from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar, say
 from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from rpctl.errors import EngineMissing, require_known, require_positive
 from rpctl.libraries import library
@@ -54,7 +53,6 @@ from rpctl.study.stress_report import (
 from rpctl.study.study_result import replay_command
 
 FILES = ("stress.json", "stress.csv", "envelope.png")
-PICTURE = "rpctl.view.plots.stress"
 COMBINATIONS, QUICK_COMBINATIONS = 10, 2
 WIDTH = 100  # characters
 WHY_WIDTH = 40  # characters of a line that says why
@@ -216,7 +214,7 @@ def stress_command(
     ):
         figures = run_battery(battery, folder, executor, advance, settings.resume)
     report = report_of(battery, figures, bound)
-    picture = library(PICTURE).stress_figure(report)  # imports Matplotlib
+    picture = library("rpctl.view.plots.stress").stress_figure(report)  # imports Matplotlib
     write_results(folder, FILES, report.to_dict(), picture, report_csv(report))
     worst = write_worst(report, folder)
     command = join(["rpctl", "track", *words])
@@ -279,13 +277,10 @@ def _table(report: StressReport, plant: str) -> Table:
     if battery.combinations and len(stresses) > 1:
         table.add_row("[dim]two at once[/]", *(f"[dim]{name}  [/]" for name in VERDICTS[:most]))
         for law in battery.laws:
-            table.add_row(f"  {law}", *_counts(report, plant, law)[:most])
+            ended = Counter(row.verdict.name for row in report.combined(plant, law))
+            marks = (f"[{STYLES[x]}]{ended[x]} {MARKS[x]}[/]" for x in VERDICTS[:most])
+            table.add_row(f"  {law}", *marks)
     return table
-
-
-def _counts(report: StressReport, plant: str, law: LawPair) -> list[str]:
-    found = Counter(row.verdict.name for row in report.combined(plant, law))
-    return [f"[{STYLES[name]}]{found[name]} {MARKS[name]}[/]" for name in VERDICTS]
 
 
 def cell_text(row: StressRow) -> str:

@@ -15,8 +15,16 @@ import typer
 from rich.console import Console
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, default_folder
-from rpctl.cli.streams import print_document, print_json, say
-from rpctl.cli.terminal import console, escape, kept_told, new_table, progress_bar
+from rpctl.cli.terminal import (
+    console,
+    escape,
+    kept_told,
+    new_table,
+    print_document,
+    print_json,
+    progress_bar,
+    say,
+)
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable, to_json, write_atomically
 from rpctl.libraries import library
@@ -45,7 +53,6 @@ from rpctl.study.study_file import read_study, study_template
 from rpctl.study.study_result import StudyResult, read_result, replay_command
 
 SUMMARY_FILE = "study.json"
-PAGE = "rpctl.view.pages.study"
 SHOWN = 5  # parameters that are named for a merit
 MEASURES = {  # of a sensitivity: what is shown
     "sobol": "share of variance",
@@ -156,7 +163,7 @@ def _run(
     files = [RUNS_FILE, SUMMARY_FILE]
     write_atomically(folder / SUMMARY_FILE, (to_json(content) + "\n").encode(), follow_links=False)
     if settings.html:
-        page = library(PAGE)  # imports Matplotlib and the scene
+        page = library("rpctl.view.pages.study")  # imports Matplotlib and the scene
         files += [page.write_study_report(folder, robot).name, page.PICTURE_FILE]
     if as_json:
         print_json(content)
@@ -192,7 +199,9 @@ def show_study(result: StudyResult) -> None:
               f"seed {result.design.seed}")  # fmt: skip
     style = "green" if result.success.value == 1.0 else "yellow"
     success = f"{percent(result.success.value)} (95 % interval {share_span(result.success)})"
-    out.print(f"[{style}]success[/] {success}   {_outcomes(result)}")
+    counts = Counter(result.runs.outcomes).most_common()
+    outcomes = ", ".join(f"{grouped(count)} {escape(word)}" for word, count in counts)
+    out.print(f"[{style}]success[/] {success}   {outcomes}")
     out.print()
     _show_statistics(out, result)
     found = result.sensitivity_of(result.merit)
@@ -202,12 +211,6 @@ def show_study(result: StudyResult) -> None:
     if result.worst:
         out.print()
         _show_worst(out, result)
-
-
-def _outcomes(result: StudyResult) -> str:
-    """Return how many runs ended how, where that is not one word for all."""
-    counts = Counter(result.runs.outcomes)
-    return ", ".join(f"{grouped(count)} {escape(word)}" for word, count in counts.most_common())
 
 
 def _show_statistics(out: Console, result: StudyResult) -> None:
@@ -238,10 +241,9 @@ def _show_sensitivity(out: Console, result: StudyResult, found: Sensitivity) -> 
                       *["way"] * told)  # fmt: skip
     table.columns[0].max_width = NAME_WIDTH
     for each in bars:
-        value = number(each.value, Unit(unit.factor, ""))
         table.add_row(
             escape(parameter_words(each.name).name),
-            value,
+            number(each.value, Unit(unit.factor, "")),
             _span(each.low, each.high, unit.factor),
             *[each.way] * told,
         )
@@ -277,8 +279,7 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
     for name, words in (("before", "as in the file"), ("after", "found")):
         each = checked[name]
         value = Interval(**each["statistic"])
-        success = percent(each["success"]["value"])
-        table.add_row(words, success, number(value.value, unit),
+        table.add_row(words, percent(each["success"]["value"]), number(value.value, unit),
                       _span(value.low, value.high, unit.factor))  # fmt: skip
     out.print(table)
     out.print()
@@ -291,9 +292,9 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
               f"same scatter; {found['evaluations']} sets of settings were tried")  # fmt: skip
     if verdict != BETTER:
         out.print("the search met too few runs to tell: give it more, or keep the file's settings")
-    config = Path(found["config"])
     kind = "the settings found" if verdict == BETTER else "what was found"
-    out.print(f"use {kind}: [bold]{escape(replay_command(command, config))}[/]", soft_wrap=True)
+    replay = replay_command(command, Path(found["config"]))
+    out.print(f"use {kind}: [bold]{escape(replay)}[/]", soft_wrap=True)
 
 
 def _span(low: float, high: float, factor: float = 1.0) -> str:

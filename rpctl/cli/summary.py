@@ -137,12 +137,11 @@ def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
     table = new_table("effort", ">peak", ">limit", ">share")
     for effort in efforts:
         share, limit = effort.ratio, effort.limit
-        style = "bold red" if share > 1.0 else ""
         table.add_row(
             escape(effort.actuator),
             f"{effort.peak:.4g}",
             format_limit(limit, ""),
             f"{100 * share:.0f} %" if math.isfinite(limit) else "-",
-            style=style,
+            style="bold red" if share > 1.0 else "",
         )
     return table

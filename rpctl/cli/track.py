@@ -324,15 +324,15 @@ def _simulate(
             if ended:
                 if page is not None:
                     page.end("Ended")
-                written = _write(ended[0], page, results, folder, part)
-                note = escape(ended[0].notes[-1])
-                console(stderr=True).print(f"{note}: [bold]{escape(str(written.report))}[/]")
+                report = escape(str(_write(ended[0], page, results, folder, part).report))
+                console(stderr=True).print(f"{escape(ended[0].notes[-1])}: [bold]{report}[/]")
             raise
         if page is not None:
             page.end("Simulated")
         if results.perturbs(task.config):
-            with _part_told(part):
-                run = _with_expectation(run, task)
+            with _part_told(part), progress_bar("perturb"):
+                expected = expect(task.robot, task.config, task.reference)
+            run = replace(run, perturbed=None if expected is None else expected.to_dict())
         return _write(run, page, results, folder, part)
 
 
@@ -359,13 +359,6 @@ def _part_told(part: PartWriter) -> Iterator[None]:
         raise
 
 
-def _with_expectation(run: Run, task: _Task) -> Run:
-    """Return a run that tells what became of it with a perturbed plant; it cannot fail it."""
-    with progress_bar("perturb"):
-        expected = expect(task.robot, task.config, task.reference)
-    return replace(run, perturbed=None if expected is None else expected.to_dict())
-
-
 def reference_label(reference: str) -> str:
     """Return a short name for a reference: its own, its file's without suffix, or "goal"."""
     return GOAL if is_goal(reference) else Path(reference).stem
@@ -380,7 +373,7 @@ def _live_page(
     from rpctl.simulation.merits.obstacles import find_obstacles
     from rpctl.view.serve.live import broadcast
 
-    settings = task.config.run
-    duration = settings.duration or default_duration(task.reference)
-    duration = whole_periods(duration, settings.control_period) * settings.control_period
+    period = task.config.run.control_period
+    duration = task.config.run.duration or default_duration(task.reference)
+    duration = whole_periods(duration, period) * period
     return broadcast(task.robot, task.reference, duration, say, find_obstacles(task.config))

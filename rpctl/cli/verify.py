@@ -72,8 +72,7 @@ def verify_command(
         from rpctl.view.pages.certificate import write_certificate
 
         write_certificate(certificate, settings.html)
-    show = partial(show_certificate, certificate)
-    tell(as_json, certificate.to_dict, show, certificate.passed)
+    tell(as_json, certificate.to_dict, partial(show_certificate, certificate), certificate.passed)
 
 
 def certify(robot: Robot, settings: VerifyOptions, strict: bool = False) -> Certificate:
@@ -116,8 +115,7 @@ def show_certificate(certificate: Certificate) -> None:
 
 def _trial_table(trial: ContactTrial) -> Table:
     """Return the rows of a contact trial: the largest gap of each kind, and its band."""
-    against = f"against {CONTACT_ORACLE}"
-    table = new_table("", against, ">largest gap", ">band", ">of it", "where")
+    table = new_table("", f"against {CONTACT_ORACLE}", ">largest gap", ">band", ">of it", "where")
     for check in trial.checks:
         gap, band = check.format_value(check.gap), check.format_value(check.band)
         share, where = f"{100.0 * check.residual:.0f} %", f"at {check.time:.2f} s"
@@ -134,10 +132,12 @@ def certificate_line(certificate: Certificate) -> str:
     failed = [f"{check.name} against {check.against}" for check in rows if not check.passed]
     onset = certificate.onset
     failed += [onset_label(row) for row in onset.onsets if not row.passed] if onset else []
-    drawn = f"{certificate.samples} random states, seed {certificate.seed}"
-    count = f"{len(checks)} checks over {drawn}"
+    count = (
+        f"{len(checks)} checks over {certificate.samples} random states, seed {certificate.seed}"
+    )
     if trial is not None:
-        count += f"; {_trial_line(trial)}"
+        apart = trial.path.format_value(trial.path.gap)
+        count += f"; rolled {trial.distance:.2f} m in MuJoCo, at most {apart} apart"
     if onset is not None:
         count += f"; {onset_line(onset)}"
     if failed:
@@ -145,12 +145,6 @@ def certificate_line(certificate: Certificate) -> str:
     worst = certificate.worst
     return f"{MARKS[True]} [bold]verified[/]: {count}; nearest to its limit: {worst.name}, " \
         f"{worst.residual:.0e} of {worst.limit:.0e}"  # fmt: skip
-
-
-def _trial_line(trial: ContactTrial) -> str:
-    """Return, in words, how far the robot rolled in MuJoCo and how far apart its path was."""
-    apart = trial.path.format_value(trial.path.gap)
-    return f"rolled {trial.distance:.2f} m in MuJoCo, at most {apart} apart"
 
 
 def print_rows(checks: Iterable[Check], skipped: Iterable[Skipped], notes: Iterable[str]) -> None:

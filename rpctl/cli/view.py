@@ -11,13 +11,12 @@ from typing import Annotated
 import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, split_names, tell
-from rpctl.cli.streams import say
-from rpctl.cli.terminal import progress_bar
+from rpctl.cli.terminal import progress_bar, say
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.opening import is_folder
 from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
-from rpctl.view.chart import PANELS
+from rpctl.view.charts import PANELS
 
 DEFAULT_FIGURE = "figure.pdf"
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")]

@@ -13,7 +13,7 @@ from rpctl.arrays import Array
 from rpctl.control.law import LawSample, Limit
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.kernels.program import Buffer, Place, Statement, statement, symbolic
-from rpctl.reference.table import row_sizes
+from rpctl.reference.motion import row_sizes
 from rpctl.robot.model import BASE_NV, Robot
 
 if TYPE_CHECKING:

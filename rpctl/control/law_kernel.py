@@ -25,8 +25,7 @@ from rpctl.kernels.machine_code import MachineCode, code_key
 from rpctl.kernels.program import Buffer, Leave, Program, When
 from rpctl.kernels.stored import stored
 from rpctl.kernels.virtual_machine import VirtualMachine
-from rpctl.reference.motion import Reference
-from rpctl.reference.table import row_reader
+from rpctl.reference.motion import Reference, row_reader
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 

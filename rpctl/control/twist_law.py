@@ -40,8 +40,7 @@ from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.kernels.program import Call, statement
 from rpctl.kernels.sheet import Sheet
 from rpctl.kernels.structure import structure
-from rpctl.reference.motion import Reference, ReferenceState
-from rpctl.reference.table import row_sizes, row_symbols
+from rpctl.reference.motion import Reference, ReferenceState, row_sizes, row_symbols
 from rpctl.robot.model import BASE_NV, Robot
 
 if TYPE_CHECKING:

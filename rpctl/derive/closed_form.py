@@ -83,17 +83,6 @@ def closed_form(robot: Robot, parameters: bool = False) -> ClosedForm:
     Raises:
         RpctlError: Nothing moves, or the form would be too long or take too long.
     """
-    _require_small(robot)
-    try:
-        equations = by_recursion(robot, parameters)
-        return _renamed(_form(robot, equations, _shortest(equations)))
-    except TooLargeError:
-        raise RpctlError(
-            f"{robot.name}: it has no closed form that one would read; {SIZE_ADVICE}"
-        ) from None
-
-
-def _require_small(robot: Robot) -> None:
     if robot.dof == 0:
         raise RpctlError(f"{robot.name}: nothing moves, so there is no equation of motion")
     if len(robot.joints) > MAX_JOINTS:
@@ -101,6 +90,13 @@ def _require_small(robot: Robot) -> None:
             f"{robot.name}: a closed form is for arms of at most {MAX_JOINTS} joints, and this "
             f"one has {len(robot.joints)}; {SIZE_ADVICE}"
         )
+    try:
+        equations = by_recursion(robot, parameters)
+        return _renamed(_form(robot, equations, _shortest(equations)))
+    except TooLargeError:
+        raise RpctlError(
+            f"{robot.name}: it has no closed form that one would read; {SIZE_ADVICE}"
+        ) from None
 
 
 def _shortest(equations: Equations) -> ShortForm:

@@ -15,15 +15,24 @@ from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.steering import Measured, Rolling
 from rpctl.control.twist_law import BaseLaw, desired
-from rpctl.derive.program import joint_symbols, joints_of_code, symbolic_configuration
-from rpctl.derive.steps import FUNCTIONS, Node, Operations, Steps, count_operations, without_idle
+from rpctl.derive.program import (
+    FUNCTIONS,
+    Node,
+    Operations,
+    Steps,
+    count_operations,
+    joint_symbols,
+    joints_of_code,
+    symbolic_configuration,
+    without_idle,
+)
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, printable
 from rpctl.files.records import settings_of
 from rpctl.kernels.scalars import cleaned, product
 from rpctl.kernels.sheet import Sheet
-from rpctl.reference.table import row_symbols
+from rpctl.reference.motion import row_symbols
 from rpctl.robot.model import BASE_NV, Robot
 
 BASE_UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
@@ -52,20 +61,16 @@ ARGUMENTS = ("pose", "q", "nu", "r", "tau", "nu_d", "nu_d_dot")
 SYMBOL = re.compile(rf"(?!(t\d+|{C_WORDS})$)[A-Za-z]\w*", re.ASCII)  # t0, t1, … are steps
 
 
-class LawSetting(NamedTuple):
-    """A named constant of a law."""
+class LawSymbol(NamedTuple):
+    """An input of a law, or a named constant, and what it is.
+
+    Attributes:
+        place: Where code finds an input (a joint's position by the joint's name), or the value of a
+            constant.
+    """
 
     symbol: Any
-    value: float
-    unit: str
-    of: str
-
-
-class Given(NamedTuple):
-    """An input: where code finds it (a joint's position by the joint's name), and what it is."""
-
-    symbol: Any
-    path: str
+    place: str | float
     unit: str
     of: str
 
@@ -89,8 +94,8 @@ class LawSheet:
 
     robot: Robot
     sheet: Sheet
-    settings: tuple[LawSetting, ...]
-    inputs: tuple[Given, ...]
+    settings: tuple[LawSymbol, ...]
+    inputs: tuple[LawSymbol, ...]
     rolling: frozenset[str]
     nu_d: list[Any]
     nu_d_dot: list[Any]
@@ -125,20 +130,17 @@ class LawProgram:
     Attributes:
         law: The law in symbols.
         positions: Joints whose positions are inputs, in the order of ``q``.
-        nodes: The steps; see :class:`~rpctl.derive.steps.Steps`.
+        nodes: The steps; see :class:`~rpctl.derive.program.Steps`.
         named: Names of steps that the sheet defines.
-        tau: Nodes of the efforts (n_act,).
-        nu_d: Nodes of the desired quasi-velocities (dof,).
-        nu_d_dot: Nodes of their derivatives (dof,).
+        results: Nodes of the efforts ``tau`` (n_act,), of the desired quasi-velocities ``nu_d``
+            (dof,), and of their derivatives ``nu_d_dot`` (dof,).
     """
 
     law: LawSheet
     positions: tuple[str, ...]
     nodes: tuple[Node, ...]
     named: dict[int, str]
-    tau: tuple[int, ...]
-    nu_d: tuple[int, ...]
-    nu_d_dot: tuple[int, ...]
+    results: dict[str, list[int]]
 
     @cached_property
     def operations(self) -> Operations:
@@ -151,9 +153,13 @@ def law_sheet(
 ) -> LawSheet:
     """Write a kinematic law and the paper's dynamic one on a robot, for a control period (s)."""
     sheet, places = Sheet(), joint_symbols(robot)
-    speeds, pose, reference = _rates(robot, places), _pose(), _reference(robot, places)
+    speeds, reference = _rates(robot, places), _reference(robot, places)
+    pose = [
+        LawSymbol(casadi.SX.sym(name), f"pose[{i}]", POSE_UNITS[i], f"{word} of the root link")
+        for i, (name, word) in enumerate({"x": "x", "y": "y", "theta": "heading"}.items())
+    ]
     positions = [
-        Given(symbol, name, "m" if symbol.name().startswith("eta") else "rad", name)
+        LawSymbol(symbol, name, "m" if symbol.name().startswith("eta") else "rad", name)
         for name, symbol in places.items()
     ]
     dynamics, q = SymbolicDynamics(robot), symbolic_configuration(robot, places)
@@ -186,16 +192,17 @@ def law_sheet(
 def law_program(law: LawSheet) -> LawProgram:
     """Return the steps of a law."""
     steps, robot, definitions = Steps(), law.robot, law.sheet.definitions
-    results = law.tau, casadi.vertcat(*law.nu_d), casadi.vertcat(*law.nu_d_dot)
+    rates = {"nu_d": casadi.vertcat(*law.nu_d), "nu_d_dot": casadi.vertcat(*law.nu_d_dot)}
+    results = {"tau": law.tau, **rates}
     *defined, tau, nu_d, nu_d_dot = law.sheet.resolved(
-        [*(value for _, value in definitions.values()), *results]
+        [*(value for _, value in definitions.values()), *results.values()]
     )
     wanted = casadi.vertcat(tau, nu_d, nu_d_dot)
     read = {symbol.name() for symbol in casadi.symvar(wanted)}
-    needed = {each.path for each in law.inputs if each.symbol.name() in read}
+    needed = {str(each.place) for each in law.inputs if each.symbol.name() in read}
     needed |= {swivel.joint for swivel in robot.drive.steered}
     positions = joints_of_code(robot, needed)
-    leaves: list[Given | LawSetting] = [*law.inputs, *law.settings]
+    leaves = [*law.inputs, *law.settings]
     symbols = casadi.vertcat(*(each.symbol for each in leaves))
     function = casadi.Function("law", [symbols], [casadi.vertcat(*defined, wanted)])
     nodes = steps.evaluate(function, [lambda i: steps.add("input", _leaf(leaves[i], positions))])
@@ -208,18 +215,18 @@ def law_program(law: LawSheet) -> LawProgram:
         positions,
         tuple(kept),
         {moved[node]: name for node, name in named.items() if node in moved},
-        *(tuple(islice(ends, result.numel())) for result in results),
+        {name: [*islice(ends, result.numel())] for name, result in results.items()},
     )
 
 
-def _leaf(each: Given | LawSetting, positions: Sequence[str]) -> str:
+def _leaf(each: LawSymbol, positions: Sequence[str]) -> str:
     """Return what code calls a setting or an input."""
-    if isinstance(each, LawSetting):
+    if not isinstance(each.place, str):
         return str(each.symbol.name())
-    return f"q[{positions.index(each.path)}]" if each.path in positions else each.path
+    return f"q[{positions.index(each.place)}]" if each.place in positions else each.place
 
 
-def _rates(robot: Robot, places: dict[str, Any]) -> list[Given]:
+def _rates(robot: Robot, places: dict[str, Any]) -> list[LawSymbol]:
     """Name the quasi-velocities."""
     names, base = robot.quasi_velocities, len(robot.drive.base_speeds)
     labels = [
@@ -228,19 +235,12 @@ def _rates(robot: Robot, places: dict[str, Any]) -> list[Given]:
     ]
     units = [BASE_UNITS.get(x, "m/s" if x.startswith("eta") else "rad/s") for x in labels]
     return [
-        Given(casadi.SX.sym(label), f"nu[{i}]", unit, f"quasi-velocity {name}")
+        LawSymbol(casadi.SX.sym(label), f"nu[{i}]", unit, f"quasi-velocity {name}")
         for i, (name, label, unit) in enumerate(zip(names, labels, units, strict=True))
     ]
 
 
-def _pose() -> list[Given]:
-    return [
-        Given(casadi.SX.sym(name), f"pose[{i}]", POSE_UNITS[i], f"{word} of the root link")
-        for i, (name, word) in enumerate({"x": "x", "y": "y", "theta": "heading"}.items())
-    ]
-
-
-def _reference(robot: Robot, places: dict[str, Any]) -> list[Given]:
+def _reference(robot: Robot, places: dict[str, Any]) -> list[LawSymbol]:
     """Name the reference, in the order of a row of a reference table."""
     names, n = robot.joint_names, len(robot.joints)
     labels = [places[name].name() for name in names]
@@ -263,7 +263,7 @@ def _reference(robot: Robot, places: dict[str, Any]) -> list[Given]:
         for k, (letter, word) in enumerate(DIRECTIONS.items())
     ]  # fmt: skip
     return [
-        Given(casadi.SX.sym(name), f"r->{field}[{i}]", unit, of)
+        LawSymbol(casadi.SX.sym(name), f"r->{field}[{i}]", unit, of)
         for field, *columns in rows
         for i, (name, unit, of) in enumerate(zip(*columns, strict=True))
     ]
@@ -310,14 +310,14 @@ def _named(sheet: Sheet, mark: str, values: Sequence[Any]) -> list[Any]:
     return [sheet.named(f"{mark}{i}", value) for i, value in enumerate(values, start=1)]
 
 
-def _settings(law: BaseLaw) -> dict[str, LawSetting]:
+def _settings(law: BaseLaw) -> dict[str, LawSymbol]:
     """Return the numbers among a law's settings, by name."""
     found, known = {}, settings_of(law)
     for name, value in law.numbers().items():
         setting = known[name].setting
         symbol, of = SETTINGS.get(name, (name, setting.label or f"setting {name}"))
         unit = setting.unit.replace("²", "^2")
-        found[name] = LawSetting(casadi.SX.sym(symbol), value, unit, of)
+        found[name] = LawSymbol(casadi.SX.sym(symbol), value, unit, of)
     return found
 
 
@@ -335,22 +335,20 @@ def _require_symbols(law: BaseLaw, settings: Sequence[str], names: Sequence[str]
             )
 
 
-def _horizons(
-    robot: Robot, law: BaseLaw, places: dict[str, Any], period: float
-) -> list[LawSetting]:
+def _horizons(robot: Robot, law: BaseLaw, places: dict[str, Any], period: float) -> list[LawSymbol]:
     """Name the prediction times of the arm's joints."""
     times = law.joint_horizons(ReducedDynamics(robot), period)
     return [
-        LawSetting(casadi.SX.sym(f"h_{places[name].name()}"), float(time), "s",
+        LawSymbol(casadi.SX.sym(f"h_{places[name].name()}"), float(time), "s",
                    f"prediction time of {printable(name)}")
         for name, time in zip(robot.joint_names, times, strict=True)
     ]  # fmt: skip
 
 
-def _dynamic_horizons(robot: Robot, law: PaperDynamic) -> list[LawSetting]:
+def _dynamic_horizons(robot: Robot, law: PaperDynamic) -> list[LawSymbol]:
     """Name the prediction times of the dynamic law (dof,)."""
     words, joints = "prediction time of the dynamic law", len(robot.joints)
-    base = arm = LawSetting(casadi.SX.sym("h1"), law.horizon_dyn, "s", words)
+    base = arm = LawSymbol(casadi.SX.sym("h1"), law.horizon_dyn, "s", words)
     if (own := law.joint_horizon_dyn) is not None:
-        arm = LawSetting(casadi.SX.sym("h1_arm"), own, "s", "the same, of the arm")
+        arm = LawSymbol(casadi.SX.sym("h1_arm"), own, "s", "the same, of the arm")
     return [base] * (robot.dof - joints) + [arm] * joints

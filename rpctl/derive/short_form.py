@@ -25,21 +25,15 @@ class ShortForm:
     entries: tuple[sp.Expr, ...]
     definitions: tuple[Definition, ...]
 
-    @property
-    def operations(self) -> int:
-        """Number of operations, definitions included."""
-        return operations((*self.entries, *(value for _, value in self.definitions)))
-
 
 def shortest_form(forms: Iterable[EquationForm]) -> ShortForm:
     """Return M's upper triangle and h in the fewest operations that forms and layouts give.
 
     Of long forms only the first few are tried, few terms first.
     """
-    ordered = sorted(forms, key=lambda form: form.size)
     choices = [
         (form, order)
-        for form in ordered
+        for form in sorted(forms, key=lambda form: form.size)
         for order in (
             (form.rates, form.angles, form.lengths),
             (form.rates, form.lengths, form.angles),
@@ -50,8 +44,8 @@ def shortest_form(forms: Iterable[EquationForm]) -> ShortForm:
     tried = [
         choice for choice, cost in zip(choices, spent, strict=True) if cost <= MAX_WRITING_COST
     ]
-    results = [_Writer(form, order).all() for form, order in tried or choices[:1]]
-    return min(results, key=lambda result: result.operations)
+    results = (_Writer(form, order).all() for form, order in tried or choices[:1])
+    return min(results, key=lambda x: operations((*x.entries, *(v for _, v in x.definitions))))
 
 
 class _Writer:
@@ -208,11 +202,8 @@ def _effort(expressions: Iterable[sp.Expr]) -> float:
 def _effort_of(expression: sp.Expr) -> float:
     shown = readable(expression)
     numbers = (x for x in sp.preorder_traversal(shown) if x.is_Number)
-    return operations([shown]) + DIGIT_COST * sum(len(_written(x)) for x in numbers)
-
-
-def _written(number: sp.Expr) -> str:
-    return f"{number.p}{number.q}" if number.is_Rational else f"{float(number):.{DECIMALS}g}"
+    texts = (f"{x.p}{x.q}" if x.is_Rational else f"{float(x):.{DECIMALS}g}" for x in numbers)
+    return operations([shown]) + DIGIT_COST * sum(map(len, texts))
 
 
 def settle(entries: Sequence[sp.Expr], bodies: Bodies) -> tuple[list[sp.Expr], Bodies]:

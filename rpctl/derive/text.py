@@ -5,18 +5,37 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.resources import files
 from typing import Any
 
 import casadi
+import jinja2
 import sympy as sp
 
 from rpctl.derive.closed_form import ClosedForm
-from rpctl.derive.codegen import rendered
 from rpctl.derive.equations import rational
-from rpctl.derive.law_program import LawSetting, LawSheet
+from rpctl.derive.law_program import LawSheet, LawSymbol
+from rpctl.derive.program import FUNCTIONS, Steps
 from rpctl.derive.short_form import readable
-from rpctl.derive.steps import FUNCTIONS, Steps
 from rpctl.errors import printable
+
+TEX: dict[str, Any] = {  # how templates of LaTeX mark what is put in: braces are LaTeX's
+    "variable_start_string": "<<", "variable_end_string": ">>",
+    "block_start_string": "<%", "block_end_string": "%>", "comment_start_string": "<#",
+}  # fmt: skip
+
+
+def rendered(name: str, context: dict[str, Any], **filters: Callable[..., Any]) -> str:
+    """Return a template of this room with values, and filters of the caller's, put in."""
+    folder = files("rpctl.derive") / "templates"
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: folder.joinpath(name).read_text("utf-8")),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        **(TEX if ".tex" in name else {}),
+    )
+    environment.filters.update(filters)
+    return environment.get_template(name).render(context)
 
 
 def to_text(form: ClosedForm) -> str:
@@ -30,7 +49,7 @@ def to_text(form: ClosedForm) -> str:
         "numbers": [
             (f"{p.symbol} = {p.value:g} {p.unit}", printable(p.of)) for p in form.parameters
         ],
-        "inertia": list(inertia(form)),
+        "inertia": inertia(form),
         "rows": [[x.rjust(w) for x, w in zip(row, widths, strict=True)] for row in texts],
     }
     return rendered("form.txt.jinja", context, plain=plain, printable=printable, columns=columns)
@@ -49,14 +68,13 @@ def legend(form: ClosedForm) -> Iterator[tuple[sp.Symbol, str]]:
         yield coordinate.symbol, f"position of {printable(coordinate.joint)} [{coordinate.unit}]"
 
 
-def inertia(form: ClosedForm) -> Iterator[tuple[list[str], sp.Expr]]:
-    """Yield M's upper triangle, entries that are equal together: their places, their value."""
+def inertia(form: ClosedForm) -> list[tuple[list[str], sp.Expr]]:
+    """Return M's upper triangle, entries that are equal together: their places, their value."""
     places: dict[sp.Expr, list[str]] = {}
     for i in range(form.M.rows):
         for j in range(i, form.M.rows):
             places.setdefault(form.M[i, j], []).append(f"{i + 1}{j + 1}")
-    for value, names in places.items():
-        yield names, value
+    return [(names, value) for value, names in places.items()]
 
 
 def plain(expression: sp.Expr) -> str:
@@ -77,8 +95,7 @@ SPECIAL |= {character: f"\\{character}" for character in "#$%&_{}"}
 
 def to_latex(form: ClosedForm) -> str:
     """Return a closed form as a complete LaTeX document that needs nothing but amsmath."""
-    context = {"columns": form.B.cols, "body": _equations(form)}
-    return rendered("document.tex.jinja", context)
+    return rendered("document.tex.jinja", {"columns": form.B.cols, "body": _equations(form)})
 
 
 def _equations(form: ClosedForm) -> str:
@@ -128,8 +145,7 @@ def aligned(rows: Sequence[tuple[str, sp.Expr]], names: Mapping[sp.Symbol, str])
 
 def _pieces(expression: sp.Expr, names: Mapping[sp.Symbol, str]) -> Iterator[str]:
     """Yield parts of an expression between which a line may end: terms, also inside of factors."""
-    terms = expression.as_ordered_terms()
-    for place, term in enumerate(terms):
+    for place, term in enumerate(expression.as_ordered_terms()):
         whole = _latex(term, names)
         sign = "" if place == 0 or whole.startswith("-") else "+ "
         sums = [factor for factor in sp.Mul.make_args(term) if factor.is_Add]
@@ -185,7 +201,7 @@ def law_text(law: LawSheet, form: ClosedForm | None) -> str:
     results = {"nu_d": law.nu_d, "nu_d_dot": law.nu_d_dot, "nu_dot": law.nu_dot}
     context = {
         "law": law,
-        "settings": [(f"{s.symbol} = {s.value:g} {s.unit}", s.of) for s in _settings(law)],
+        "settings": [(f"{s.symbol} = {s.place:g} {s.unit}", s.of) for s in _settings(law)],
         "inputs": [(name, printable(words)) for name, words in _inputs(law)],
         "shown": [(name, expression(value)) for name, value in law.shown.items()],
         "results": [(name, [expression(x) for x in values]) for name, values in results.items()],
@@ -202,7 +218,7 @@ def law_latex(law: LawSheet, form: ClosedForm | None) -> str:
         form: The robot's equations in closed form, or None if they are too long to read.
     """
     names = {sp.Symbol(name, real=True): symbol_latex(name) for name in law.read}
-    numbers = [(str(s.symbol), f"{s.value:g} {s.unit}, {s.of}") for s in _settings(law)]
+    numbers = [(str(s.symbol), f"{s.place:g} {s.unit}, {s.of}") for s in _settings(law)]
     parts = {r"\nu_d": law.nu_d, r"\dot\nu_d": law.nu_d_dot, r"\dot\nu^*": law.nu_dot}
     context = {
         "law": law,
@@ -279,7 +295,7 @@ def _word(word: str) -> str:
     return f"\\{word}" if word in GREEK else f"\\mathrm{{{word}}}"
 
 
-def _settings(law: LawSheet) -> list[LawSetting]:
+def _settings(law: LawSheet) -> list[LawSymbol]:
     """Return the settings that a law reads."""
     return [each for each in law.settings if each.symbol.name() in law.read]
 

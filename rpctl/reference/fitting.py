@@ -48,13 +48,18 @@ MOVING_SHARE = 0.5 * LIMIT_SHARE  # of what holding leaves: what an arm's accele
 Paced = TypeVar("Paced", PathReference, TimedPath)
 
 
-class MotionSample(NamedTuple):
-    """The motion that a reference asks of a robot at one time."""
+class MotionSamples(NamedTuple):
+    """The motion that a reference asks of a robot at N times."""
 
-    q: Array  # (nq,)
-    nu: Array  # (dof,)
-    nu_dot: Array  # (dof,)
-    twist: Array  # (3,) of the root link in its own axes, m/s, m/s, rad/s
+    q: Array  # (N, nq)
+    nu: Array  # (N, dof)
+    nu_dot: Array  # (N, dof)
+    twist: Array  # (N, 3) of the root link in its own axes, m/s, m/s, rad/s
+
+    @property
+    def still(self) -> MotionSamples:
+        """The same places, at rest."""
+        return self._replace(nu=0.0 * self.nu, nu_dot=0.0 * self.nu_dot)
 
 
 class Usage(NamedTuple):
@@ -80,19 +85,18 @@ class Usage(NamedTuple):
         return f"{self.joint}'s {self.limit:.3g} {units[self.quantity][straight]}"
 
 
-def sample(robot: Robot, state: ReferenceState) -> list[MotionSample]:
-    """Return the motion that a reference asks for, at each row of its state's arrays."""
+def sample(robot: Robot, state: ReferenceState) -> MotionSamples:
+    """Return the motion that a reference asks for at the rows of its state's arrays."""
     q = configurations(robot, state.pose, state.joints, steering(robot, state)[:, 0])
     for swivel, positions in zip(
         robot.drive.powered_casters, trailing(robot, state).T, strict=True
     ):
         robot.entries[swivel.joint].write_all(q, positions)
-    rows = zip(q, *reference_rates(robot, state), state.twist @ robot.root_velocity.T, strict=True)
-    return [MotionSample(*row) for row in rows]
+    return MotionSamples(q, *reference_rates(robot, state), state.twist @ robot.root_velocity.T)
 
 
 def rate_usage(
-    dynamics: ReducedDynamics, samples: Sequence[MotionSample], joints: Collection[str]
+    dynamics: ReducedDynamics, samples: MotionSamples, joints: Collection[str]
 ) -> list[Usage]:
     """Return how much of their velocity limits joints take; those without a limit are left out.
 
@@ -104,8 +108,8 @@ def rate_usage(
     limits = {name: limit for name, limit in limits.items() if math.isfinite(limit)}
     if not limits:
         return []
-    rates = np.abs([dynamics.basis(at.q) @ at.nu for at in samples]).max(axis=0)
-    trailing = _caster_rates(robot, np.array([at.twist for at in samples]))
+    rates = np.abs(velocities(dynamics, samples)).max(axis=0)
+    trailing = _caster_rates(robot, samples.twist)
     return [
         Usage(name, "velocity", limit, rate / limit)
         for name, limit in limits.items()
@@ -135,9 +139,7 @@ def _caster_rates(robot: Robot, twists: Array) -> dict[str, float]:
     return found
 
 
-def effort_usage(
-    dynamics: ReducedDynamics, samples: Sequence[MotionSample], holding: Array
-) -> list[Usage]:
+def effort_usage(dynamics: ReducedDynamics, samples: MotionSamples, holding: Array) -> list[Usage]:
     """Return how much of what holding and dry friction leave of the effort limits a motion takes.
 
     By the inverse dynamics, so gravity, inertia, damping and Coriolis forces count. Dry friction
@@ -164,7 +166,7 @@ def effort_usage(
     ]
 
 
-def ground_usage(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> list[Usage]:
+def ground_usage(dynamics: ReducedDynamics, samples: MotionSamples) -> list[Usage]:
     """Return how much of its wheels' grip, and of its margin to tipping, a motion takes.
 
     Of the margin, it is how far the zero-moment point moves, wherever to; of the grip, it is that
@@ -174,8 +176,7 @@ def ground_usage(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> 
     contacts = find_contacts(dynamics)
     if contacts is None or not contacts.balanced:
         return []
-    still = [at._replace(nu=0.0 * at.nu, nu_dot=0.0 * at.nu_dot) for at in samples]
-    rest, moving = (_ground(dynamics, contacts, each) for each in (still, samples))
+    rest, moving = (_ground(dynamics, contacts, each) for each in (samples.still, samples))
     if rest.tip_margin.min() <= 0.0:
         return []
     taken = np.linalg.norm(moving.arms[:, 0] - rest.arms[:, 0], axis=1) / rest.tip_margin
@@ -191,35 +192,38 @@ def ground_usage(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> 
 
 
 def _ground(
-    dynamics: ReducedDynamics, contacts: Contacts, samples: Sequence[MotionSample]
+    dynamics: ReducedDynamics, contacts: Contacts, samples: MotionSamples
 ) -> GroundReaction:
-    q, nu = (np.array([getattr(at, key) for at in samples]) for key in ("q", "nu"))
-    reactions = dynamics.reactions(q, nu, efforts(dynamics, samples))
-    return ground_reactions(dynamics, contacts, q, reactions)
+    reactions = dynamics.reactions(samples.q, samples.nu, efforts(dynamics, samples))
+    return ground_reactions(dynamics, contacts, samples.q, reactions)
 
 
-def dry_friction(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
+def dry_friction(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:
     """Return the efforts (N, n_act) that dry friction alone takes at each sample."""
     robot, losses = dynamics.robot, dynamics.robot.losses
     if losses is None:
-        return np.zeros((len(samples), len(robot.actuators)))
+        return np.zeros((len(samples.q), len(robot.actuators)))
     dry, found = replace(losses, damping=np.zeros(len(losses.damping))), []
-    for at in samples:
-        S = dynamics.basis(at.q)
-        found.append(dynamics.efforts(at.q, -S.T @ dry.force(S @ at.nu)))
+    for q, v in zip(samples.q, velocities(dynamics, samples), strict=True):
+        found.append(dynamics.efforts(q, -dynamics.basis(q).T @ dry.force(v)))
     return np.array(found)
 
 
-def efforts(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
+def efforts(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:
     """Return the efforts (N, n_act) of the actuators that a motion takes at each sample."""
-    found = [dynamics.efforts(at.q, dynamics.inverse(at.q, at.nu, at.nu_dot)) for at in samples]
-    return np.array(found)
+    rows = zip(samples.q, samples.nu, samples.nu_dot, strict=True)
+    return np.array([dynamics.efforts(q, dynamics.inverse(q, *rates)) for q, *rates in rows])
 
 
-def holding_efforts(dynamics: ReducedDynamics, samples: Sequence[MotionSample]) -> Array:
+def velocities(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:
+    """Return the velocities (N, nv) at each sample."""
+    rows = zip(samples.q, samples.nu, strict=True)
+    return np.array([dynamics.basis(q) @ nu for q, nu in rows])
+
+
+def holding_efforts(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:
     """Return the sizes of the efforts (N, n_act) that hold the robot still at each sample."""
-    still = np.zeros(dynamics.robot.dof)
-    return np.abs(efforts(dynamics, [at._replace(nu=still, nu_dot=still) for at in samples]))
+    return np.abs(efforts(dynamics, samples.still))
 
 
 def largest(usages: Iterable[Usage]) -> Usage | None:
@@ -242,15 +246,14 @@ def fit_arm(dynamics: ReducedDynamics, arm: Waves) -> tuple[Waves, str]:
     for step in range(MAX_STEPS + 1):
         factor = STEP**step if step < MAX_STEPS else 0.0
         arm = replace(arm, amplitude=factor * full)
-        state = PathReference(None, 0.0, arm, 0.0)(times)
-        worst = _arm_usage(dynamics, sample(robot, state))
+        worst = _arm_usage(dynamics, sample(robot, PathReference(None, 0.0, arm, 0.0)(times)))
         if worst is None or worst.ratio <= LIMIT_SHARE:
             break
         note = f"{STEP * 100.0 * factor:.0f} % of its swing for {worst.text(robot)}"
     return arm, note
 
 
-def _arm_usage(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Usage | None:
+def _arm_usage(dynamics: ReducedDynamics, samples: MotionSamples) -> Usage | None:
     """Return the most that an arm's motion takes, relative to what it may.
 
     All of it counts against what holding leaves at the first sample, accelerations on their own
@@ -264,7 +267,7 @@ def _arm_usage(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Usage 
     return largest([*effort_usage(dynamics, samples, holding[0]), *gentle])
 
 
-def _holding(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Array:
+def _holding(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:
     """Return what holds the robot still (N, n_act); inf for what is too weak for it at first."""
     holding = holding_efforts(dynamics, samples)
     holding[:, holding[0] >= dynamics.robot.effort_limits] = np.inf
@@ -341,7 +344,7 @@ def _watched(robot: Robot, reference: PathReference | TimedPath) -> Sequence[str
     return wheels + [swivel.joint for swivel in robot.drive.swivels]
 
 
-def _samples(robot: Robot, reference: PathReference | TimedPath) -> list[MotionSample]:
+def _samples(robot: Robot, reference: PathReference | TimedPath) -> MotionSamples:
     """Return the motion of a planned reference, or along the soft start and a lap."""
     if isinstance(reference, TimedPath):
         return sample(robot, reference(np.linspace(0.0, reference.duration, TIMED_SAMPLES)))
@@ -350,7 +353,7 @@ def _samples(robot: Robot, reference: PathReference | TimedPath) -> list[MotionS
     return sample(robot, reference(np.append(start, np.linspace(ramp, end, LAP_SAMPLES))))
 
 
-def _effort(dynamics: ReducedDynamics, samples: list[MotionSample]) -> Usage | None:
+def _effort(dynamics: ReducedDynamics, samples: MotionSamples) -> Usage | None:
     """Return the most that a motion takes of what holding leaves, or of what the ground bears."""
     usages = effort_usage(dynamics, samples, _holding(dynamics, samples))
     return largest([*usages, *ground_usage(dynamics, samples)])

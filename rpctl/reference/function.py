@@ -83,8 +83,7 @@ class FunctionReference(RowReference):
         """
         within = np.clip(t, 0.0, self._end)
         middle = np.clip(within, REACH * STEP_S, self._end - REACH * STEP_S)
-        times = np.add.outer(middle, STEP_S * NODES)
-        values = [self._sample(at) for at in times.ravel().tolist()]
+        values = [self._sample(at) for at in np.add.outer(middle, STEP_S * NODES).ravel().tolist()]
         count = len(values[0])
         if any(len(value) != count for value in values):
             raise RpctlError(

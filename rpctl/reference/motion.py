@@ -1,22 +1,25 @@
-"""``Reference``: where base and arm should be at a time, and the quasi-velocities that takes."""
+"""``Reference``: where base and arm should be at a time or at many, and what that takes."""
 
 from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 import pinocchio as pin
 
+from rpctl import math as casadi
 from rpctl.arrays import Array
 from rpctl.drive.rows import angle_of, rolling_row
 from rpctl.drive.steering import follower_positions, steer, trailing_positions
 from rpctl.errors import RpctlError
 from rpctl.reference.formula import Columns, Numbers
-from rpctl.robot.model import Robot
+from rpctl.robot.model import BASE_NV, Robot
 
 MAX_SHOWN_CHARACTERS = 80  # of a value in a message
 
@@ -202,8 +205,7 @@ def reference_rates(robot: Robot, state: ReferenceState) -> ReferenceRates:
         own = speeds[..., :1] if drive.has_axle else _rolling_speed(robot, speeds, turned)
         base = np.concatenate([own, turned[..., 1:, :]], axis=-1)
     else:
-        count = len(drive.base_speeds)
-        base = speeds[..., [0, 2]] if drive.has_axle else speeds[..., :count]
+        base = speeds[..., [0, 2]] if drive.has_axle else speeds[..., : len(drive.base_speeds)]
     arm = np.stack([state.joint_rates, state.joint_accelerations], axis=-2)
     found = np.concatenate([base, arm], axis=-1)
     return ReferenceRates(found[..., 0, :], found[..., 1, :])
@@ -294,3 +296,108 @@ def configurations(robot: Robot, pose: Array, joints: Array, steered: Array | No
     for name, each in positions.items():
         robot.entries[name].write_all(q, each)
     return q
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceTable:
+    """A reference at K times; :class:`~rpctl.reference.motion.ReferenceState` has the units.
+
+    Attributes:
+        robot: The robot that follows.
+        t: Times (K,), s.
+        rows: All of it side by side (K, 9 + 3 n_joints + 9), in the order of the state. Where the
+            reference gives no direction, its twist, the twist's derivative and zeros stand for it.
+    """
+
+    robot: Robot = field(repr=False)
+    t: Array
+    rows: Array = field(repr=False)
+
+    def __len__(self) -> int:
+        """Return the number of times."""
+        return len(self.t)
+
+    @cached_property
+    def state(self) -> ReferenceState:
+        """All of it, the arrays with a row a time."""
+        return state_of(self.rows)
+
+    @cached_property
+    def end_effector(self) -> Array:
+        """Where the end effector is (K, 3) on the reference, in the world, m; (K, 0) without one.
+
+        Base and arm are where the reference has them, wheels and swivels at 0.
+        """
+        if self.robot.end_effector is None:
+            return np.empty((len(self), 0))
+        q = configurations(self.robot, self.state.pose, self.state.joints)
+        return self.robot.end_effector_poses(q)[:, :3, 3].copy()
+
+    def at(self, chosen: slice) -> ReferenceTable:
+        """Return it at some of its times."""
+        return ReferenceTable(self.robot, self.t[chosen], self.rows[chosen])
+
+
+def row_sizes(robot: Robot) -> list[int]:
+    """Return how many numbers a row has of each of the table's arrays."""
+    return [BASE_NV] * 3 + [len(robot.joints)] * 3 + [BASE_NV] * 3
+
+
+def row_symbols(robot: Robot, row: Any) -> ReferenceState:
+    """Return the scalars of a row (n, 1)."""
+    ends = np.cumsum([0, *row_sizes(robot)]).tolist()
+    parts: list[Any] = [casadi.vertsplit(part) for part in casadi.vertsplit(row, ends)]
+    state = ReferenceState(*parts[:6])
+    return state._replace(direction=parts[6:])  # type: ignore[arg-type]
+
+
+def tabulate(robot: Robot, reference: Reference, times: Array) -> ReferenceTable:
+    """Return a reference at many times.
+
+    Args:
+        times: Times (K,), s.
+
+    Raises:
+        WrongAnswerError: The reference returns something else than a state that fits the robot.
+    """
+    times = np.array(times, dtype=float)
+    if len(times) and _tells_rows(reference):
+        rows = reference.row(times)
+        fits = np.isfinite(rows).all(axis=1) & (rows.shape[1] == sum(row_sizes(robot)))
+        for t, row in zip(times[~fits].tolist(), rows[~fits], strict=True):
+            require_state(robot, state_of(row), t)
+        return ReferenceTable(robot, times, rows)
+    return table_of(robot, times, [require_state(robot, reference(t), t) for t in times.tolist()])
+
+
+def row_reader(robot: Robot, reference: Reference) -> Callable[[float], Array]:
+    """Return a function that reads a reference at one time: a row of its table.
+
+    It returns the row (9 + 3 n_joints + 9,) of :attr:`ReferenceTable.rows` at a time (s), number by
+    number what :func:`tabulate` has there.
+
+    Raises:
+        WrongAnswerError: When it is called: as of :func:`tabulate`.
+    """
+    if not _tells_rows(reference):
+        return lambda t: row_of(require_state(robot, reference(t), t))
+    tell, width = reference.row, sum(row_sizes(robot))
+
+    def read(t: float) -> Array:
+        row = tell(t)
+        if len(row) != width or not math.isfinite(row @ row):
+            require_state(robot, state_of(row), t)
+        return row
+
+    return read
+
+
+def _tells_rows(reference: Any) -> TypeGuard[RowReference]:
+    """Return whether what a reference returns when called is its row."""
+    return type(reference).__call__ is RowReference.__call__
+
+
+def table_of(robot: Robot, times: Array, states: Sequence[ReferenceState]) -> ReferenceTable:
+    """Return the table of states, one for each time (K,)."""
+    rows = np.array([row_of(state) for state in states]).reshape(len(states), sum(row_sizes(robot)))
+    return ReferenceTable(robot, times, rows)

@@ -57,10 +57,6 @@ class NamedPath:
     speed: float
     closed: bool = True
 
-    def comfortable_speed(self, stretch: float) -> float:
-        """Return the speed at ``stretch`` times the size: accelerations stay what they are."""
-        return self.speed * (stretch**-0.5 if self.size is None else stretch**0.5)
-
 
 BASE_PATHS: dict[str, NamedPath] = {
     "line": NamedPath(lambda _: paths.line(1.0), 6.0, 0.3, closed=False),
@@ -102,10 +98,8 @@ def reference_by_name(
         turns = wish.laps or 1.0
         lasts = paced.lap * turns / paced.rate + 0.5 * paced.ramp
         lasts = lasts if wish.laps else min(lasts, LONGEST_DEFAULT)
-        speed, why = (
-            paced.rate * _top_speed(shape.make(size)),
-            reason(usage, robot, bool(wish.speed)),
-        )
+        speed = paced.rate * _top_speed(shape.make(size))
+        why = reason(usage, robot, bool(wish.speed))
         size, turns = None if shape.size is None else size, turns if shape.closed else None
     else:
         ramp, lasts = (math.sqrt(length) * time for time in (RAMP_TIME, LAP_TIME))
@@ -145,8 +139,7 @@ def _fit(
     Where the limits make a lap take twice its usual time, it shrinks as long as that helps: wheels
     that are busy turning the base gain nothing by tighter bends.
     """
-    robot = dynamics.robot
-    least = _least_size(shape, comfortable_radius(robot))
+    least = _least_size(shape, comfortable_radius(dynamics.robot))
     size = wish.size or (length if shape.size is None else max(shape.size * length, least))
     fixed = wish.size is not None or wish.speed is not None or shape.size is None
     reference, usage = _paced(dynamics, shape, size, wish, arm)
@@ -166,8 +159,9 @@ def _paced(
 ) -> tuple[PathReference, Usage | None]:
     """Return a path of a size at the speed that is wished, or that the limits leave."""
     stretch = size if shape.size is None else size / shape.size
-    comfort, path = shape.comfortable_speed(stretch), shape.make(size)
-    speed = wish.speed or comfort
+    # Accelerations stay what they are.
+    comfort = shape.speed * stretch ** (-0.5 if shape.size is None else 0.5)
+    path, speed = shape.make(size), wish.speed or comfort
     rate, lap = speed / _top_speed(path), _lap(shape, size)
     ramp = RAMP_TIME * math.sqrt(stretch) * max(1.0, speed / comfort)
     ramp = min(ramp, lap * min(wish.laps or 1.0, 1.0) / rate)  # half of the way at most
@@ -198,8 +192,7 @@ def _least_size(shape: NamedPath, radius: float) -> float:
 
 def _directions(path: paths.Path) -> Array:
     """Return the size of the direction of travel (CURVATURE_SAMPLES, 3) along a lap."""
-    places = np.linspace(0.0, 2.0 * math.pi, CURVATURE_SAMPLES)
-    return np.abs(path(places).twist[:, 0])
+    return np.abs(path(np.linspace(0.0, 2.0 * math.pi, CURVATURE_SAMPLES)).twist[:, 0])
 
 
 MARGIN_M = 0.01  # m: what links keep where they would touch at the full swing

@@ -102,8 +102,7 @@ def row_along(
 def _by_time(values: list[Any], slope: list[Any], bend: list[Any], time: PathTime) -> list[Any]:
     """Return values, and first and second derivatives by time of what has these by s."""
     square = time.rate**2
-    pairs = zip(slope, bend, strict=True)
-    changes = [b * square + a * time.acceleration for a, b in pairs]
+    changes = [b * square + a * time.acceleration for a, b in zip(slope, bend, strict=True)]
     return [*values, *(a * time.rate for a in slope), *changes]
 
 
@@ -165,15 +164,13 @@ class TimedPath(RowReference):
 
     def slowed(self, factor: float) -> TimedPath:
         """Return the reference ``factor`` times slower."""
-        duration = factor * self.duration
-        return replace(self, time_law=self.time_law.lasting(duration))
+        return replace(self, time_law=self.time_law.lasting(factor * self.duration))
 
     @cached_property
     def row(self) -> Columns:  # type: ignore[override]
         """Its row by time, s."""
         at = Along()
-        time = at.values(self.time_law.columns, at.x)
-        return at.columns(at.values(self._along, *time))
+        return at.columns(at.values(self._along, *at.values(self.time_law.columns, at.x)))
 
     @cached_property
     def _along(self) -> Columns:

@@ -16,7 +16,7 @@ from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.reference.formula import Along, Columns
 from rpctl.reference.motion import RowReference
 from rpctl.reference.path_reference import TimedPath, still
-from rpctl.reference.paths import Curve, Path, Place, constant, line, placed, posed, spin
+from rpctl.reference.paths import Path, Place, constant, line, placed, posed, spin
 from rpctl.reference.planned.curve import Waypoint, curve_through
 from rpctl.reference.sizing import SPEED_RISE_TIME, Limits
 from rpctl.reference.time_law import AT_REST, Bound, TimeLaw, time_law
@@ -59,7 +59,7 @@ def legs_between(robot: Robot, start: Array, goal: Array, limits: Limits) -> lis
     if not drive.base_speeds:
         raise RpctlError(f"{robot.name} has a fixed base: give a goal for its arm only")
     if drive.omnidirectional:
-        legs = [(_straight(x, y, turn), 1.0)]
+        legs = [(Path(lambda at: posed(at, (at.x * x, at.x * y, at.x * turn))), 1.0)]
     elif drive.steered:
         legs = [_curve(robot, x, y, turn, limits)]
     else:
@@ -73,11 +73,6 @@ def seen_from(start: Array, goal: Array) -> tuple[float, float, float]:
     cos, sin = math.cos(start[2]), math.sin(start[2])
     turn = math.remainder(goal[2] - start[2], 2.0 * HALF_TURN)
     return cos * dx + sin * dy, -sin * dx + cos * dy, turn
-
-
-def _straight(x: float, y: float, turn: float) -> Path:
-    """Return the straight way to a pose, turning evenly; s from 0 to 1."""
-    return Path(lambda at: posed(at, (at.x * x, at.x * y, at.x * turn)))
 
 
 def _turn_drive_turn(x: float, y: float, turn: float) -> list[Leg]:
@@ -222,18 +217,13 @@ def to_goal(
     if not np.isfinite(pose).all() or np.abs(pose[:2]).max() > MAX_DISTANCE:
         raise RpctlError(f"goal {goal.pose}: give finite numbers below {MAX_DISTANCE:g} m; {HOW}")
     limits = (limits or Limits()).steerable(robot)
-    paths = legs_between(robot, start, pose, limits)
-    legs = [_timed_leg(robot, leg, limits) for leg in paths]
+    legs = [_timed_leg(robot, leg, limits) for leg in legs_between(robot, start, pose, limits)]
     legs = legs or [TimedPath(still(start), constant(posture), AT_REST)]
-    timing = _arm_timing(robot, there - posture, sum(leg.duration for leg in legs))
-    arm = TimedPath(still(start), _straight_arm(posture, there), timing)
+    way = there - posture
+    timing = _arm_timing(robot, way, sum(leg.duration for leg in legs))
+    ends = list(zip(posture.tolist(), way.tolist(), strict=True))
+    arm = TimedPath(still(start), lambda at: [a + at.x * change for a, change in ends], timing)
     return GoalMotion(tuple(legs), arm)
-
-
-def _straight_arm(first: Array, last: Array) -> Curve:
-    """Return the straight way between positions of an arm (n_joints,); s from 0 to 1."""
-    ends = list(zip(first.tolist(), (last - first).tolist(), strict=True))
-    return lambda at: [start + at.x * change for start, change in ends]
 
 
 def _timed_leg(robot: Robot, leg: Leg, limits: Limits) -> TimedPath:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.simulation.merits.collision_facts import GROUND, SELF
 from rpctl.simulation.run.run import Run
-from rpctl.view.chart import Chart, Line, Panel
 from rpctl.view.labels import literal, shorten
 
 BASE_SPEED_LABELS = {
@@ -32,18 +32,13 @@ AXIS_ZOOM = 1.12  # a panel's axis ends at the extreme values times this,
 AXIS_MARGIN = 0.08  # or this fraction of their range beyond them
 
 
-def charts(run: Run) -> tuple[Chart, ...]:
-    """Return the charts that a run has data for: errors, speeds, efforts, margins, loads."""
-    return tuple(each_chart(run))
+def charts(run: Run) -> Iterator[Chart]:
+    """Yield the charts that a run has data for: errors, speeds, efforts, margins, loads.
 
-
-def each_chart(run: Run) -> Iterator[Chart]:
-    """Yield these charts one by one: the lines of all at once are most of a long run's memory."""
+    One by one: the lines of all at once are most of a long run's memory.
+    """
     for make in MAKERS:
-        made = make(run)
-        for chart in [made] if isinstance(made, Chart) else made:
-            if chart.lines:
-                yield chart
+        yield from (chart for chart in make(run) if chart.lines)
 
 
 def has_base(run: Run) -> bool:
@@ -61,9 +56,9 @@ def grip_top(run: Run) -> float:
 
     Of the band, a largest value beyond GRIP_SHOWN_MAX does not count.
     """
-    needed = [1.0, min(float(run.log.slip_ratio.max()), GRIP_SHOWN_MAX)]
     most = float(np.nanmax(run.log.slip_range, initial=0.0))
-    return max(*needed, most if most <= GRIP_SHOWN_MAX else 0.0)
+    needed = min(float(run.log.slip_ratio.max()), GRIP_SHOWN_MAX)
+    return max(1.0, needed, most if most <= GRIP_SHOWN_MAX else 0.0)
 
 
 def _base_error(run: Run) -> list[Chart]:
@@ -92,7 +87,7 @@ def _tip_error(run: Run) -> list[Chart]:
     return [Chart("End-effector error", "m, rad", lines, errors=True, panel=panel)]
 
 
-def _joint_errors(run: Run) -> Chart:
+def _joint_errors(run: Run) -> list[Chart]:
     lines = tuple(
         Line(name, unit, error, _colour(run, name))
         for name, unit, error in zip(
@@ -100,7 +95,7 @@ def _joint_errors(run: Run) -> Chart:
         )
     )
     panel = Panel("joints", "Joint errors", _units(lines, " or "), legend="joints")
-    return Chart("Joint errors", _units(lines), lines, errors=True, panel=panel, named=True)
+    return [Chart("Joint errors", _units(lines), lines, errors=True, panel=panel, named=True)]
 
 
 def _speeds(run: Run) -> list[Chart]:
@@ -220,7 +215,7 @@ def _grip(run: Run) -> list[Chart]:
     return [Chart("Grip used", "%", (line,), (100.0,), note=note, panel=panel)]
 
 
-def _loads(run: Run) -> Chart:
+def _loads(run: Run) -> list[Chart]:
     """Return the vertical forces of the ground; no panel has them."""
     loads, note = run.log.contact_load, ""
     bands: list[tuple[Array, Array] | None] = [None] * len(run.ground.contacts)
@@ -231,19 +226,18 @@ def _loads(run: Run) -> Chart:
         note = f"shaded: {ALL_SPLITS}"
     named = zip(run.ground.contacts, loads.T, bands, strict=False)
     lines = [Line(name, "N", load, k, band=band) for k, (name, load, band) in enumerate(named)]
-    return Chart("Ground loads", "N", tuple(lines), note=note, named=True)
+    return [Chart("Ground loads", "N", tuple(lines), note=note, named=True)]
 
 
-def _slips(run: Run) -> Chart:
+def _slips(run: Run) -> list[Chart]:
     """Return how fast the wheels slip over the ground; no panel has it."""
     speeds = np.linalg.norm(run.log.wheel_slip, axis=2).T if run.log.wheel_slip.size else ()
     lines = tuple(
         Line(wheel.joint, "mm/s", 1e3 * speed, k)
         for k, (wheel, speed) in enumerate(zip(run.robot.drive.wheels, speeds, strict=False))
     )
-    return Chart(
-        "Wheel slip", "mm/s", lines, note="of the contact point over the ground", named=True
-    )
+    note = "of the contact point over the ground"
+    return [Chart("Wheel slip", "mm/s", lines, note=note, named=True)]
 
 
 def _clearances(run: Run) -> list[Chart]:
@@ -253,8 +247,10 @@ def _clearances(run: Run) -> list[Chart]:
         return []
     lines: list[Line] = []
     for clearance, series in zip(facts.clearances, facts.series, strict=True):
-        if clearance.to in OWN_THINGS and not _came_near(clearance.distance, series[0]):
-            continue
+        least = clearance.distance
+        near = least < 0.0 or (least < NEAR_M and least < NEAR_RATIO * series[0])
+        if clearance.to in OWN_THINGS and not near:
+            continue  # links do not come near to the ground, or are near to each other by build
         known = np.array([*zip(facts.times, series, strict=True),
                           (clearance.time, clearance.distance)])  # fmt: skip
         known = known[np.argsort(known[:, 0], kind="stable")]
@@ -270,11 +266,6 @@ def _clearances(run: Run) -> list[Chart]:
     panel = Panel("clearance", title, "distance, m", legend="own", span=span)
     note = "collides below the dashed line"
     return [Chart("Clearance", "m", tuple(lines), (0.0,), note=note, panel=panel)]
-
-
-def _came_near(least: float, start: float) -> bool:
-    """Return whether links came near to the ground or to each other, m: and not by build."""
-    return least < 0.0 or (least < NEAR_M and least < NEAR_RATIO * start)
 
 
 def _of_base(run: Run, name: str) -> bool:
@@ -295,7 +286,122 @@ def _units(lines: Iterable[Line], between: str = ", ") -> str:
     return between.join(dict.fromkeys(line.unit for line in lines))
 
 
-MAKERS: tuple[Callable[[Run], Chart | list[Chart]], ...] = (
+MAKERS: tuple[Callable[[Run], list[Chart]], ...] = (
     _base_error, _tip_error, _joint_errors, _speeds, _efforts, _tip_margin, _grip, _loads, _slips,
     _clearances,
 )  # fmt: skip
+
+
+# Panels of the paper figure, in its order
+PANELS = (
+    "paths",
+    "base",
+    "joints",
+    "tip",
+    "speeds",
+    "joint-speeds",
+    "efforts",
+    "tip-over",
+    "grip",
+    "clearance",
+)
+ERROR_FLOOR = 1e-12  # an error below it is rounding, which a logarithm would only magnify
+MAX_DECADES = 6.0  # of an error's axis
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One line of a chart.
+
+    Attributes:
+        label: What it shows.
+        unit: Unit of the value that the page's legend gives.
+        values: What is drawn (K,), in the unit of the chart's axis.
+        colour: Index into a palette, the same on page and paper.
+        scale: The value in the page's legend is ``values`` times this.
+        reference: The desired values (K,), drawn dashed, or None.
+        shown: Whether it is visible at first; paper omits it otherwise.
+        band: The smallest and the largest possible value (K,); inf where there is no upper bound,
+            NaN where it is not defined. None where there is one value.
+        printed: Its name in a legend of its panel.
+        dash: Index of its dash pattern on paper; the page draws all lines solid.
+    """
+
+    label: str
+    unit: str
+    values: Array
+    colour: int
+    scale: float = 1.0
+    reference: Array | None = None
+    shown: bool = True
+    band: tuple[Array, Array] | None = None
+    printed: str = ""
+    dash: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """How the paper figure shows a chart, where that differs from the page.
+
+    Attributes:
+        name: Its name on the command line, one of ``PANELS``.
+        title: What stands above it.
+        axis: Label of the value axis.
+        factor: What is printed is the chart's value times this.
+        legend: Whether its lines have a legend in the panel, share that of the joints below the
+            figure, or have none.
+        references: Whether references are drawn.
+        span: Ends of the value axis in the chart's unit; None leaves them to matplotlib.
+        more: Lines that only the panel has.
+        shared: What was left out of the names of its lines, for the title of its legend.
+        wide: Whether it takes a row of its own.
+    """
+
+    name: str
+    title: str
+    axis: str
+    factor: float = 1.0
+    legend: Literal["own", "joints", "none"] = "none"
+    references: bool = True
+    span: tuple[float, float] | None = None
+    more: tuple[Line, ...] = ()
+    shared: str = ""
+    wide: bool = False
+
+
+# Paths from above (plots/paths.py): the only panel without a chart, as the page has its scene.
+PATHS = Panel("paths", "Paths", "y, m", legend="own", wide=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Lines that share their axes.
+
+    Attributes:
+        title: What the chart shows.
+        unit: Unit of its axis.
+        lines: At least one.
+        limits: Levels that are drawn dashed and always in view.
+        errors: Whether its lines are errors, of which the magnitude is drawn over decades.
+        note: What a reader must know beside the title.
+        panel: How it is printed; None where only the page has it.
+        named: Whether its lines are called after joints or runs: legends shorten names together.
+    """
+
+    title: str
+    unit: str
+    lines: tuple[Line, ...]
+    limits: tuple[float, ...] = ()
+    errors: bool = False
+    note: str = ""
+    panel: Panel | None = None
+    named: bool = False
+
+
+def decades(lines: Iterable[Line]) -> tuple[float, float]:
+    """Return the ends of an error's axis: a fifth of the settled error, twice the maximum."""
+    errors = [np.abs(line.values) for line in lines if line.shown]
+    top = 2.0 * max(*(float(error.max()) for error in errors), 10.0 * ERROR_FLOOR)
+    settled = min(float(np.median(error[-max(1, len(error) // 5) :])) for error in errors)
+    bottom = max(min(0.2 * max(settled, ERROR_FLOOR), 1e-2 * top), top / 10.0**MAX_DECADES)
+    return bottom, top

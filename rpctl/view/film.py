@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,10 +21,10 @@ from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.run import Run
 from rpctl.view.marks import MARK, comment
-from rpctl.view.pages.page import asset
+from rpctl.view.pages.page import asset, embed, render, render_page, stand_in_entry
 from rpctl.view.pages.report import robot_of
-from rpctl.view.pages.scene_page import player
-from rpctl.view.scene.scene import build_scene
+from rpctl.view.pages.third_party import licences, meshcat_script
+from rpctl.view.scene.scene import Scene, build_scene
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -162,8 +162,7 @@ def _camera(
     """Open the scene of a run; yields what takes a picture at a time (s), stamped or not."""
     from PIL.Image import open as decode
 
-    scene = build_scene(robot or robot_of(run), run)
-    html = player(scene, run.robot.name, asset("film.js"))
+    html = player(build_scene(robot or robot_of(run), run), run.robot.name, asset("film.js"))
     with open_page(html, *size) as page:
 
         def photograph(time: float, stamped: bool) -> Image:
@@ -220,10 +219,9 @@ def gif(take: TakePicture, count: int, rate: int, remark: str) -> bytes:
     chosen = np.unique(np.linspace(0, count - 1, PALETTE_SAMPLES).astype(int)).tolist()
     samples = np.concatenate([np.asarray(take(k)) for k in chosen])
     palette = Image.fromarray(samples).quantize(GIF_COLOURS, Image.Quantize.MEDIANCUT)
-    pictures = []
-    for number in range(count):
-        picture = take(number).quantize(palette=palette, dither=Image.Dither.NONE)
-        pictures.append(picture)
+    pictures = [
+        take(number).quantize(palette=palette, dither=Image.Dither.NONE) for number in range(count)
+    ]
     buffer = io.BytesIO()
     options: dict[str, Any] = {"comment": remark.encode()} if remark else {}
     options |= {"duration": 1000 // rate, "loop": 0}  # ms a picture; for ever
@@ -304,9 +302,6 @@ def _driver() -> Iterator[Any]:
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
     """Let processes that start meanwhile ignore Ctrl-C; this process closes them in order."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -316,8 +311,69 @@ def _interrupts_blocked() -> Iterator[None]:
 
 def _executable(driver: Any) -> str:
     """Return the browser: the system's, or the one that Playwright installed."""
-    candidates = (*map(shutil.which, BROWSER_NAMES), driver.chromium.executable_path)
-    for path in candidates:
+    for path in (*map(shutil.which, BROWSER_NAMES), driver.chromium.executable_path):
         if path and Path(path).is_file():
             return str(path)
     raise RpctlError(NO_BROWSER)
+
+
+HIDDEN_GHOST_DISTANCE = 2e-3  # m, rad: a ghost as near as that is hidden behind its robot
+ASPECT = 16.0 / 9.0  # of the scene in a notebook
+MAX_WIDTH_PX = 960  # pixels, at most
+
+
+def player(scene: Scene, title: str, script: str, controls: bool = False) -> str:
+    """Return a page that shows a scene and nothing else.
+
+    Args:
+        scene: The scene.
+        title: What it shows.
+        script: What moves the scene, by ``player.show(time)``.
+        controls: Whether a timeline lies over the scene.
+    """
+    data = {
+        "duration": scene.duration,
+        "frames": len(scene.times),
+        "covered": HIDDEN_GHOST_DISTANCE,
+        "hull": np.round(scene.hull, 3).tolist(),
+        "commands": [base64.b64encode(command).decode() for command in scene.commands],
+    }
+    return render_page(
+        "player.html",
+        title=title,
+        styles=["player.css"],
+        scripts=(meshcat_script(), asset("player.js") + asset("camera.js"), script),
+        dark=False,
+        controls=controls,
+        stand_in=stand_in_entry(scene.stand_ins),
+        licences=licences(charts=False),
+        data=embed(data),
+    )
+
+
+def show(run: Run) -> str:
+    """Return a run as HTML for a notebook: one line of text, and its scene with controls.
+
+    Where the robot cannot be loaded any more, the reason stands in the place of the scene.
+    """
+    robot, name = robot_of(run), run.robot.name
+    shown = {"fault": str(robot), "page": ""}
+    if not isinstance(robot, RpctlError):
+        scene = build_scene(robot, run)
+        shown = {"fault": "", "page": player(scene, name, asset("notebook.js"), controls=True)}
+    shown |= {"width": str(MAX_WIDTH_PX), "aspect": f"{ASPECT:.4f}"}
+    return render("notebook.html", summary=_summary_line(run), title=name, **shown)
+
+
+def _summary_line(run: Run) -> str:
+    """Return what the run is, and how well it ended, in one line."""
+    errors = []
+    if run.robot.drive.wheels:
+        errors.append(f"base {1e3 * np.hypot(*run.log.e[-1, :2]):.3g} mm")
+    if run.robot.end_effector is not None:
+        errors.append(
+            f"end effector {1e3 * np.linalg.norm(run.log.ee_ref[-1] - run.log.ee[-1]):.3g} mm"
+        )
+    reference = PurePath(run.config.run.reference).name  # no folder of this machine
+    duration = run.t[-1] - run.t[0]
+    return f"{run.robot.name}, {reference}, {duration:.4g} s; final error: {', '.join(errors)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import takewhile
+from os.path import commonprefix
 
 from rpctl.errors import printable
 
@@ -39,7 +39,8 @@ def shorten(names: Sequence[str]) -> ShortNames:
     Args:
         names: Of one legend.
     """
-    stems = [_without_suffix(name) for name in names]
+    cut = [name.removesuffix(SUFFIX) for name in names]
+    stems = [stem if _says_something(stem) else name for stem, name in zip(cut, names, strict=True)]
     if len(set(stems)) < len(set(names)):
         stems = list(names)
     prefix = _common_words(stems)
@@ -77,18 +78,10 @@ def _common_words(names: Sequence[str]) -> str:
     """Return the longest prefix of all names that may go; empty where there is none."""
     if len(set(names)) < 2:
         return ""
-    first, last = min(names), max(names)  # what these two share, all share
-    pairs = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
-    ends = [k + 1 for k, (sign, _) in enumerate(pairs) if sign in SEPARATORS]
-    for end in reversed(ends):
-        if all(_says_something(name[end:]) for name in names):
-            return first[:end]
-    return ""
-
-
-def _without_suffix(name: str) -> str:
-    stem = name.removesuffix(SUFFIX)
-    return stem if _says_something(stem) else name
+    shared = commonprefix(names)  # noqa: RUF071 - no paths: letter by letter is meant
+    ends = [k + 1 for k, sign in enumerate(shared) if sign in SEPARATORS]
+    fitting = (end for end in ends if all(_says_something(name[end:]) for name in names))
+    return shared[: max(fitting, default=0)]
 
 
 def _says_something(name: str) -> bool:

@@ -6,10 +6,11 @@ that it is of another one, and :func:`find_faults` tells: nothing passes for wha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rpctl.errors import RpctlError
 from rpctl.files.opening import is_file, is_folder
@@ -75,22 +76,6 @@ class RunFolder:
         }
 
 
-class FileFault(NamedTuple):
-    """A file of a run's folder that is not there, or not of that run.
-
-    Attributes:
-        name: Of the file.
-        reason: What is wrong, in words that follow the name.
-    """
-
-    name: str
-    reason: str
-
-    def __str__(self) -> str:
-        """Return the file and its fault."""
-        return f"{self.name} {self.reason}"
-
-
 def write_folder(
     run: Run, folder: Path, megabytes: float = MAX_REPORT_MB, precision: str = "double"
 ) -> RunFolder:
@@ -114,9 +99,8 @@ def write_folder(
     make_folder(folder)
     path = run.save(folder / RUN_FILE, precision)
     run = replace(run, digest=digest(path))
-    for fault in find_faults(folder, run.digest or ""):
-        if fault.name in MADE_FILES:
-            (folder / fault.name).unlink(missing_ok=True)
+    for name in find_faults(folder, run.digest or "").keys() & set(MADE_FILES):
+        (folder / name).unlink(missing_ok=True)
     made = make_files(run, folder, run.load_robot(), megabytes)
     write_files(made)
     return made
@@ -179,8 +163,10 @@ def sized_report(
     return page, replace(scene, notes=(*scene.notes, f"{note} any smaller"))
 
 
-def find_faults(folder: Path, run: str) -> list[FileFault]:
-    """Return which files of a folder are missing or were made from another run than its own.
+def find_faults(folder: Path, run: str) -> dict[str, str]:
+    """Return what is wrong with files of a folder, by name, in words that follow the name.
+
+    They are missing, or were made from another run than the folder's own.
 
     Files that a user keeps there, and that do not say that they are made from a run, are not told.
 
@@ -188,50 +174,22 @@ def find_faults(folder: Path, run: str) -> list[FileFault]:
         folder: The folder.
         run: Digest of its ``run.npz``.
     """
-    faults = []
-    for name in dict.fromkeys((*MADE_FILES, *_names(folder))):
-        path, made = folder / name, name in MADE_FILES
-        mark = _mark(path)
+    faults = {}
+    marked = sorted(p.name for p in folder.iterdir() if p.suffix.lower() in MARKED_SUFFIXES)
+    for name in dict.fromkeys((*MADE_FILES, *marked[:MAX_LOOKED_AT])):
+        path, made, mark = folder / name, name in MADE_FILES, None
+        with suppress(RpctlError, OSError):
+            mark = mark_of(path)
         if made and not path.exists():
-            faults.append(FileFault(name, "is missing"))
+            faults[name] = "is missing"
         elif mark is None and made:
-            faults.append(FileFault(name, "does not say of which run it is"))
+            faults[name] = "does not say of which run it is"
         elif mark is not None and mark != run:
-            faults.append(FileFault(name, "is of another run"))
+            faults[name] = "is of another run"
     return faults
 
 
-def _mark(path: Path) -> str | None:
-    try:
-        return mark_of(path)
-    except (RpctlError, OSError):
-        return None
-
-
-def _names(folder: Path) -> Iterator[str]:
-    """Yield the files of a folder that may say of which run they are."""
-    with_room = (p.name for p in sorted(folder.iterdir()) if p.suffix.lower() in MARKED_SUFFIXES)
-    for name, _ in zip(with_room, range(MAX_LOOKED_AT), strict=False):
-        yield name
-
-
 # ---- a run as ``rpctl view`` shows it ----------------------------------------
-
-
-@dataclass(frozen=True)
-class ShownRun:
-    """A run, and where it lies.
-
-    Attributes:
-        run: The run.
-        folder: The folder whose files are made from it; None where it lies alone, or is the part
-            of a simulation.
-        notes: What the user should know of it, in sentences.
-    """
-
-    run: Run
-    folder: Path | None
-    notes: tuple[str, ...] = ()
 
 
 def is_run(name: str) -> bool:
@@ -241,46 +199,38 @@ def is_run(name: str) -> bool:
     return held or path.suffix == ".npz" or is_part(path)
 
 
-def open_run(path: Path) -> ShownRun:
+def open_run(path: Path, say: Say = lambda note: None) -> tuple[Run, Path | None]:
     """Open the run of a folder, of a ``run.npz``, or of the part that a simulation has left.
 
     Of a folder that holds a part that is newer than its run, the part is shown. A part is older
     where the simulation had ended, and rpctl was stopped while it drew.
 
-    Raises:
-        RunFileError: There is no run, or it cannot be read.
-    """
-    if is_part(path):
-        return _part(path, ())
-    part, file = path / PART_FOLDER, path / RUN_FILE
-    if is_part(part) and not (is_file(file) and _changed(part) <= file.stat().st_mtime_ns):
-        older = (f"{file} is of an earlier simulation and stays as it is",) * file.is_file()
-        return _part(part, older)
-    file = file if is_folder(path) else path
-    run = replace(Run.load(file), digest=digest(file))
-    return ShownRun(run, file.parent if file.name == RUN_FILE else None)
-
-
-def load_run(path: Path, say: Say = lambda note: None) -> Run:
-    """Load the run that :func:`open_run` opens.
-
     Args:
         path: A folder, a ``run.npz``, or a part.
         say: Called with what the user should know of it.
 
+    Returns:
+        The run; the folder whose files are made from it, None where it lies alone, or is a part.
+
     Raises:
         RunFileError: There is no run, or it cannot be read.
     """
-    shown = open_run(path)
-    for note in shown.notes:
-        say(note)
-    return shown.run
+    part, file = path if is_part(path) else path / PART_FOLDER, path / RUN_FILE
+    if is_part(part) and not (is_file(file) and _changed(part) <= file.stat().st_mtime_ns):
+        run = Run.load(part)
+        said = run.notes[-1] if run.notes else f"it reaches t = {float(run.t[-1]):.4g} s"
+        say(f"{part}: {said}")
+        if file.is_file():
+            say(f"{file} is of an earlier simulation and stays as it is")
+        return run, None
+    file = file if is_folder(path) else path
+    run = replace(Run.load(file), digest=digest(file))
+    return run, file.parent if file.name == RUN_FILE else None
 
 
-def _part(part: Path, notes: tuple[str, ...]) -> ShownRun:
-    run = Run.load(part)
-    said = run.notes[-1] if run.notes else f"it reaches t = {float(run.t[-1]):.4g} s"
-    return ShownRun(run, None, (f"{part}: {said}", *notes))
+def load_run(path: Path, say: Say = lambda note: None) -> Run:
+    """Load the run that :func:`open_run` opens; see there."""
+    return open_run(path, say)[0]
 
 
 def _changed(folder: Path) -> int:
@@ -332,14 +282,11 @@ class RunPage:
         Raises:
             RunFileError: There is no run, or it cannot be read.
         """
-        shown = open_run(self._path)
-        run, folder = shown.run, shown.folder
-        for note in shown.notes:
-            self._say(note)
-        faults = [] if folder is None else find_faults(folder, run.digest or "")
+        run, folder = open_run(self._path, self._say)
+        faults = {} if folder is None else find_faults(folder, run.digest or "")
         if faults:
-            self._say(f"{folder}: {', '.join(map(str, faults))}")
-        if folder is None or not any(fault.name in MADE_FILES for fault in faults):
+            self._say(f"{folder}: {', '.join(map(' '.join, faults.items()))}")
+        if folder is None or faults.keys().isdisjoint(MADE_FILES):
             return sized_report(run, self._robot(run), summarize(run))[0]
         made = make_files(run, folder, self._robot(run))
         try:

@@ -22,8 +22,7 @@ from rpctl.cli.terminal import PIPED_WIDTH, console, escape
 from rpctl.errors import printable
 from rpctl.files.writing import to_json
 from rpctl.view.labels import literal
-from rpctl.view.pages.page import embed
-from rpctl.view.pages.page import escape as to_html
+from rpctl.view.pages.page import embed, render
 from tests import urdf
 from tests.grids import cells
 from tests.robots import SET_A, platform
@@ -112,7 +111,9 @@ def test_texts_of_others_in_pages_are_seen() -> None:
         seen = printable(text)
         assert json.loads(data, strict=False) == {"name": seen, seen: [seen]}, text
         assert json.loads(embed(text, shown=False)) == text
-        assert "<" not in to_html(text) and printable(to_html(text)) == to_html(text)
+        page = render("notebook.html", summary=text, title="", fault="none", page="")
+        paragraph = page.removeprefix("<p>").partition("</p>")[0]
+        assert "<" not in paragraph and printable(paragraph, keep="\n") == paragraph
 
 
 def test_json_says_what_does_not_print_in_ascii_and_is_read_again() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from markupsafe import escape
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -15,7 +16,6 @@ import rpctl
 from rpctl.cli import inspect, verify
 from rpctl.cli.app import app
 from rpctl.view.pages.certificate import write_certificate
-from rpctl.view.pages.page import escape
 from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle
 

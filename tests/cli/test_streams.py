@@ -14,7 +14,7 @@ from rpctl.errors import printable
 
 CODE = """
 import sys
-from rpctl.cli.streams import Streams, print_document, print_json, say
+from rpctl.cli.terminal import Streams, print_document, print_json, say
 streams = Streams()
 {body}
 fault = streams.close()

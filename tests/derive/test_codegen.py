@@ -17,9 +17,8 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.derive.codegen import c_source, comment, identifier, python_source
 from rpctl.derive.program import program
-from rpctl.derive.write import derive
+from rpctl.derive.write import c_source, comment, derive, identifier, python_source
 from rpctl.errors import RpctlError
 from tests.grids import cells
 from tests.random_robots import random_robot

@@ -33,9 +33,8 @@ from rpctl import (
 from rpctl.arrays import Array
 from rpctl.cli.app import app
 from rpctl.control.error import Leash
-from rpctl.derive.codegen import c_law, identifier, python_law
 from rpctl.derive.law_program import LawProgram, law_program, law_sheet
-from rpctl.derive.write import derive_law
+from rpctl.derive.write import c_law, derive_law, identifier, python_law
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.losses import Losses
 from tests.grids import cells

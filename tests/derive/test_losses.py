@@ -13,9 +13,8 @@ import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.derive.closed_form import closed_form
-from rpctl.derive.codegen import c_source, python_source
 from rpctl.derive.program import program
-from rpctl.derive.write import derive
+from rpctl.derive.write import c_source, derive, python_source
 from tests.dynamics.test_losses import lossy
 from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle

@@ -9,7 +9,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from rpctl.derive.codegen import c_source, python_source
+from rpctl.derive.write import c_source, python_source
 from tests.golden import TRICYCLE
 from tests.robots import write
 from tests.vehicles import vehicle

@@ -14,13 +14,19 @@ import rpctl
 from rpctl import ReferenceState, Robot
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
-from rpctl.reference import table as table_module
+from rpctl.reference import motion
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import NotFiniteError, Reference, WrongAnswerError
+from rpctl.reference.motion import (
+    NotFiniteError,
+    Reference,
+    ReferenceTable,
+    WrongAnswerError,
+    row_reader,
+    tabulate,
+)
 from rpctl.reference.named import reference_by_name
 from rpctl.reference.path_reference import PathReference
 from rpctl.reference.pose_goal import PoseGoal, to_goal
-from rpctl.reference.table import ReferenceTable, row_reader, tabulate
 from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle
 
@@ -46,14 +52,14 @@ def check(robot: Robot, reference: Reference, monkeypatch: pytest.MonkeyPatch) -
     """Compare a table with the calls one by one; it must not have been made by them."""
     one_by_one = [reference(t) for t in TIMES.tolist()]
     with monkeypatch.context() as patch:
-        patch.setattr(table_module, "require_state", None)  # a call of it fails
+        patch.setattr(motion, "require_state", None)  # a call of it fails
         found = tabulate(robot, reference, TIMES)
     for k, state in enumerate(one_by_one):
         for name, value in state._asdict().items():
             row = getattr(found.state, name)[k]
             scale = max(1.0, float(np.abs(value).max(initial=0.0)))
             np.testing.assert_allclose(row, value, rtol=0.0, atol=ROUNDING * scale, err_msg=name)
-    read, rows = row_reader(robot, reference), found.rows()
+    read, rows = row_reader(robot, reference), found.rows
     assert np.array_equal([read(t).copy() for t in TIMES.tolist()], rows)
     assert (
         np.ptp(found.state.pose, axis=0).max() + np.ptp(found.state.joints, axis=0).max(initial=0.0)
@@ -71,7 +77,7 @@ def test_a_fixed_base(monkeypatch: pytest.MonkeyPatch, tiago: Robot) -> None:
     reference = reference_by_name(tiago, "eight", collisions=False)
     arm_only = PathReference(None, 0.0, reference.arm, reference.ramp)
     found = check(tiago, arm_only, monkeypatch)
-    np.testing.assert_array_equal(found.rows()[:, -9:], 0.0)  # it has no direction, and no twist
+    np.testing.assert_array_equal(found.rows[:, -9:], 0.0)  # it has no direction, and no twist
 
 
 @pytest.mark.parametrize(
@@ -147,7 +153,7 @@ def test_a_plain_function_is_called_at_each_time(paper: Robot) -> None:
     found = tabulate(paper, plain(paper, times), np.array([0.5, 2.0]))
     assert times == [0.5, 2.0]
     np.testing.assert_array_equal(found.state.pose[:, 0], times)
-    rows = found.rows()
+    rows = found.rows
     assert rows.shape == (2, 9 + 3 * 2 + 9)
     # Without a direction, the twist stands for it.
     np.testing.assert_array_equal(rows[0], [0.5, 0, 0, 1, 0, 0, 0, 0, 0, 0.5, 0.5, 1, 1, 0, 0,

@@ -11,14 +11,13 @@ import pytest
 import rpctl
 from rpctl import Robot, summarize
 from rpctl.errors import DescriptionError, RpctlError
-from rpctl.reference.load import load_reference
+from rpctl.reference.load import SLALOM, along_goal, along_waypoints, load_reference
 from rpctl.reference.path_reference import TimedPath
 from rpctl.reference.paths import basis, basis_at, clamped_knots
 from rpctl.reference.planned.arm import Arm
 from rpctl.reference.planned.curve import Goal, Waypoint, curve_through, polyline
 from rpctl.reference.planned.reach import END_EFFECTOR_TOLERANCE, plan_reach
 from rpctl.reference.planned.reach_problem import DrivingBase
-from rpctl.reference.planned.waypoints import SLALOM, along_goal, along_waypoints
 from rpctl.reference.sizing import Limits, robot_length, wheel_rates
 from tests.grids import cells
 

@@ -15,8 +15,7 @@ from rpctl.simulation.merits.collision_facts import (
     CollisionFacts,
     LinkClearance,
 )
-from rpctl.view.chart import Chart
-from rpctl.view.charts import charts, grip_top
+from rpctl.view.charts import Chart, charts, grip_top
 from rpctl.view.pages.motion_data import (
     MAX_POINTS,
     chart_data,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from markupsafe import escape
 from PIL import Image
 
 import rpctl
@@ -24,7 +25,6 @@ from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.run.part import PartWriter
 from rpctl.view import run_folder
 from rpctl.view.marks import JSON_KEY, mark_of
-from rpctl.view.pages.page import escape
 from rpctl.view.run_folder import (
     BYTES_PER_MB,
     MADE_FILES,
@@ -82,11 +82,11 @@ def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None
     assert written.digest == digest
     assert json.loads((tmp_path / "summary.json").read_text())["run_sha256"] == digest
     assert {mark_of(tmp_path / name) for name in MADE_FILES} == {digest}
-    assert find_faults(tmp_path, digest) == []
+    assert not find_faults(tmp_path, digest)
     report = (tmp_path / "report.html").read_bytes()
     assert report.count(digest.encode()) == 1
-    assert escape(ignored) in report.decode()
-    assert escape(joints) in report.decode()
+    assert str(escape(ignored)) in report.decode()
+    assert str(escape(joints)) in report.decode()
 
 
 @pytest.fixture
@@ -151,7 +151,7 @@ def test_killed_between_files_nothing_passes_for_another_run(
     digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
     assert digest != first.digest
     left = MADE_FILES[writes:]
-    assert [str(fault) for fault in find_faults(tmp_path, digest)] == [
+    assert [" ".join(fault) for fault in find_faults(tmp_path, digest).items()] == [
         f"{name} is missing" for name in left
     ]
     assert not [name for name in left if (tmp_path / name).exists()]
@@ -174,7 +174,7 @@ def test_killed_before_old_files_are_removed_they_are_told(
         f"{tmp_path}: {', '.join(MADE_FILES)} are drawn again",
     ]
     digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
-    assert [fault.name for fault in find_faults(tmp_path, digest)] == ["figure.pdf"]
+    assert [*find_faults(tmp_path, digest)] == ["figure.pdf"]
     assert page() == (tmp_path / "report.html").read_bytes()
 
 

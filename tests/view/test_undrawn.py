@@ -19,9 +19,8 @@ from rpctl.files.array_messages import pack
 from rpctl.robot.coordinates import read_root
 from rpctl.view import run_folder
 from rpctl.view.pages.report import robot_of, write_report
-from rpctl.view.scene.motion import base_poses, joint_poses
 from rpctl.view.scene.robot_meshes import base_marker
-from rpctl.view.scene.scene import build_scene
+from rpctl.view.scene.scene import base_poses, build_scene, joint_poses
 from tests.runs import vary
 from tests.view.readers import embedded
 from tests.view.samples import write_cart

@@ -124,8 +124,7 @@ def _fit(
         if reached >= max(radius, 1e-3):
             break
         weight *= np.maximum(1.0, 1.1 * curvature * max(radius, 1e-3)) ** 0.5
-    spline = quintic(knots, found)
-    return spline, (where, least) if least < max(radius, 1e-3) else None
+    return quintic(knots, found), (where, least) if least < max(radius, 1e-3) else None
 
 
 def _conditions(

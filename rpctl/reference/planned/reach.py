@@ -15,7 +15,6 @@ from rpctl.reference.planned.arm import Arm
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach_problem import (
     POINTS_PER_KNOT,
-    BaseMotion,
     DrivingBase,
     GivenBase,
     ReachProblem,
@@ -51,15 +50,18 @@ def plan_reach(
         None if fixed else float(goal.position(np.linspace(goal.start, goal.end, 50))[:, 2].mean())
     )
     comfort = arm.comfortable_posture(height)
-    count = _knot_count(goal)
+    seconds = goal.end - goal.start if goal.timed else 0.0
+    wanted = max(goal.length / KNOT_LENGTH, seconds / KNOT_TIME)
+    count = int(np.clip(math.ceil(wanted), MIN_KNOTS, MAX_KNOTS))
     knots = clamped_knots(np.linspace(goal.start, goal.end, count - DEGREE + 1))
     s = np.linspace(goal.start, goal.end, POINTS_PER_KNOT * count + 1)
-    plans: list[tuple[BaseMotion, Array]] = []
+    way = goal.position(np.linspace(goal.start, goal.end, 200))
+    plans: list[tuple[GivenBase | DrivingBase, Array]] = []
     if base is not None or fixed:
         plans.append((GivenBase(base or still(np.zeros(3)), s), np.zeros(0)))
     else:
-        if _extent(goal) < STATIONARY_SPAN_RATIO * _span(arm):
-            plans.append((DrivingBase(s, knots, []), _standing_pose(arm, goal, comfort)))
+        if _diagonal(way) < STATIONARY_SPAN_RATIO * _span(arm):
+            plans.append((DrivingBase(s, knots, []), _standing_pose(arm, way, comfort)))
         columns = [0, 1, 2] if robot.drive.omnidirectional else [0, 2]
         driving = DrivingBase(s, knots, columns)
         plans.append((driving, _driving_start(arm, goal, comfort, driving, s, columns)))
@@ -75,13 +77,6 @@ def plan_reach(
             whole[:, arm.joints] = joints.c
             return path, quintic(joints.t, whole)
     raise RpctlError(fault or "")
-
-
-def _knot_count(goal: Goal) -> int:
-    wanted = goal.length / KNOT_LENGTH
-    if goal.timed:
-        wanted = max(wanted, (goal.end - goal.start) / KNOT_TIME)
-    return int(np.clip(math.ceil(wanted), MIN_KNOTS, MAX_KNOTS))
 
 
 def _solve_arm(arm: Arm, goal: Goal, path: Path, coarse: BSpline) -> BSpline:
@@ -127,13 +122,11 @@ def _fault(arm: Arm, goal: Goal, path: Path, joints: BSpline, coarse: BSpline) -
 
 
 def _miss(arm: Arm, goal: Goal, path: Path, joints: BSpline, s: float) -> float:
-    found = arm.end_effector_pose(path(s).pose, joints(s))
-    return float(np.linalg.norm(goal.error(found, s)))
+    return float(np.linalg.norm(goal.error(arm.end_effector_pose(path(s).pose, joints(s)), s)))
 
 
-def _extent(goal: Goal) -> float:
-    """Return the diagonal of the box around a path, m."""
-    points = goal.position(np.linspace(goal.start, goal.end, 200))
+def _diagonal(points: Array) -> float:
+    """Return the diagonal of the box around points (n, 3), m."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
@@ -141,15 +134,13 @@ def _span(arm: Arm) -> float:
     """Return the approximate extent of the arm's workspace while the base stands, m."""
     rng = np.random.default_rng(0)
     draws = arm.middle + arm.half_range * rng.uniform(-1, 1, (200, len(arm.joints)))
-    points = np.array([arm.end_effector_pose(np.zeros(3), q).translation for q in draws])
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
+    return _diagonal(np.array([arm.end_effector_pose(np.zeros(3), q).translation for q in draws]))
 
 
-def _standing_pose(arm: Arm, goal: Goal, comfort: Array) -> Array:
-    """Return a pose (3,) from which the comfortable arm is in the middle of the path."""
-    middle = goal.position(np.linspace(goal.start, goal.end, 200))[:, :2].mean(axis=0)
+def _standing_pose(arm: Arm, way: Array, comfort: Array) -> Array:
+    """Return a pose (3,) from which the comfortable arm is in the middle of a path's points."""
+    middle, first = way[:, :2].mean(axis=0), way[0, :2]
     x, y, _ = arm.end_effector_pose(np.zeros(3), comfort).translation
-    first = goal.position(goal.start)[:2]
     theta = float(np.angle(complex(*(middle - first)))) if np.any(middle != first) else 0.0
     held = complex(x, y) * np.exp(1j * theta)
     return np.array([middle[0] - held.real, middle[1] - held.imag, theta])
@@ -169,27 +160,18 @@ def _driving_start(
     fine = np.linspace(goal.start, goal.end, 8 * len(s))
     p = goal.position(fine)[:, :2] @ [1.0, 1j]
     first = next((step for step in np.diff(p) if abs(step) > 1e-9), 1.0)
-    best: tuple[float, Array] | None = None
-    for k in range(TRIED_HEADINGS):
+    tries = []
+    for k in range(1 if 1 in columns else TRIED_HEADINGS):
         theta = float(np.angle(first)) + 2.0 * math.pi * k / TRIED_HEADINGS
         trail = _tractrix(p, hitch, theta, sliding=1 in columns)
-        speed, turn = trail[:, 0], trail[:, 2]
-        effort = (
-            np.abs(speed)
-            + (REVERSE_COST - 1.0) * np.maximum(-speed, 0.0)
-            + abs(hitch) * np.abs(turn)
-        )
-        if best is None or effort.sum() < best[0] - 1e-9:
-            best = float(effort.sum()), np.vstack([[0.0, 0.0, theta], trail])
-        if 1 in columns:
-            break
-    if best is None:
-        raise RpctlError("the end effector's path is empty")
-    start, rates = best[1][0], best[1][1:] / (fine[1] - fine[0])
-    place = p[0] - hitch * np.exp(1j * start[2])
+        back, turn = np.maximum(-trail[:, 0], 0.0), np.abs(trail[:, 2])
+        effort = np.abs(trail[:, 0]) + (REVERSE_COST - 1.0) * back + abs(hitch) * turn
+        tries.append((round(float(effort.sum()), 9), theta, trail))  # of equal ones the first
+    _, theta, trail = min(tries, key=lambda each: each[0])
+    rates, place = trail / (fine[1] - fine[0]), p[0] - hitch * np.exp(1j * theta)
     basis = BSpline.design_matrix(0.5 * (fine[1:] + fine[:-1]), driving.knots, DEGREE)
     coefficients = np.linalg.lstsq(basis.toarray(), rates[:, columns], rcond=None)[0]
-    return np.concatenate([[place.real, place.imag, start[2]], coefficients.T.ravel()])
+    return np.concatenate([[place.real, place.imag, theta], coefficients.T.ravel()])
 
 
 def _tractrix(p: Array, hitch: complex, theta: float, sliding: bool) -> Array:

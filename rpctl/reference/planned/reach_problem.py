@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -38,20 +37,8 @@ ACTIVE_SET_STEPS = 8  # Newton steps that find the limits a step runs into
 MAX_DAMPING = 1e8  # damping beyond which no smaller step is tried
 
 
-class BaseMotion(Protocol):
-    """Poses of the base at N points of a path, as functions of ``size`` parameters."""
-
-    size: int
-
-    def poses(self, z: Array) -> tuple[Array, Array]:
-        """Return poses (N, 3) and their derivatives by the parameters (N, 3, size)."""
-
-    def path(self, z: Array) -> Path:
-        """Return the base's path."""
-
-
 class GivenBase:
-    """A base whose path is given: no parameters."""
+    """A base whose path is given: its poses are functions of no parameters."""
 
     size = 0
 
@@ -60,7 +47,7 @@ class GivenBase:
         self._poses = path(s).pose
 
     def poses(self, z: Array) -> tuple[Array, Array]:
-        """Return the known poses."""
+        """Return the known poses (N, 3) and their derivatives by no parameters (N, 3, 0)."""
         return self._poses, np.zeros((len(self._poses), 3, 0))
 
     def path(self, z: Array) -> Path:
@@ -97,7 +84,7 @@ class DrivingBase:
         return coefficients
 
     def poses(self, z: Array) -> tuple[Array, Array]:
-        """Return poses and their derivatives by start and coefficients."""
+        """Return poses (N, 3) and their derivatives by start and coefficients (N, 3, size)."""
         c = self.twist(z)
         theta, twist = z[2] + self._angle_basis @ c[:, 2], self._basis @ c[:, :2]
         heading = np.exp(1j * theta)
@@ -172,7 +159,7 @@ class ReachProblem:
 
     arm: Arm
     goal: Goal
-    base: BaseMotion
+    base: GivenBase | DrivingBase
     comfort: Array = field(repr=False)
     s: Array = field(repr=False)
     knots: Array = field(repr=False)
@@ -195,9 +182,8 @@ def solve(problem: ReachProblem, base: Array, coefficients: Array) -> Array:
         def cost(x: Array, tolerance: float = sigma) -> float:
             beyond = np.maximum(inequalities @ x - upper_bounds, 0.0)
             away = x - preferred
-            miss = _misses(problem, values, x)
             return float(
-                np.mean(miss**2) / tolerance**2
+                np.mean(_misses(problem, values, x) ** 2) / tolerance**2
                 + away @ (regulariser @ away)
                 + LIMIT_WEIGHT**2 * beyond @ beyond
             )

@@ -23,18 +23,16 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.reference.formula import Along
 from rpctl.reference.paths import Path, Place, basis_at, posed, through
-from rpctl.reference.recorded.row_fit import (
-    METRES_PER_RADIAN,
-    FittedSpline,
-    RowFit,
-    SmoothedColumns,
-    fit_spline,
-)
 from rpctl.reference.recorded.smoothing import (
+    METRES_PER_RADIAN,
     REST_ERRORS,
     Ends,
+    FittedSpline,
+    RowFit,
     Smoothed,
+    SmoothedColumns,
     SmoothingProblem,
+    fit_spline,
     on_knots,
 )
 from rpctl.reference.recorded.table_file import BASE_COLUMNS, HEADING
@@ -158,7 +156,9 @@ def fit_base(robot: Robot, rows: RowFit) -> FittedSpline:
     way = rows.smoothed(place)
     turning = None if turned is None else rows.smoothed(turned, METRES_PER_RADIAN)
     if way is None and turning is None:
-        found = _fit_through(t, place, turned)
+        rate = fit_spline(t, place).spline(t, 1)
+        heading = headings(rate, MOVING_SPEED) if turned is None else turned
+        found = fit_spline(t, np.column_stack([place, heading]))
     else:
         dense = any(each is not None and each.problem.spacing == 0.0 for each in (way, turning))
         way = on_knots(way, t, place, dense)
@@ -167,12 +167,6 @@ def fit_base(robot: Robot, rows: RowFit) -> FittedSpline:
     if robot.drive.has_axle:
         _refuse_sliding(robot, rows, found)
     return found
-
-
-def _fit_through(t: Array, place: Array, turned: Array | None) -> FittedSpline:
-    rate = fit_spline(t, place).spline(t, 1)
-    heading = headings(rate, MOVING_SPEED) if turned is None else turned
-    return fit_spline(t, np.column_stack([place, heading]))
 
 
 def _fit_near(robot: Robot, rows: RowFit, way: Smoothed, turning: Smoothed | None) -> FittedSpline:
@@ -238,10 +232,8 @@ def _refuse_contradiction(
     if headings.largest > MAX_HEADING_CHANGE:
         line, fault = headings.line, f"{HEADING} is {headings.largest:.2g} rad off the smoothed way"
     if places.rms > MAX_PLACE_RATIO * alone and places.largest > MAX_PLACE_CHANGE:
-        line, fault = (
-            places.line,
-            (f"a base that heeds {HEADING} comes no nearer to x, y than {places.largest:.2g} m"),
-        )
+        line = places.line
+        fault = f"a base that heeds {HEADING} comes no nearer to x, y than {places.largest:.2g} m"
     if fault:
         fix = f"turn {HEADING} into the way, or leave it out"
         raise rows.table.refuse([(line, f"{fault}; {fix}")])
@@ -279,17 +271,15 @@ def _rolled(
     found = fit_rolling(problem, way.tau, start, heading, fixed)
     if tolerance is None or problem.residual(found[:, :2]) <= tolerance:
         return way, found
-    best = None
     for _ in range(REFITS):
         middle = 0.5 * (longest + shortest)
         tried = fit_rolling(problem, math.exp(middle), found, heading, fixed)
         if problem.residual(tried[:, :2]) > tolerance:
             longest = middle
         else:
-            shortest, best = middle, tried
-    if best is None:
-        best = fit_rolling(problem, math.exp(shortest), found, heading, fixed)
-    return way._replace(tau=math.exp(shortest)), best
+            shortest = middle
+    tau = math.exp(shortest)
+    return way._replace(tau=tau), fit_rolling(problem, tau, found, heading, fixed)
 
 
 def _refuse_sliding(robot: Robot, rows: RowFit, found: FittedSpline) -> None:

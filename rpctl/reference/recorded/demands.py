@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError
-from rpctl.reference.fitting import dry_friction, efforts, sample
+from rpctl.reference.fitting import dry_friction, efforts, sample, velocities
 from rpctl.reference.motion import steering
 from rpctl.reference.path_reference import TimedPath
 from rpctl.reference.paths import PathTime
@@ -93,8 +93,7 @@ class Demand(Told):
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON says it."""
-        ratio = self.ratio if math.isfinite(self.ratio) else None
-        return {**super().to_dict(), "ratio": ratio}
+        return {**super().to_dict(), "ratio": self.ratio if math.isfinite(self.ratio) else None}
 
 
 class _Asked(NamedTuple):
@@ -129,10 +128,10 @@ def _asked(
     """Return the times that were looked at, and what is asked at them."""
     robot, state = dynamics.robot, reference(times)
     seen, rates, taken = [], [], []
-    for number, at in enumerate(sample(robot, state)):
+    for number, (q, nu, nu_dot, _) in enumerate(zip(*sample(robot, state), strict=True)):
         with suppress(SingularBasisError):
-            taken.append(efforts(dynamics, [at])[0])
-            rates.append(dynamics.basis(at.q) @ at.nu)
+            taken.append(dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot)))
+            rates.append(dynamics.basis(q) @ nu)
             seen.append(number)
     if not seen:
         return np.empty(0), []
@@ -188,8 +187,7 @@ def _demand(dynamics: ReducedDynamics, asked: _Asked, times: Array, lines: Array
 
 def _stretches(outside: NDArray[np.intp], times: Array, lines: Array) -> Iterator[Exceedance]:
     """Yield where the samples of given indices are, those near one another as one."""
-    gaps = np.flatnonzero(np.diff(times[outside]) > SAME_STRETCH) + 1
-    for group in np.split(outside, gaps):
+    for group in np.split(outside, np.flatnonzero(np.diff(times[outside]) > SAME_STRETCH) + 1):
         first, last = group[0], group[-1]
         yield Exceedance(
             float(times[first]), float(times[last]), int(lines[first]), int(lines[last])
@@ -267,9 +265,8 @@ def limits_along(
         sample(robot, reference.at(PathTime(s, *rates)))
         for rates in ((none + 1.0, none), (none, none + 1.0))
     )
-    rates = np.array([dynamics.basis(at.q) @ at.nu for at in steady])
-    still, dry = np.zeros(robot.dof), dry_friction(dynamics, steady)
-    holding = efforts(dynamics, [at._replace(nu=still, nu_dot=still) for at in steady])
+    rates, dry = velocities(dynamics, steady), dry_friction(dynamics, steady)
+    holding = efforts(dynamics, steady.still)
     held, by_square = np.abs(holding) + np.abs(dry), efforts(dynamics, steady) - holding - dry
     by_acceleration = efforts(dynamics, starting) - holding
     idle = idle_joints(robot)
@@ -281,8 +278,7 @@ def limits_along(
     for k, (name, limit) in enumerate(zip(robot.actuators, robot.effort_limits, strict=True)):
         left = limit - held[:, k]
         most = np.where(left > 0.0, EFFORT_SHARE * left, np.inf)
-        bound = Bound(by_acceleration[:, k], by_square[:, k], np.inf, most)
-        yield bound, f"the effort of {name}"
+        yield Bound(by_acceleration[:, k], by_square[:, k], np.inf, most), f"the effort of {name}"
 
 
 def _reason(limits: Sequence[tuple[Bound, str]], s: Array, at: PathTime) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -13,19 +13,20 @@ from scipy.ndimage import median_filter
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.path_reference import TimedPath, still
-from rpctl.reference.paths import Path, constant, spline_curve
+from rpctl.reference.paths import Path, constant, spline_curve, through
 from rpctl.reference.planned.curve import Goal
 from rpctl.reference.planned.reach import plan_reach
 from rpctl.reference.recorded.base import fit_base, rolled_path
 from rpctl.reference.recorded.demands import Demand, Retimed, find_demands, retimed
-from rpctl.reference.recorded.row_fit import (
+from rpctl.reference.recorded.smoothing import (
     METRES_PER_RADIAN,
     FittedSpline,
     RowFit,
+    Smoothed,
     SmoothedColumns,
     fit_spline,
+    on_knots,
 )
-from rpctl.reference.recorded.smoothing import Smoothed, on_knots
 from rpctl.reference.recorded.table_file import (
     BASE_COLUMNS,
     EE_COLUMNS,
@@ -46,15 +47,6 @@ JUMP_RATIO = 6.0  # times the pace about it: of 100 000 steps of noise the longe
 FREE_SPEED = 2.0  # m/s or rad/s: of what has no limit
 
 
-class RecordedSpeed(NamedTuple):
-    """What moves, how fast between rows (K - 1,), its limit (inf: none), and the unit of both."""
-
-    label: str
-    speeds: Array
-    limit: float
-    unit: str
-
-
 def speed_faults(robot: Robot, table: Table) -> list[tuple[int, str]]:
     """Return the lines before which a table moves impossibly fast, each with what to do."""
     faults = []
@@ -70,25 +62,25 @@ def speed_faults(robot: Robot, table: Table) -> list[tuple[int, str]]:
     return sorted(faults)
 
 
-def motions(robot: Robot, table: Table) -> Iterator[RecordedSpeed]:
-    """Yield the speeds between a table's rows of all that moves in it."""
+def motions(robot: Robot, table: Table) -> Iterator[tuple[str, Array, float, str]]:
+    """Yield what moves in a table, its speeds (K - 1,) between rows, their limit, and the unit.
+
+    The limit is inf where there is none.
+    """
     step = np.diff(table.t)
     drive, turn = base_limits(robot)
     for names, limit in ((BASE_COLUMNS, drive), (EE_COLUMNS, math.inf)):
         if names[0] in table.columns:
             way = np.linalg.norm(np.diff(table.stack(names), axis=0), axis=1)
-            yield RecordedSpeed(f"{', '.join(names)} move", way / step, limit, "m/s")
+            yield f"{', '.join(names)} move", way / step, limit, "m/s"
     if HEADING in table.columns:
-        yield RecordedSpeed(
-            f"{HEADING} turns", _turns(table.columns[HEADING]) / step, turn, "rad/s"
-        )
+        yield f"{HEADING} turns", _turns(table.columns[HEADING]) / step, turn, "rad/s"
     for joint in robot.joints:
         if joint.name in table.columns:
             values = table.columns[joint.name]
-            endless = joint.kind == "continuous"
-            way = _turns(values) if endless else np.abs(np.diff(values))
+            way = _turns(values) if joint.kind == "continuous" else np.abs(np.diff(values))
             unit = "m/s" if joint.kind == "prismatic" else "rad/s"
-            yield RecordedSpeed(f"{joint.name} moves", way / step, joint.velocity, unit)
+            yield f"{joint.name} moves", way / step, joint.velocity, unit
 
 
 def _turns(angles: Array) -> Array:
@@ -142,15 +134,12 @@ class Jump(Told):
 def find_jumps(robot: Robot, table: Table) -> list[Jump]:
     """Return the jumps of a table, the largest first."""
     found = []
-    for motion in motions(robot, table):
-        pace = median_filter(motion.speeds, min(ABOUT, len(motion.speeds)), mode="nearest")
-        least = np.maximum(min(motion.limit, FREE_SPEED), JUMP_RATIO * pace)
-        for step in np.flatnonzero(motion.speeds > least).tolist():
-            speed, about = float(motion.speeds[step]), float(pace[step])
-            row = step + 1
-            found.append(
-                Jump(motion.label, table.lines[row], float(table.t[row]), speed, about, motion.unit)
-            )
+    for label, speeds, limit, unit in motions(robot, table):
+        pace = median_filter(speeds, min(ABOUT, len(speeds)), mode="nearest")
+        least = np.maximum(min(limit, FREE_SPEED), JUMP_RATIO * pace)
+        for step in np.flatnonzero(speeds > least).tolist():
+            line, time = table.lines[step + 1], float(table.t[step + 1])
+            found.append(Jump(label, line, time, float(speeds[step]), float(pace[step]), unit))
     return sorted(found, key=lambda jump: jump.speed / max(jump.pace, 1e-9), reverse=True)
 
 
@@ -195,8 +184,7 @@ def reference_from_table(
     law = recorded_time(end, starts, ends)
     moves = goal is not None or any(name in table.columns for name in robot.joint_names)
     arm = spline_curve(joints) if moves else constant(robot.home)
-    reference = TimedPath(path or still(np.zeros(3)), arm, law)
-    return _with_recording(robot, reference, rows, retime)
+    return _with_recording(robot, TimedPath(path or still(np.zeros(3)), arm, law), rows, retime)
 
 
 def _with_recording(robot: Robot, reference: TimedPath, rows: RowFit, retime: bool) -> TimedPath:
@@ -204,13 +192,8 @@ def _with_recording(robot: Robot, reference: TimedPath, rows: RowFit, retime: bo
     dynamics, told = ReducedDynamics(robot), None
     if retime:
         reference, told = retimed(dynamics, reference, rows.table)
-    recording = Recording(
-        rows.wish,
-        tuple(rows.changes),
-        told,
-        tuple(find_jumps(robot, rows.table)),
-        tuple(find_demands(dynamics, reference, rows.table)),
-    )
+    jumps, demands = find_jumps(robot, rows.table), find_demands(dynamics, reference, rows.table)
+    recording = Recording(rows.wish, tuple(rows.changes), told, tuple(jumps), tuple(demands))
     return RecordedPath(reference.path, reference.arm, reference.time_law, recording=recording)
 
 
@@ -305,7 +288,12 @@ def _goal(rows: RowFit) -> tuple[Goal, FittedSpline]:
         # q and −q turn alike: each has its predecessor's sign.
         along = np.einsum("ki,ki->k", turns[1:], turns[:-1])
         turns[1:] *= np.cumprod(np.where(along >= 0.0, 1.0, -1.0))[:, None]
-        turn = rows.fit_inside(", ".join(QUATERNION), turns, "", 2.0 * METRES_PER_RADIAN)
+        # They have no say in where the motion begins and ends.
+        turn = (
+            through(table.t, turns)
+            if rows.wish is None
+            else rows.fit(", ".join(QUATERNION), turns, "", 2.0 * METRES_PER_RADIAN).spline
+        )
     return Goal(found.spline, turn, 0.0, float(table.t[-1]), True), found
 
 

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -46,11 +45,7 @@ QUATERNION_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1
 MAX_ABSOLUTE = 1e6  # m or rad: no row of a robot's motion reaches it
 
 
-class TextRow(NamedTuple):
-    """The cells of a line, without blanks around them, and the line's number."""
-
-    line: int
-    cells: list[str]
+TextRow = tuple[int, list[str]]  # the number of a line, and its cells without blanks around them
 
 
 def read_rows(path: str | Path) -> Iterator[TextRow]:
@@ -76,7 +71,7 @@ def read_rows(path: str | Path) -> Iterator[TextRow]:
             fault = f"over {most_rows} rows; thin it out, or {how_to_raise('MAX_ROWS')}"
             raise refusal(path, [(line, fault)])
         count += 1
-        yield TextRow(line, cells)
+        yield line, cells
 
 
 def _cells(path: str | Path, line: int, content: str) -> list[str]:
@@ -313,12 +308,11 @@ def _time_faults(values: Array, lines: list[int], column: int) -> list[tuple[int
 def _quaternion_faults(
     values: Array, lines: list[int], columns: list[int]
 ) -> list[tuple[int, str]]:
-    lengths = np.linalg.norm(values[:, columns], axis=1)
     return [
         (
             line,
             f"the quaternion {', '.join(QUATERNION)} has length {length:.4g}; scale it to length 1",
         )
-        for line, length in zip(lines, lengths, strict=True)
+        for line, length in zip(lines, np.linalg.norm(values[:, columns], axis=1), strict=True)
         if abs(length - 1.0) > QUATERNION_TOLERANCE
     ]

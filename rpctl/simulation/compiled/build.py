@@ -23,8 +23,7 @@ from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import code_key
 from rpctl.kernels.program import Buffer, Program, Rows
 from rpctl.kernels.stored import stored
-from rpctl.reference.motion import ReferenceState
-from rpctl.reference.table import tabulate
+from rpctl.reference.motion import ReferenceState, tabulate
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.lanes import Lanes, same_inputs
@@ -234,7 +233,7 @@ def _by_machine(
     more = {s: Rows(np.empty((1, s.width, len(inputs)))) for s in loop.log.values()}
     if loop.fold is not None and loop.fold.tip is not None:
         more[loop.fold.tip] = Rows(np.zeros((1, loop.fold.tip.width)))
-    row = tabulate(known.robot, lambda t: state, np.zeros(1)).rows()
+    row = tabulate(known.robot, lambda t: state, np.zeros(1)).rows
     lanes.advance(0, np.zeros(1), row, more)
     if lanes.workspace[loop.law.failed].any():
         return None

@@ -16,8 +16,7 @@ from rpctl.control.fragment import settings_of
 from rpctl.control.law import Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.kernels.program import Buffer, Rows, RowStream
-from rpctl.reference.motion import Reference
-from rpctl.reference.table import tabulate
+from rpctl.reference.motion import Reference, tabulate
 from rpctl.simulation.compiled.loop import CompiledLoop
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods
@@ -175,7 +174,7 @@ class Lanes:
         followed = np.repeat(rows[:, :, None], len(self.stages), axis=2)
         for lane, way in self._ways.items():
             before = times < way.plan.joins_at
-            followed[before, :, lane] = tabulate(self._robot, way, times[before]).rows()
+            followed[before, :, lane] = tabulate(self._robot, way, times[before]).rows
         return followed
 
 

@@ -15,8 +15,7 @@ from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.cache import cached
 from rpctl.kernels.machine_code import native_lanes
 from rpctl.kernels.program import Rows
-from rpctl.reference.motion import Reference
-from rpctl.reference.table import tabulate
+from rpctl.reference.motion import Reference, tabulate
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.build import MOST_KEPT, build_loop, loop_key, require_equal, shape_of
 from rpctl.simulation.compiled.lanes import CHUNK, LaneInputs, Lanes, fill
@@ -79,7 +78,7 @@ class LaneRunner:
         self._loop, self.holding = _loop_and_holding(self._known, dynamics, config, shape)
         self._times = config.run.control_period * np.arange(count, dtype=float)
         table = tabulate(known, reference, self._times)
-        self._rows, self._tips = table.rows(), table.end_effector
+        self._rows, self._tips = table.rows, table.end_effector
 
     def run(
         self, inputs: LaneInputs, stride: int, progress: Callable[[int, int], object] | None = None

@@ -10,7 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.errors import DivergedError
 from rpctl.kernels.program import Rows, RowStream
-from rpctl.reference.table import ReferenceTable, tabulate
+from rpctl.reference.motion import ReferenceTable, tabulate
 from rpctl.simulation.compiled.build import compiled_loop
 from rpctl.simulation.compiled.lanes import CHUNK, Lanes, same_inputs
 from rpctl.simulation.compiled.loop import FAR, LAW_FAILED, CompiledLoop
@@ -69,7 +69,7 @@ def close_compiled_loop(loop: Loop, recorder: Recorder) -> None:
             log = {
                 s: Rows(np.empty((len(times), s.width, 1))) for s in compiled.program.log.values()
             }
-            lane.advance(first, times, table.rows(), log)
+            lane.advance(first, times, table.rows, log)
             _record(compiled, log, table, first, recorder)
             loop.wall_time = time.perf_counter() - began
             if loop.progress is not None:

@@ -16,8 +16,13 @@ from rpctl.dynamics.symbols.basis import SINGULAR
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import dense_function
 from rpctl.kernels.rows import RowFunction
-from rpctl.reference.motion import ReferenceState, reference_rates, steering
-from rpctl.reference.table import ReferenceTable, table_of
+from rpctl.reference.motion import (
+    ReferenceState,
+    ReferenceTable,
+    reference_rates,
+    steering,
+    table_of,
+)
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.derived import TURN, Derivation, left, reference_configurations

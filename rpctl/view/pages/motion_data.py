@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.run import Run
-from rpctl.view.chart import Chart, Line, decades
-from rpctl.view.charts import BASE_SPEED_LABELS, each_chart
+from rpctl.view.charts import BASE_SPEED_LABELS, Chart, Line, charts, decades
 from rpctl.view.labels import shorten
 
 MAX_POINTS = 2000  # of one line: a screen has no more columns
@@ -42,20 +42,21 @@ def chart_data(runs: Sequence[Run], names: Sequence[str]) -> dict[str, Any]:
     """
     times, thins = _axis([run.t - run.t[0] for run in runs])
     if len(runs) == 1:
-        return _packed_charts(
-            times, ((c.title, c.note, [("", c, thins)]) for c in each_chart(runs[0]))
-        )
+        return drawn_charts(times, charts(runs[0]), thins[0])
     return _packed_charts(times, _by_line(runs, names, thins))
 
 
-def drawn_charts(times: Array, charts: Sequence[Chart]) -> dict[str, Any]:
-    """Return charts on one time axis (n,), s, ready for JSON; none has more than MAX_POINTS.
+def drawn_charts(
+    times: Array, drawn: Iterable[Chart], thin: Thin = lambda values: values
+) -> dict[str, Any]:
+    """Return charts on one time axis (n,), s, ready for JSON.
 
     Args:
         times: The axis.
-        charts: Their lines have n values each.
+        drawn: The charts.
+        thin: Makes n values of those of a line.
     """
-    return _packed_charts(times, ((c.title, c.note, [("", c, [np.asarray])]) for c in charts))
+    return _packed_charts(times, ((c.title, c.note, [("", c, [thin])]) for c in drawn))
 
 
 def _packed_charts(times: Array, charts: Iterable[tuple[str, str, Variants]]) -> dict[str, Any]:
@@ -81,7 +82,7 @@ def _by_line(
     """Regroup the charts of several runs: per chart and kind of line, one line for each run."""
     gathered: dict[str, dict[str, list[tuple[Chart, Line, int]]]] = {}
     for k, run in enumerate(runs):
-        for chart in each_chart(run):
+        for chart in charts(run):
             for line in chart.lines:
                 found = gathered.setdefault(chart.title, {}).setdefault(line.label, [])
                 found.append((chart, line, k))
@@ -110,8 +111,6 @@ def _by_line(
 
 def _variant(chart: Chart, thins: list[Thin]) -> dict[str, Any]:
     lines = chart.lines
-    if len(thins) == 1:
-        thins = thins * len(lines)
     entry: dict[str, Any] = {"unit": chart.unit, "limits": list(chart.limits)}
     if chart.errors:
         entry["decades"] = list(decades(lines))
@@ -121,7 +120,8 @@ def _variant(chart: Chart, thins: list[Thin]) -> dict[str, Any]:
             replace(line, label=name) for line, name in zip(lines, short.names, strict=True)
         )
         entry["names"] = short.shared
-    entry["lines"] = [_line(line, thin) for line, thin in zip(lines, thins, strict=True)]
+    each_thin = thins * len(lines) if len(thins) == 1 else thins
+    entry["lines"] = [_line(line, thin) for line, thin in zip(lines, each_thin, strict=True)]
     return entry
 
 
@@ -156,8 +156,7 @@ def _axis(time_axes: list[Array]) -> tuple[Array, list[Thin]]:
     gap = max(float(np.diff(t).max()) for t in time_axes if len(t) > 1)
     count = max(1, min(MAX_POINTS // 2, int(end / (2.0 * gap))))
     edges = np.linspace(0.0, end, count + 1)
-    times = np.linspace(0.0, end, 2 * count)
-    return times, [_extremes(t, edges) for t in time_axes]
+    return np.linspace(0.0, end, 2 * count), [_extremes(t, edges) for t in time_axes]
 
 
 def _extremes(t: Array, edges: Array) -> Thin:
@@ -179,32 +178,28 @@ def _extremes(t: Array, edges: Array) -> Thin:
 def overlay(robot: Robot | RpctlError, run: Run, times: Array) -> dict[str, Any]:
     """Return the efforts and, where they were logged, the ground's reactions at frames.
 
+    Efforts are shares of their limits; without a limit, of their maximum in the run.
+
     Args:
         robot: The robot of the run, or why it cannot be had: efforts colour nothing then.
         run: The run.
         times: Times of the frames (n,), s, from 0.
     """
     frames = np.searchsorted(run.t - run.t[0], times)
-    high, low = np.maximum.reduceat(run.tau, frames), np.minimum.reduceat(run.tau, frames)
-    ratios = effort_ratios(run, np.maximum(high, -low))  # the largest up to the next frame
+    most, limits = np.abs(run.tau).max(axis=0), np.array(run.robot.effort_limits)
+    known = np.isfinite(limits) & (limits > 0.0)
+    scale = np.where(known, limits, np.maximum(most, 1e-12))
+    largest = np.maximum.reduceat(np.abs(run.tau), frames)  # up to the next frame
     return {
         "effort": {
             "joints": [
                 0 if isinstance(robot, RpctlError) else robot.model.getJointId(name)
                 for name in run.robot.actuators
             ],
-            "share": packed(ratios),
+            "share": packed(largest / scale),
         },
         "stance": _stance(run, frames),
     }
-
-
-def effort_ratios(run: Run, size: Array) -> Array:
-    """Return |τ| (n, n_act) over its limits; without a limit, over its maximum in the run."""
-    most = np.maximum(run.tau.max(axis=0), -run.tau.min(axis=0))
-    limits = np.array(run.robot.effort_limits)
-    known = np.isfinite(limits) & (limits > 0.0)
-    return np.asarray(size / np.where(known, limits, np.maximum(most, 1e-12)))
 
 
 def contact_forces(run: Run, samples: Any = slice(None)) -> Array:
@@ -223,10 +218,8 @@ def contact_forces(run: Run, samples: Any = slice(None)) -> Array:
         load = np.maximum(loads[:, list(axle)], 0.0)
         load_fraction = load / np.maximum(load.sum(axis=1, keepdims=True), 1e-12)
         force[:, list(axle), 1] = load_fraction * lateral[:, None]
-    heading = float(run.robot.drive.heading)
-    forward = np.array([np.cos(heading), np.sin(heading)])
-    left = np.array([-forward[1], forward[0]])
-    force[:, :, :2] = force[:, :, :1] * forward + force[:, :, 1:2] * left
+    cos, sin = np.cos(run.robot.drive.heading), np.sin(run.robot.drive.heading)
+    force[:, :, :2] = force[:, :, :2] @ np.array([[cos, sin], [-sin, cos]])
     return force
 
 
@@ -234,8 +227,6 @@ def _stance(run: Run, frames: NDArray[np.int64]) -> dict[str, Any] | None:
     """Return contacts, forces, support polygon and zero-moment point in the root link's frame."""
     if not run.log.tip_margin.size:
         return None
-    from scipy.spatial import ConvexHull
-
     points = np.array(run.ground.points)
     x, y, cos, sin = run.q[frames, :4].T
     dx, dy = run.log.zmp[frames, 0] - x, run.log.zmp[frames, 1] - y

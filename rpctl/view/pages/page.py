@@ -87,17 +87,10 @@ class LegendEntry:
     scale: tuple[str, str] | None = None
 
 
-@dataclass(frozen=True)
-class StandInBadge:
-    """What tells that something stands in for missing meshes, in short and in full."""
-
-    text: str
-    title: str
-
-    @classmethod
-    def of(cls, stand_ins: Sequence[StandIn]) -> StandInBadge | None:
-        """Return the badge of stand-ins; None where there are none."""
-        return cls(label(stand_ins), note(stand_ins, most=len(stand_ins))) if stand_ins else None
+def stand_in_entry(stand_ins: Sequence[StandIn]) -> LegendEntry | None:
+    """Return the entry that names what stands in for missing meshes; None where nothing does."""
+    told = note(stand_ins, most=len(stand_ins))
+    return LegendEntry("stand-in", label(stand_ins), title=told) if stand_ins else None
 
 
 def asset(name: str) -> str:
@@ -153,11 +146,6 @@ def _environment() -> jinja2.Environment:
 def _shown(value: Any) -> Any:
     """Return a text with what would not be seen escaped, before its markup is."""
     return printable(value, keep="\n") if type(value) is str else value
-
-
-def escape(text: str) -> str:
-    """Return a text of others as HTML that shows it: no markup, and nothing that is not seen."""
-    return str(Markup.escape(printable(text, keep="\n")))
 
 
 def embed(value: Any, *, shown: bool = True) -> Markup:

@@ -10,13 +10,13 @@ from rpctl.simulation.merits.collision_facts import clearance_text, collision_te
 from rpctl.simulation.merits.obstacles import run_obstacles
 from rpctl.simulation.merits.outcome import SUCCESSES
 from rpctl.simulation.merits.path_error import lag, length
-from rpctl.simulation.merits.summary import Summary, Violation
+from rpctl.simulation.merits.summary import Summary
 from rpctl.simulation.run.run import Run
 from rpctl.view.charts import has_base
-from rpctl.view.pages.page import Badge, Cell, LegendEntry, Section, Table
+from rpctl.view.pages.page import Badge, Cell, LegendEntry, Section, Table, stand_in_entry
 from rpctl.view.pages.settings import JOINTS_LABEL, setting_text, setting_texts
-from rpctl.view.scene.obstacles import OBSTACLE_TITLES
-from rpctl.view.scene.stand_ins import StandIn, label, note
+from rpctl.view.scene.stage import OBSTACLE_TITLES
+from rpctl.view.scene.stand_ins import StandIn
 
 MERIT_LABELS = {
     "rms_base_error": "Base, rms",
@@ -60,16 +60,11 @@ def panel(
         notes: Notes on the scene, in sentences.
         linear_loop: The section on the linear loop.
     """
-    sections = (
-        _merits_section(run, summary),
-        linear_loop,
-        None if run.certificate is None else _certificate(run.certificate),
-        _settings(run),
-        _robot(run),
-        notes_section(notes),
-        KEYBOARD,
-    )
-    return [section for section in sections if section is not None]
+    certificate = None if run.certificate is None else _certificate(run.certificate)
+    middle = (linear_loop, certificate, _settings(run), _robot(run))
+    return [
+        _merits_section(run, summary), *filter(None, middle), *notes_section(notes), KEYBOARD,
+    ]  # fmt: skip
 
 
 def subtitle(run: Run) -> str:
@@ -138,7 +133,11 @@ def _sentences(run: Run, summary: Summary) -> Iterator[str]:
         yield f"The reference: {run.recording['sentence']}."
     if run.perturbed is not None:
         yield f"Expect, {run.perturbed['sentence']}."
-    yield from map(_violation, summary.limits_violated)
+    for broken in summary.limits_violated:
+        yield (
+            f"{broken.joint}: {broken.limit} {broken.value:.4g}, allowed "
+            f"{broken.allowed:.4g}, from {broken.first_time:.2f} s"
+        )
     yield from (f"{each.sentence}." for each in summary.limits_bound)
     yield from (f"{each}." for each in collision_texts(summary.collisions))
     if summary.clearances:
@@ -150,13 +149,6 @@ def _sentences(run: Run, summary: Summary) -> Iterator[str]:
         yield f"On the ground: {summary.ground.sentence}."
     if summary.felt_ground is not None:
         yield f"In the plant: {summary.felt_ground.sentence}."
-
-
-def _violation(broken: Violation) -> str:
-    return (
-        f"{broken.joint}: {broken.limit} {broken.value:.4g}, allowed "
-        f"{broken.allowed:.4g}, from {broken.first_time:.2f} s"
-    )
 
 
 def outcome_badge(summary: Summary) -> Badge:
@@ -226,13 +218,12 @@ def _robot(run: Run) -> Section:
     ]
     if run.robot.end_effector is not None:
         rows.append(("End effector", run.robot.end_effector))
-    names = ", ".join(run.robot.quasi_velocities)
-    return Section("Robot", rows=rows, details=("Names", names))
+    return Section("Robot", rows=rows, details=("Names", ", ".join(run.robot.quasi_velocities)))
 
 
-def notes_section(notes: Sequence[str]) -> Section | None:
-    """Return the section of notes; None where there are none."""
-    return Section(f"Notes ({len(notes)})", notes=notes) if notes else None
+def notes_section(notes: Sequence[str]) -> list[Section]:
+    """Return the section of notes, if there are any."""
+    return [Section(f"Notes ({len(notes)})", notes=notes)] if notes else []
 
 
 # ---- several runs -------------------------------------------------------------------------
@@ -260,13 +251,12 @@ def compare_panel(
     rows["Limits"] = [limits_badge(summary) for summary in summaries]
     checked = [run.certificate for run in runs]
     rows["Dynamics"] = [NONE if each is None else _verified(each) for each in checked]
-    sections = (
+    return [
         Section("Tracking error", table=Table(names, list(rows.items()), coloured=True)),
         Section("Settings", table=Table(names, _setting_rows(runs), coloured=True)),
-        notes_section(notes),
+        *notes_section(notes),
         KEYBOARD,
-    )
-    return [section for section in sections if section is not None]
+    ]
 
 
 def _setting_rows(runs: Sequence[Run]) -> list[tuple[str, Sequence[Cell]]]:
@@ -297,7 +287,7 @@ def legend(run: Run, stand_ins: Sequence[StandIn] = ()) -> list[LegendEntry]:
     entries = [LegendEntry("base", "Base")] if has_base(run) else []
     entries += [LegendEntry("tip", "End effector")] if run.log.ee.shape[1] == 3 else []
     entries += [LegendEntry("desired", "Desired"), LegendEntry("ghost", "Reference robot")]
-    entries += stand_in_entry(stand_ins)
+    entries += filter(None, [stand_in_entry(stand_ins)])
     limits = [math.isfinite(limit) and limit > 0.0 for limit in run.robot.effort_limits]
     end = "limit" if all(limits) else "limit or peak" if any(limits) else "peak"
     scale = (end, EFFORT_SCALES[end])
@@ -322,21 +312,13 @@ def compare_legend(
     entries = [motion_entry(k, name) for k, name in enumerate(names)]
     if any(has_base(run) or run.log.ee.shape[1] for run in runs):
         entries.append(LegendEntry("desired", "Desired"))
-    entries += [*stand_in_entry(stand_ins), *_obstacle_entries(runs)]
+    entries += filter(None, [stand_in_entry(stand_ins), *_obstacle_entries(runs)])
     return [*entries, LegendEntry("ghost", "Reference robot", shown=False)]
 
 
 def motion_entry(k: int, name: str, shown: bool = True) -> LegendEntry:
     """Return the entry of one of several motions; the first is drawn solid."""
     return LegendEntry(f"run-{k + 1}", name if k else f"{name} (solid)", colour=k, shown=shown)
-
-
-def stand_in_entry(stand_ins: Sequence[StandIn]) -> list[LegendEntry]:
-    """Return the entry of the scene's legend that names what is hatched; none where nothing is."""
-    if not stand_ins:
-        return []
-    told = note(stand_ins, most=len(stand_ins))
-    return [LegendEntry("stand-in", label(stand_ins), title=told)]
 
 
 def _obstacle_entries(runs: Iterable[Run]) -> list[LegendEntry]:

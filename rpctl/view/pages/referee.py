@@ -14,12 +14,12 @@ from rpctl.engines.recording import EngineRecording
 from rpctl.engines.referee import Cause, EngineVerdict, beyond
 from rpctl.files.writing import write_atomically
 from rpctl.robot.model import Robot
-from rpctl.view.chart import Chart, Line
+from rpctl.view.charts import Chart, Line
 from rpctl.view.pages.motion_data import drawn_charts
-from rpctl.view.pages.page import Badge, Section, Table
-from rpctl.view.pages.panel import KEYBOARD, motion_entry, notes_section, stand_in_entry
+from rpctl.view.pages.page import Badge, Section, Table, stand_in_entry
+from rpctl.view.pages.panel import KEYBOARD, motion_entry, notes_section
 from rpctl.view.pages.report import Page, page_bytes
-from rpctl.view.scene.scene import FreeMotion, free_scene
+from rpctl.view.scene.scene import free_scene
 
 MODEL = "Reduced model"
 
@@ -55,19 +55,17 @@ def referee_page(robot: Robot, verdicts: Sequence[EngineVerdict]) -> bytes:
         verdicts: On the engines, at least one.
     """
     shown = list(_shown(verdicts))
-    recordings = [one.recording for one in shown]
-    scene = free_scene(robot, [FreeMotion(each.t, each.root, each.joints) for each in recordings])
+    scene = free_scene(robot, [one.recording for one in shown])
     said = dict.fromkeys(note for verdict in verdicts for note in (*verdict.notes, *scene.notes))
     names = ", ".join(f"{verdict.engine} {verdict.version}" for verdict in verdicts)
-    notes = notes_section(tuple(said))
     entries = [motion_entry(k, one.name, one.shown) for k, one in enumerate(shown)]
     page = Page(
         title=robot.name,
         subtitle=f"the same efforts and the same start · {names}",
         scene_label=f"{robot.name} in {len(shown)} motions, in three dimensions",
         badges=[_badge(verdict) for verdict in verdicts],
-        legend=[*entries, *stand_in_entry(scene.stand_ins)],
-        panel=[*map(_verdict_section, verdicts), *([notes] if notes else []), KEYBOARD],
+        legend=[*entries, *filter(None, [stand_in_entry(scene.stand_ins)])],
+        panel=[*map(_verdict_section, verdicts), *notes_section(tuple(said)), KEYBOARD],
         scene=scene,
         data={"plots": drawn_charts(scene.times, _charts(verdicts, shown))},
     )
@@ -92,24 +90,18 @@ def _badge(verdict: EngineVerdict) -> Badge:
 
 def _verdict_section(verdict: EngineVerdict) -> Section:
     """Return what the referee says of an engine: its line, the causes, all gaps."""
-    found = verdict.trace
+    found, word = verdict.trace, "disagrees" if verdict.traced else "disagrees, not traced"
     causes = [_cause(cause, verdict) for cause in (found.causes if found else ())]
     rest = [gap.words for gap in ((*found.cured, *found.remaining) if found else ())]
     told = [] if causes else [verdict.line]
     told += [f"Not explained: {'; '.join(rest)}"] if rest else []
     return Section(
         f"{verdict.engine} {verdict.version} ",
-        [_short_badge(verdict)],
+        [Badge(verdict.agrees, "agrees" if verdict.agrees else word)],
         notes=causes,
         paragraphs=told,
         table=Table(("gap", "band", ""), [_gap_row(gap) for gap in verdict.gaps]),
     )
-
-
-def _short_badge(verdict: EngineVerdict) -> Badge:
-    if verdict.agrees:
-        return Badge(True, "agrees")
-    return Badge(False, "disagrees" if verdict.traced else "disagrees, not traced")
 
 
 def _cause(cause: Cause, verdict: EngineVerdict) -> tuple[str, str]:
@@ -120,8 +112,8 @@ def _cause(cause: Cause, verdict: EngineVerdict) -> tuple[str, str]:
 
 
 def _gap_row(gap: EngineGap) -> tuple[str, list[str]]:
-    sizes = [gap_text(abs(gap.gap), gap.unit), gap_text(gap.band, gap.unit)]
-    return gap.name.capitalize(), [*sizes, "" if gap.agrees else gap.words]
+    size, band = gap_text(abs(gap.gap), gap.unit), gap_text(gap.band, gap.unit)
+    return gap.name.capitalize(), [size, band, "" if gap.agrees else gap.words]
 
 
 def _charts(verdicts: Sequence[EngineVerdict], shown: Sequence[Shown]) -> list[Chart]:
@@ -132,29 +124,20 @@ def _charts(verdicts: Sequence[EngineVerdict], shown: Sequence[Shown]) -> list[C
         mine = getattr(recording, name)
         return np.asarray(mine - getattr(model, name)[: len(mine)])
 
-    def path(recording: EngineRecording) -> Array:
-        return 1e3 * np.hypot(*off(recording, "pose")[:, :2].T)
-
-    def heading(recording: EngineRecording) -> Array:
-        return np.degrees(off(recording, "pose")[:, 2])
-
-    def slip(recording: EngineRecording) -> Array:
-        return np.hypot(*np.moveaxis(off(recording, "slip"), 2, 0)).max(axis=1)
-
-    def load(recording: EngineRecording) -> Array:
-        return np.abs(off(recording, "load")).max(axis=1)
-
     def energy(recording: EngineRecording) -> Array:
         made = off(recording, "energy") - off(recording, "work")
         return made - made[0]
 
     kinds: tuple[tuple[str, str, Callable[[EngineRecording], Array], str], ...] = (
-        ("Off the model's path", "mm", path, ""),
-        ("Off the model's heading", "°", heading, ""),
-        ("Slip of the worst wheel", "m/s", slip, "beyond that of the model"),
-        ("Load of the worst contact", "N", load, "off the model's"),
+        ("Off the model's path", "mm", lambda x: 1e3 * np.hypot(*off(x, "pose")[:, :2].T), ""),
+        ("Off the model's heading", "°", lambda x: np.degrees(off(x, "pose")[:, 2]), ""),
+        ("Slip of the worst wheel", "m/s",
+         lambda x: np.hypot(*np.moveaxis(off(x, "slip"), 2, 0)).max(axis=1),
+         "beyond that of the model"),
+        ("Load of the worst contact", "N", lambda x: np.abs(off(x, "load")).max(axis=1),
+         "off the model's"),
         ("Energy made", "J", energy, "beyond work and the model's losses"),
-    )
+    )  # fmt: skip
     return [
         _chart(title, unit, find, note, shown, len(model.t)) for title, unit, find, note in kinds
     ]

@@ -142,7 +142,25 @@ def report_page(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summ
     Raises:
         RpctlError: meshcat lacks its viewer.
     """
-    return page_bytes(_single(run, robot, scene, summary))
+    collisions = summary.collisions if scene.duration > 0.0 else ()
+    return page_bytes(
+        Page(
+            title=run.robot.name,
+            subtitle=subtitle(run),
+            scene_label=f"{run.robot.name} following its reference, in three dimensions",
+            figures=headline_rows(run, summary),
+            badges=headline_badges(run, summary),
+            legend=legend(run, scene.stand_ins),
+            panel=panel(run, summary, scene.notes, poles_section(run, robot)),
+            scene=scene,
+            data={
+                **overlay(robot, run, scene.times),
+                "plots": chart_data([run], [run.robot.name]),
+            },
+            run=run.digest or "",
+            marks=[timeline_mark(each, float(run.t[0]), scene.duration) for each in collisions],
+        )
+    )
 
 
 def comparison_page(
@@ -160,7 +178,21 @@ def comparison_page(
     Raises:
         RpctlError: There are more or fewer names than runs, or meshcat lacks its viewer.
     """
-    return page_bytes(_comparison(runs, names, robots or [robot_of(run) for run in runs]))
+    if len(names) != len(runs):
+        raise RpctlError(f"{len(runs)} runs, {len(names)} names; give a name for each run")
+    scene = compare_scene(robots or [robot_of(run) for run in runs], runs)
+    names_of_robots = " · ".join(dict.fromkeys(run.robot.name for run in runs))
+    return page_bytes(
+        Page(
+            title=names_of_robots,
+            subtitle=f"{len(runs)} runs: {' · '.join(names)}",
+            scene_label=f"{len(runs)} runs of {names_of_robots}, in three dimensions",
+            legend=compare_legend(runs, names, scene.stand_ins),
+            panel=compare_panel(runs, names, [summarize(run) for run in runs], scene.notes),
+            scene=scene,
+            data={"plots": chart_data(runs, names)},
+        )
+    )
 
 
 def robot_of(run: Run, package_dirs: Sequence[str | Path] = ()) -> Robot | RpctlError:
@@ -181,26 +213,6 @@ def report_policy() -> str:
     return policy(*_scripts())
 
 
-def _single(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) -> Page:
-    collisions = summary.collisions if scene.duration > 0.0 else ()
-    return Page(
-        title=run.robot.name,
-        subtitle=subtitle(run),
-        scene_label=f"{run.robot.name} following its reference, in three dimensions",
-        figures=headline_rows(run, summary),
-        badges=headline_badges(run, summary),
-        legend=legend(run, scene.stand_ins),
-        panel=panel(run, summary, scene.notes, poles_section(run, robot)),
-        scene=scene,
-        data={
-            **overlay(robot, run, scene.times),
-            "plots": chart_data([run], [run.robot.name]),
-        },
-        run=run.digest or "",
-        marks=[timeline_mark(each, float(run.t[0]), scene.duration) for each in collisions],
-    )
-
-
 def timeline_mark(collision: Collision, start: float, duration: float) -> TimelineMark:
     """Return the mark of a collision, as wide as that lasted.
 
@@ -216,24 +228,6 @@ def timeline_mark(collision: Collision, start: float, duration: float) -> Timeli
         f"width:max(3px, {width:.4f}*(100% - {THUMB_PX}px))"
     )
     return TimelineMark(style, collision.sentence)
-
-
-def _comparison(
-    runs: Sequence[Run], names: Sequence[str], robots: Sequence[Robot | RpctlError]
-) -> Page:
-    if len(names) != len(runs):
-        raise RpctlError(f"{len(runs)} runs, {len(names)} names; give a name for each run")
-    scene = compare_scene(robots, runs)
-    names_of_robots = " · ".join(dict.fromkeys(run.robot.name for run in runs))
-    return Page(
-        title=names_of_robots,
-        subtitle=f"{len(runs)} runs: {' · '.join(names)}",
-        scene_label=f"{len(runs)} runs of {names_of_robots}, in three dimensions",
-        legend=compare_legend(runs, names, scene.stand_ins),
-        panel=compare_panel(runs, names, [summarize(run) for run in runs], scene.notes),
-        scene=scene,
-        data={"plots": chart_data(runs, names)},
-    )
 
 
 def _names(runs: Sequence[Run]) -> list[str]:
@@ -262,28 +256,8 @@ def page_bytes(page: Page) -> bytes:
     Raises:
         RpctlError: meshcat lacks its viewer.
     """
-    text = render_page(
-        "report.html",
-        title=f"{page.title} · rpctl",
-        styles=STYLES,
-        scripts=_scripts(),
-        run=page.run,
-        page=page,
-        licences=licences(charts=True),
-        data=embed({**_scene_data(page.scene), **page.data}),
-    )
-    return text.encode("utf-8", "backslashreplace")
-
-
-def _scripts() -> tuple[str, str, str]:
-    """Return the scripts of a report: meshcat's, uPlot's and its own."""
-    own = '"use strict";\n(() => {\n' + "\n".join(map(asset, SCRIPTS)) + "})();\n"
-    return meshcat_script(), uplot_script(), own
-
-
-def _scene_data(scene: Scene) -> dict[str, Any]:
-    """Return what the page's scripts need of a scene."""
-    return {
+    scene = page.scene
+    shown = {
         "runs": [
             {"prefix": node_prefix(k), "duration": float(times[-1]), "frames": len(times)}
             for k, times in enumerate(scene.motions, 1)
@@ -295,6 +269,23 @@ def _scene_data(scene: Scene) -> dict[str, Any]:
         "origin": scene.origin.tolist(),
         "commands": [base64.b64encode(command).decode() for command in scene.commands],
     }
+    text = render_page(
+        "report.html",
+        title=f"{page.title} · rpctl",
+        styles=STYLES,
+        scripts=_scripts(),
+        run=page.run,
+        page=page,
+        licences=licences(charts=True),
+        data=embed({**shown, **page.data}),
+    )
+    return text.encode("utf-8", "backslashreplace")
+
+
+def _scripts() -> tuple[str, str, str]:
+    """Return the scripts of a report: meshcat's, uPlot's and its own."""
+    own = '"use strict";\n(() => {\n' + "\n".join(map(asset, SCRIPTS)) + "})();\n"
+    return meshcat_script(), uplot_script(), own
 
 
 def poles_section(run: Run, robot: Robot | RpctlError) -> Section | None:
@@ -334,8 +325,7 @@ def verdict(poles: LoopPoles) -> str:
 
 def _slowest(poles: LoopPoles) -> str:
     k = int(poles.decay.argmin())
-    rate = float(poles.decay[k])
-    shown = 0.0 if abs(rate) < STILL else -rate
+    shown = 0.0 if abs(poles.decay[k]) < STILL else -poles.decay[k]
     return f"{shown:.3g} 1/s at {poles.t[k]:.3g} s"
 
 

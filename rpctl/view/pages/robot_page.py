@@ -20,9 +20,9 @@ from rpctl.robot.coordinates import ROOT_JOINT, read_root
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.obstacles import AvoidedObstacle
 from rpctl.view.labels import shorten
-from rpctl.view.pages.page import StandInBadge, asset, embed, render_page
+from rpctl.view.pages.page import asset, embed, render_page, stand_in_entry
 from rpctl.view.pages.third_party import licences, meshcat_script, uplot_script
-from rpctl.view.scene import materials, threejs, trails
+from rpctl.view.scene import threejs, trails
 from rpctl.view.scene.markers import (
     Markers,
     build_markers,
@@ -31,10 +31,17 @@ from rpctl.view.scene.markers import (
     skeleton,
     total_mass_marker,
 )
-from rpctl.view.scene.motion import joint_poses
-from rpctl.view.scene.obstacles import obstacle_commands, obstacle_corners
-from rpctl.view.scene.robot_meshes import Bodies, build_bodies
-from rpctl.view.scene.scene import ACTUAL, REFERENCE, ROBOTS_PATH, opening_commands, part_cloud
+from rpctl.view.scene.robot_meshes import Bodies, build_bodies, robot_nodes
+from rpctl.view.scene.scene import (
+    ACTUAL,
+    REFERENCE,
+    ROBOTS_PATH,
+    joint_poses,
+    opening_commands,
+    part_cloud,
+)
+from rpctl.view.scene.stage import obstacle_commands, obstacle_corners
+from rpctl.view.serve.server import EVENTS, GO, STOP
 
 MIN_REACH_M = 2.0  # m; how far the sliders move the base, at least
 REACH_RATIO = 2.0  # of the robot's size; how far they move it where that is farther
@@ -56,48 +63,24 @@ class LiveMotion:
     """A motion that a page will be sent.
 
     Attributes:
-        stream: Where the events are, relative to the page's own address.
         start: Configuration (nq,) that the page shows until the motion comes.
         desired: Poses (n, 3) of P that it is to follow: x, y in m, heading in rad.
         duration: s.
-        stop: Where the page asks to end the simulation, likewise.
         obstacles: What it keeps clear of.
-        charts: The charts of what is sent: title, unit, limits and the lines' names.
     """
 
-    stream: str
     start: Array
     desired: Array
     duration: float
-    stop: str = "stop"
     obstacles: tuple[AvoidedObstacle, ...] = ()
-    charts: Sequence[Mapping[str, Any]] = ()
-
-
-@dataclass(frozen=True)
-class GoalService:
-    """A server that moves the robot to the goal that its page sets.
-
-    Attributes:
-        stream: Where the events with the motion are, relative to the page's own address.
-        go: Where the page asks for a motion, likewise.
-        stop: Where it asks to end one.
-        laws: Names of the kinematic laws to choose from, the default one first.
-        charts: The charts of what is sent, as of :class:`LiveMotion`.
-    """
-
-    stream: str
-    go: str
-    stop: str
-    laws: Sequence[str]
-    charts: Sequence[Mapping[str, Any]]
 
 
 def robot_page(
     robot: Robot,
     motion: LiveMotion | None = None,
     command: str | None = None,
-    service: GoalService | None = None,
+    laws: Sequence[str] = (),
+    charts: Sequence[Mapping[str, Any]] = (),
 ) -> str:
     """Return the page of a robot as HTML; it fetches nothing but the motion that a server sends.
 
@@ -106,19 +89,33 @@ def robot_page(
         motion: The motion that it will be sent; None for sliders and handles that move the robot.
         command: The words that a command to go to a goal begins with; None: ``rpctl track`` and
             the name of the robot's file, or of its entry in the catalogue.
-        service: What moves the robot to a goal; None: the page shows the command that does.
+        laws: Names of the kinematic laws with which its server moves the robot to a goal, the
+            default one first; none: the page shows the command that does.
+        charts: The charts of what a server sends: title, unit, limits and the lines' names.
 
     Raises:
         RpctlError: meshcat lacks its viewer.
     """
     command = command or f"rpctl track {shlex.quote(Path(robot.source).name)}"
-    served = motion is not None or service is not None
+    served = motion is not None or bool(laws)
     bodies = build_bodies(robot)
-    charts = (uplot_script(),) if served else ()
-    scripts = (meshcat_script(), *charts, "\n".join(map(asset, SCRIPTS)))
+    scripts = (meshcat_script(), *[uplot_script()] * served, "\n".join(map(asset, SCRIPTS)))
     data = _data(robot, bodies, motion)
-    data["goal"] = None if motion is not None else _goal(robot, command, service)
-    data["live"] = _live(motion or service)
+    goal = {
+        "hand": hand(robot),
+        "moves": bool(robot.drive.base_speeds),
+        "heading": robot.drive.heading,
+        "command": command,
+        "laws": list(laws),
+    }
+    live = {
+        "stream": EVENTS,
+        "stop": STOP,
+        "go": GO if laws else None,
+        "duration": None if motion is None else motion.duration,
+        "charts": list(charts),
+    }
+    data |= {"goal": goal if motion is None else None, "live": live if served else None}
     return render_page(
         "robot.html",
         title=f"{robot.name} · rpctl",
@@ -128,7 +125,7 @@ def robot_page(
         name=robot.name,
         subtitle=_subtitle(robot),
         notes=bodies.notes,
-        stand_in=StandInBadge.of(bodies.stand_ins),
+        stand_in=stand_in_entry(bodies.stand_ins),
         wheels=shorten([wheel.joint for wheel in robot.drive.wheels]).shared,
         data=embed(data, shown=False),
         licences=licences(charts=served),
@@ -169,13 +166,13 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
     moves = bool(robot.drive.base_speeds)
     shown = area if area is not None else box + around if moves else box
     markers = build_markers(robot, size)
-    rows, locked = joints(robot, q), _locked(robot)
+    rows = joints(robot, q)
     return {
         "name": robot.name,
         "commands": _commands(robot, bodies, markers, shown, box, motion),
         "joints": rows,
-        "locked": locked,
-        "names": _names(rows, locked),
+        "locked": {name: _locked(robot, name) for name in robot.locked},
+        "names": _names(rows, robot.locked),
         "labels": markers.labels,
         "masses": markers.masses,
         "wheels": markers.wheels,
@@ -186,30 +183,6 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
         "robot": (box - place).tolist(),
         "area": None if area is None else area.tolist(),
         "trail": trails.trail_width(*shown),
-    }
-
-
-def _live(server: LiveMotion | GoalService | None) -> dict[str, Any] | None:
-    """Return what the page needs to know of the server that sends it a motion."""
-    if server is None:
-        return None
-    return {
-        "stream": server.stream,
-        "stop": server.stop,
-        "go": server.go if isinstance(server, GoalService) else None,
-        "duration": server.duration if isinstance(server, LiveMotion) else None,
-        "charts": list(server.charts),
-    }
-
-
-def _goal(robot: Robot, command: str, service: GoalService | None) -> dict[str, Any]:
-    """Return what the page needs to know to set a goal."""
-    return {
-        "hand": hand(robot),
-        "moves": bool(robot.drive.base_speeds),
-        "heading": robot.drive.heading,
-        "command": command,
-        "laws": [] if service is None else list(service.laws),
     }
 
 
@@ -225,15 +198,10 @@ def _commands(
     lower, upper = shown
     ground = robot.drive.ground
     commands = opening_commands(lower, upper, ground)
-    parts = materials.robot_nodes(bodies)
-    empty = materials.JointNodes()
-
-    def solid(joint: int) -> list[threejs.Json]:
-        return parts.get(joint, empty).solid + markers.joint_nodes[joint]
-
-    def ghost(joint: int) -> list[threejs.Json]:
-        return list(parts.get(joint, empty).ghost)
-
+    parts = robot_nodes(bodies)
+    marked = markers.joint_nodes.items()
+    solid = {j: [*(parts[j].solid if j in parts else ()), *nodes] for j, nodes in marked}
+    ghost = {j: nodes.ghost for j, nodes in parts.items()}
     figures = [
         total_mass_marker(robot.mass),
         skeleton(robot, ACTUAL, solid),
@@ -245,8 +213,7 @@ def _commands(
         size = float(box[1, 2]) - ground
         commands += obstacle_commands(motion.obstacles, lower, upper, ground, size)
         commands.append(trails.trails_command({"": paths}, lower, upper))
-    robots = threejs.node("Group", "robots", children=figures)
-    commands.append(threejs.set_object(ROBOTS_PATH, robots))
+    commands.append(threejs.set_group(ROBOTS_PATH, "robots", figures))
     return [base64.b64encode(command).decode() for command in commands]
 
 
@@ -270,11 +237,6 @@ def _area(motion: LiveMotion, box: Array, ground: float) -> Array:
     return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
 
 
-def _locked(robot: Robot) -> dict[str, dict[str, Any]]:
-    return {
-        name: {
-            "position": position,
-            "unit": "m" if robot.description.joint[name].kind == "prismatic" else "rad",
-        }
-        for name, position in robot.locked.items()
-    }
+def _locked(robot: Robot, name: str) -> dict[str, Any]:
+    unit = "m" if robot.description.joint[name].kind == "prismatic" else "rad"
+    return {"position": robot.locked[name], "unit": unit}

@@ -13,7 +13,7 @@ from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, name_of, settin
 from rpctl.files.records import IN_PYTHON, FieldType, fields_of
 from rpctl.simulation.merits.obstacles import OBSTACLE_SETTINGS
 from rpctl.simulation.run.run import Run
-from rpctl.view.scene.obstacles import obstacle_texts
+from rpctl.view.scene.stage import obstacle_texts
 
 JOINTS = "joints: "  # how the sentence on the joints' gains begins
 JOINTS_LABEL = "Joints"  # of that sentence, too long for a row

@@ -240,8 +240,7 @@ def worst_scene(worst: Sequence[WorstRun], robot: Robot) -> tuple[str, str] | No
         run = replayed(Path(each.config), robot) if each.command else None
         if isinstance(run, Run):
             page = report_page(run, robot, build_scene(robot, run), summarize(run))
-            title = f"Run {grouped(each.run)}, as rpctl track reports it"
-            return title, page.decode("utf-8")
+            return f"Run {grouped(each.run)}, as rpctl track reports it", page.decode("utf-8")
     return None
 
 

@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PatchCollection
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Wedge
 
 from rpctl.study.attraction import REACH_M, Fraction, Start, converged, fractions, placement
 from rpctl.study.cells import REFUSED, Figures, Row
@@ -13,11 +20,6 @@ from rpctl.view.labels import literal
 from rpctl.view.palette import light
 from rpctl.view.plots import style
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.figure import Figure
 
 PANEL_IN, HEAD_IN = 2.4, 1.3  # inches
 PETAL_FRACTION = 0.46  # of the distance between two places: the length of a petal
@@ -48,9 +50,6 @@ def attraction_figure(rows: Sequence[Row[Start]], title: str) -> Figure:
         rows: What became of the starts.
         title: What it is of.
     """
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
-
     found = fractions(rows)
     laws = list(dict.fromkeys(each.kinematic for each in found))
     references = list(dict.fromkeys(each.reference for each in found))
@@ -82,17 +81,11 @@ def attraction_figure(rows: Sequence[Row[Start]], title: str) -> Figure:
 
 def time_colours() -> ScalarMappable:
     """Return the colours of converging starts by when they settled (s), on a logarithmic scale."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LinearSegmentedColormap, LogNorm
-
     ramp = LinearSegmentedColormap.from_list("settled", [FAST, SLOW])
     return ScalarMappable(LogNorm(TICKS_S[0], TICKS_S[-1], clip=True), ramp)
 
 
 def _panel(axes: Axes, rows: Sequence[Row[Start]], found: Fraction, times: ScalarMappable) -> None:
-    from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Wedge
-
     starts = [placement(row.cell.run.initial_error) for row in rows]
     apart = 2.0 * REACH_M / max(len({round(start.x, 6) for start in starts}) - 1, 1)
     half = 180.0 / len({round(start.heading, 6) for start in starts})

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
 
 from rpctl.study.cells import REFUSED
 from rpctl.study.stress_battery import Stress
@@ -11,10 +15,6 @@ from rpctl.view.labels import fold, literal
 from rpctl.view.palette import light
 from rpctl.view.plots import style
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 BOX_IN, ROW_IN, LEFT_IN, HEAD_IN, LEAST_IN = 0.43, 0.155, 1.5, 1.2, 5.2  # inches
 LETTERS_PER_IN = 18.0  # of small text, at least
@@ -39,8 +39,6 @@ def stress_figure(report: StressReport) -> Figure:
     Args:
         report: Of the battery.
     """
-    from matplotlib.figure import Figure
-
     battery, laws = report.battery, [str(law) for law in report.battery.laws]
     shown = {stress.name for plant in battery.plants for stress in battery.stresses_on(plant)}
     stresses: list[Stress | None] = [each for each in battery.stresses if each.name in shown]
@@ -118,8 +116,6 @@ def _box(
     nominal: bool = False,
 ) -> None:
     """Draw a box of a verdict with its text; its top left is at the corner."""
-    from matplotlib.patches import Rectangle
-
     edge = NOMINAL_EDGE if nominal else EDGE
     axes.add_patch(Rectangle(corner, width, 1.0, facecolor=FILLS[verdict], **edge))
     axes.text(corner[0] + 0.5 * width, corner[1] + 0.54, f"{SIGNS[verdict]} {text}".strip(),
@@ -143,8 +139,6 @@ def _names(axes: Axes, stresses: list[Stress | None], laws: list[str]) -> None:
 
 def _words(figure: Figure, report: StressReport, notes: list[str]) -> None:
     """Write the heading, what the boxes mean, and where wheels hang."""
-    from matplotlib.patches import Patch
-
     run = report.battery.run
     told = f"error in mm, rms of the second half of {run.duration:g} s on {run.reference}"
     title = f"{report.battery.robot.name}: envelope of each law\n{told}"

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from rpctl.study.cells import Figures
 from rpctl.study.compare import PAPER, CompareRow, LawPair, group_rows
@@ -12,10 +16,6 @@ from rpctl.view.labels import literal
 from rpctl.view.palette import light
 from rpctl.view.plots import style
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LEFT_IN, PANEL_IN, LINE_IN, HEAD_IN = 1.7, 0.95, 0.125, 1.3  # inches
 MM_PER_M = 1e3  # mm of a m
@@ -36,8 +36,6 @@ def study_figure(rows: Sequence[CompareRow], title: str, proposed: LawPair) -> F
         title: What it is of.
         proposed: The controller that rpctl proposes.
     """
-    from matplotlib.figure import Figure
-
     groups = group_rows(rows)
     scenarios, references = (list(dict.fromkeys(each)) for each in zip(*groups, strict=True))
     laws = list(dict.fromkeys(row.cell.controller for row in rows))
@@ -95,8 +93,6 @@ def _mark(axes: Axes, figures: Figures, line: int, colour: str) -> None:
 
 
 def _legend(figure: Figure, proposed: LawPair) -> None:
-    from matplotlib.lines import Line2D
-
     looks = {
         f"{proposed} (rpctl's)": {**DOT, "color": style.BASE},
         f"{PAPER} (the paper's)": {**DOT, "color": style.TIP},

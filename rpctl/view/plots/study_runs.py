@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Patch
 
 from rpctl.arrays import Array
 from rpctl.study.merits import (
@@ -26,10 +30,6 @@ from rpctl.view.labels import fold, literal
 from rpctl.view.palette import RAMP, light
 from rpctl.view.plots import style
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT, style_axes
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
 
 WIDTH_IN, PANEL_IN, SMALL_PANEL_IN, HEAD_IN, BAR_IN = (
     7.0,
@@ -51,7 +51,7 @@ MEASURES = {
     "morris": "mean size of the change over the range (μ* of Morris)",
     "rank-correlation": "rank correlation",
 }
-Draw = Callable[["Axes"], object]
+Draw = Callable[[Axes], object]
 
 
 @style.own_settings()
@@ -118,8 +118,6 @@ def others_figure(result: StudyResult) -> Figure:
 
 
 def _figure(height: float) -> Figure:
-    from matplotlib.figure import Figure
-
     return Figure((WIDTH_IN, height), layout="constrained", facecolor=style.PAPER)
 
 
@@ -181,8 +179,6 @@ def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
 
 def draw_map(result: StudyResult, axes: Axes) -> None:
     """Draw the medians of the merit over the two parameters that matter most to it."""
-    from matplotlib.colors import LinearSegmentedColormap
-
     found = result.maps[0]
     unit = unit_of(result.units.get(found.merit, ""), _largest(found.median))
     ramp = LinearSegmentedColormap.from_list("ramp", RAMP).with_extremes(over=light("lost"))
@@ -203,8 +199,6 @@ def draw_map(result: StudyResult, axes: Axes) -> None:
 
 def draw_importance(result: StudyResult, found: Sensitivity, axes: Axes) -> None:
     """Draw what matters to a merit: a bar with its interval a parameter, from the top down."""
-    from matplotlib.patches import Patch
-
     bars, unit = importances(found, MOST_BARS), Unit(1.0, "")
     numbers = np.array([(each.value, each.low, each.high) for each in bars])
     if found.method == "morris":

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
+from matplotlib.textpath import text_to_path
+from matplotlib.ticker import MaxNLocator
+
+from rpctl.arrays import Array
 from rpctl.simulation.run.run import Run
 from rpctl.view.labels import fold, literal, shorten
 from rpctl.view.palette import LINES, light
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 PAPER, INK, FAINT = light("card"), light("ink"), light("line")  # background, text, grid
 CYCLE = tuple(colour for colour, _ in LINES[:7])
@@ -40,11 +47,16 @@ def own_settings() -> Iterator[None]:
 
     A sign that the font lacks is drawn as a box; the warnings of it would name files of Matplotlib.
     """
-    from matplotlib import rc_context
-
     with rc_context({"text.usetex": False}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)
         yield
+
+
+def placed(points: Array, pose: Sequence[float] | Array) -> Array:
+    """Return points (n, 2) of the root link's frame on the floor, m, at its pose (3,)."""
+    x, y, turn = pose
+    cos, sin = math.cos(turn), math.sin(turn)
+    return np.asarray(points @ np.array([[cos, sin], [-sin, cos]]) + [x, y])
 
 
 def sampled(run: Run) -> Run:
@@ -75,8 +87,6 @@ def line_style(colour: int, dash: int = 0, joints: int = 0) -> dict[str, Any]:
 
 def style_axes(axes: Axes, title: str) -> None:
     """Give a panel its title, grid, ticks and colours."""
-    from matplotlib.ticker import MaxNLocator
-
     axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
     axes.set_title(title, loc="left", fontsize=TEXT_PT, fontweight="bold", color=INK, pad=4, y=1.0)
     axes.yaxis.set_offset_position("right")  # a factor such as 1e-5: not where the title is
@@ -149,9 +159,6 @@ def _legend_style(title: str) -> dict[str, Any]:
 
 def text_width(text: str, size: float = LEGEND_PT) -> float:
     """Return the width of the widest line of a text of a size (pt), inches."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
     font, lines = FontProperties(size=size), [line for line in literal(text).split("\n") if line]
     sizes = (text_to_path.get_text_width_height_descent(line, font, ismath=False) for line in lines)
     return max((float(width) for width, *_ in sizes), default=0.0) / PT_PER_IN
@@ -166,8 +173,6 @@ def joint_legend(figure: Figure, joints: Sequence[str], width: float, most: int)
         width: Of the figure, inches.
         most: Names in a row.
     """
-    from matplotlib.lines import Line2D
-
     if not joints:
         return 0.0
     short = shorten(joints)

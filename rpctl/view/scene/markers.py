@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from rpctl.robot.model import Robot
 from rpctl.view.labels import shorten
 from rpctl.view.palette import number_of
 from rpctl.view.scene import threejs
+from rpctl.view.scene.stand_ins import link_frame
 
 STEEL_DENSITY = 7850.0  # kg/m³: a mass is shown as the ball of steel that weighs as much
 MIN_BALL_RADIUS_M = 0.004  # m; radius below which nobody would see it
@@ -91,16 +92,15 @@ def build_markers(robot: Robot, size: float) -> Markers:
     links = _names([link.name for link in robot.description.links])
     wheels = _names([wheel.joint for wheel in robot.drive.wheels])
     for index, link in enumerate(robot.description.links):
-        frame = robot.model.frames[robot.model.getFrameId(link.name, pin.FrameType.BODY)]
-        pose = frame.placement.homogeneous
+        joint, pose = link_frame(robot, link)
         axes = _scaled(FRAME_AXIS_RATIO * size)
         shapes = [_mesh("axis", name, axes @ turn) for name, turn in AXES.items()]
-        _attach(markers, frame.parentJoint, f"frame-{index}", pose, shapes)
+        _attach(markers, joint, f"frame-{index}", pose, shapes)
         markers.labels.append(_label(f"frame-{index}", links[link.name], 0.0))
         if link.mass:
-            centre = pose @ _translated(link.com)
+            centre = pose @ pin.SE3(np.eye(3), link.com).homogeneous
             ball = _mesh("ball", "mass", _scaled(max(_ball_radius(link.mass), MIN_BALL_RADIUS_M)))
-            _attach(markers, frame.parentJoint, f"mass-{index}", centre, [ball])
+            _attach(markers, joint, f"mass-{index}", centre, [ball])
             markers.labels.append(_label(f"mass-{index}", f"{link.mass:.3g} kg", link.mass))
             markers.masses.append({"node": f"mass-{index}", "mass": link.mass})
     for index, wheel in enumerate(robot.drive.wheels):
@@ -134,14 +134,12 @@ def _attach_wheel(robot: Robot, markers: Markers, index: int, wheel: Wheel, text
         along = contact[:2, :2].T @ wheel.direction
         turn = math.atan2(along[1], along[0])
         if abs(math.sin(turn)) > math.sin(ROLLING_TOLERANCE_RAD):
-            bar = _rotated(turn) @ _scaled(1.1 * wheel.radius)
-            shapes.append(_mesh("bar", "roller", bar))
+            shapes.append(_mesh("bar", "roller", _turned(turn) @ _scaled(1.1 * wheel.radius)))
     name = f"contact-{index}"
     _attach(markers, carrier, name, data.oMi[carrier].inverse().homogeneous @ contact, shapes)
     markers.labels.append(_label(name, text, CONTACT_RANK))
-    entry = {"node": name, "joint": wheel.joint, "radius": wheel.radius}
-    entry |= {"axle": (contact[:3, :3].T @ axle).tolist(), "along": along.tolist()}
-    markers.wheels.append(entry)
+    axes = {"axle": (contact[:3, :3].T @ axle).tolist(), "along": along.tolist()}
+    markers.wheels.append({"node": name, "joint": wheel.joint, "radius": wheel.radius, **axes})
 
 
 def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
@@ -164,8 +162,7 @@ def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
 def _attach_point(robot: Robot, markers: Markers, size: float) -> None:
     """Attach P, with the robot's forward direction, to the root link."""
     drive = robot.drive
-    pose = _rotated(drive.heading)
-    pose[:3, 3] = *drive.point, drive.ground
+    pose = _turned(drive.heading, (*drive.point, drive.ground))
     shapes = [
         _mesh("disc", "point", _scaled(0.012 * size)),
         _mesh("arrow", "point", _scaled(0.16 * size)),
@@ -204,26 +201,17 @@ def _ball_radius(mass: float) -> float:
     return float((3.0 * mass / (4.0 * math.pi * STEEL_DENSITY)) ** (1.0 / 3.0))
 
 
-def _translated(place: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, 3] = place
-    return pose
-
-
 def _scaled(factor: float) -> Array:
     return np.diag([factor, factor, factor, 1.0])
 
 
-def _rotated(angle: float) -> Array:
-    """Return a rotation (4, 4) about z."""
-    pose = np.eye(4)
-    cos, sin = math.cos(angle), math.sin(angle)
-    pose[:2, :2] = [[cos, -sin], [sin, cos]]
-    return pose
+def _turned(angle: float, place: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+    """Return the pose (4, 4) at a place, m, turned about z."""
+    return np.asarray(pin.SE3(pin.utils.rotate("z", angle), np.array(place)).homogeneous)
 
 
 def skeleton(
-    robot: Robot, prefix: str, nodes_of: Callable[[int], list[threejs.Json]]
+    robot: Robot, prefix: str, nodes: Mapping[int, Sequence[threejs.Json]]
 ) -> threejs.Json:
     """Return the group of the root link, all others nested below it.
 
@@ -233,11 +221,11 @@ def skeleton(
     Args:
         robot: The robot.
         prefix: Of the groups' names.
-        nodes_of: Returns what else hangs on a joint, by its index in the model.
+        nodes: What else hangs on joints, by their indices in the model.
     """
     model = robot.model
     groups = {
-        j: threejs.node("Group", f"{prefix}-{j}", children=nodes_of(j))
+        j: threejs.node("Group", f"{prefix}-{j}", children=[*nodes.get(j, ())])
         for j in range(ROOT_JOINT, model.njoints)
     }
     for j in range(ROOT_JOINT + 1, model.njoints):

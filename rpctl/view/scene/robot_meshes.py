@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import PurePath
 
 import numpy as np
@@ -18,7 +18,8 @@ from rpctl.libraries import library
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.run import Run
-from rpctl.view.scene import stand_ins
+from rpctl.view.palette import light, number_of, rgb
+from rpctl.view.scene import stand_ins, threejs
 from rpctl.view.scene.stage import corners_of
 from rpctl.view.scene.stand_ins import (
     MeshCache,
@@ -111,7 +112,8 @@ def build_bodies(robot: Robot, triangles: int = MAX_TRIANGLES) -> Bodies:
             found.append(instead)
             placed_surfaces += surfaces_instead
     notes = [_note(reason, where) for reason, where in skipped.items()]
-    notes += [f'mesh "{_file_label(name)}": {each}' for name, each in _remarks(cache)]
+    said = [(name, remark) for (name, _), mesh in cache.items() for remark in mesh.remarks]
+    notes += [f'mesh "{_file_label(name)}": {remark}' for name, remark in dict.fromkeys(said)]
     if len(placed_surfaces) == sum(each.kind == "marker" for each in found):
         notes.append("no shape of this robot can be drawn: sticks stand for its links")
         placed_surfaces, found = list(sticks(robot)), []
@@ -132,12 +134,6 @@ def _file_label(name: str) -> str:
     return PurePath(name).name if outside else name
 
 
-def _remarks(cache: MeshCache) -> list[tuple[str, str]]:
-    """Return what was left out of meshes, each with its name, once."""
-    said = ((name, remark) for (name, _), mesh in cache.items() for remark in mesh.remarks)
-    return list(dict.fromkeys(said))
-
-
 def _note(reason: str, where: list[tuple[str, str]]) -> str:
     """Return the note on shapes that share a fault, from their names and links."""
     (mesh, link), more = where[0], len(where) - 1
@@ -149,7 +145,8 @@ def _shaded(
     placed_surfaces: list[PlacedSurface], triangles: int
 ) -> tuple[tuple[BodyPart, ...], tuple[ShadedMesh, ...], tuple[str, ...]]:
     """Return the parts, their surfaces, simplified to a budget that each enters once, and notes."""
-    digests = [_digest(item.surface) for item in placed_surfaces]
+    found = [item.surface for item in placed_surfaces]
+    digests = [sha256(each.faces.tobytes() + each.vertices.tobytes()).digest() for each in found]
     unique = dict(zip(digests, placed_surfaces, strict=True))  # two files may hold one mesh
     cap = _cap([len(item.surface.faces) for item in unique.values()], triangles)
     surfaces, notes = [], []
@@ -166,11 +163,6 @@ def _shaded(
     return parts, tuple(surfaces), tuple(notes)
 
 
-def _digest(surface: Surface) -> bytes:
-    """Return a digest of a surface's triangles, wherever they came from."""
-    return hashlib.sha256(surface.faces.tobytes() + surface.vertices.tobytes()).digest()
-
-
 def _cap(counts: list[int], total: int) -> int:
     """Return the largest limit of triangles per mesh that keeps the sum within ``total``."""
     left, remaining = total, len(counts)
@@ -181,17 +173,14 @@ def _cap(counts: list[int], total: int) -> int:
     return max(counts, default=MIN_MESH_TRIANGLES)
 
 
-def bounding_corners(bodies: Bodies, joint: int) -> Array | None:
-    """Return the corners (8, 3) of the box around a joint's parts in its frame, m; None: bare."""
-    clouds = [
-        bodies.surfaces[part.surface].vertices @ part.pose[:3, :3].T + part.pose[:3, 3]
-        for part in bodies.parts
-        if part.joint == joint and len(bodies.surfaces[part.surface].vertices)
-    ]
-    if not clouds:
-        return None
-    ends = np.concatenate(clouds)
-    return corners_of(ends.min(axis=0), ends.max(axis=0))
+def bounding_corners(bodies: Bodies, joint: int) -> Array:
+    """Return the corners (8, 3) of the box around a joint's parts in its frame, m; (0, 3): bare."""
+    points = [np.empty((0, 3))]
+    for part in (part for part in bodies.parts if part.joint == joint):
+        points.append(bodies.surfaces[part.surface].vertices @ part.pose[:3, :3].T)
+        points[-1] += part.pose[:3, 3]
+    cloud = np.concatenate(points)
+    return corners_of(cloud.min(axis=0), cloud.max(axis=0)) if len(cloud) else cloud
 
 
 def shade_surface(surface: Surface, triangles: int, foreign: bool) -> tuple[ShadedMesh, str]:
@@ -264,3 +253,123 @@ def base_marker(run: Run, reason: str) -> Bodies:
     part = BodyPart(ROOT_JOINT, np.eye(4), 0, MARKER_RGBA)
     note = f"the robot cannot be drawn, and a wedge stands for its base: {reason}"
     return Bodies((part,), (surface,), (note,), size=length)
+
+
+GHOST_OPACITY = 0.3
+ROBOT_STENCIL = 1  # stencil of the robot's pixels: the ghost leaves them alone
+STAND_IN = "stand-in"  # names of the nodes that are hatched: stand-in-1, ...
+REPLACE, NOT_EQUAL = 7681, 517  # three.js: ReplaceStencilOp, NotEqualStencilFunc
+STRIPE_RATIO = 0.025  # of the robot's size: from one stripe to the next
+DARK_RATIO = 0.3  # of the distance between two stripes: how wide a stripe is
+TEXELS = 64  # of a stripe and the gap beside it
+SMOOTH_TEXELS = 2.0  # of a stripe's edge
+REPEAT, LINEAR = 1000, 1006  # three.js: RepeatWrapping, LinearFilter
+RGBA_FORMAT, UNSIGNED_BYTES = 1023, 1009  # three.js: RGBAFormat, UnsignedByteType
+BEHIND = {  # of the ghost, which stays behind the robot, so that it never tints the robot
+    "transparent": True,
+    "side": 2,
+    "stencilWrite": True,
+    "stencilRef": ROBOT_STENCIL,
+    "stencilFunc": NOT_EQUAL,
+}
+
+
+@dataclass(frozen=True)
+class JointNodes:
+    """What moves with a joint: as it is, and as a ghost.
+
+    A ghost is drawn twice, first its depth and then one tint, so that only its nearest face shows.
+    """
+
+    solid: list[threejs.Json] = field(default_factory=list)
+    ghost: list[threejs.Json] = field(default_factory=list)
+
+
+def robot_nodes(
+    bodies: Bodies, prefix: str = "", opacity: float = GHOST_OPACITY
+) -> dict[int, JointNodes]:
+    """Return the parts of each joint, each with a fixed matrix, mirrored or scaled as it may be.
+
+    Args:
+        bodies: What is drawn of the robot.
+        prefix: What the names of its nodes begin with.
+        opacity: Of its ghost.
+    """
+    hatched = {part.surface for part in bodies.parts if part.stands_in}
+    meshes = [_mesh(each, bodies.size * (k in hatched)) for k, each in enumerate(bodies.surfaces)]
+    veil: threejs.Json = {"type": "MeshBasicMaterial", "colorWrite": False, **BEHIND}
+    tint: threejs.Json = {
+        "name": f"{prefix}tint",  # keeps it apart from others, as pages recolour each
+        "type": "MeshLambertMaterial",
+        "color": number_of("ghost"),
+        "emissive": 0x202428,
+        "opacity": opacity,
+        "depthWrite": False,
+        **BEHIND,
+    }
+    found = {part.joint: JointNodes() for part in bodies.parts}
+    for k, part in enumerate(bodies.parts):
+        nodes, mesh = found[part.joint], meshes[part.surface]
+        name, paint = (STAND_IN, _hatch()) if part.stands_in else ("part", _paint(part.rgba))
+        looks: list[tuple[list[threejs.Json], str, threejs.Json]] = [
+            (nodes.solid, name, {"material": paint, "castShadow": True}),
+            (nodes.ghost, "veil", {"material": veil, "renderOrder": 4}),
+            (nodes.ghost, "tint", {"material": tint, "renderOrder": 5}),
+        ]
+        for group, kind, look in looks:
+            named = f"{prefix}{kind}-{k}"
+            group.append(threejs.node("Mesh", named, part.pose, geometry=mesh, **look))
+    return found
+
+
+def _mesh(surface: ShadedMesh, hatch: float) -> threejs.Json:
+    """Return the geometry of a surface.
+
+    Args:
+        surface: The triangles.
+        hatch: Size of the robot to which its stripes are in proportion, m; 0: it has none.
+    """
+    attributes = {
+        "position": threejs.attribute(surface.vertices),
+        "normal": threejs.attribute(surface.normals, normalized=True),
+    }
+    if hatch:
+        along = surface.vertices.sum(axis=1, dtype=float) / (np.sqrt(3.0) * STRIPE_RATIO * hatch)
+        place = np.column_stack([along, np.zeros(len(along))])  # in the stripes
+        attributes["uv"] = threejs.attribute(place.astype(np.float32))
+    return threejs.geometry(attributes, surface.faces)
+
+
+def _paint(rgba: tuple[float, ...]) -> threejs.Json:
+    return {
+        "type": "MeshPhongMaterial",
+        "color": threejs.colour(rgba),
+        "specular": 0x1C1C1C,
+        "shininess": 24,
+        "side": 2,
+        "opacity": rgba[3],
+        "transparent": rgba[3] < 1.0,
+        "stencilWrite": True,
+        "stencilRef": ROBOT_STENCIL,
+        "stencilZPass": REPLACE,
+    }
+
+
+def _hatch() -> threejs.Json:
+    """Return the material of what stands in: one stripe and the gap beside it, repeated."""
+    place = np.arange(TEXELS) + 0.5
+    edge = np.minimum(place, TEXELS - place) - 0.5 * (1.0 - DARK_RATIO) * TEXELS
+    share = np.clip(0.5 + edge / SMOOTH_TEXELS, 0.0, 1.0)[:, None]
+    ground, stripe = (np.array(rgb(light(name))) for name in ("hatch-back", "hatch"))
+    colours = np.rint((1.0 - share) * ground + share * stripe)
+    pixels = np.column_stack([colours, np.full(TEXELS, 255)]).astype(np.uint8)
+    data = {"type": "Uint8Array", "data": threejs.typed(pixels), "width": TEXELS, "height": 1}
+    texture = {
+        "image": {"url": data},
+        "wrap": [REPEAT, REPEAT],
+        "minFilter": LINEAR,
+        "magFilter": LINEAR,
+        "format": RGBA_FORMAT,
+        "type": UNSIGNED_BYTES,
+    }
+    return {**_paint((1.0, 1.0, 1.0, 1.0)), "map": texture}

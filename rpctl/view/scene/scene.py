@@ -2,31 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rpctl.arrays import Array
+from rpctl.engines.recording import EngineRecording
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.obstacles import AvoidedObstacle, run_obstacles
 from rpctl.simulation.run.reload import has_surroundings
 from rpctl.simulation.run.run import Run
-from rpctl.view.scene import materials, threejs, trails
-from rpctl.view.scene.motion import base_poses, joint_poses, motion_tracks
-from rpctl.view.scene.obstacles import obstacle_commands, obstacle_corners
+from rpctl.view.scene import threejs, trails
 from rpctl.view.scene.robot_meshes import (
+    GHOST_OPACITY,
     MAX_TRIANGLES,
     Bodies,
     base_marker,
     bounding_corners,
     build_bodies,
+    robot_nodes,
 )
-from rpctl.view.scene.stage import ground_command, lights_command
+from rpctl.view.scene.stage import (
+    ground_command,
+    lights_command,
+    obstacle_commands,
+    obstacle_corners,
+)
 from rpctl.view.scene.stand_ins import StandIn
 
 FRAME_RATE = 30.0  # Hz: what the eye needs; the viewer interpolates between frames
@@ -125,22 +132,7 @@ def compare_scene(robots: Sequence[Robot | RpctlError], runs: Sequence[Run]) -> 
     return _compose(motions, obstacles, float(runs[0].robot.drive.ground))
 
 
-@dataclass(frozen=True, eq=False)
-class FreeMotion:
-    """A motion of a robot in space.
-
-    Attributes:
-        times: Of its samples (n,), s, from 0.
-        root: Root link's x, y, z (m) and quaternion x, y, z, w (n, 7).
-        joints: Positions of the moving joints (n,), rad or m, by name.
-    """
-
-    times: Array
-    root: Array
-    joints: Mapping[str, Array]
-
-
-def free_scene(robot: Robot, motions: Sequence[FreeMotion]) -> Scene:
+def free_scene(robot: Robot, motions: Sequence[EngineRecording]) -> Scene:
     """Return the scene of several motions of one robot, the first as it is, others as ghosts.
 
     Args:
@@ -149,22 +141,17 @@ def free_scene(robot: Robot, motions: Sequence[FreeMotion]) -> Scene:
     """
     bodies = build_bodies(robot)
     shown = [
-        Motion(bodies, each.times, _free_poses(robot, each), {"base": _on_ground(each.root, 0.0)})
+        Motion(bodies, each.t, _free_poses(robot, each), {"base": _on_ground(each.root, 0.0)})
         for each in motions
     ]
     return _compose(shown, (), 0.0)
 
 
-def _free_poses(robot: Robot, motion: FreeMotion) -> Array:
+def _free_poses(robot: Robot, motion: EngineRecording) -> Array:
     """Return the poses (n, njoints, 7) of all joints in the world, the root link free in space."""
-    count, moving = len(motion.times), motion.joints
-    q = np.array(
-        [
-            robot.configuration(joints={name: float(values[k]) for name, values in moving.items()})
-            for k in range(count)
-        ]
-    )
-    for name, values in moving.items():  # what the engine lets mimics and followers do
+    rows = ({n: float(x[k]) for n, x in motion.joints.items()} for k in range(len(motion.t)))
+    q = np.array([robot.configuration(joints=row) for row in rows])
+    for name, values in motion.joints.items():  # what the engine lets mimics and followers do
         robot.entries[name].write_all(q, values)
     poses = joint_poses(robot, q)
     turns = Rotation.from_quat(motion.root[:, 3:])
@@ -184,7 +171,7 @@ def _motion_of(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANGL
         poses = joint_poses(robot, run.q[frames], run.log.root_pose[frames])
         desired = joint_poses(robot, run.q_ref[frames])
     times, paths = run.t[frames] - run.t[0], _paths(run, frames)
-    return Motion(bodies, times, poses, paths, desired, _notes(run, times, robot))
+    return Motion(bodies, times, poses, paths, desired, tuple(_notes(run, times, robot)))
 
 
 def _compose(
@@ -199,7 +186,14 @@ def _compose(
     """
     starts = [part_cloud(each.bodies, each.joints, each.poses[:1]) for each in motions]
     size = max(float(start[:, 2].max()) for start in starts) - ground
-    cloud = np.concatenate([points for motion in motions for points in _clouds(motion)])
+    clouds = [path for motion in motions for path in motion.paths.values()]
+    clouds += [
+        part_cloud(motion.bodies, motion.joints, poses)
+        for motion in motions
+        for poses in (motion.poses, motion.desired)
+        if poses is not None
+    ]
+    cloud = np.concatenate(clouds)
     cloud = np.concatenate([cloud, obstacle_corners(obstacles, cloud, ground, size)])
     lower, upper = cloud.min(axis=0), cloud.max(axis=0)
     lower[2] = min(lower[2], ground)
@@ -226,13 +220,6 @@ def _compose(
     )
 
 
-def _clouds(motion: Motion) -> list[Array]:
-    """Return points (n, 3) around all that a motion shows, m."""
-    shown = [motion.poses] + ([] if motion.desired is None else [motion.desired])
-    bodies = [part_cloud(motion.bodies, motion.joints, poses) for poses in shown]
-    return [*bodies, *motion.paths.values()]
-
-
 def opening_commands(lower: Array, upper: Array, ground: float) -> list[bytes]:
     """Return the commands that clear meshcat's own scene, and draw ground and lights.
 
@@ -249,37 +236,26 @@ def opening_commands(lower: Array, upper: Array, ground: float) -> list[bytes]:
     ]
 
 
-def _notes(run: Run, times: Array, robot: Robot | RpctlError) -> tuple[str, ...]:
-    """Return the notes of a scene: on the laws, the run, the frames (n,), s, and the robot."""
-    return (*run.law_sentences, *run.notes, *_frame_note(times), *_robot_notes(robot))
-
-
-def _frame_note(times: Array) -> tuple[str, ...]:
-    """Return the note on a long run's frames (n,), s, which lie far apart; nothing of others."""
-    if len(times) < MAX_FRAMES:
-        return ()
-    rate = (len(times) - 1) / float(times[-1])
-    return (
-        f"the animation of this long run has {rate:.2g} frames a second, and its charts keep the "
-        f"extremes of each stretch; of the desired path {DESIRED_S:g} s are drawn at most; the "
-        "figures of merit are of every sample",
-    )
-
-
-def _robot_notes(robot: Robot | RpctlError) -> tuple[str, ...]:
-    """Return the notes on links whose inertias are estimates, and on meshes left alone."""
-    notes: list[str] = []
+def _notes(run: Run, times: Array, robot: Robot | RpctlError) -> Iterator[str]:
+    """Yield the notes of a scene: on the laws, the run, the frames (n,), s, and the robot."""
+    yield from (*run.law_sentences, *run.notes)
+    if len(times) >= MAX_FRAMES:
+        rate = (len(times) - 1) / float(times[-1])
+        yield (
+            f"the animation of this long run has {rate:.2g} frames a second, and its charts keep "
+            f"the extremes of each stretch; of the desired path {DESIRED_S:g} s are drawn at most; "
+            "the figures of merit are of every sample"
+        )
     if isinstance(robot, RpctlError):
-        return ()
+        return
     if names := robot.description.estimated_links:
         density = f"{robot.loaded_with.density:g} kg/m³"
-        notes.append(f"mass and inertia of {', '.join(names)} are estimates at {density}")
+        yield f"mass and inertia of {', '.join(names)} are estimates at {density}"
     if not has_surroundings(robot) and robot.description.mesh_lines:
-        notes.append(
+        yield (
             f"{robot.description.path.name}, the robot's file, is not there as it was: meshes "
             "beside it are not drawn; declare their folder with --package-dir"
         )
-    return tuple(notes)
 
 
 def _frames(t: Array) -> NDArray[np.int64]:
@@ -343,15 +319,10 @@ def part_cloud(bodies: Bodies, joints: list[int], poses: Array) -> Array:
     """
     clouds = [np.empty((0, 3))]
     for joint in joints:
-        corners = bounding_corners(bodies, joint)
-        if corners is not None:
-            turns = Rotation.from_quat(poses[:, joint, 3:]).as_matrix()
-            moved = np.einsum("kij,cj->kci", turns, corners) + poses[:, joint, None, :3]
-            clouds.append(moved.reshape(-1, 3))
+        turns = Rotation.from_quat(poses[:, joint, 3:]).as_matrix()
+        moved = np.einsum("kij,cj->kci", turns, bounding_corners(bodies, joint))
+        clouds.append((moved + poses[:, joint, None, :3]).reshape(-1, 3))
     return np.concatenate(clouds)
-
-
-HULL_BLOCK = 2000  # points that are looked at at once: their numbers stay in the cache
 
 
 def hull_points(cloud: Array) -> Array:
@@ -361,13 +332,8 @@ def hull_points(cloud: Array) -> Array:
     turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)  # a golden spiral over the sphere
     rings = np.sqrt(1.0 - heights**2)
     around = np.column_stack([rings * np.cos(turns), rings * np.sin(turns), heights])
-
-    def extremes(points: Array) -> Array:
-        return np.asarray(points[np.unique((points @ around.T).argmax(axis=0))])
-
-    # Block by block: all at once would take a gigabyte of a long run.
-    blocks = np.array_split(cloud, 1 + len(cloud) // HULL_BLOCK)
-    return extremes(np.concatenate([extremes(block) for block in blocks]))
+    # One by one: all at once would take a gigabyte of a long run.
+    return np.asarray(cloud[np.unique([(cloud @ direction).argmax() for direction in around])])
 
 
 def node_prefix(motion: int) -> str:
@@ -384,14 +350,13 @@ def _robots(motions: Sequence[Motion]) -> bytes:
     groups: list[threejs.Json] = []
     for k, motion in enumerate(motions, 1):
         prefix = node_prefix(k)
-        opacity = LATER_OPACITY if k > 1 else materials.GHOST_OPACITY
-        for joint, nodes in sorted(materials.robot_nodes(motion.bodies, prefix, opacity).items()):
+        opacity = LATER_OPACITY if k > 1 else GHOST_OPACITY
+        for joint, nodes in sorted(robot_nodes(motion.bodies, prefix, opacity).items()):
             shown = nodes.ghost if k > 1 else nodes.solid
             groups.append(threejs.node("Group", f"{prefix}{ACTUAL}-{joint}", children=shown))
             if motion.desired is not None and k == 1:
-                ghost = threejs.node("Group", f"{REFERENCE}-{joint}", children=nodes.ghost)
-                groups.append(ghost)
-    return threejs.set_object(ROBOTS_PATH, threejs.node("Group", "robots", children=groups))
+                groups.append(threejs.node("Group", f"{REFERENCE}-{joint}", children=nodes.ghost))
+    return threejs.set_group(ROBOTS_PATH, "robots", groups)
 
 
 def _animation(motions: Sequence[Motion]) -> bytes:
@@ -402,5 +367,43 @@ def _animation(motions: Sequence[Motion]) -> bytes:
             shown[REFERENCE] = motion.desired
         for joint in motion.joints:
             for name, poses in shown.items():
-                tracks += motion_tracks(f"{name}-{joint}", motion.times, poses[:, joint])
+                tracks += threejs.motion_tracks(f"{name}-{joint}", motion.times, poses[:, joint])
     return threejs.set_animation(f"{ROBOTS_PATH}/<object>", tracks)
+
+
+def joint_poses(robot: Robot, q: Array, roots: Array | None = None) -> Array:
+    """Return the poses (n, njoints, 7) of all joints at configurations (n, nq).
+
+    A pose is the position in the world, m, and the unit quaternion (x, y, z, w).
+
+    Args:
+        robot: The robot.
+        q: Configurations (n, nq).
+        roots: Poses of the root link (n, 7) over the ground, where it may tilt and hop; (n, 0) or
+            None: it stays level.
+    """
+    data = robot.model.createData()
+    poses = np.empty((len(q), robot.model.njoints, 7))
+    for k, configuration in enumerate(q):
+        pin.forwardKinematics(robot.model, data, configuration)
+        placements = list(data.oMi)
+        if roots is not None and roots.shape[1]:
+            root = pin.XYZQUATToSE3(roots[k])
+            root.translation[2] += robot.drive.ground
+            moved = root * data.oMi[ROOT_JOINT].inverse()
+            placements[ROOT_JOINT:] = [moved * each for each in placements[ROOT_JOINT:]]
+        poses[k] = [pin.SE3ToXYZQUAT(placement) for placement in placements]
+    return poses
+
+
+def base_poses(q: Array) -> Array:
+    """Return the poses (n, 2, 7) of the universe and the root link at configurations (n, nq).
+
+    A pose is the position in the world, m, and the unit quaternion (x, y, z, w).
+    """
+    poses = np.zeros((len(q), ROOT_JOINT + 1, 7))
+    poses[:, :, 6] = 1.0
+    half = 0.5 * np.arctan2(q[:, 3], q[:, 2])
+    poses[:, ROOT_JOINT, :2] = q[:, :2]
+    poses[:, ROOT_JOINT, 5:] = np.column_stack([np.sin(half), np.cos(half)])
+    return poses

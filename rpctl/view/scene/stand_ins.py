@@ -192,8 +192,7 @@ def inertia_box(mass: float, inertia: Array) -> tuple[Array, Array]:
     if np.abs(inertia - np.diag(moments)).max() > ALIGNED * np.abs(moments).max():
         moments, axes = np.linalg.eigh(0.5 * (inertia + inertia.T))
         axes[:, 2] *= np.sign(np.linalg.det(axes))  # no mirror image
-    squares = 6.0 * (moments.sum() - 2.0 * moments) / mass
-    return np.sqrt(np.maximum(squares, 0.0)), axes
+    return np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments) / mass, 0.0)), axes
 
 
 def robot_size(robot: Robot) -> float:

@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import umsgpack
 from numpy.typing import NDArray
 
 Json = dict[str, Any]
 
+STILL = 1e-6  # m and entries of a quaternion: what moves less stands still
 ARRAY_TYPES = {  # NumPy type: (its name in three.js, MessagePack extension of the viewer)
     "int8": ("Int8Array", 0x11),
     "uint8": ("Uint8Array", 0x12),
@@ -23,8 +25,6 @@ HELD = {"geometry": "geometries", "material": "materials", "map": "textures", "i
 
 def typed(array: NDArray[Any]) -> Any:
     """Return an array as a typed array of the viewer, row after row."""
-    import umsgpack
-
     return umsgpack.Ext(ARRAY_TYPES[array.dtype.name][1], np.ascontiguousarray(array).tobytes())
 
 
@@ -97,41 +97,45 @@ def set_object(path: str, root: Json) -> bytes:
             found["children"] = [listed(child) for child in entry["children"]]
         return found
 
-    tree = listed(root)
-    scene: Json = {"metadata": {"version": 4.5, "type": "Object"}, "object": tree}
+    scene: Json = {"metadata": {"version": 4.5, "type": "Object"}, "object": listed(root)}
     scene |= {kind: entries for kind, entries in lists.items() if entries}
     return pack({"type": "set_object", "path": path, "object": scene})
 
 
+def set_group(path: str, name: str, children: Sequence[Json]) -> bytes:
+    """Return the command that places a group of objects at a path."""
+    return set_object(path, node("Group", name, children=list(children)))
+
+
 def set_animation(path: str, tracks: Sequence[Json]) -> bytes:
     """Return the command that animates the nodes below a path; the times of tracks are in s."""
-    clip = {"fps": 1, "name": "run", "tracks": list(tracks)}
-    animation = {"path": path, "clip": clip}
+    animation = {"path": path, "clip": {"fps": 1, "name": "run", "tracks": list(tracks)}}
     options = {"play": True, "repetitions": 1}
     return pack(
         {"type": "set_animation", "animations": [animation], "options": options, "path": ""}
     )
 
 
-def track(name: str, kind: str, times: NDArray[Any], values: NDArray[Any]) -> Json:
-    """Return the track of a property ``node.property`` from times (n,) and values (n, size).
+def motion_tracks(name: str, times: NDArray[Any], motion: NDArray[Any]) -> list[Json]:
+    """Return the tracks of a node's position and quaternion; of one that stands still its first.
 
     Args:
-        name: ``node.property``.
-        kind: Type of the track in three.js, ``"vector3"`` or ``"quaternion"``.
-        times: Times (n,), s.
-        values: Values (n, size).
+        name: The node.
+        times: Of the frames (n,), s.
+        motion: Its poses (n, 7): position, m, and quaternion x, y, z, w.
     """
-    return {
-        "name": name,
-        "type": kind,
-        "times": typed(times.astype(np.float32)),
-        "values": typed(values.astype(np.float32)),
-    }
+    tracks = []
+    for key, kind, values in (
+        ("position", "vector3", motion[:, :3]),
+        ("quaternion", "quaternion", motion[:, 3:]),
+    ):
+        count = len(times) if np.ptp(values, axis=0).max() > STILL else 1
+        shown = {"times": times[:count], "values": values[:count]}
+        arrays = {what: typed(each.astype(np.float32)) for what, each in shown.items()}
+        tracks.append({"name": f"{name}.{key}", "type": kind, **arrays})
+    return tracks
 
 
 def pack(command: Json) -> bytes:
     """Return a command as MessagePack."""
-    import umsgpack
-
     return bytes(umsgpack.packb(command))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from rpctl.arrays import Array
 from rpctl.view.palette import number_of
@@ -42,7 +43,10 @@ def trails_command(motions: Mapping[str, dict[str, Array]], lower: Array, upper:
         for kind, shape, thick in (("base", ribbon, width), ("tip", tube, 0.55 * width)):
             lift = np.array([0.0, 0.0, LIFT_WIDTHS * width if kind == "base" else 0.0])
             desired = paths.get(f"{kind}-desired")
-            if desired is not None and not any(_covers(other, desired) for other in known[kind]):
+            if desired is not None and not any(
+                len(other) >= len(desired) and np.allclose(other[: len(desired)], desired)
+                for other in known[kind]
+            ):  # an earlier motion's begins with it
                 known[kind].append(desired)
                 pieces = fresh_dashes(desired + lift, thick)
                 mesh = join([shape(piece, 0.8 * thick) for piece in pieces])
@@ -50,23 +54,18 @@ def trails_command(motions: Mapping[str, dict[str, Array]], lower: Array, upper:
             if kind in paths:
                 mesh = shape(paths[kind] + (2 + layer) * lift, thick)
                 nodes += _trail(f"{prefix}trail-{kind}", kind, mesh)
-    return threejs.set_object("/rpctl/trails", threejs.node("Group", "trails", children=nodes))
+    return threejs.set_group("/rpctl/trails", "trails", nodes)
 
 
 def _trail(name: str, colour: str, mesh: Mesh | None) -> list[threejs.Json]:
     """Return the node of a trail, whose material pages recolour; none of a path without length."""
     if mesh is None:
         return []
-    vertices, faces = mesh
-    shape = threejs.geometry({"position": threejs.attribute(vertices.astype(np.float32))}, faces)
+    position = threejs.attribute(mesh[0].astype(np.float32))
+    shape = threejs.geometry({"position": position}, mesh[1])
     paint = {"name": name, "type": "MeshBasicMaterial", "color": number_of(colour), "side": 2}
     look: threejs.Json = {"geometry": shape, "material": paint, "renderOrder": 3}
     return [threejs.node("Mesh", name, frustumCulled=False, **look)]
-
-
-def _covers(path: Array, other: Array) -> bool:
-    """Return whether a path begins with another."""
-    return len(path) >= len(other) and np.allclose(path[: len(other)], other)
 
 
 def trail_width(lower: Array, upper: Array) -> float:
@@ -99,27 +98,22 @@ def tube(path: Array, width: float) -> Mesh | None:
         normal = normal - (normal @ tangent) * tangent
         length = np.linalg.norm(normal)
         normal = normal / length if length > MIN_STEP_M else np.cross(tangent, np.eye(3)[k % 3])
-        binormal = np.cross(tangent, normal)
         rings[k] = path[k] + 0.5 * width * (
-            np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), binormal)
+            np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), np.cross(tangent, normal))
         )
     return rings.reshape(-1, 3), strip(len(path), sides)
 
 
 def dashes(path: Array, width: float) -> list[Array]:
     """Return the pieces (n, 3) of a path that its dashes cover."""
-    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(lengths)])
-    keep = np.concatenate([[True], lengths > MIN_STEP_M])
+    along = _along(path)
+    keep = np.concatenate([[True], np.diff(along) > MIN_STEP_M])
     along, path = along[keep], path[keep]
-    period = (DASH_WIDTHS + GAP_WIDTHS) * width
-    starts = np.arange(0.0, along[-1], period)
     pieces = []
-    for start in starts:
+    for start in np.arange(0.0, along[-1], (DASH_WIDTHS + GAP_WIDTHS) * width):
         end = min(start + DASH_WIDTHS * width, along[-1])
         inside = along[(along > start) & (along < end)]
-        stops = np.concatenate([[start], inside, [end]])
-        pieces.append(np.column_stack([np.interp(stops, along, path[:, i]) for i in range(3)]))
+        pieces.append(_between(path, along, np.concatenate([[start], inside, [end]])))
     return pieces
 
 
@@ -133,14 +127,12 @@ def fresh_dashes(path: Array, width: float) -> list[Array]:
         path: The path (n, 3), m.
         width: Of the trail, m.
     """
-    from scipy.spatial import cKDTree
-
     pieces = dashes(path, width)
     if len(pieces) < 2:
         return pieces
-    dense = _resampled(path, width)
-    period = round(DASH_WIDTHS + GAP_WIDTHS)  # points from one dash to the next
-    tree = cKDTree(dense)
+    along = _along(path)
+    tree = cKDTree(_between(path, along, np.arange(0.0, along[-1], width)))
+    period = round(DASH_WIDTHS + GAP_WIDTHS)  # points of the tree from one dash to the next
     fresh = []
     for number, piece in enumerate(pieces):
         before = number * period - NEAR_PERIODS * period  # what is this dash's own neighbourhood
@@ -150,11 +142,13 @@ def fresh_dashes(path: Array, width: float) -> list[Array]:
     return fresh[:MAX_DASHES]
 
 
-def _resampled(path: Array, step: float) -> Array:
-    """Return points (n, 3) of a path, ``step`` m apart along it."""
-    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(lengths)])
-    stops = np.arange(0.0, along[-1], step)
+def _along(path: Array) -> Array:
+    """Return how far along a path each of its points lies (n,), m."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+
+
+def _between(path: Array, along: Array, stops: Array) -> Array:
+    """Return the points (k, 3) of a path at places (k,) along it, m."""
     return np.column_stack([np.interp(stops, along, path[:, i]) for i in range(3)])
 
 
@@ -164,9 +158,8 @@ def join(meshes: list[Mesh | None]) -> Mesh | None:
     if not found:
         return None
     first = np.cumsum([0] + [len(vertices) for vertices, _ in found])
-    vertices = np.concatenate([vertices for vertices, _ in found])
-    faces = [faces + n for (_, faces), n in zip(found, first[:-1], strict=True)]
-    return vertices, np.concatenate(faces)
+    faces = [faces + n for (_, faces), n in zip(found, first, strict=False)]
+    return np.concatenate([vertices for vertices, _ in found]), np.concatenate(faces)
 
 
 def _directions(path: Array) -> Array | None:

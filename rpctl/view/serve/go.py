@@ -21,11 +21,11 @@ from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.loop.track import default_duration, simulate
 from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.run.run import Run
-from rpctl.view.pages.robot_page import GoalService, robot_page
-from rpctl.view.serve.live import STOP, Broadcast, LiveFigures, StopRequest, signals
-from rpctl.view.serve.server import EVENTS, Action, PageServer, Stream
+from rpctl.view.pages.robot_page import robot_page
+from rpctl.view.serve.live import Broadcast, LiveFigures, StopRequest, signals
+from rpctl.view.serve.server import GO, STOP, Action, PageServer, Stream
 
-GO = "go"  # where the page asks for a motion, below its own address
+DEFAULT_LAW = "unified"  # the first to choose
 LOOK_S = 0.1  # s; as often the server looks whether it is to end
 REACHED_M, REACHED_RAD = 0.02, 0.02  # a goal as near as that is called reached
 PLACE = Range(-MAX_DISTANCE, MAX_DISTANCE)
@@ -43,11 +43,6 @@ class GoRequest(Record):
     goal: Annotated[Pose | None, PLACE, Setting("m, m, rad", help="Pose of P where it ends.")]
     arm: Annotated[Mapping[str, float], WITHIN, Setting("rad or m", help="Of the arm's joints.")]
     kinematic: Annotated[str, OneOf(tuple(KINEMATIC_LAWS)), Setting(help="The kinematic law.")]
-
-    @property
-    def pose_goal(self) -> PoseGoal:
-        """Where it is to end."""
-        return PoseGoal(self.goal, self.arm)
 
 
 def read_request(robot: Robot, asked: Any) -> GoRequest:
@@ -115,8 +110,9 @@ class GoServer:
 
     def _page(self) -> bytes:
         robot = self._load()
-        service = GoalService(EVENTS, GO, STOP, _laws(), LiveFigures(robot).charts())
-        page = robot_page(robot, command=self._command, service=service).encode()
+        laws = sorted(KINEMATIC_LAWS, key=lambda name: name != DEFAULT_LAW)
+        charts = LiveFigures(robot).charts()
+        page = robot_page(robot, command=self._command, laws=laws, charts=charts).encode()
         self._robot = robot
         return page
 
@@ -147,7 +143,7 @@ class GoServer:
     def _simulate(self, robot: Robot, request: GoRequest, server: PageServer) -> str:
         """Return how near a motion came to its goal, in a sentence."""
         start = np.array([request.posture[name] for name in robot.joint_names])
-        goal = request.pose_goal
+        goal = PoseGoal(request.goal, request.arm)
         reference = to_goal(robot, goal, np.array(request.start), start)
         config = Config().with_laws(request.kinematic, None).with_run(reference=str(goal))
         duration = default_duration(reference)
@@ -176,9 +172,3 @@ def ending(run: Run, request: GoRequest) -> str:
     if broken:
         words.append(f"{broken[0].joint} broke its limit of {broken[0].limit}")
     return f"{'Reached' if near else 'Not reached'} in {run.t[-1]:.1f} s: {'; '.join(words)}."
-
-
-def _laws() -> list[str]:
-    """Return the names of the kinematic laws, the default one first."""
-    default = "unified"
-    return [default, *(name for name in KINEMATIC_LAWS if name != default)]

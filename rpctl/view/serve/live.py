@@ -27,7 +27,7 @@ from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.merits.obstacles import AvoidedObstacle
 from rpctl.view.labels import shorten
 from rpctl.view.pages.robot_page import LiveMotion, robot_page
-from rpctl.view.serve.server import EVENTS, PageServer, PageSource, Stream
+from rpctl.view.serve.server import STOP, PageServer, PageSource, Stream
 
 FRAME_RATE = 30.0  # Hz of simulated time: what the eye needs
 TIME_TOLERANCE_S = 1e-9  # s; sample times are rounded
@@ -36,7 +36,6 @@ LISTEN_TIMEOUT_S = 30.0  # s that a page has until it listens, once it was fetch
 WAIT_STEP_S = 0.1  # s; a wait looks as often whether it is to end
 HANDOVER_TIMEOUT_S = 10.0  # s that pages have to fetch the report
 DESIRED_POINTS = 600  # points of the path that is to be followed
-STOP = "stop"  # where a page asks to end the simulation, below its own address
 DECIMALS = 5  # decimals of what is sent: m and rad
 MILLI = 1e3  # errors are shown in mm and mrad
 PERCENT = 100.0
@@ -60,26 +59,21 @@ class StopRequest:
 
     Attributes:
         running: Whether a simulation runs that looks.
+        asked: Whether it is to end.
     """
 
     def __init__(self) -> None:
-        self.running = False
-        self._asked = threading.Event()
-
-    @property
-    def asked(self) -> bool:
-        """Whether the simulation is to end."""
-        return self._asked.is_set()
+        self.running = self.asked = False
 
     def begin(self) -> None:
         """A simulation begins."""
-        self._asked.clear()
+        self.asked = False
         self.running = True
 
     def ask(self, _: object = None) -> None:
         """End the simulation if one runs; called from any thread."""
         if self.running:
-            self._asked.set()
+            self.asked = True
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
         """End the simulation; the handler of a signal.
@@ -89,7 +83,7 @@ class StopRequest:
         """
         if not self.running or self.asked:
             raise KeyboardInterrupt
-        self._asked.set()
+        self.asked = True
 
 
 def serve(page: PageSource, ready: Callable[[str], object] = print) -> None:
@@ -120,20 +114,17 @@ class LiveFigures:
         self._shown = np.flatnonzero(limited) if limited.any() else np.arange(len(limits))
         self._scale = np.where(limited, PERCENT / np.where(limited, limits, 1.0), 1.0)
         self._percent = bool(limited.any())
-        self._errors, self._efforts = np.empty(0), np.empty(0)
+        self._largest: list[Array] = []  # of each chart's lines, since the last frame
 
     def charts(self) -> list[dict[str, Any]]:
         """Return the charts for the page: title, unit, limits and the names of the lines."""
         short = shorten([self._robot.actuators[i] for i in self._shown])
         limits = [-PERCENT, PERCENT] if self._percent else []
         unit = "% of limit" if self._percent else "N·m or N, no limits"
+        errors = ["base", "heading"] if self._robot.drive.base_speeds else []
+        errors += ["end effector"] if self._robot.end_effector is not None else []
         return [
-            {
-                "title": "Errors",
-                "unit": "mm, heading mrad",
-                "limits": [],
-                "lines": self._error_names(),
-            },
+            {"title": "Errors", "unit": "mm, heading mrad", "limits": [], "lines": errors},
             {
                 "title": "Efforts",
                 "unit": unit,
@@ -145,21 +136,14 @@ class LiveFigures:
 
     def add(self, sample: LoopSample) -> None:
         """Take in a sample; of each line the value of largest magnitude counts."""
-        self._errors = _larger(self._errors, self._sample_errors(sample))
-        self._efforts = _larger(self._efforts, (self._scale * sample.tau)[self._shown])
+        now = [self._sample_errors(sample), (self._scale * sample.tau)[self._shown]]
+        pairs = zip(self._largest or now, now, strict=True)
+        self._largest = [np.where(np.abs(b) > np.abs(a), b, a) for a, b in pairs]
 
     def take(self) -> list[list[float]]:
         """Return the lines' values, one list a chart, and begin anew."""
-        taken = [
-            [round(float(value), FIGURE_DECIMALS) for value in values]
-            for values in (self._errors, self._efforts)
-        ]
-        self._errors, self._efforts = np.empty(0), np.empty(0)
-        return taken
-
-    def _error_names(self) -> list[str]:
-        base = ["base", "heading"] if self._robot.drive.base_speeds else []
-        return [*base, *(["end effector"] if self._robot.end_effector is not None else [])]
+        taken, self._largest = self._largest, []
+        return [[round(float(value), FIGURE_DECIMALS) for value in values] for values in taken]
 
     def _sample_errors(self, sample: LoopSample) -> Array:
         errors = []
@@ -170,10 +154,6 @@ class LiveFigures:
             actual = self._robot.end_effector_pose(self._data, sample.q).translation
             errors.append(float(np.linalg.norm(wanted - actual)))
         return MILLI * np.array(errors)
-
-
-def _larger(kept: Array, values: Array) -> Array:
-    return values if not kept.size else np.where(np.abs(values) > np.abs(kept), values, kept)
 
 
 class Broadcast:
@@ -215,8 +195,10 @@ class Broadcast:
         if not self._started:
             self._started = True
             self._stop.begin()
-            if self._awaits:
-                self._await_page()
+            # A page is opened, then listens: each has a limited time.
+            opened = self._server.wait_delivered
+            if self._awaits and self._wait(lambda wait: opened(1, wait), PAGE_OPEN_TIMEOUT_S):
+                self._wait(self._stream.wait_reader, LISTEN_TIMEOUT_S)
         self._figures.add(sample)
         last = sample.t >= self._duration - TIME_TOLERANCE_S
         if last or sample.t >= self._next:
@@ -234,11 +216,6 @@ class Broadcast:
         """
         self._stop.running = False
         self._stream.send("state", f"{how}; the report is being written…")
-
-    def _await_page(self) -> None:
-        """Wait for a page that is opened and listens, each for a limited time."""
-        if self._wait(lambda seconds: self._server.wait_delivered(1, seconds), PAGE_OPEN_TIMEOUT_S):
-            self._wait(self._stream.wait_reader, LISTEN_TIMEOUT_S)
 
     def _wait(self, come: Callable[[float], bool], seconds: float) -> bool:
         """Wait in short steps, each of which may see that the simulation is to end."""
@@ -264,10 +241,9 @@ class Broadcast:
             report: What is served from now on.
         """
         self._server.page = report.read_bytes
-        readers = self._stream.readers
-        before = self._server.delivered
+        awaited = self._server.delivered + self._stream.readers
         self._stream.send("done", None)
-        self._server.wait_delivered(before + readers, HANDOVER_TIMEOUT_S)
+        self._server.wait_delivered(awaited, HANDOVER_TIMEOUT_S)
 
     def _hold_to_real_time(self, t: float) -> None:
         if not self._stream.watched:
@@ -300,13 +276,10 @@ def broadcast(
         obstacles: What it keeps clear of.
     """
     states = [reference(t) for t in np.linspace(0.0, duration, DESIRED_POINTS)]
-    first = states[0]
-    start = configuration_along(robot, first)
-    desired = np.array([state.pose for state in states])
-    charts = LiveFigures(robot).charts()
-    motion = LiveMotion(EVENTS, start, desired, duration, STOP, obstacles, charts)
-    page, stream = robot_page(robot, motion).encode(), Stream()
-    stop = StopRequest()
+    start = configuration_along(robot, states[0])
+    motion = LiveMotion(start, np.array([state.pose for state in states]), duration, obstacles)
+    page = robot_page(robot, motion, charts=LiveFigures(robot).charts()).encode()
+    stream, stop = Stream(), StopRequest()
     with signals(stop.on_signal), PageServer(lambda: page, stream, {STOP: stop.ask}) as server:
         stream.send("state", "Waiting for the simulation…")
         say(

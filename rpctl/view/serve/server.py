@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hmac
 import json
+import re
 import secrets
 import sys
 import threading
@@ -19,12 +20,14 @@ from typing import Any
 from rpctl.errors import RpctlError
 
 LOOPBACK = "127.0.0.1"
-PAGE, EVENTS = "", "events"  # places below the token; the page asks for them relative to itself
+# Places below the token, which a page asks for relative to itself: to be sent a motion, to ask for
+# one, to end one.
+PAGE, EVENTS, GO, STOP = "", "events", "go", "stop"
 TOKEN_BYTES = 24  # of the address's secret part: 192 bits are not guessed
 CLIENT_TIMEOUT_S = 30.0  # s; a client that neither asks nor listens for as long is dropped
 
 MAX_REQUEST = 65_536  # bytes of what a page may ask for
-MAX_DIGITS = 18  # of an event's number; Python refuses to read thousands
+EVENT_NUMBER = re.compile(r"[0-9]{1,18}")  # Python refuses to read thousands of digits
 JSON_TYPE = "application/json"
 NO_TOKEN = "nothing is here: open the whole address that rpctl printed, with its secret part"
 HEADERS = {  # of every answer, refusals included
@@ -48,14 +51,18 @@ Action = Callable[[Any], object]  # what a page can ask for; an RpctlError says 
 
 
 class Stream:
-    """A log of server-sent events."""
+    """A log of server-sent events.
+
+    Attributes:
+        readers: Number of pages reading now.
+    """
 
     def __init__(self) -> None:
         self._log: deque[bytes] = deque()
         self._size = 0  # bytes of the log
         self._first = 0  # number of the first event that is kept
         self._closed = False
-        self._readers = 0
+        self.readers = 0
         self._left = -float("inf")
         self._changed = threading.Condition()
 
@@ -68,8 +75,7 @@ class Stream:
         """
         data = json.dumps(value, separators=(",", ":"), allow_nan=False)
         with self._changed:
-            number = self._first + len(self._log)
-            event = f"id: {number}\nevent: {kind}\ndata: {data}\n\n".encode()
+            event = f"id: {self._first + len(self._log)}\nevent: {kind}\ndata: {data}\n\n".encode()
             self._log.append(event)
             self._size += len(event)
             while self._size > MAX_KEPT_BYTES and len(self._log) > 1:
@@ -112,29 +118,24 @@ class Stream:
     def reading(self) -> Iterator[None]:
         """Count a page as a reader inside the ``with`` block."""
         with self._changed:
-            self._readers += 1
+            self.readers += 1
             self._changed.notify_all()
         try:
             yield
         finally:
             with self._changed:
-                self._readers -= 1
+                self.readers -= 1
                 self._left = time.monotonic()
-
-    @property
-    def readers(self) -> int:
-        """Number of pages reading now."""
-        return self._readers
 
     @property
     def watched(self) -> bool:
         """Whether a page reads now, or did within the last ``RECONNECT_S`` seconds."""
-        return self._readers > 0 or time.monotonic() - self._left < RECONNECT_S
+        return self.readers > 0 or time.monotonic() - self._left < RECONNECT_S
 
     def wait_reader(self, seconds: float) -> bool:
         """Wait until a page reads; return whether one came in time."""
         with self._changed:
-            return self._changed.wait_for(lambda: self._readers > 0, seconds)
+            return self._changed.wait_for(lambda: self.readers > 0, seconds)
 
 
 class PageServer(ThreadingHTTPServer):
@@ -210,12 +211,10 @@ class _Handler(BaseHTTPRequestHandler):
         place, stream = self._place(), self.server.stream
         if place == PAGE:
             self._send_page()
-        elif place == EVENTS and stream is not None and self.command == "GET":
+        elif place == EVENTS and stream is not None:
             self._send_events(stream)
         elif place is not None:
             self.send_error(HTTPStatus.NOT_FOUND)
-
-    do_HEAD = do_GET
 
     def do_POST(self) -> None:
         """Do what the page asks for; a page from elsewhere has another origin, and is refused."""
@@ -247,8 +246,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.FORBIDDEN)
             return None
         token, slash, place = self.path.removeprefix("/").partition("/")
-        known = hmac.compare_digest(token.encode("latin-1"), self.server.token.encode())
-        if known and slash:
+        if hmac.compare_digest(token.encode("latin-1"), self.server.token.encode()) and slash:
             return place
         self._send(NO_TOKEN, HTTPStatus.NOT_FOUND)
         return None
@@ -264,10 +262,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(str(error), HTTPStatus.CONFLICT)
             return
         self._send(content, kind="text/html")
-        if self.command != "HEAD":
-            with self.server.delivery:
-                self.server.delivered += 1
-                self.server.delivery.notify_all()
+        with self.server.delivery:
+            self.server.delivered += 1
+            self.server.delivery.notify_all()
 
     def _send(
         self, content: str | bytes, status: HTTPStatus = HTTPStatus.OK, kind: str = "text/plain"
@@ -277,18 +274,16 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.send_header("Content-Length", str(len(data)))
         self.end_headers()
-        if self.command != "HEAD":
-            self.wfile.write(data)
+        self.wfile.write(data)
 
     def _send_events(self, stream: Stream) -> None:
         """Send the events that the page has not seen yet, then every new one."""
-        last = self.headers.get("Last-Event-ID", "")
-        known = last.isascii() and last.isdigit() and len(last) <= MAX_DIGITS
+        last = EVENT_NUMBER.fullmatch(self.headers.get("Last-Event-ID", ""))
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", "text/event-stream")
         self.end_headers()
         with stream.reading():
-            for event in stream.events(int(last) + 1 if known else 0):
+            for event in stream.events(int(last[0]) + 1 if last else 0):
                 self.wfile.write(event)
 
     def end_headers(self) -> None:

@@ -15,8 +15,7 @@ from rpctl.control.fragment import law_fragment, settings_of
 from rpctl.control.law import Command, Rest, as_efforts
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Program
-from rpctl.reference.motion import ReferenceState
-from rpctl.reference.table import tabulate
+from rpctl.reference.motion import ReferenceState, tabulate
 from tests.control.referee import Referee
 from tests.kernels.interpreted import Interpreted
 
@@ -79,7 +78,7 @@ def random_state(
 
 def row_of(robot: Robot, state: ReferenceState) -> Array:
     """Return the row of a reference table for one state."""
-    return np.asarray(tabulate(robot, lambda t: state, np.zeros(1)).rows()[0])
+    return np.asarray(tabulate(robot, lambda t: state, np.zeros(1)).rows[0])
 
 
 def drifting_samples(

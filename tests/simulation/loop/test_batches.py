@@ -13,8 +13,8 @@ import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.control.law import Limit
+from rpctl.reference.motion import state_of, tabulate
 from rpctl.reference.named import reference_by_name
-from rpctl.reference.table import tabulate
 from rpctl.simulation.compiled.tracking_loop import _distinct
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop import recorder as recorder_module
@@ -60,7 +60,7 @@ def recorder(robot: Robot, every: int = 1, **how: object) -> Recorder:
 def add(into: Recorder, samples: Samples, k: int) -> None:
     """Add a sample alone."""
     columns = {name: each[k] for name, each in samples.columns.items()}
-    t, state = float(samples.reference.t[k]), list(samples.reference.states())[k]
+    t, state = float(samples.reference.t[k]), state_of(samples.reference.rows[k])
     limits = SETS[int(samples.limits[k])]
     into.add(LoopSample(t=t, e=np.empty(0), state=state, limits=limits, **columns))
 

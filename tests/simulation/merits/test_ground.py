@@ -13,7 +13,7 @@ from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.ground import felt_ground, ground
 from rpctl.simulation.run.run import Run
-from rpctl.view.scene.motion import joint_poses
+from rpctl.view.scene.scene import joint_poses
 from tests.golden import COUNT, golden_run, load_tricycle
 
 

@@ -16,10 +16,9 @@ from rpctl.equivalence.certificate import CONTACT_ORACLE
 from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
 from rpctl.equivalence.scope import Scope
 from rpctl.equivalence.verify import Certificate
-from rpctl.view.pages.certificate import certificate_page
+from rpctl.view.pages.certificate import certificate_page, contact_figure, draw_distance, draw_plan
 from rpctl.view.palette import light
 from rpctl.view.plots import style
-from rpctl.view.plots.contact import contact_figure, draw_distance, draw_plan
 
 SCOPE = Scope("all", (), (), None)
 COUNT = 201

@@ -12,7 +12,7 @@ import pytest
 from rpctl import Run
 from rpctl.errors import RunFileError
 from rpctl.view import film as browser
-from rpctl.view.pages import scene_page as notebook
+from rpctl.view import film as notebook
 from tests.runs import vary
 
 EVIL = '"></iframe><script>alert(1)</script>'

@@ -13,7 +13,7 @@ import pytest
 from rpctl import Robot, Run
 from rpctl.equivalence.scope import Scope
 from rpctl.equivalence.verify import Certificate
-from rpctl.view.pages import scene_page as notebook
+from rpctl.view import film as notebook
 from rpctl.view.pages.certificate import write_certificate
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.robot_page import robot_page

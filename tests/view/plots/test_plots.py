@@ -10,7 +10,7 @@ from PIL import Image
 
 import rpctl
 from rpctl import Run
-from rpctl.view.chart import PANELS
+from rpctl.view.charts import PANELS
 from rpctl.view.plots import style
 from rpctl.view.plots.figures import (
     find_panels,

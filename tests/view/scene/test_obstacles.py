@@ -13,13 +13,13 @@ from rpctl.simulation.merits.obstacles import (
     TIP,
     AvoidedObstacle,
 )
-from rpctl.view.scene.obstacles import (
+from rpctl.view.scene.scene import build_scene
+from rpctl.view.scene.stage import (
     OBSTACLES_PATH,
     column,
     obstacle_corners,
     wall,
 )
-from rpctl.view.scene.scene import build_scene
 from tests.view.samples import DISC, PILLAR, WALL, numbers, unpack, with_obstacles
 
 

@@ -48,7 +48,7 @@ def test_groups_stand_where_pinocchio_places_the_joints(
     name: str, rng: np.random.Generator
 ) -> None:
     robot = rpctl.load(name)
-    root, entries = skeleton(robot, "bone", lambda j: []), joints(robot, robot.configuration())
+    root, entries = skeleton(robot, "bone", {}), joints(robot, robot.configuration())
     data = robot.model.createData()
     for _ in range(5):
         q = robot.random_configuration(rng)

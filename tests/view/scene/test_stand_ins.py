@@ -13,11 +13,10 @@ from scipy.spatial.transform import Rotation
 
 import rpctl
 from rpctl import Robot
+from rpctl.view.film import player
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.robot_page import robot_page
-from rpctl.view.pages.scene_page import player
-from rpctl.view.scene import materials
-from rpctl.view.scene.robot_meshes import Bodies, build_bodies
+from rpctl.view.scene.robot_meshes import STRIPE_RATIO, Bodies, build_bodies
 from rpctl.view.scene.scene import build_scene
 from rpctl.view.scene.stand_ins import StandIn, inertia_box, robot_size
 from tests import urdf
@@ -125,7 +124,7 @@ def test_hatches_are_equally_wide_on_every_scale(tmp_path: Path) -> None:
     points = numbers(attributes["position"]["array"]).reshape(-1, 3)
     along = numbers(attributes["uv"]["array"]).reshape(-1, 2)[:, 0]
     assert edges_of(points) == pytest.approx([0.2, 0.1, 0.05], rel=1e-5)
-    stripes = 0.35 / np.sqrt(3.0) / (materials.STRIPE_RATIO * robot_size(robot))
+    stripes = 0.35 / np.sqrt(3.0) / (STRIPE_RATIO * robot_size(robot))
     assert np.ptp(along) == pytest.approx(stripes, rel=1e-5)  # from one corner to the opposite one
     (material,) = (m for m in scene["materials"] if m["uuid"] == node["material"])
     (texture,), (image,) = scene["textures"], scene["images"]

@@ -16,9 +16,8 @@ import pytest
 import rpctl
 from rpctl import Robot
 from rpctl.errors import RpctlError
-from rpctl.reference.pose_goal import PoseGoal
-from rpctl.view.serve.go import GO, GoServer, ending, read_request
-from rpctl.view.serve.live import STOP
+from rpctl.view.serve.go import GoServer, ending, read_request
+from rpctl.view.serve.server import GO, STOP
 from tests.view.chromium import opened, wait
 from tests.view.serve.test_live import PATIENCE, command
 from tests.view.serve.test_server import ask, listen, post
@@ -36,8 +35,8 @@ def test_request_is_what_the_page_says(paper: Robot) -> None:
     request = read_request(paper, FINE)
     assert request.start == (0.5, -0.5, 1.0)
     assert request.posture == {"arm_revolute_joint": 0.1, "arm_prismatic_joint": 0.5}
-    assert request.pose_goal == PoseGoal((0.5, -0.5, 1.0), {"arm_revolute_joint": 0.3})
-    assert read_request(paper, {**FINE, "goal": None}).pose_goal.pose is None
+    assert (request.goal, request.arm) == ((0.5, -0.5, 1.0), {"arm_revolute_joint": 0.3})
+    assert read_request(paper, {**FINE, "goal": None}).goal is None
 
 
 @pytest.mark.parametrize(

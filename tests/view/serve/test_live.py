@@ -31,7 +31,7 @@ from rpctl.view.pages.robot_page import LiveMotion, robot_page
 from rpctl.view.serve import live
 from rpctl.view.serve import server as streams
 from rpctl.view.serve.live import Broadcast
-from rpctl.view.serve.server import EVENTS, PageServer, Stream
+from rpctl.view.serve.server import PageServer, Stream
 from tests.grids import cells
 from tests.view.chromium import changed, opened, picture, wait
 from tests.view.samples import write_gripper
@@ -132,7 +132,7 @@ def test_simulation_that_is_watched_and_ended_leaves_its_run(how: str, tmp_path:
         if how == "signal":
             process.send_signal(signal.SIGINT)
         else:
-            assert post(url, b"null", live.STOP)[0] == 200
+            assert post(url, b"null", streams.STOP)[0] == 200
         rest = [events.readline().decode()]
         while rest[-1] and rest[-1] != "event: done\n":
             rest.append(events.readline().decode())
@@ -239,7 +239,7 @@ def test_page_draws_robot_ghost_and_trail_where_they_are(
         pose, joints = golden.base_ref[k], golden.joints_ref[k]
         state = ReferenceState(pose, twist, np.zeros(3), joints, still, still)
         watcher(LoopSample(t, golden.q[k], golden.log.e[k], golden.tau[k], state))
-    text = robot_page(tricycle, LiveMotion(EVENTS, golden.q[0], golden.base_ref, 0.5)).encode()
+    text = robot_page(tricycle, LiveMotion(golden.q[0], golden.base_ref, 0.5)).encode()
     joints = [tricycle.model.getJointId(f"{name}_joint") for name in ("steer", "swing", "slide")]
     with PageServer(lambda: text, stream) as server, opened(browser, server.url) as page:
         wait(page, "rpctl.time >= 0.5")
