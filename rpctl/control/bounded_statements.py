@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from rpctl import math
 from rpctl.control.dynamic import desired_acceleration, midpoint
 from rpctl.control.fragment import (
@@ -19,10 +17,10 @@ from rpctl.control.fragment import (
     is_fine,
     new,
 )
-from rpctl.control.within_limits import Before, BoundedLaw, learnt
+from rpctl.control.within_limits import DISTURBANCE, EXPECTED, Before, BoundedLaw, learnt
 from rpctl.kernels.least_squares import DualState, dual_step
-from rpctl.kernels.program import Buffer, Call, Place, Statement, Until, When, statement
-from rpctl.kernels.scalars import Layout, any_true
+from rpctl.kernels.program import Buffer, Call, Place, Statement, Until, When, statement, symbolic
+from rpctl.kernels.scalars import Layout, any_true, clipped
 
 AT_LIMIT = 1e-6  # of a limit: an effort that close to it is there
 MAX_STEPS = 200  # of the search for the limits that bind; 74 are the most that were seen
@@ -47,8 +45,9 @@ class BoundedStatements:
         # What is remembered, and what it will be.
         self._dual = new("active before", count), new("multipliers before", count)
         self._next = new("active", count), new("multipliers", count)
-        self._disturbance, self._disturbance_now = new("disturbance", dof), new("d", dof)
-        self._before = new("nu before", dof), new("nu_dot before", dof), new("sampled", 1)
+        self._disturbance = symbolic(Buffer(DISTURBANCE, dof))
+        self._disturbance_now = new("d", dof)
+        self._before = new("nu before", dof), symbolic(Buffer(EXPECTED, dof)), new("sampled", 1)
         self._nu_dot = new("nu_dot", dof)  # until the next sample, as far as the law knows
 
     def fragment(self) -> LawFragment:
@@ -75,6 +74,8 @@ class BoundedStatements:
             before = Before(*(symbols for _, symbols in self._before))
             gain, elapsed = frame.s["gain"], frame.elapsed[1]
             d = learnt(gain, self._disturbance[1], frame.nu[1], before, elapsed)
+            most = enumerate(self._law.reach.tolist())
+            d = math.vertcat(*(clipped(d[i], -reach, reach) for i, reach in most))
         sample = self._law.free(frame.known, frame.sample, frame.s, d)
         outputs = [
             (frame.tau[0], sample.tau),

@@ -23,10 +23,12 @@ from rpctl.errors import require_known
 from rpctl.kernels.least_squares import COMPLIANCE, BoundedRows
 from rpctl.kernels.linear import factored
 from rpctl.kernels.scalars import any_true, clipped
+from rpctl.robot.model import BASE_NV
 
 if TYPE_CHECKING:
     from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 
+DISTURBANCE, EXPECTED = "law disturbance", "law nu_dot before"  # buffers of the integral
 NULLSPACE_EFFORT_WEIGHT = 1e-6  # weight of efforts that move nothing, relative to their limits
 REST_SPEED_FRACTION = 1e-3  # of the full speed; a slower base has no direction to keep
 NO_EFFORT = 1e-9  # of an effort: what of a null space's entries is rounding
@@ -90,6 +92,12 @@ class BoundedLaw:
         self.times = by_velocity(dynamics, law.horizon_dyn, joints)
         self.held_for = period if law.midpoint else 0.0
         self.joints = JointLimits(robot, period)
+        # Largest ν̇ (dof,) that the efforts can give at home, each for itself: the integral is not
+        # to hold against more.
+        home = robot.configuration_at(np.zeros(BASE_NV), robot.home)
+        B = np.abs(dynamics.actuation(home))
+        strength = np.multiply(B, robot.effort_limits, where=B > 0.0, out=np.zeros_like(B))
+        self.reach = strength.sum(axis=1) / np.diag(dynamics.inertia(home))
         self.effort_limits = robot.effort_limits
         self._limited = np.flatnonzero(np.isfinite(self.effort_limits)).tolist()
         self._drive = {k for k, name in enumerate(robot.actuators) if name not in robot.joint_names}
@@ -195,10 +203,13 @@ class BoundedLaw:
         K = math.horzcat(K, math.SX(K.shape[0], null.shape[1]))
         G = math.sparsify(math.vertcat(K, *hard))
         shift = self._shift(parts)
-        known, now = gain @ shift, now[self.shared] + rows @ shift
+        now, lower, upper = (
+            math.vertcat(*(each[j] for j in self.shared), math.SX(0, 1))
+            for each in (now, lower, upper)
+        )
+        known, now = gain @ shift, now + rows @ shift
         ratios = [tau[k] / self.effort_limits[k] + known[k] for k in self._limited]
         H = math.tril(G @ G.T + math.diag(math.DM(np.square(self.slacks))))
-        lower, upper = lower[self.shared], upper[self.shared]
         return {
             "G": G,
             "H": math.sparsify(H),

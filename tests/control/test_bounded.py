@@ -150,7 +150,9 @@ def test_a_joint_gives_way_only_where_its_own_limit_binds(
 def test_weights_say_what_moves_for_a_joint_that_cannot(tiago: Robot) -> None:
     """Nothing does by default; with a weight of its own the rest of the arm takes part."""
     joints = tiago.description.joints
-    weak = tuple(dataclasses.replace(j, effort=0.1) if j.name == "arm_4_joint" else j for j in joints)
+    weak = tuple(
+        dataclasses.replace(j, effort=0.1) if j.name == "arm_4_joint" else j for j in joints
+    )
     robot = dataclasses.replace(
         tiago, description=dataclasses.replace(tiago.description, joints=weak)
     )
