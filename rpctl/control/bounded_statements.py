@@ -9,6 +9,8 @@ from typing import Any
 from rpctl import math
 from rpctl.control.dynamic import desired_acceleration, midpoint
 from rpctl.control.fragment import (
+    DISTURBANCE,
+    EXPECTED,
     LIMIT_KINDS,
     LawFragment,
     LawFrame,
@@ -17,7 +19,7 @@ from rpctl.control.fragment import (
     is_fine,
     new,
 )
-from rpctl.control.within_limits import DISTURBANCE, EXPECTED, Before, BoundedLaw, learnt
+from rpctl.control.within_limits import Before, BoundedLaw, learnt
 from rpctl.kernels.least_squares import DualState, dual_step
 from rpctl.kernels.program import Buffer, Call, Place, Statement, Until, When, statement, symbolic
 from rpctl.kernels.scalars import Layout, any_true, clipped

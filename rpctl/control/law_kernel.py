@@ -12,13 +12,14 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.fragment import (
     ANSWERED,
+    DISTURBANCE,
+    EXPECTED,
     REFUSED,
     LawFragment,
     law_fragment,
     settings_of,
 )
 from rpctl.control.law import Command, Efforts, LawSample, ReportsNothing, Rest
-from rpctl.control.within_limits import DISTURBANCE, EXPECTED
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import DiffersError, SolverError, UnfitLawError

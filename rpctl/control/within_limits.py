@@ -28,7 +28,6 @@ from rpctl.robot.model import BASE_NV
 if TYPE_CHECKING:
     from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 
-DISTURBANCE, EXPECTED = "law disturbance", "law nu_dot before"  # buffers of the integral
 NULLSPACE_EFFORT_WEIGHT = 1e-6  # weight of efforts that move nothing, relative to their limits
 REST_SPEED_FRACTION = 1e-3  # of the full speed; a slower base has no direction to keep
 NO_EFFORT = 1e-9  # of an effort: what of a null space's entries is rounding

@@ -79,7 +79,7 @@ def test_a_pause_stops_on_the_way_and_a_resumed_reference_starts_smoothly(paper:
     robot.controller.resume()
     robot.run(7.0)
     assert robot.outputs[-1].status == "ok"
-    assert robot.largest_jump(10) < 0.02
+    assert robot.largest_jump(10) < 0.05
     # Paused for 2.2 s; the first second of the reference's time passes at half its pace.
     assert np.abs(robot.error(robot.t - 2.7)).max() < 5e-3
     assert robot.controller.report()["paused"] == 1100
