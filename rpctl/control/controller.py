@@ -246,9 +246,8 @@ class Controller:
             RpctlError: A law of the user's answers with something that is no answer of its kind.
         """
         self._counts["samples"] += 1
-        output = self._reader.read(t, q, nu)
-        if isinstance(output, MeasuredSample):
-            output = self._answer(output, applied)
+        sample = self._reader.read(t, q, nu)
+        output = sample if isinstance(sample, str) else self._answer(sample, applied)
         if isinstance(output, str):
             output = self._without_answer(self._reader.time, output)
         self._sent = output

@@ -135,12 +135,14 @@ def test_a_jump_by_paper_and_pencil() -> None:
     assert watch.jump(0.0, np.zeros(3)) is None
     assert watch.jump(0.1, np.array([0.1, 0.0, 0.0])) is None  # 1 m/s
     assert watch.jump(0.2, np.array([0.4, 0.0, 0.0])) is None  # .3 of .05 + .1 (2 · 1 + 1) = .35
-    jump = watch.jump(0.3, np.array([0.4, 0.76, 0.0]))  # .76 of .05 + .1 (2 · 3 + 1) = .75
+    jump = watch.jump(0.3, np.array([0.4, 0.76, 0.0]))
+    assert jump is not None  # .76 of .05 + .1 (2 · 3 + 1) = .75
     np.testing.assert_allclose(jump, [0.0, 0.76, 0.0])
     watch = JumpWatch()
     for k, turned in enumerate((3.1, -3.1)):
         assert watch.jump(0.1 * k, np.array([0.0, 0.0, turned])) is None  # 5° on, across π
-    jump = watch.jump(0.2, np.array([0.0, 0.0, -2.0]))  # 1.1 of .05 + .1 (2 · .83 + 1) = .32
+    jump = watch.jump(0.2, np.array([0.0, 0.0, -2.0]))
+    assert jump is not None  # 1.1 of .05 + .1 (2 · .83 + 1) = .32
     np.testing.assert_allclose(jump, [0.0, 0.0, 1.1])
 
 
@@ -158,7 +160,7 @@ def test_a_dead_wheel_ends_in_a_stop_and_leaves_the_arm_alone(paper: Robot, tell
         robot.run(0.2, arriving=dead, tells=tells)
         fastest = max(fastest, float(np.abs(robot.nu[2]) / paper.velocity_limits[2]))
     assert fastest < 1.0  # of its limit
-    assert robot.outputs[-1].status == "lost"
+    assert {output.status for output in robot.outputs[-100:]} == {"lost"}
     assert "at its limits for 2 s" in robot.outputs[-1].reason
     assert np.abs(robot.nu).max() < 0.05
     robot.controller.resume()
