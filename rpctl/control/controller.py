@@ -337,7 +337,8 @@ class Controller:
     def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
         """Return what is sent after a good sample, or why nothing new is."""
         before, self._measured, self._braking = self._measured, sample, None
-        self._let_in(sample)
+        if self.robot.drive.base_speeds:
+            self._let_in(before, sample)
         if self._waits and self._waits != PAUSED:
             return self._without_laws(sample.t, self._waits)
         if before is None and self._waits:
@@ -352,13 +353,11 @@ class Controller:
             return self._slowed(output._replace(status="stopped", reason=self._waits))
         return self._watched(sample, self._slowed(output))
 
-    def _let_in(self, sample: MeasuredSample) -> None:
+    def _let_in(self, before: MeasuredSample | None, sample: MeasuredSample) -> None:
         """Let what is followed jump where the measured pose does."""
-        if self.robot.drive.base_speeds:
-            jump = self._jumps.jump(sample.t, self.robot.base_pose(sample.q))
-            if jump is not None:
-                self._counts["jumps"] += 1
-                self._following.jumped(sample.t, jump)
+        if self._jumps.jumps(sample.t, sample.q[:4].tolist()) and before is not None:
+            self._counts["jumps"] += 1
+            self._following.jumped(before, sample)
 
     def _tell(self, before: MeasuredSample, t: float, applied: Array | None) -> None:
         """Tell the laws how long ago the last sample was (s), and what arrived since."""

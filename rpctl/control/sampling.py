@@ -107,23 +107,21 @@ class JumpWatch:
     """Tells where a measured pose jumps, as that of a localisation does that corrects itself."""
 
     def __init__(self) -> None:
-        self._last: tuple[float, Array] | None = None  # s; pose (3,)
+        self._t, self._place = math.nan, [0.0] * 4  # s; m, m, cosine and sine
         self._speed = math.inf  # m/s and rad/s, the length of both; not known yet
 
-    def jump(self, t: float, pose: Array) -> Array | None:
-        """Return by how much a pose (3,) has jumped since the last one; None if it moved.
+    def jumps(self, t: float, place: list[float]) -> bool:
+        """Return whether a pose is farther from the last one than its motion explains.
 
         Args:
             t: Time, s.
-            pose: Of P: m, m, rad.
+            place: x and y (m) of the root, cosine and sine of its heading.
         """
-        last, self._last = self._last, (t, pose)
-        if last is None:
-            return None
-        elapsed, change = t - last[0], pose - last[1]
-        change[2] = math.remainder(change[2], math.tau)
-        size = math.hypot(*change.tolist())
+        elapsed, (x, y, cos, sin), before = t - self._t, place, self._place
+        self._t, self._place = t, place
+        turned = math.atan2(sin * before[2] - cos * before[3], cos * before[2] + sin * before[3])
+        size = math.hypot(x - before[0], y - before[1], turned)
         if size > JUMP + elapsed * (2.0 * self._speed + FASTEST_CHANGE * elapsed):
-            return change
-        self._speed = size / elapsed
-        return None
+            return True
+        self._speed = size / elapsed if elapsed > 0.0 else math.inf
+        return False

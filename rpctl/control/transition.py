@@ -187,9 +187,12 @@ class Following:
             pace = min(max(float(own @ wanted) / square, 0.0), 1.0) if square else 1.0
         self._go(t, 0.0, (pace, 1.0), self._gap(0.0, sample))
 
-    def jumped(self, t: float, jump: Array) -> None:
-        """Let what is followed jump along with a measured pose by (3,), and come back."""
-        offset, last = np.concatenate([jump, np.zeros(len(self._dynamics.robot.joints))]), 1.0
+    def jumped(self, before: MeasuredSample, after: MeasuredSample) -> None:
+        """Let what is followed jump along with a measured pose, and come back."""
+        robot, t, last = self._dynamics.robot, after.t, 1.0
+        jump = robot.base_pose(after.q) - robot.base_pose(before.q)
+        offset = np.array([*jump, *[0.0] * len(robot.joints)])
+        offset[2] = math.remainder(offset[2], math.tau)
         if isinstance(self.now, Stop):
             return
         if isinstance(self.now, Transition):

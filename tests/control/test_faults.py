@@ -131,19 +131,16 @@ def test_a_pose_that_jumps_is_let_in_slowly(paper: Robot) -> None:
 
 
 def test_a_jump_by_paper_and_pencil() -> None:
+    watch, ahead = JumpWatch(), [1.0, 0.0]
+    assert not watch.jumps(0.0, [7.0, 0.0, *ahead])
+    assert not watch.jumps(0.1, [7.1, 0.0, *ahead])  # 1 m/s
+    assert not watch.jumps(0.2, [7.4, 0.0, *ahead])  # .3 of .05 + .1 (2 · 1 + 1) = .35
+    assert watch.jumps(0.3, [7.4, 0.76, *ahead])  # .76 of .05 + .1 (2 · 3 + 1) = .75
     watch = JumpWatch()
-    assert watch.jump(0.0, np.zeros(3)) is None
-    assert watch.jump(0.1, np.array([0.1, 0.0, 0.0])) is None  # 1 m/s
-    assert watch.jump(0.2, np.array([0.4, 0.0, 0.0])) is None  # .3 of .05 + .1 (2 · 1 + 1) = .35
-    jump = watch.jump(0.3, np.array([0.4, 0.76, 0.0]))
-    assert jump is not None  # .76 of .05 + .1 (2 · 3 + 1) = .75
-    np.testing.assert_allclose(jump, [0.0, 0.76, 0.0])
-    watch = JumpWatch()
-    for k, turned in enumerate((3.1, -3.1)):
-        assert watch.jump(0.1 * k, np.array([0.0, 0.0, turned])) is None  # 5° on, across π
-    jump = watch.jump(0.2, np.array([0.0, 0.0, -2.0]))
-    assert jump is not None  # 1.1 of .05 + .1 (2 · .83 + 1) = .32
-    np.testing.assert_allclose(jump, [0.0, 0.0, 1.1])
+    for k, turned in enumerate((3.1, -3.1)):  # 5° on, across π: .83 rad/s
+        assert not watch.jumps(0.1 * k, [0.0, 0.0, math.cos(turned), math.sin(turned)])
+    turned = -3.1 + 0.33  # of .05 + .1 (2 · .83 + 1) = .32
+    assert watch.jumps(0.2, [0.0, 0.0, math.cos(turned), math.sin(turned)])
 
 
 @pytest.mark.slow
