@@ -23,6 +23,7 @@ from rpctl.control.law import Rest as Rest
 from rpctl.control.law import StatelessLaw as StatelessLaw
 from rpctl.control.obstacles import Disc as Disc
 from rpctl.control.obstacles import HalfPlane as HalfPlane
+from rpctl.control.safeguards import Guards as Guards
 from rpctl.control.samson import Samson as Samson
 from rpctl.control.twist_law import BaseLaw as BaseLaw
 from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic

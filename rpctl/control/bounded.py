@@ -23,23 +23,35 @@ from rpctl.files.records import POSITIVE, Setting
 class BoundedDynamic(ClosedFormDynamic):
     """The predictive law of [MS21, Eq. 21-26] within the limits of the URDF.
 
-    It minimises the paper's own cost over the box of effort limits,
+    While no limit binds, the law is the paper's. Where one does, each quasi-velocity gives way to
+    its own limits and to no other's:
 
-        J = ½ pᵀ W′ p,    p = ε + h1 ε̇,    |τ| ≤ τ_max,
+    1. The wish ν̇* of each joint of the arm is brought within its own bounds, see
+       :class:`~rpctl.control.joint_limits.JointLimits`.
+    2. The base minimises the paper's own cost over the box of its efforts and the bounds of its
+       wheels, with an arm that follows,
 
-    and within the bounds of :class:`JointLimits`, which keep joint rates and positions. While no
-    limit binds, the minimum is zero and the law is the paper's. Efforts never leave their box;
-    bounds on rates and positions that the efforts cannot keep are broken by the least possible.
+           J = ½ pᵀ W′ p,    p = ε + h1 ε̇,    |τ| ≤ τ_max.
 
-    The weights matter only when a limit is active. They apply to p divided by full speed, the speed
-    at which the first actuator reaches its velocity limit. Joints have w′ᵢ; the base has
+    3. The arm on that base obeys Gauss's principle of least constraint, ½ δν̇ᵀ M δν̇ → min over the
+       box of its efforts. M δν̇ is what the efforts miss, so δν̇ is their multiplier: a joint is off
+       its wish only where its own effort is at a limit, and by what that effort cannot give.
+
+    Both are one quadratic program, in which the wheels' rows do not see the arm's δν̇ and the arm
+    weighs next to nothing: neither do saturated wheels throw the arm, nor does a joint that its
+    actuator cannot hold drive the base off under it. Where wheels and arm are at their limits at
+    once, the wheels' efforts are cut off at theirs.
+
+    Efforts never leave their box; bounds of wheels that the efforts cannot keep are broken by the
+    least possible. In W′, p is divided by full speed, the speed at which the first actuator reaches
+    its velocity limit,
 
         W′ = √w′ (I − c d dᵀ)² √w′,    c = 1 − √along,
 
     with d the direction of ν_d + h1 ν̇_d, divided by full speed as well: an error along the desired
     motion is cheaper than one across it. So a robot whose wheels have reached a limit slows down, v
-    and ω in proportion, and keeps the curvature. By default the base comes before the joints: a
-    joint that its actuator cannot hold does not make the robot drive off under it.
+    and ω in proportion, and keeps the curvature. The arm has √w′ M √w′: with weights that differ
+    among its joints, the others move for the one that weighs more.
 
     Efforts are held for a period, so M and h are those of its middle, see
     :func:`~rpctl.control.dynamic.midpoint`.
@@ -59,7 +71,7 @@ class BoundedDynamic(ClosedFormDynamic):
         Setting(
             "",
             "",
-            "w′ by name of the quasi-velocity; 1 for the base's and 1e-4 for joints' if not given.",
+            "w′ by name of the quasi-velocity; 1 for the base's and 1e-6 for joints' if not given.",
         ),
     ] = field(default_factory=dict)
     joint_horizon_dyn: Annotated[

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from rpctl import math
 from rpctl.control.dynamic import desired_acceleration, midpoint
 from rpctl.control.fragment import (
+    DISTURBANCE,
+    EXPECTED,
     LIMIT_KINDS,
     LawFragment,
     LawFrame,
@@ -21,9 +21,10 @@ from rpctl.control.fragment import (
 )
 from rpctl.control.within_limits import Before, BoundedLaw, learnt
 from rpctl.kernels.least_squares import DualState, dual_step
-from rpctl.kernels.program import Buffer, Call, Place, Statement, Until, When, statement
-from rpctl.kernels.scalars import Layout, any_true
+from rpctl.kernels.program import Buffer, Call, Place, Statement, Until, When, statement, symbolic
+from rpctl.kernels.scalars import Layout, any_true, clipped
 
+AT_LIMIT = 1e-6  # of a limit: an effort that close to it is there
 MAX_STEPS = 200  # of the search for the limits that bind; 74 are the most that were seen
 
 
@@ -46,8 +47,9 @@ class BoundedStatements:
         # What is remembered, and what it will be.
         self._dual = new("active before", count), new("multipliers before", count)
         self._next = new("active", count), new("multipliers", count)
-        self._disturbance, self._disturbance_now = new("disturbance", dof), new("d", dof)
-        self._before = new("nu before", dof), new("nu_dot before", dof), new("sampled", 1)
+        self._disturbance = symbolic(Buffer(DISTURBANCE, dof))
+        self._disturbance_now = new("d", dof)
+        self._before = new("nu before", dof), symbolic(Buffer(EXPECTED, dof)), new("sampled", 1)
         self._nu_dot = new("nu_dot", dof)  # until the next sample, as far as the law knows
 
     def fragment(self) -> LawFragment:
@@ -74,6 +76,8 @@ class BoundedStatements:
             before = Before(*(symbols for _, symbols in self._before))
             gain, elapsed = frame.s["gain"], frame.elapsed[1]
             d = learnt(gain, self._disturbance[1], frame.nu[1], before, elapsed)
+            most = enumerate(self._law.reach.tolist())
+            d = math.vertcat(*(clipped(d[i], -reach, reach) for i, reach in most))
         sample = self._law.free(frame.known, frame.sample, frame.s, d)
         outputs = [
             (frame.tau[0], sample.tau),
@@ -132,7 +136,7 @@ class BoundedStatements:
         values = after.active, after.multipliers, after.x, after.going
         outputs = [(buffer, value) for (buffer, _), value in zip(places, values, strict=True)]
         step = statement("law_step", [place, *places], outputs)
-        end = self._end(found["E"] @ x[1], parts, [*inputs, place, x])
+        end = self._end(found["known"] + found["E"] @ x[1], parts, [*inputs, place, x])
         return begin, Until(self._going[0], MAX_STEPS, (step,)), end
 
     def _end(self, change: Any, parts: Mapping[str, Any], inputs: list[Place]) -> Call:
@@ -146,7 +150,7 @@ class BoundedStatements:
         frame, law, binds = self._frame, self._law, self._binds[1]
         active = self._next[0]
         tau = math.if_else(binds, law.efforts(frame.tau[1], change), frame.tau[1])
-        codes = math.if_else(binds, self._codes(active[1], parts), 0.0)
+        codes = math.if_else(binds, self._codes(tau, active[1], parts), 0.0)
         unsolved = math.logic_and(binds, self._going[1])
         outputs = [
             (frame.tau[0], tau),
@@ -161,23 +165,27 @@ class BoundedStatements:
             more += [d, nu_dot]
         return statement("law_limited", [*inputs, *more], outputs)
 
-    def _codes(self, active: Any, parts: Mapping[str, Any]) -> Any:
+    def _codes(self, tau: Any, active: Any, parts: Mapping[str, Any]) -> Any:
         """Return which limits bind, as :class:`LimitNames` reads them.
 
         Args:
-            active: Which rows are active at which bound (n_rows, 1), those of joints first.
+            tau: Efforts (n_act, 1).
+            active: Which rows are active at which bound (n_rows, 1), those that share first.
             parts: Terms of the sample.
         """
-        law, joints = self._law, len(self._law.joints.names)
-        codes, row = list[Any](), joints
-        for limited in np.isfinite(law.effort_limits).tolist():
-            codes.append(active[row] != 0.0 if limited else math.SX(0))
-            row += limited
-        for j in range(joints):
+        law, sides = self._law, [math.SX(0)] * len(self._law.joints.names)
+        for row, j in enumerate(law.shared):
+            sides[j] = active[row]
+        for j in law.own:
+            now = parts["acceleration"][j]
+            sides[j] = (now > parts["upper"][j]) - (now < parts["lower"][j])
+        most = ((1.0 - AT_LIMIT) * law.effort_limits).tolist()
+        codes = [math.fabs(tau[k]) > limit for k, limit in enumerate(most)]
+        for j, side in enumerate(sides):
             upper = math.if_else(parts["by_upper"][j], LIMIT_KINDS.index("upper"), 1.0)
             lower = math.if_else(parts["by_lower"][j], LIMIT_KINDS.index("lower"), 1.0)
-            below = math.if_else(active[j] < 0.0, lower, 0.0)
-            codes.append(math.if_else(active[j] > 0.0, upper, below))
+            below = math.if_else(side < 0.0, lower, 0.0)
+            codes.append(math.if_else(side > 0.0, upper, below))
         return math.vertcat(*codes)
 
     def _followed(self, parts: Mapping[str, Any], tau: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.closed_form import no_machine_code, unsupported
 from rpctl.control.dynamic import PaperDynamic, PaperDynamicController
+from rpctl.control.error import tracking_error
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.law import (
     Command,
@@ -27,16 +29,17 @@ from rpctl.control.law import (
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.safeguards import (
     FAILURES,
-    MAX_TIME,
     Braking,
+    Guards,
     LawWithFallback,
-    MeasuredSample,
-    SampleReader,
+    Watchdog,
     require_callable,
     require_command,
     require_efforts,
     require_speeds,
 )
+from rpctl.control.sampling import JumpWatch, MeasuredSample, SampleReader
+from rpctl.control.transition import Following
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.control.velocity_output import (
     TIME_ROUNDING,
@@ -54,11 +57,12 @@ if TYPE_CHECKING:
     from rpctl.control.law_kernel import RunningLaws
 
 PERIOD = 0.002  # s
-STALE_AFTER = 0.1  # s
 NOTHING = np.empty(0)
+PAUSED, MOTORS_OFF, LOST = "paused", "paused, with the motors off", "lost"
+IDLE = 0.02  # m/s or rad/s: a robot whose speeds miss those it was sent by less follows them
 LATE_RATIO = 1.5  # of the period: a sample that comes later is counted as late
 
-Status = Literal["ok", "fallback", "held", "stopped"]
+Status = Literal["ok", "fallback", "held", "stopped", "lost"]
 
 
 def default_laws(robot: Robot | None = None) -> tuple[KinematicLaw, DynamicLaw]:
@@ -86,7 +90,8 @@ class ControllerOutput(NamedTuple):
         limits: The limits of the URDF that bind the efforts or speeds.
         status: "ok"; "fallback" where another law took the place of one that failed; "held" where
             the sample or both laws were bad, and the last safe efforts or speeds go on; "stopped"
-            where that lasted too long, and the robot is braked.
+            where that lasted too long, and the robot is braked, or where it pauses; "lost" where
+            the robot does not do what it is sent, and is braked until it is told to resume.
         reason: Why the status is not "ok".
     """
 
@@ -102,9 +107,16 @@ class Controller:
     """The predictive laws of one robot on measured samples: made once, stepped for ever.
 
     A sample is bad if it holds numbers that are not finite, a wrong count of them, or a time that
-    does not advance. It is answered with the last safe efforts and counted. Once that has lasted
-    for ``stale_after``, the robot is braked along its model's motion; the next good sample ends the
-    stop. A law that fails at a sample (a solver that gives up, a singular posture) has a substitute
+    does not advance or that jumps. It is answered with the last safe efforts and counted. Once that
+    has lasted for ``guards.stale_after``, the robot is braked along its model's motion; the next
+    good sample ends the stop. Where a few samples in a row go on from a time that jumped, the clock
+    was set: the controller's own time goes on as if it had not been.
+
+    A measured pose that jumps, as a localisation's does, is let in at the rate ``guards.fading``. A
+    robot that is at its limits while its error does not fall is lost: it is braked until
+    :meth:`resume`.
+
+    A law that fails at a sample (a solver that gives up, a singular posture) has a substitute
     there, the unified law or the paper's within the effort limits; if that fails too, the sample
     counts as bad. Samples may come late or be lost: the laws are told the measured time between
     them.
@@ -120,7 +132,8 @@ class Controller:
             follows them. Then there is no dynamic law.
         rest: State before the first sample, if it is known. Its efforts are sent as long as there
             was no good sample; without it, zeros are.
-        stale_after: Time without a good sample after which the robot is braked, s.
+        guards: What is done about bad samples, poses that jump and robots that do not follow; None
+            takes the defaults.
         compiled: Whether laws in closed form run as machine code, which is built here unless the
             disk has it; else in CasADi's virtual machine: a step takes twice as long.
 
@@ -137,25 +150,32 @@ class Controller:
         period: float = PERIOD,
         output: str | VelocityOutput = "effort",
         rest: Rest | None = None,
-        stale_after: float = STALE_AFTER,
+        guards: Guards | None = None,
         compiled: bool = True,
     ) -> None:
         require_positive("period", period)
-        require_positive("stale_after", stale_after)
-        self.robot, self.period, self.stale_after = robot, period, stale_after
-        if isinstance(reference, str):
-            reference = load_reference(robot, reference)
-        require_callable("reference", reference)
-        require_pulling(robot, reference)
+        self.robot, self.period, self.guards = robot, period, guards or Guards()
         if isinstance(kinematic, str):
             kinematic = kinematic_by_name(kinematic)
         if isinstance(dynamic, str):
             dynamic = dynamic_by_name(dynamic)
-        self.reference, usual = reference, default_laws(robot)
+        self._reference, usual = self._read(reference), default_laws(robot)
         self._laws = as_law(kinematic or usual[0]), as_law(dynamic or usual[1])
-        self._rest, self._reader, self._output = rest, SampleReader(robot), as_output(output)
+        self._rest, self._output = rest, as_output(output)
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
         self.reset()
+
+    def _read(self, reference: str | Reference) -> Reference:
+        if isinstance(reference, str):
+            reference = load_reference(self.robot, reference)
+        require_callable("reference", reference)
+        require_pulling(self.robot, reference)
+        return reference
+
+    @property
+    def reference(self) -> Reference:
+        """What is to be followed in the end."""
+        return self._reference
 
     def reset(self) -> None:
         """Forget all samples: the laws start anew, and all counts are zero."""
@@ -182,12 +202,17 @@ class Controller:
             self._dynamic = LawWithFallback(
                 self._speeds, self._speeds.last, partial(require_speeds, robot)
             )
-        self._counts = dict.fromkeys(("samples", "held", "stopped", "fallbacks", "late"), 0)
+        counted = "samples", "held", "stopped", "fallbacks", "late", "paused", "lost", "jumps"
+        self._counts = dict.fromkeys(counted, 0)
         still = np.zeros(robot.dof)
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
         efforts, speeds = (tau, NOTHING) if self._output is None else (NOTHING, still)
         self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
-        self._time = -math.inf  # of the last sample, s
+        self._reader, self._jumps = SampleReader(robot, self.period), JumpWatch()
+        self._watchdog = Watchdog(self.guards.lost_after)
+        self._following = Following(self._dynamics, self._reference, self.guards.fading)
+        self._waits = ""  # why the reference stands
+        self._asked = self._arrived = efforts  # by the laws, and what was sent instead
         self._safe_until = math.inf  # when the last safe efforts are stale, s
         self._measured: MeasuredSample | None = None  # the last good sample
         self._braking: Braking | None = None
@@ -207,27 +232,62 @@ class Controller:
             self._compiled = False
             return running_laws(*given)
 
-    def step(self, t: float, q: Array, nu: Array) -> ControllerOutput:
+    def step(self, t: float, q: Array, nu: Array, applied: Array | None = None) -> ControllerOutput:
         """Return what to send now. A sample, however bad, raises nothing.
 
         Args:
             t: Time, s; it advances from sample to sample.
             q: Measured configuration (nq,); :meth:`Robot.state` makes it from named readings.
             nu: Measured quasi-velocities (dof,).
+            applied: Efforts (n_act,) that arrived since the last sample, where the robot tells:
+                what did not arrive teaches the integral nothing.
 
         Raises:
             RpctlError: A law of the user's answers with something that is no answer of its kind.
         """
         self._counts["samples"] += 1
-        sample = self._reader.read(t, q, nu, self._time)
-        if isinstance(sample, MeasuredSample):
-            now, output = sample.t, self._ask(sample)
-        else:
-            now, output = self._now(t), sample
+        sample = self._reader.read(t, q, nu)
+        output = sample if isinstance(sample, str) else self._answer(sample, applied)
         if isinstance(output, str):
-            output = self._without_answer(now, output)
-        self._time, self._sent = now, output
+            output = self._without_answer(self._reader.time, output)
+        self._sent = output
         return output
+
+    def pause(self, motors_off: bool = False) -> None:
+        """Stop the robot, and the reference's time; it may be called between any two steps.
+
+        Args:
+            motors_off: Whether the motors do nothing from now on, as after an emergency stop: zeros
+                are sent, and nothing is learnt from what the robot does.
+        """
+        if not self._waits:
+            self._following.stand(self._reader.time)
+            if self._measured is not None and not motors_off:
+                self._following.stop(self._measured)
+        self._waits = MOTORS_OFF if motors_off else PAUSED
+
+    def resume(self) -> None:
+        """Go on with the reference, smoothly, from where the robot is and the reference stands."""
+        if self._waits:
+            self._waits = ""
+            self._following.go_on(max(self._reader.time, 0.0), self._measured)
+
+    def set_reference(self, reference: str | Reference) -> None:
+        """Follow another reference from its time 0 on, smoothly, from where the robot is.
+
+        A robot that pauses goes on to pause.
+
+        Args:
+            reference: A reference, or the name or the file of one.
+
+        Raises:
+            RpctlError: It does not fit the robot.
+        """
+        self._reference = self._read(reference)
+        stop = self._following.now
+        self._following.change(self._reference, max(self._reader.time, 0.0), self._measured)
+        if self._waits:
+            self._following.now = stop
 
     def prepare(self) -> None:
         """Compute ahead what can be before the next sample; call it once what to send is sent.
@@ -235,21 +295,23 @@ class Controller:
         It is never needed, and of use to laws that prepare (``Horizon(prepare=True)``): the next
         step is then quicker. It raises nothing.
         """
-        if self._measured is not None and self._measured.t == self._time:
+        if self._measured is not None and self._measured.t == self._reader.time:
             t, q, nu = self._measured
             self._kinematic.prepare(t, q, nu, self.period)
 
     def report(self) -> dict[str, float]:
         """Return what happened so far, by name.
 
-        ``samples``; how many of them were ``held``, answered while ``stopped`` or by
-        ``fallbacks``, and how many came ``late``; 1 of ``machine_code`` where the laws run as such;
-        then what the laws count.
+        ``samples``; how many of them were ``held``, answered while ``stopped``, ``paused`` or
+        ``lost`` or by ``fallbacks``, and how many came ``late``; ``jumps`` of the pose and
+        ``clock_changes``; 1 of ``machine_code`` where the laws run as such; then what the laws
+        count.
         """
         compiled = float(self._kernel is not None and self._compiled)
         kinematic = {f"kinematic.{key}": n for key, n in self._kinematic.report().items()}
         dynamic = {f"dynamic.{key}": n for key, n in self._dynamic.report().items()}
-        return {**self._counts, "machine_code": compiled, **kinematic, **dynamic}
+        own = {"clock_changes": self._reader.clock_changes, "machine_code": compiled}
+        return {**self._counts, **own, **kinematic, **dynamic}
 
     def kinematic_report(self) -> dict[str, float]:
         """Return what the kinematic law counts, by name."""
@@ -272,19 +334,111 @@ class Controller:
                          "there was nothing safe to send for too long")  # fmt: skip
         return tuple(found)
 
+    def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
+        """Return what is sent after a good sample, or why nothing new is."""
+        before, self._measured, self._braking = self._measured, sample, None
+        if self.robot.drive.base_speeds:
+            self._let_in(before, sample)
+        if self._waits and self._waits != PAUSED:
+            return self._without_laws(sample.t, self._waits)
+        if before is None and self._waits:
+            self._following.stop(sample)
+        if before is not None:
+            self._tell(before, sample.t, applied)
+        output = self._ask(sample)
+        if isinstance(output, str):
+            return output
+        if self._waits:
+            self._counts["paused"] += 1
+            return self._slowed(output._replace(status="stopped", reason=self._waits))
+        return self._watched(sample, self._slowed(output))
+
+    def _let_in(self, before: MeasuredSample | None, sample: MeasuredSample) -> None:
+        """Let what is followed jump where the measured pose does."""
+        if self._jumps.jumps(sample.t, sample.q[:4].tolist()) and before is not None:
+            self._counts["jumps"] += 1
+            self._following.jumped(before, sample)
+
+    def _tell(self, before: MeasuredSample, t: float, applied: Array | None) -> None:
+        """Tell the laws how long ago the last sample was (s), and what arrived since."""
+        self._counts["late"] += t - before.t > LATE_RATIO * self.period
+        own = self._sent.status not in ("stopped", "lost") or self._sent.reason == PAUSED
+        elapsed = self._since(before.t, t) if own else None
+        arrived = self._arrived if applied is None else self._efforts_of(applied)
+        if arrived is not self._asked and elapsed is not None and self._output is None:
+            if self._kernel is None or arrived is None:
+                elapsed = None
+            elif self._kernel.learns:
+                with suppress(*FAILURES):
+                    nu_dot = self._dynamics.forward(before.q, before.nu, arrived)
+                    missing = self._dynamics.actuation(before.q) @ (arrived - self._asked)
+                    self._kernel.moved(nu_dot, missing != 0.0)
+        self._kinematic.sampled_after(elapsed)
+        self._dynamic.sampled_after(elapsed)
+
+    def _efforts_of(self, applied: Any) -> Array | None:
+        """Return efforts (n_act,) that a robot tells; None where they are no such numbers."""
+        with suppress(Exception):  # whatever its numbers raise where they are made floats
+            efforts = np.array(applied, dtype=float)
+            if efforts.shape == self._asked.shape and np.isfinite(efforts).all():
+                return efforts
+        return None
+
+    def _slowed(self, output: ControllerOutput) -> ControllerOutput:
+        """Return what is sent with the rate of its efforts within their own limit."""
+        self._arrived = self._asked = output.efforts
+        rate = self.guards.effort_rate
+        if rate is None or self._output is not None:
+            return output
+        most = rate * self.period * self.robot.effort_limits
+        tau = self._sent.efforts + np.clip(output.efforts - self._sent.efforts, -most, most)
+        if (tau == output.efforts).all():
+            return output
+        self._arrived = tau
+        return output._replace(efforts=tau)
+
+    def _watched(self, sample: MeasuredSample, output: ControllerOutput) -> ControllerOutput:
+        """Return what is sent, or what brakes a robot that is lost."""
+        if self._output is None:
+            at_limit = any(limit.kind == "effort" for limit in output.limits)
+        else:
+            miss = np.linalg.norm(sample.nu - output.speeds)
+            at_limit = bool(miss > IDLE + 0.5 * np.linalg.norm(output.speeds))
+        error = self._error(sample) if at_limit else 0.0
+        if not self._watchdog.lost(sample.t, at_limit, error):
+            return output
+        self._following.stand(sample.t)
+        self._waits = (
+            f"{LOST}: at its limits for {self.guards.lost_after:g} s, {error:.2g} m or rad from "
+            "its reference and no nearer; resume() goes on"
+        )
+        return self._without_laws(sample.t, self._waits)
+
+    def _error(self, sample: MeasuredSample) -> float:
+        """Return the largest error of what the law follows, m or rad."""
+        t, q, _ = sample
+        if self._kernel is not None:
+            e = self._kernel.error
+        else:
+            e = tracking_error(self.robot, self._following.now(t), q)
+        return float(np.abs(e).max(initial=0.0))
+
+    def _without_laws(self, t: float, reason: str) -> ControllerOutput:
+        """Return what a robot is sent that is lost, which brakes it, or without motors: nothing."""
+        if reason == MOTORS_OFF:
+            self._counts["paused"] += 1
+            nothing = np.zeros_like(self._unknown.efforts)
+            return self._unknown._replace(efforts=nothing, status="stopped", reason=reason)
+        self._counts["lost"] += 1
+        return self._brake(t, self._unknown._replace(status="lost", reason=reason))
+
     def _ask(self, sample: MeasuredSample) -> ControllerOutput | str:
         """Return what the laws answer to a sample, or why they do not."""
         t = sample.t
-        if self._measured is not None:
-            self._counts["late"] += t - self._time > LATE_RATIO * self.period
-            elapsed = None if self._sent.status == "stopped" else self._since(self._measured.t, t)
-            self._kinematic.sampled_after(elapsed)
-            self._dynamic.sampled_after(elapsed)
-        self._measured, self._braking = sample, None
         ahead = sample if self._speeds is None else self._speeds.predict(*sample)
         command, answer = self._by_kernel(ahead)
         if command is None:
-            command = self._kinematic(t, self._dynamics, self.reference, *ahead)
+            command = self._kinematic(t, self._dynamics, self._following.now, *ahead)
             if command is None:
                 return self._kinematic.reason
             answer = self._dynamic(t, self._dynamics, ahead.q, ahead.nu, command)
@@ -306,7 +460,7 @@ class Controller:
         if kernel is None:
             return None, None
         try:
-            row = self._row(self._dynamics, self.reference, t, q, nu)
+            row = self._row(self._dynamics, self._following.now, t, q, nu)
         except WrongAnswerError:
             raise
         except FAILURES:
@@ -320,7 +474,7 @@ class Controller:
 
     def _sending(self, t: float, command: Command, answer: Efforts | Speeds) -> ControllerOutput:
         """Return what is sent at a time (s), and take note of it."""
-        self._safe_until = t + self.stale_after
+        self._safe_until = t + self.guards.stale_after
         reason = self._kinematic.reason or self._dynamic.reason
         self._counts["fallbacks"] += bool(reason)
         status: Status = "fallback" if reason else "ok"
@@ -337,29 +491,27 @@ class Controller:
             now: Time, s.
             reason: Why there are no others.
         """
-        self._safe_until = min(self._safe_until, now + self.stale_after)
+        self._safe_until = min(self._safe_until, now + self.guards.stale_after)
         if now <= self._safe_until:
             self._counts["held"] += 1
             return self._sent._replace(status="held", reason=reason)
         self._counts["stopped"] += 1
-        stopped = self._unknown._replace(status="stopped", reason=reason)
+        return self._brake(now, self._unknown._replace(status="stopped", reason=reason))
+
+    def _brake(self, now: float, output: ControllerOutput) -> ControllerOutput:
+        """Return an output with the efforts or speeds of a controlled stop.
+
+        Args:
+            now: Time, s.
+            output: What it is without any.
+        """
         if self._speeds is not None:
-            return stopped._replace(speeds=self._speeds.brake(now))
+            return output._replace(speeds=self._speeds.brake(now))
         tau = None
         if self._measured is not None:
             self._braking = self._braking or Braking(self._dynamics, self._measured)
             tau = self._braking.efforts(now, self._sent.efforts)
-        return stopped if tau is None else stopped._replace(efforts=tau)
-
-    def _now(self, t: Any) -> float:
-        """Return the time (s) of a bad sample: as it says, or a period after the one before."""
-        try:
-            now = float(t)
-        except Exception:  # whatever it raises
-            now = math.nan
-        if self._time < now <= MAX_TIME:
-            return now
-        return self._time + self.period if math.isfinite(self._time) else 0.0
+        return output if tau is None else output._replace(efforts=tau)
 
 
 def _within_limits(

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # What has no answer at a sample: nothing, the kinematic or the dynamic law, or the kinematic one
 # for such a reference ever.
 ANSWERED, NO_COMMAND, NO_EFFORTS, REFUSED = 0.0, 1.0, 2.0, 3.0
+DISTURBANCE, EXPECTED = "law disturbance", "law nu_dot before"  # buffers of an integral
 TOO_LARGE = 1e300  # a square from which on numbers are not finite, or soon will not be
 LIMIT_KINDS = ("", "velocity", "lower", "upper")  # of joints, as the buffer of limits counts them
 

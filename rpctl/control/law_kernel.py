@@ -12,6 +12,8 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.fragment import (
     ANSWERED,
+    DISTURBANCE,
+    EXPECTED,
     REFUSED,
     LawFragment,
     law_fragment,
@@ -184,6 +186,8 @@ class RunningLaws:
 
     Attributes:
         model_nu: Gets what sent speeds have led to so far (dof,).
+        error: What is tracked by how much, at the last sample that was answered (3 + n_joints,).
+        learns: Whether there is an integral.
         answer: Efforts (n_act,) or speeds (dof,) of the last sample that was answered.
     """
 
@@ -204,6 +208,10 @@ class RunningLaws:
         self._failed, self._asks = self._view(law.failed), self._view(kernel.asks)
         self._elapsed, self.model_nu = self._view(law.elapsed), self._view(law.model_nu)
         self._view(law.settings)[:], self._elapsed[0] = settings, period
+        self.error = self._view(law.e)
+        kept = {buffer.name: self._view(buffer) for buffer in law.memory}
+        self.learns = DISTURBANCE in kept
+        self._d, self._expected = kept.get(DISTURBANCE), kept.get(EXPECTED)
         self._step = kernel.sample.stepper(space)
 
     def _view(self, buffer: Buffer) -> Array:
@@ -214,6 +222,19 @@ class RunningLaws:
     def sampled_after(self, elapsed: float | None) -> None:
         """Take note of the time since the last call; see :class:`rpctl.control.law.Timed`."""
         self._elapsed[0] = elapsed or 0.0
+
+    def moved(self, nu_dot: Array, missed: Array) -> None:
+        """Take note of efforts other than the answer that arrived since the last sample.
+
+        Where they were missed, the integral learns from what the others do not explain. The rest
+        of the robot has to learn what it does to them that those are missing.
+
+        Args:
+            nu_dot: The model's ν̇ (dof,) under the efforts that arrived.
+            missed: Which quasi-velocities (dof,) they drive.
+        """
+        if self._d is not None and self._expected is not None:
+            self._expected[missed] = (nu_dot + self._d)[missed]
 
     def ask(self, q: Array, nu: Array, row: Array) -> bool:
         """Return whether both laws have an answer to a sample; they are ready, then.

@@ -1,11 +1,12 @@
-"""What keeps a controller going: checks of samples and answers, a law's substitute, and a stop."""
+"""What keeps a controller going: checks of answers, a law's substitute, a watchdog, and a stop."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,11 +20,45 @@ from rpctl.control.law import (
     as_controller,
     as_efforts,
 )
+from rpctl.control.sampling import MeasuredSample
 from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError
+from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.reference.motion import NotFiniteError, WrongAnswerError, require_numbers, shown
 from rpctl.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class Guards(Record):
+    """What a controller does about samples, poses and robots that are not as they should be."""
+
+    stale_after: Annotated[
+        float,
+        POSITIVE,
+        Setting("s", "", "Time without a good sample after which the robot is braked."),
+    ] = 0.1
+    lost_after: Annotated[
+        float,
+        POSITIVE,
+        Setting("s", "", "How long a robot may be at its limits while its error does not fall."),
+    ] = 2.0
+    fading: Annotated[
+        float,
+        POSITIVE,
+        Setting(
+            "m/s or rad/s",
+            "",
+            "How fast an error that comes at once, as of a pose that jumps or of a resumed "
+            "reference, is let in.",
+        ),
+    ] = 0.3
+    effort_rate: Annotated[
+        float | None,
+        POSITIVE,
+        Setting("1/s", "", "Largest rate of each effort, over its limit; none if not given."),
+    ] = None
+
 
 FAILURES = (RpctlError, np.linalg.LinAlgError, ArithmeticError)  # of a computation at one sample
 MISFITS = (RpctlError, NotFiniteError)  # which show at the first sample that a law does not fit
@@ -181,64 +216,9 @@ class LawWithFallback(Generic[Answer]):
             return None, error
 
 
-MAX_POSITION = 1e9  # m or rad: nothing is there
-MAX_TIME = 1e10  # s: doubles beyond it do not tell one sample from the next
-MAX_SPEED = 1e6  # m/s or rad/s: nothing moves so
-MAX_NORM_ERROR = 1e-3  # of cos² + sin²: rounding of single precision is far below
 BRAKING_TIME = 0.3  # s: time constant with which the speeds decay
 LONGEST_STEP = 0.01  # s, of the model's motion
 LONGEST_PREDICTION = 1.0  # s: after a longer silence nothing is known of the motion
-
-
-class MeasuredSample(NamedTuple):
-    """A measured state that can be used: its own copy, of the right lengths, finite."""
-
-    t: float  # s
-    q: Array  # (nq,)
-    nu: Array  # (dof,)
-
-
-class SampleReader:
-    """Reads the measured states of one robot."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._bounds = {"q": (robot.nq, MAX_POSITION), "nu": (robot.dof, MAX_SPEED)}
-        model = robot.model
-        starts = [int(joint.idx_q + joint.nq - 2) for joint in model.joints if joint.nq > joint.nv]
-        self._cos = starts  # the root's and those of continuous joints
-
-    def read(self, t: Any, q: Any, nu: Any, last: float) -> MeasuredSample | str:
-        """Return a sample, or what is wrong with it.
-
-        Args:
-            last: Time of the sample before, s.
-        """
-        try:
-            sample = MeasuredSample(float(t), np.array(q, dtype=float), np.array(nu, dtype=float))
-        except Exception as error:  # whatever its numbers raise where they are made floats
-            return f"the sample holds what is no number: {error}"
-        return self._fault(sample, last) or sample
-
-    def _fault(self, sample: MeasuredSample, last: float) -> str:
-        """Return what is wrong with a sample; nothing, if it can be used."""
-        t, q, nu = sample
-        for name, values in (("q", q), ("nu", nu)):
-            length, largest = self._bounds[name]
-            if values.shape != (length,):
-                return f"{name} has the shape {values.shape}; give {length} numbers"
-            # Their length is found sooner than the largest of them.
-            small = math.hypot(*values.tolist()) <= largest
-            if not (small or np.abs(values).max(initial=0.0) <= largest):
-                return f"{name} holds numbers that are not finite or larger than {largest:g}"
-        if not abs(t) <= MAX_TIME:
-            return f"t is {t:g} s; give a time of at most {MAX_TIME:g} s"
-        if t <= last:
-            return f"t is {t:g} s, not later than the {last:g} s of the sample before"
-        places = q.tolist()
-        for k in self._cos:
-            if abs(places[k] ** 2 + places[k + 1] ** 2 - 1.0) > MAX_NORM_ERROR:
-                return "q holds a cosine and a sine that belong to no angle"
-        return ""
 
 
 class Braking:
@@ -275,3 +255,33 @@ class Braking:
             self._q, self._nu, *_ = step(
                 self._dynamics, self._q, self._nu, tau, min(elapsed / steps, LONGEST_STEP)
             )
+
+
+PROGRESS = 0.05  # of an error: one that falls by less does not fall
+LOST_ERROR = 0.3  # m or rad: no robot is lost that is nearer to its reference
+
+
+class Watchdog:
+    """Tells a robot that does not do what it is sent: at its limits, and its error does not fall.
+
+    Args:
+        patience: For how long that may last, s.
+    """
+
+    def __init__(self, patience: float) -> None:
+        self._patience = patience
+        self._since, self._least = math.inf, math.inf  # s; m or rad
+
+    def lost(self, t: float, at_limit: bool, error: float) -> bool:
+        """Return whether the robot is lost at a sample.
+
+        Args:
+            t: Time, s.
+            at_limit: Whether limits keep the robot from what its law wants.
+            error: Of what is tracked, m or rad.
+        """
+        if not at_limit or error < LOST_ERROR:
+            self._since, self._least = math.inf, math.inf
+        elif error < (1.0 - PROGRESS) * self._least or math.isinf(self._since):
+            self._since, self._least = t, error
+        return t - self._since > self._patience

@@ -15,7 +15,7 @@ from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.fragment import LawFragment, LawFrame
 from rpctl.control.law import Command, ReportsNothing, Rest, Speeds
-from rpctl.control.safeguards import MeasuredSample
+from rpctl.control.sampling import MeasuredSample
 from rpctl.control.speed_limits import SpeedLimits, SpeedSample
 from rpctl.dynamics.motion import NO_LAG, follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics

@@ -21,7 +21,9 @@ from rpctl.control.law import LawSample
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import require_known
 from rpctl.kernels.least_squares import COMPLIANCE, BoundedRows
+from rpctl.kernels.linear import factored
 from rpctl.kernels.scalars import any_true, clipped
+from rpctl.robot.model import BASE_NV
 
 if TYPE_CHECKING:
     from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
@@ -29,9 +31,8 @@ if TYPE_CHECKING:
 NULLSPACE_EFFORT_WEIGHT = 1e-6  # weight of efforts that move nothing, relative to their limits
 REST_SPEED_FRACTION = 1e-3  # of the full speed; a slower base has no direction to keep
 NO_EFFORT = 1e-9  # of an effort: what of a null space's entries is rounding
-# Default weight of a joint's error relative to the base's 1: a joint at its limit must not make the
-# base drift.
-JOINT_ERROR_WEIGHT = 1e-4
+# Default weight of a joint's error relative to the base's 1: the base gives way to no joint.
+JOINT_ERROR_WEIGHT = 1e-6
 
 
 class FreeSample(NamedTuple):
@@ -90,8 +91,20 @@ class BoundedLaw:
         self.times = by_velocity(dynamics, law.horizon_dyn, joints)
         self.held_for = period if law.midpoint else 0.0
         self.joints = JointLimits(robot, period)
+        # Largest ν̇ (dof,) that the efforts can give at home, each for itself: the integral is not
+        # to hold against more.
+        home = robot.configuration_at(np.zeros(BASE_NV), robot.home)
+        B = np.abs(dynamics.actuation(home))
+        strength = np.multiply(B, robot.effort_limits, where=B > 0.0, out=np.zeros_like(B))
+        self.reach = strength.sum(axis=1) / np.diag(dynamics.inertia(home))
         self.effort_limits = robot.effort_limits
         self._limited = np.flatnonzero(np.isfinite(self.effort_limits)).tolist()
+        self._drive = {k for k, name in enumerate(robot.actuators) if name not in robot.joint_names}
+        # Limited joints of the arm, whose own quasi-velocities their bounds are on; and the others.
+        index = robot.quasi_velocities.index
+        arm = set(robot.joint_names)
+        self.own = {j: index(name) for j, name in enumerate(self.joints.names) if name in arm}
+        self.shared = [j for j in range(len(self.joints.names)) if j not in self.own]
         self._unit = np.where(np.isfinite(self.effort_limits), self.effort_limits, 1.0)
         fastest = robot.velocity_limits
         self._fastest = np.where(np.isfinite(fastest), fastest, 1.0)
@@ -164,9 +177,11 @@ class BoundedLaw:
     ) -> dict[str, Any]:
         """Return the quadratic program of a sample, by the names of :class:`BoundedRows`.
 
-        The unknowns are y with p = T y, and efforts that move nothing. The violation of a joint's
-        bound is the base's h1 times an acceleration, divided by the joint's full speed. Beside
-        what its rows are, the efforts over their limits, ``E`` (n_act, n), come with it.
+        The unknowns are y with δν̇ = T y, and efforts that move nothing. The violation of a wheel's
+        bound is the base's h1 times an acceleration, divided by the wheel's full speed. The rows of
+        the drive's efforts are those of an arm that follows. Beside what the rows are, the change
+        of all efforts over their limits comes with it: ``known`` + ``E`` x, with ``known`` what
+        the bounds of the arm's joints ask for.
 
         Args:
             s: The law's numbers.
@@ -174,18 +189,25 @@ class BoundedLaw:
             parts: Entries of :class:`BoundSample` and of its bounds by name.
         """
         M, now, lower, upper = (parts[name] for name in ("M", "acceleration", "lower", "upper"))
-        q = midpoint(dynamics, sample, self.held_for).q
-        # Of ν̇ by y: p is h1 times it.
-        change = math.diag(1.0 / s["time"]) @ self._cost_factor(dynamics, q, sample, s)
-        h1, full, null = s["horizon_dyn"], math.DM(self.joints.full), self._null_space(dynamics, q)
-        gain = dynamics.at(q).allocation @ math.tril2symm(M)
-        E = math.horzcat(_scaled(1.0 / self._unit, gain @ change), null)
-        E = math.sparsify(E)
-        rows = dynamics.at(sample.q).S[self.joints.indices, :]
-        K = _scaled(1.0 / self.joints.full, h1 * (rows @ change))
+        q, M = midpoint(dynamics, sample, self.held_for).q, math.tril2symm(M)
+        change = self._cost_factor(dynamics, q, sample, s, M)
+        h1, null = s["horizon_dyn"], self._null_space(dynamics, q)
+        full = self.joints.full[self.shared]
+        gain = _scaled(1.0 / self._unit, dynamics.at(q).allocation @ M)
+        E = math.sparsify(math.horzcat(gain @ change, null))
+        rigid = math.sparsify(math.horzcat(gain @ self._of_base(change), null))
+        hard = [rigid[k, :] if k in self._drive else E[k, :] for k in self._limited]
+        rows = dynamics.at(sample.q).S[self.joints.indices, :][self.shared, :]
+        K = _scaled(1.0 / full, h1 * (rows @ change))
         K = math.horzcat(K, math.SX(K.shape[0], null.shape[1]))
-        G = math.sparsify(math.vertcat(K, E[self._limited, :]))
-        ratios = [tau[k] / self.effort_limits[k] for k in self._limited]
+        G = math.sparsify(math.vertcat(K, *hard))
+        shift = self._shift(parts)
+        now, lower, upper = (
+            math.vertcat(*(each[j] for j in self.shared), math.SX(0, 1))
+            for each in (now, lower, upper)
+        )
+        known, now = gain @ shift, now + rows @ shift
+        ratios = [tau[k] / self.effort_limits[k] + known[k] for k in self._limited]
         H = math.tril(G @ G.T + math.diag(math.DM(np.square(self.slacks))))
         return {
             "G": G,
@@ -193,12 +215,13 @@ class BoundedLaw:
             "lower": math.vertcat(h1 * (lower - now) / full, *(-1.0 - each for each in ratios)),
             "upper": math.vertcat(h1 * (upper - now) / full, *(1.0 - each for each in ratios)),
             "E": E,
+            "known": known,
         }
 
     @property
     def slacks(self) -> tuple[float, ...]:
         """√COMPLIANCE of the rows of joints, which are soft, and 0 of those of efforts."""
-        return (COMPLIANCE**0.5,) * len(self.joints.names) + (0.0,) * len(self._limited)
+        return (COMPLIANCE**0.5,) * len(self.shared) + (0.0,) * len(self._limited)
 
     def program(self, parts: Mapping[str, Any]) -> BoundedRows:
         """Return the quadratic program of what :meth:`rows` returned."""
@@ -219,24 +242,41 @@ class BoundedLaw:
         return math.vertcat(*found)
 
     def _cost_factor(
-        self, dynamics: SymbolicDynamics, q: Any, sample: LawSample, s: Mapping[str, Any]
+        self, dynamics: SymbolicDynamics, q: Any, sample: LawSample, s: Mapping[str, Any], M: Any
     ) -> Any:
-        """Return T (dof, dof) with p = T y and J = ½ |y|²: W′ = T⁻ᵀ T⁻¹.
+        """Return T (dof, dof) with δν̇ = T y and J = ½ |y|².
 
         Args:
             q: Configuration in the middle of the period (nq, 1).
             s: The law's numbers.
+            M: Inertia there (dof, dof).
         """
         B, count = dynamics.at(q).B, len(self.robot.drive.base_speeds)
         full = math.vertcat(*(self._full_speed(B[i, :]) for i in range(self.robot.dof)))
-        T = math.diag(full / s["root_weight"])
-        if not count:
-            return T
-        ahead = (sample.nu_d + s["horizon_dyn"] * sample.nu_d_dot)[:count] / full[:count]
-        d = ahead / math.sqrt(math.dot(ahead, ahead) + REST_SPEED_FRACTION**2)
-        c = 1.0 - math.sqrt(s["along"])
-        squeeze = math.SX.eye(count) + c / (1.0 - c * math.dot(d, d)) * (d @ d.T)
-        return math.diagcat(T[:count, :count] @ squeeze, T[count:, count:])
+        free = full / (s["time"] * s["root_weight"])  # δν̇ that costs 1
+        T = math.diag(free[:count])
+        if count:
+            ahead = (sample.nu_d + s["horizon_dyn"] * sample.nu_d_dot)[:count] / full[:count]
+            d = ahead / math.sqrt(math.dot(ahead, ahead) + REST_SPEED_FRACTION**2)
+            c = 1.0 - math.sqrt(s["along"])
+            T @= math.SX.eye(count) + c / (1.0 - c * math.dot(d, d)) * (d @ d.T)
+        joints, reach = M[count:, count:], (full / s["time"])[count:]
+        unit = math.dot(math.diag(joints), reach**2) / max(joints.shape[0], 1)
+        weight = math.diag(math.sqrt(unit) / s["root_weight"][count:])
+        return math.diagcat(T, weight @ _inverse_root(joints))
+
+    def _shift(self, parts: Mapping[str, Any]) -> Any:
+        """Return δν̇ (dof, 1) that brings each joint of the arm within its own bounds."""
+        shift = math.SX.zeros(self.robot.dof, 1)
+        for j, k in self.own.items():
+            now, lower, upper = (parts[name][j] for name in ("acceleration", "lower", "upper"))
+            shift[k] = math.fmin(math.fmax(now, lower), upper) - now
+        return shift
+
+    def _of_base(self, change: Any) -> Any:
+        """Return δν̇ by y (dof, dof) of the base, where all joints follow."""
+        count = len(self.robot.drive.base_speeds)
+        return math.horzcat(change[:, :count], math.SX(change.shape[0], change.shape[1] - count))
 
     def _full_speed(self, row: Any) -> Any:
         """Return the speed at which the first actuator reaches its velocity limit.
@@ -266,6 +306,17 @@ class BoundedLaw:
         projection = math.SX.eye(count) - moving
         kept = [k for k in range(count) if not _is_nothing(projection[:, k])]
         return math.sparsify(projection[:, kept]) / NULLSPACE_EFFORT_WEIGHT**0.5
+
+
+def _inverse_root(M: Any) -> Any:
+    """Return T (n, n) with T Tᵀ = M⁻¹ of a symmetric positive definite M (n, n)."""
+    n = M.shape[0]
+    L, over = factored([[M[i, j] for j in range(n)] for i in range(n)])
+    T = math.SX.eye(n)
+    for i, row in enumerate(L):
+        for j, factor in row.items():
+            T[i, :] -= factor * T[j, :]
+    return T @ math.diag(math.vertcat(*(math.sqrt(each) for each in over), math.SX(0, 1)))
 
 
 def _scaled(factors: Array, matrix: Any) -> Any:

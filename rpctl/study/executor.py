@@ -174,7 +174,7 @@ class ProcessExecutor(Executor):
             self._pool = ProcessPoolExecutor(self.workers, context, _watch_parent)
             # All start with the first chunk: one that started while another dies would change the
             # dictionary of processes that the pool's thread is walking, and that thread would fail.
-            self._pool._safe_to_dynamically_spawn_children = False  # type: ignore[attr-defined]
+            vars(self._pool)["_safe_to_dynamically_spawn_children"] = False
         return self._pool
 
     def _end(self) -> None:

@@ -156,38 +156,62 @@ class Referee:
         ):
             return Efforts(tau)
         h1, unit = self._law.horizon_dyn, self._unit
-        change = self._cost_factor(dynamics.actuation(at), command) / self._within.times[:, None]
         B = dynamics.actuation(at)
+        change = self._cost_factor(B, dynamics.inertia(at), command)
         still = B[:, :0]
         if B.shape[0] < B.shape[1]:
             still = null_space(B * unit) / np.sqrt(NULLSPACE_EFFORT_WEIGHT)
         efforts = np.hstack([gain @ change / unit[:, None], still])
-        soft = h1 * rows @ change / joints.full[:, None]
+        shared = np.array([name not in self.robot.joint_names for name in joints.names], dtype=bool)
+        soft = (h1 * rows @ change / joints.full[:, None])[shared]
+        shift = np.zeros(self.robot.dof)
+        for k, name in enumerate(joints.names):
+            if name in self.robot.joint_names:
+                wanted_there = np.clip(now[k], bounds.lower[k], bounds.upper[k])
+                shift[self.robot.quasi_velocities.index(name)] = wanted_there - now[k]
+        beyond = rows @ shift
+        now, tau = now + beyond, tau + gain @ shift
+        count = len(self.robot.drive.base_speeds)
+        rows_of_efforts = efforts.copy()
+        for k, name in enumerate(self.robot.actuators):
+            if name not in self.robot.joint_names:  # a wheel's limit asks nothing of the arm
+                rows_of_efforts[k, count : self.robot.dof] = 0.0
         found = shortest(
-            efforts,
+            rows_of_efforts,
             ((-self.box - tau) / unit, (self.box - tau) / unit),
             np.hstack([soft, np.zeros((len(soft), still.shape[1]))]),
-            (h1 * (bounds.lower - now) / joints.full, h1 * (bounds.upper - now) / joints.full),
+            (
+                (h1 * (bounds.lower - now) / joints.full)[shared],
+                (h1 * (bounds.upper - now) / joints.full)[shared],
+            ),
         )
-        limits = [Limit(self.robot.actuators[i], "effort") for i in np.flatnonzero(found.hard)]
-        for i in np.flatnonzero(found.soft):
-            upper = found.soft[i] > 0.0
+        bound = np.clip(tau + unit * (efforts @ found.x), -self.box, self.box)
+        at_limit = np.abs(bound) > (1.0 - 1e-6) * self.box
+        limits = [Limit(self.robot.actuators[i], "effort") for i in np.flatnonzero(at_limit)]
+        pulls = -beyond
+        pulls[shared] = found.soft
+        for i in np.flatnonzero(pulls):
+            upper = pulls[i] > 0.0
             by_position = (bounds.by_upper if upper else bounds.by_lower)[i]
             kind = ("upper" if upper else "lower") if by_position else "velocity"
             limits.append(Limit(joints.names[i], kind))
-        bound = np.clip(tau + unit * (efforts @ found.x), -self.box, self.box)
         return Efforts(bound, tuple(limits))
 
-    def _cost_factor(self, B: Array, command: Command) -> Array:
-        """Return T (dof, dof) with p = T y and J = ½ |y|²: W′ = T⁻ᵀ T⁻¹."""
+    def _cost_factor(self, B: Array, M: Array, command: Command) -> Array:
+        """Return T (dof, dof) with δν̇ = T y and J = ½ |y|²."""
         fastest = self.robot.velocity_limits
         fastest = np.where(np.isfinite(fastest), fastest, 1.0)
         full = 1.0 / np.abs(B / fastest).max(axis=1)
-        numbers = self._within.numbers()
-        T = np.diag(full / numbers["root_weight"])
-        base = slice(len(self.robot.drive.base_speeds))
+        root = self._within.numbers()["root_weight"]
+        T = np.diag(full / root / self._within.times)
+        count = len(self.robot.drive.base_speeds)
+        base, arm = slice(count), slice(count, None)
         ahead = (command.nu_d + self._law.horizon_dyn * command.nu_d_dot)[base] / full[base]
         d = ahead / np.hypot(np.linalg.norm(ahead), REST_SPEED_FRACTION)
         c = 1.0 - np.sqrt(self._law.along)
         T[base, base] @= np.eye(len(d)) + c / (1.0 - c * (d @ d)) * np.outer(d, d)
+        if count < self.robot.dof:
+            usual = np.mean(np.diag(M)[arm] * np.square(full / self._within.times)[arm])
+            metric = np.outer(root[arm], root[arm]) * M[arm, arm] / usual
+            T[arm, arm] = np.linalg.cholesky(np.linalg.inv(metric))
         return T

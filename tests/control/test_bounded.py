@@ -58,57 +58,117 @@ def test_efforts_stay_in_their_box_whatever_is_asked(name: str, rng: np.random.G
             assert efforts.limits or size == 1.0
 
 
-def weight(law: BoundedDynamic, B: Array, fastest: Array, command: Command) -> Array:
-    """Return W′ as the law's docstring has it, for a base of two speeds before the joints."""
-    full = 1.0 / np.abs(B / fastest).max(axis=1)
-    ahead = (command.nu_d + law.horizon_dyn * command.nu_d_dot)[:2] / full[:2]
+def base_root(law: BoundedDynamic, B: Array, fastest: Array, command: Command) -> Array:
+    """Return √W′ of a base of two speeds, as the law's docstring has it."""
+    full = 1.0 / np.abs(B / fastest).max(axis=1)[:2]
+    ahead = (command.nu_d + law.horizon_dyn * command.nu_d_dot)[:2] / full
     d = ahead / np.hypot(np.linalg.norm(ahead), 1e-3)
-    W = 1e-4 * np.eye(len(full))
-    squeeze = np.eye(2) - (1.0 - np.sqrt(law.along)) * np.outer(d, d)
-    W[:2, :2] = squeeze @ squeeze
-    return W / np.outer(full, full)
+    return np.asarray((np.eye(2) - (1.0 - np.sqrt(law.along)) * np.outer(d, d)) @ np.diag(1 / full))
 
 
-def test_it_minimises_the_papers_cost_over_the_box(paper: Robot, rng: np.random.Generator) -> None:
-    """[MS21, Eq. 25] against a bounded least-squares solver that knows nothing of this one."""
+def test_the_base_comes_before_the_joints_over_the_box(
+    paper: Robot, rng: np.random.Generator
+) -> None:
+    """[MS21, Eq. 25] for the base, then Gauss's principle, by a solver that knows nothing of it."""
     robot = scale_limits(paper, effort=0.3, velocity=10.0)  # the rates are not to take part
     dynamics, law = ReducedDynamics(robot), BoundedDynamic(joint_horizon_dyn=0.06, midpoint=False)
     started, h1 = law.start(dynamics, PERIOD), np.array([0.15, 0.15, 0.06, 0.06])
     fastest = np.array([robot.description.joint[name].velocity for name in robot.actuators])
-    bound = 0
-    for _ in range(20):
-        nu, nu_d, nu_d_dot = rng.normal(size=(3, robot.dof)) * [1.0, 1.0, 1.0, 0.1]
+    box, base, arm = robot.effort_limits, slice(2), slice(2, None)
+
+    def best(matrix: Array, wanted: Array, part: slice) -> Array:
+        bounds = -box[part], box[part]
+        return np.asarray(lsq_linear(matrix, wanted, bounds, method="bvls", tol=1e-14).x)
+
+    bound = set[frozenset[str]]()
+    for _ in range(60):
+        nu, nu_d, nu_d_dot = rng.normal(size=(3, robot.dof)) * [0.7, 0.7, 0.7, 0.1]
         q = robot.configuration(joints={"arm_revolute_joint": 0.3, "arm_prismatic_joint": 0.65})
         command = Command(nu_d, nu_d_dot)
         efforts = started(dynamics, q, nu, command)
         if {limit.kind for limit in efforts.limits} - {"effort"}:
             continue
-        bound += len(efforts.limits)
-        B = dynamics.actuation(q)
-        W = weight(law, B, fastest, command)
-        root = np.linalg.cholesky(W).T @ np.diag(h1) @ np.linalg.inv(dynamics.inertia(q))
-        wanted = dynamics.inverse(q, nu, nu_d_dot - (nu - nu_d) / h1)
-        box = robot.effort_limits
-        best = lsq_linear(root @ B, root @ wanted, (-box, box), method="bvls", tol=1e-14)
-        np.testing.assert_allclose(efforts.tau, best.x, atol=1e-4 * box.max())
+        bound.add(frozenset(limit.joint[:3] for limit in efforts.limits))
+        B, M = dynamics.actuation(q), dynamics.inertia(q)
+        force = dynamics.inverse(q, nu, nu_d_dot - (nu - nu_d) / h1)
+        root = base_root(law, B, fastest, command) @ np.linalg.inv(M[base, base])
+        rigid = best(root @ B[base, base], root @ force[base], base)  # the arm follows
+        given_up = np.linalg.solve(M[base, base], B[base, base] @ rigid - force[base])
+        wanted = force[arm] + M[arm, base] @ given_up
+        root = np.linalg.inv(np.linalg.cholesky(M[arm, arm]))
+        tau = best(root, root @ wanted, arm)
+        reaction = M[base, arm] @ np.linalg.solve(M[arm, arm], tau - wanted)
+        wheels = rigid + np.linalg.solve(B[base, base], reaction)
+        expected = np.concatenate([np.clip(wheels, -box[base], box[base]), tau])
+        np.testing.assert_allclose(efforts.tau, expected, atol=1e-4 * box.max())
         at_limit = np.abs(efforts.tau) > (1.0 - 1e-9) * box
-        assert {limit.joint for limit in efforts.limits} <= set(np.array(robot.actuators)[at_limit])
-    assert bound > 20
+        assert {limit.joint for limit in efforts.limits} == set(np.array(robot.actuators)[at_limit])
+    assert bound >= {frozenset({"whe"}), frozenset({"arm"}), frozenset({"whe", "arm"})}
 
 
-def test_the_weights_matter_once_a_limit_binds(paper: Robot) -> None:
-    robot = scale_limits(paper, effort=0.02)
+def scale_efforts(robot: Robot, wheels: float, arm: float) -> Robot:
+    """Return a robot whose wheels' and whose arm's effort limits are scaled."""
+    joints = tuple(
+        dataclasses.replace(j, effort=j.effort * (arm if j.name in robot.joint_names else wheels))
+        for j in robot.description.joints
+    )
+    return dataclasses.replace(
+        robot, description=dataclasses.replace(robot.description, joints=joints)
+    )
+
+
+@pytest.mark.parametrize("weak", ["wheels", "arm"])
+@pytest.mark.parametrize("name", ["paper", "tiago", "mecanum", "car", "arm"])
+def test_a_joint_gives_way_only_where_its_own_limit_binds(
+    name: str, weak: str, rng: np.random.Generator
+) -> None:
+    """Neither to wheels at their limits nor to another joint; the base to no joint."""
+    robot = scale_limits(rpctl.load(name), velocity=100.0)
+    robot = scale_efforts(robot, **{"wheels": 1e3, "arm": 1e3, weak: 1.0})
+    count = len(robot.drive.base_speeds)
+    if weak == "wheels" and not count:
+        return
+    dynamics, law = ReducedDynamics(robot), BoundedDynamic(midpoint=False)
+    started, times = law.start(dynamics, PERIOD), law.numbers_on(dynamics, PERIOD)["time"]
+    q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
+    B, M, gave = dynamics.actuation(q), dynamics.inertia(q), 0
+    for _ in range(40):
+        nu_d = rng.normal(size=robot.dof) * rng.choice([0.1, 3.0], size=robot.dof)
+        efforts = started(dynamics, q, still, Command(nu_d, still))
+        bound = {limit.joint for limit in efforts.limits}
+        missing = dynamics.inverse(q, still, nu_d / times, nu_d) - B @ efforts.tau
+        off = np.linalg.solve(M, missing)
+        size = np.abs(nu_d / times).max()
+        follow = np.array([j not in bound for j in robot.joint_names], dtype=bool)
+        np.testing.assert_allclose(off[count:][follow], 0.0, atol=1e-6 * size)
+        if weak == "arm":
+            np.testing.assert_allclose(off[:count], 0.0, atol=1e-3 * size)
+        gave += bool(bound)
+    assert gave > 3
+
+
+def test_weights_say_what_moves_for_a_joint_that_cannot(tiago: Robot) -> None:
+    """Nothing does by default; with a weight of its own the rest of the arm takes part."""
+    joints = tiago.description.joints
+    weak = tuple(
+        dataclasses.replace(j, effort=0.1) if j.name == "arm_4_joint" else j for j in joints
+    )
+    robot = dataclasses.replace(
+        tiago, description=dataclasses.replace(tiago.description, joints=weak)
+    )
     dynamics, q = ReducedDynamics(robot), robot.configuration_at(np.zeros(3), robot.home)
-    command = Command(np.array([0.3, 0.0, 0.3, 0.1]), np.zeros(4))
+    elbow, still = robot.quasi_velocities.index("arm_4_joint"), np.zeros(robot.dof)
 
-    def missed(**weights: float) -> Array:
-        law = BoundedDynamic(weights=weights).start(dynamics, PERIOD)
-        tau = law(dynamics, q, np.zeros(4), command).tau
-        return np.abs(command.nu_d - 0.15 * dynamics.forward(q, np.zeros(4), tau))
+    def moved(**weights: float) -> Array:
+        law = BoundedDynamic(weights=weights, midpoint=False).start(dynamics, PERIOD)
+        efforts = law(dynamics, q, still, Command(still, still))
+        assert Limit("arm_4_joint", "effort") in efforts.limits
+        return np.abs(dynamics.forward(q, still, efforts.tau))
 
-    plain, slide = missed(), missed(arm_prismatic_joint=1e4)
-    assert slide[3] < 0.5 * plain[3]
-    assert slide[0] > plain[0]
+    plain, weighted = moved(), moved(arm_4_joint=1.0)
+    assert weighted[elbow] < 0.9 * plain[elbow]
+    assert np.delete(plain, elbow).max() < 1e-3 * plain[elbow]
+    assert np.delete(weighted, elbow).max() > 0.1 * weighted[elbow]
 
 
 def run_into(

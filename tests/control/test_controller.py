@@ -10,56 +10,14 @@ import numpy as np
 import pytest
 
 import rpctl
-from rpctl import Controller, ControllerOutput, Robot
+from rpctl import Controller, Robot
 from rpctl.arrays import Array
-from rpctl.control.error import tracking_error
 from rpctl.control.law import Command, Efforts, Rest
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SolverError
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import configuration_along
-
-PERIOD = 0.002
-
-
-class Simulated:
-    """A robot that a controller steps, in steps of Runge and Kutta.
-
-    Args:
-        controller: The controller.
-        offset: How far it starts from its reference (3,): m, m, rad.
-    """
-
-    def __init__(self, controller: Controller, offset: tuple[float, ...] = (0.0, 0.0, 0.0)) -> None:
-        self.controller, robot = controller, controller.robot
-        self.dynamics = ReducedDynamics(robot)
-        state = controller.reference(0.0)
-        self.q = configuration_along(robot, state, np.asarray(state.pose) + offset)
-        self.nu, self.t = np.zeros(robot.dof), 0.0
-        self.outputs: list[ControllerOutput] = []
-
-    def run(
-        self,
-        duration: float,
-        measure: Callable[[float, Array, Array], tuple[Any, Any, Any] | None] | None = None,
-        steps: Callable[[], float] = lambda: PERIOD,
-    ) -> list[float]:
-        """Return the distances (m) from the reference; no measurement leaves the efforts on."""
-        errors = []
-        end = self.t + duration - 1e-9
-        while self.t < end:
-            sample = (self.t, self.q, self.nu)
-            found = sample if measure is None else measure(*sample)
-            if found is not None:
-                self.outputs.append(self.controller.step(*found))
-            dt = steps()
-            step = rk4_step(self.dynamics, self.q, self.nu, self.outputs[-1].efforts, dt)
-            self.q, self.nu, self.t = step.q, step.nu, self.t + dt
-            reference = self.controller.reference(self.t)
-            e = tracking_error(self.controller.robot, reference, self.q)
-            errors.append(math.hypot(e[0], e[1]))
-        return errors
+from tests.control.simulated import PERIOD, Simulated
 
 
 def rms(values: list[float]) -> float:
@@ -145,13 +103,17 @@ def test_before_the_first_good_sample_the_efforts_are_those_of_the_rest(paper: R
     controller = Controller(paper, "circle", rest=rest)
     for k in range(100):
         output = controller.step(k * PERIOD, nothing, np.zeros(4))
-        assert output.status == ("held" if k * PERIOD <= controller.stale_after else "stopped")
+        assert output.status == (
+            "held" if k * PERIOD <= controller.guards.stale_after else "stopped"
+        )
         np.testing.assert_array_equal(output.efforts, rest.tau)
 
 
 @pytest.mark.slow
 def test_silence_ends_in_a_stop_and_the_next_good_sample_ends_that(paper: Robot) -> None:
-    controller = Controller(paper, "circle", "unified", "integral", stale_after=0.05)
+    controller = Controller(
+        paper, "circle", "unified", "integral", guards=rpctl.Guards(stale_after=0.05)
+    )
     robot = Simulated(controller)
     robot.run(1.0)
     before = robot.nu.copy()
@@ -229,13 +191,12 @@ def test_where_both_laws_fail_the_robot_is_braked(paper: Robot) -> None:
     good = Controller(paper, "circle").reference
 
     def reference(t: float) -> Any:
-        if t > 1.0:
+        if t > 1.001:
             raise SolverError("the planner is gone")
         return good(t)
 
-    robot = Simulated(Controller(paper, good, "unified", "integral"))
+    robot = Simulated(Controller(paper, reference, "unified", "integral"))
     robot.run(1.0)
-    robot.controller.reference = reference
     for _ in range(1000):
         output = robot.controller.step(robot.t, robot.q, robot.nu)
         step = rk4_step(robot.dynamics, robot.q, robot.nu, output.efforts, PERIOD)
@@ -251,7 +212,7 @@ def test_mistakes_are_raised_at_the_first_sample(paper: Robot) -> None:
 
     with pytest.raises(rpctl.RpctlError, match="give 4 real numbers"):
         Controller(paper, "circle", "unified", short).step(0.0, paper.configuration(), np.zeros(4))
-    for settings in ({"period": 0.0}, {"stale_after": math.nan}, {"kinematic": "fast"}):
+    for settings in ({"period": 0.0}, {"period": math.nan}, {"kinematic": "fast"}):
         with pytest.raises(rpctl.RpctlError):
             Controller(paper, "circle", **settings)
 

@@ -1,0 +1,231 @@
+"""What a controller follows while it runs: its reference, smooth ways over to it, and stops."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.error import joint_errors
+from rpctl.control.sampling import MeasuredSample
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.reference.motion import Reference, ReferenceState
+
+PACE_TIME = 1.0  # s in which a reference comes to its pace, and a robot that pauses to a stop
+STEEPEST = 15.0 / 8.0  # of the way that C² steps take, over its mean
+
+
+def smooth_step(t: float, duration: float) -> tuple[float, float, float]:
+    """Return a step from 0 to 1 within a duration (s), and its first two derivatives, at t (s)."""
+    if t >= duration:
+        return 1.0, 0.0, 0.0
+    u = max(t / duration, 0.0)
+    first = 30.0 * u**2 * (1.0 - u) ** 2
+    second = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
+    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), first / duration, second / duration**2
+
+
+def smooth_pace(t: float, first: float, last: float) -> tuple[float, float, float]:
+    """Return for how long a reference has run at t (s), its pace and the rate of that.
+
+    Args:
+        first: Pace at t = 0 and before.
+        last: Pace from ``PACE_TIME`` on.
+    """
+    share, rate, _ = smooth_step(t, PACE_TIME)
+    u = min(max(t / PACE_TIME, 0.0), 1.0)
+    passed = PACE_TIME * u**4 * (2.5 - 3.0 * u + u**2) + max(t - PACE_TIME, 0.0)
+    return first * t + (last - first) * passed, first + (last - first) * share, (
+        (last - first) * rate
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Transition:
+    """A reference with a pace of its own, and where the robot was beside it, which fades.
+
+    Base and arm are given the reference plus an offset d(t) that falls from what it was to nothing
+    along a step of two continuous derivatives. The arm is given its rates as well. A base that
+    rolls cannot follow those of its offset, and sees a small error instead.
+
+    Attributes:
+        reference: What it leads to.
+        since: When it begins, s.
+        at: The reference's time then, s.
+        first: Its pace then; 0 stands still, 1 is as fast as time.
+        last: Its pace ``PACE_TIME`` later.
+        offset: d then (3 + n_joints,): m, m, rad, then rad or m.
+        fading: How long d takes to fade, s.
+    """
+
+    reference: Reference
+    since: float
+    at: float
+    first: float
+    last: float
+    offset: Array
+    fading: float
+
+    def time(self, t: float) -> tuple[float, float]:
+        """Return the reference's time (s) at a time (s), and its pace."""
+        passed, pace, _ = smooth_pace(t - self.since, self.first, self.last)
+        return self.at + passed, pace
+
+    def left(self, t: float) -> tuple[Array, Array, Array]:
+        """Return the offset at a time (s) and its first two derivatives, each (3 + n_joints,)."""
+        share, *rates = smooth_step(t - self.since, self.fading)
+        rate, acceleration = (-each * self.offset for each in rates)
+        return (1.0 - share) * self.offset, rate, acceleration
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the state at a time (s)."""
+        passed, pace, rate = smooth_pace(t - self.since, self.first, self.last)
+        state = self.reference(self.at + passed)
+        d, d_dot, d_ddot = self.left(t)
+        toward = state.direction
+        if toward is not None:
+            one, two, three = np.asarray(toward)
+            toward = np.array([one, pace * two, pace**2 * three + rate * two])
+        return ReferenceState(
+            state.pose + d[:3],
+            pace * state.twist,
+            pace**2 * state.twist_dot + rate * state.twist,
+            state.joints + d[3:],
+            pace * state.joint_rates + d_dot[3:],
+            pace**2 * state.joint_accelerations + rate * state.joint_rates + d_ddot[3:],
+            toward,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """A reference that comes to rest within ``PACE_TIME``, from where the robot is.
+
+    The base goes on along the arc that it is on, and slows down.
+
+    Attributes:
+        since: When, s.
+        pose: Of P then (3,).
+        twist: Of the robot then (3,), as a reference has it.
+        joints: The arm's positions then (n_joints,).
+        rates: Their rates (n_joints,).
+    """
+
+    since: float
+    pose: Array
+    twist: Array
+    joints: Array
+    rates: Array
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the state at a time (s)."""
+        passed, pace, rate = smooth_pace(t - self.since, 1.0, 0.0)
+        turned = passed * self.twist[2]
+        chord = complex(*self.twist[:2]) * passed * np.sinc(turned / (2.0 * np.pi))
+        step = chord * np.exp(1j * (self.pose[2] + 0.5 * turned))
+        return ReferenceState(
+            self.pose + np.array([step.real, step.imag, turned]),
+            pace * self.twist,
+            rate * self.twist,
+            self.joints + passed * self.rates,
+            pace * self.rates,
+            rate * self.rates,
+        )
+
+
+class Following:
+    """What the laws of one controller are given to follow.
+
+    Args:
+        dynamics: The robot's dynamics, as far as the controller knows them.
+        reference: What is to be followed in the end.
+        fading: How fast an error that comes at once is let in, m/s and rad/s.
+
+    Attributes:
+        reference: What is to be followed in the end.
+        now: What the laws are given: the same, a way over to it, or a stop.
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, reference: Reference, fading: float) -> None:
+        self._dynamics, self._fading = dynamics, fading
+        self.reference = self.now = reference
+        self._stands_at = 0.0  # the reference's time, while it stands
+
+    def stand(self, t: float) -> None:
+        """Let the reference's time stand from a time (s) on."""
+        self._stands_at = self._time(max(t, 0.0))[0]
+        self.now = self.reference
+
+    def stop(self, sample: MeasuredSample) -> None:
+        """Give the laws a stop from where the robot is; the reference's time stands already."""
+        robot, (t, q, nu) = self._dynamics.robot, sample
+        rates = nu[robot.dof - len(robot.joints) :]
+        self.now = Stop(t, robot.base_pose(q), self._twist(sample), robot.joint_positions(q), rates)
+
+    def go_on(self, t: float, sample: MeasuredSample | None) -> None:
+        """Let the reference's time pass again from a time (s) on.
+
+        Args:
+            sample: Where the robot is, if that is known.
+        """
+        self._go(t, self._stands_at, (0.0, 1.0), self._gap(self._stands_at, sample))
+
+    def change(self, reference: Reference, t: float, sample: MeasuredSample | None) -> None:
+        """Follow another reference from its time 0 on, about as fast as the robot is.
+
+        Args:
+            reference: What is to be followed in the end.
+            t: Time, s.
+            sample: Where the robot is, if that is known.
+        """
+        self.reference, self._stands_at, pace = reference, 0.0, 1.0
+        if sample is not None and not isinstance(self.now, Stop):
+            own, wanted = self._twist(sample), np.asarray(reference(0.0).twist)
+            square = float(wanted @ wanted)
+            pace = min(max(float(own @ wanted) / square, 0.0), 1.0) if square else 1.0
+        self._go(t, 0.0, (pace, 1.0), self._gap(0.0, sample))
+
+    def jumped(self, before: MeasuredSample, after: MeasuredSample) -> None:
+        """Let what is followed jump along with a measured pose, and come back."""
+        robot, t, last = self._dynamics.robot, after.t, 1.0
+        jump = robot.base_pose(after.q) - robot.base_pose(before.q)
+        offset = np.array([*jump, *[0.0] * len(robot.joints)])
+        offset[2] = math.remainder(offset[2], math.tau)
+        if isinstance(self.now, Stop):
+            return
+        if isinstance(self.now, Transition):
+            offset, last = offset + self.now.left(t)[0], self.now.last
+        time, pace = self._time(t)
+        self._go(t, time, (pace, last), offset)
+
+    def _go(self, t: float, at: float, paces: tuple[float, float], offset: Array) -> None:
+        way = float(np.hypot(*offset[:2]) + np.abs(offset[2:]).max())
+        fading = STEEPEST * way / self._fading
+        self.now = Transition(self.reference, t, at, *paces, offset, fading)
+
+    def _time(self, t: float) -> tuple[float, float]:
+        """Return the reference's time (s) at a time (s), and its pace."""
+        if isinstance(self.now, Stop):
+            return self._stands_at, 0.0
+        return self.now.time(t) if isinstance(self.now, Transition) else (t, 1.0)
+
+    def _gap(self, at: float, sample: MeasuredSample | None) -> Array:
+        """Return where the robot is beside the reference at its time ``at`` (3 + n_joints,)."""
+        robot = self._dynamics.robot
+        if sample is None:
+            return np.zeros(3 + len(robot.joints))
+        state = self.reference(at)
+        joints = joint_errors(robot, robot.joint_positions(sample.q), state.joints)
+        base = robot.base_pose(sample.q) - state.pose
+        return np.array([*base[:2], math.remainder(base[2], math.tau), *joints])
+
+    def _twist(self, sample: MeasuredSample) -> Array:
+        """Return the twist (3,) of P, as a reference has it."""
+        robot = self._dynamics.robot
+        if not robot.drive.base_speeds:
+            return np.zeros(3)
+        v = self._dynamics.basis(sample.q) @ sample.nu
+        twist = np.asarray(robot.point_velocity @ v[:3])
+        return twist * [1.0, 0.0, 1.0] if robot.drive.has_axle else twist
