@@ -137,8 +137,25 @@ def _unpacked(packed: str) -> bytes:
 def _from_plain(plain: Any) -> MjcfCertificate:
     if plain.pop("schema") != SCHEMA:
         raise ValueError("it is of another version of rpctl")
+    _require_table(plain["table"])
+    for name in ("robot", "source", "urdf", "model"):
+        if not isinstance(plain[name], str):
+            raise TypeError(f"{name} is no text")
     plain["witness"] = from_plain(plain["witness"])
     plain["checks"] = tuple(dict(check) for check in plain["checks"])
     for name in ("made_with", "settings", "verified", "facts"):
         plain[name] = dict(plain[name])
     return MjcfCertificate(**plain)
+
+
+def _require_table(table: Any) -> None:
+    """Refuse what is no table: who forges a certificate gets a message, and no traceback.
+
+    Raises:
+        TypeError: It is none.
+    """
+    values = (v for kind in table.values() for fields in kind.values() for v in fields.values())
+    for value in values:
+        numbers = value if isinstance(value, list) else [value]
+        if not all(isinstance(each, float | int | str) for each in numbers):
+            raise TypeError("its table holds what is no value")

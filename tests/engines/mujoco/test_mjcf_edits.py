@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -314,6 +315,15 @@ def test_a_certificate_that_was_edited_is_refused(exported: Path) -> None:
             exported,
         )
         find_certificate(file.texts, exported)
+
+
+@pytest.mark.parametrize("table", [{"body": {"x": {"mass": {}}}}, {"body": [1.0]}, "table"])
+def test_a_forged_certificate_ends_in_a_message(exported: Path, table: Any) -> None:
+    """Its digest is right: whoever writes a file can write that, too."""
+    known = find_certificate(parse_mjcf(exported.read_bytes(), exported).texts, exported)
+    forged = dataclasses.replace(known, table=table).parts("")
+    with pytest.raises(rpctl.RpctlError, match="its certificate is damaged"):
+        find_certificate({each.get("name"): each.get("data") for each in forged}, exported)
 
 
 def test_the_commands_say_it_with_their_exit_codes(tmp_path: Path) -> None:
