@@ -112,19 +112,20 @@ def _cannot_hold(run: Run) -> Outcome | None:
     if isinstance(run.config.kinematic, EndEffector | Horizon):
         return None  # for them a joint's reference gives way to the end effector's
     away = np.abs(run.log.e[:, 3:])
-    for name, unit, error in zip(robot.joint_names, robot.units, away.T, strict=True):
-        bound = max(THROWN[unit], GROWN * float(error[0]))
-        if float(error.max()) > bound:
-            when = run.t[int(np.argmax(error > bound))]
-            k = robot.actuators.index(name) if name in robot.actuators else None
-            full = k is not None and _full(run, k)
-            why = ", its motor at its limit" if full else ""
-            return Outcome(
-                CANNOT_HOLD,
-                f"{name} is {error.max():.2g} {unit} off its reference, beyond {bound:.2g} {unit} "
-                f"from {when:.3g} s on{why}",
-            )
-    return None
+    if not away.size:
+        return None
+    bounds = np.maximum([THROWN[unit] for unit in robot.units], GROWN * away[0])
+    j = int((away.max(axis=0) / bounds).argmax())
+    name, unit, error, bound = robot.joint_names[j], robot.units[j], away[:, j], float(bounds[j])
+    if float(error.max()) <= bound:
+        return None
+    when = run.t[int(np.argmax(error > bound))]
+    full = name in robot.actuators and _full(run, robot.actuators.index(name))
+    why = ", its motor at its limit" if full else ""
+    return Outcome(
+        CANNOT_HOLD, f"{name} is {error.max():.2g} {unit} off its reference, beyond {bound:.2g} "
+        f"{unit} from {when:.3g} s on{why}"
+    )  # fmt: skip
 
 
 def _full(run: Run, k: int) -> bool:

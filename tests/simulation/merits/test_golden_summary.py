@@ -65,6 +65,10 @@ def test_figures_of_a_run(golden: Run) -> None:
     assert [slide.rms, slide.final, slide.settled] == pytest.approx(
         [rms(0.04, 0.03, 0.01, 0.005, 0.02, 0.01), 0.01, 0.02]
     )
+    assert [(joint.largest, joint.speed_ratio) for joint in (swing, slide)] == [
+        pytest.approx((1.0, 1.2 / 2.0)),
+        pytest.approx((0.04, 0.3 / 0.5)),
+    ]
     efforts = [(e.actuator, e.peak, e.limit, e.ratio) for e in summary.efforts]
     assert efforts == [
         ("left_wheel_joint", 30.0, 40.0, 0.75),
