@@ -49,3 +49,16 @@ def test_inspect_finds_that_a_robot_does_not_stand(tmp_path: Path) -> None:
         "it does not stand at home: only left_joint, right_joint touch the ground, on one line"
     ]
     assert "does not stand" not in said("inspect", "paper")
+
+
+def test_track_refuses_a_joint_too_weak_for_gravity_unless_it_may_sink(tmp_path: Path) -> None:
+    path, folder = level_arm(tmp_path, 5.0), str(tmp_path / "run")
+    words = ("track", path, "--home", "zero", "--duration", "0.02", "--out", folder)
+    refused = CliRunner().invoke(app, [*words, "--samples", "0"])
+    assert refused.exit_code == 2
+    assert TOLD in " ".join(refused.output.split())
+    assert "--allow-sag" in refused.output
+    assert not (tmp_path / "run").exists()
+    allowed = said(*words, "--samples", "0", "--allow-sag", "--no-perturbed")
+    assert TOLD in " ".join(allowed.split())
+    assert (tmp_path / "run" / "report.html").exists()
