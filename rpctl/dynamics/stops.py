@@ -19,6 +19,7 @@ Nonsmooth Mechanics and Applications, Springer, 1988.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -85,6 +86,19 @@ def stopped(M: Array, m: Array, s: Array, held: Array) -> tuple[Array, Array]:
     return x, push
 
 
+def impact(M: Array, nu: Array, s: Array, held: Array) -> Array:
+    """Return the speeds (n,) after an impact, of those before it.
+
+    Args:
+        M: Inertia (n, n).
+        nu: Speeds (n,).
+        s: Sides of the stops that joints are at (n,).
+        held: Likewise of those that were held in the step before: they have no speed of their own.
+    """
+    kept = pivot(len(nu))(M.ravel(), M @ nu, held, held != 0.0)[0]
+    return stopped(M, M @ np.asarray(kept).ravel(), s, held != 0.0)[0]
+
+
 class Stops:
     """The stops of a robot's arm and of its steered joints, at the limits of their positions.
 
@@ -92,13 +106,14 @@ class Stops:
 
     Args:
         robot: The robot.
+        names: Joints whose rates x and λ are of (n,), or other names; None: those of ν.
 
     Attributes:
         any: Whether there are any.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        names = robot.quasi_velocities
+    def __init__(self, robot: Robot, names: Sequence[str] | None = None) -> None:
+        names = robot.quasi_velocities if names is None else names
         limits = {joint.name: (joint.lower, joint.upper) for joint in robot.joints}
         bounds = zip(*robot.steering_limits[:2], strict=True)
         limits |= zip((swivel.joint for swivel in robot.drive.steered), bounds, strict=True)
@@ -107,21 +122,31 @@ class Stops:
         self._places = [robot.entries[name].index if name in limits else 0 for name in names]
         self.any = bool(np.isfinite(pairs).any())
 
-    def sides(self, q: Any) -> Any:
-        """Return the sides s (dof,) of the stops that joints are at, at q (nq,)."""
-        x = q[self._places]
-        return 1.0 * (x <= self._lower + TOUCHING) - 1.0 * (x >= self._upper - TOUCHING)
+    def ends(self, q: Any) -> tuple[Any, Any]:
+        """Return how far down and up (n,) joints can go from q (nq,).
 
-    def back(self, q: Any, s: Any, held: Any) -> Any:
-        """Return how far (dof,) joints are put back: those held, and those beyond their stops.
+        One that is beyond a limit has its stop where it is: it may come back, and is not put back.
+        """
+        x = q[self._places]
+        below, above = x < self._lower, x > self._upper
+        return (self._lower + below * (x - self._lower), self._upper + above * (x - self._upper))
+
+    def sides(self, q: Any, ends: tuple[Any, Any]) -> Any:
+        """Return the sides s (n,) of the stops that joints are at, at q (nq,)."""
+        x = q[self._places]
+        return 1.0 * (x <= ends[0] + TOUCHING) - 1.0 * (x >= ends[1] - TOUCHING)
+
+    def back(self, q: Any, ends: tuple[Any, Any], s: Any, held: Any) -> Any:
+        """Return how far (n,) joints are put back: those held, and those beyond their stops.
 
         Args:
             q: Configuration (nq,).
-            s: Sides of the stops that joints are at (dof,).
+            ends: Where the stops are, two (n,).
+            s: Sides of the stops that joints are at (n,).
             held: Likewise, of those that were held there.
         """
         x = q[self._places]
-        gap = (s > 0.0) * (self._lower - x) + (s < 0.0) * (self._upper - x)
+        gap = (s > 0.0) * (ends[0] - x) + (s < 0.0) * (ends[1] - x)
         return gap * (held * held + (s * gap > 0.0) > 0.0)
 
 
@@ -148,7 +173,8 @@ def stopping_step(
         outside: What pushes the robot besides; None: nothing.
     """
     q, nu = state
-    s = stops.sides(q)
+    ends = stops.ends(q)
+    s = stops.sides(q, ends)
     s *= s * nu <= 0.0
     held, reaction, given = np.zeros(len(nu)), np.zeros(len(nu)), outside
     if s.any():
@@ -162,12 +188,11 @@ def stopping_step(
             return reaction + (0.0 if outside is None else outside(q))
 
     done = step(dynamics, q, nu, tau, dt, given)
-    s = np.where(held != 0.0, held, stops.sides(done.q))
+    s = np.where(held != 0.0, held, stops.sides(done.q, ends))
     if not s.any():
         return done
     M = dynamics.inertia(done.q)
-    kept = pivot(len(nu))(M.ravel(), M @ done.nu, held, held != 0.0)[0]
-    nu, _ = stopped(M, M @ np.asarray(kept).ravel(), s, held != 0.0)
-    q = dynamics.integrate(done.q, dynamics.basis(done.q) @ stops.back(done.q, s, held))
+    nu = impact(M, done.nu, s, held)
+    q = dynamics.integrate(done.q, dynamics.basis(done.q) @ stops.back(done.q, ends, s, held))
     lost = dynamics.energy(done.q, done.nu) - dynamics.energy(q, nu)
     return Step(q, nu, done.work, done.lost + lost)

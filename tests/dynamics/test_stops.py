@@ -142,6 +142,20 @@ def test_energy_only_falls_and_joints_stay_within_their_stops(seed: int, tmp_pat
             q, nu = done.q, done.nu
             for name, lower, upper in limits:
                 assert lower - 1e-9 <= robot.joint_position(q, name) <= upper + 1e-9
-            met += bool(stops.sides(q).any())
+            met += bool(stops.sides(q, stops.ends(q)).any())
         assert dynamics.energy(q, nu) <= whole + 1e-5 * abs(whole)
     assert met
+
+
+def test_a_joint_that_begins_beyond_its_stop_may_only_come_back(tmp_path: Path) -> None:
+    """At −.1 m, below its 0, the lift rests; drawn up it rises, and does not fall back as far."""
+    robot, still = load_lift(tmp_path), np.zeros(1)
+    low = robot.configuration(joints={"lift": -0.1})
+    q, nu, balance = run(robot, low, still, still, 5)[-1]
+    assert (robot.joint_position(q, "lift"), nu[0]) == (-0.1, 0.0)
+    assert balance == pytest.approx([0.0, 0.0], abs=1e-12)
+    q, nu, _ = run(robot, low, still, np.array([70.0]), 5)[-1]
+    rise = 0.5 * (70.0 / 6.0 - GRAVITY) * (5 * DT) ** 2
+    assert robot.joint_position(q, "lift") == pytest.approx(-0.1 + rise, abs=1e-9)
+    back, _, _ = run(robot, q, still, still, 5)[-1]
+    assert robot.joint_position(back, "lift") == pytest.approx(-0.1 + rise, abs=1e-9)

@@ -34,7 +34,7 @@ def stop_statements(
         memory: That which keeps M at the state, as :func:`inertia_layout` lays it out, if one does.
     """
     n, plant = dynamics.robot.dof, plant_places(dynamics, at)
-    sizes = dict.fromkeys(("m", "s", "held", "x", "push", "next", "kept"), n)
+    sizes = dict.fromkeys(("low", "high", "m", "s", "held", "x", "push", "next", "kept"), n)
     b = places("stops", M=n * n, going=1, met=1, before=1, after=1, **sizes)
     state = [plant[name] for name in ("q", "nu", "p")]
     (_, q), (_, nu), _ = state
@@ -51,10 +51,12 @@ def stop_statements(
     weigh = statement("weigh", state, weighed)
     search = pivoted("M", "m", "s", "held", "x", "push", "held", "going")
     until = Until(b["going"][0], MOST_PIVOTS, (search,))
-    none, sides = casadi.SX.zeros(n), stops.sides(q)
-    rest, kept = sides * (sides * nu <= 0.0), b["kept"][1]
+    none, (low, high), limits = casadi.SX.zeros(n), stops.ends(q), (b["low"], b["high"])
+    ends = b["low"][1], b["high"][1]
+    rest, kept = stops.sides(q, (low, high)), b["kept"][1]
+    rest = rest * (rest * nu <= 0.0)
     push = dynamics.at(q).B @ plant["tau"][1] - dynamics.bias(q, nu) + dynamics.losses(q, nu)
-    touch = out(s=rest, met=any_true(rest), kept=none, held=none, going=1.0)
+    touch = out(low=low, high=high, s=rest, met=any_true(rest), kept=none, held=none, going=1.0)
     leans = out(kept=b["s"][1] * (b["push"][1] != 0.0))
     before = (
         statement("touch", state[:2], [*touch, (at.reaction, none)]),
@@ -65,8 +67,8 @@ def stop_statements(
             statement("lean", [b["push"], b["s"]], [*leans, (at.reaction, b["push"][1])]),
         )),
     )  # fmt: skip
-    s = casadi.if_else(kept != 0.0, kept, sides)
-    back = dynamics.at(q).S @ stops.back(q, b["s"][1], kept)
+    s = casadi.if_else(kept != 0.0, kept, stops.sides(q, ends))
+    back = dynamics.at(q).S @ stops.back(q, ends, b["s"][1], kept)
     put = [(at.q, casadi.if_else(met, dynamics.integrate(q, back), q)),
            (at.nu, casadi.if_else(met, b["x"][1], nu))]  # fmt: skip
     lost = casadi.vertcat(0.0, casadi.if_else(met, b["before"][1] - b["after"][1], 0.0))
@@ -76,14 +78,15 @@ def stop_statements(
         pattern = inertia_layout(dynamics).parts(inertia)["M"].sparsity()
         ends.append((buffer, casadi.if_else(met, casadi.project(M, pattern).nz[:], inertia)))
     after = (
-        statement("reach", [plant["q"], b["kept"]], out(s=s, met=any_true(s))),
+        statement("reach", [plant["q"], *limits, b["kept"]], out(s=s, met=any_true(s))),
         When(b["met"][0], (
             weigh,
             statement("carry", [b["M"], plant["nu"], b["kept"]], out(m=M @ nu, held=kept != 0.0)),
             pivoted("M", "m", "kept", "held", "x", "push", "next", "going"),
             statement("impact", [b["M"], b["x"]], out(m=M @ b["x"][1], going=1.0)),
             until,
-            statement("back", [*state, b["s"], b["kept"], b["x"], b["met"]], put),
+            statement("back", [*state, *limits, *(b[name] for name in ("s", "kept", "x", "met"))],
+                      put),
             Call(weigh.function, weigh.inputs, (b["M"][0], b["after"][0])),
             statement("lose", [plant["energy"], b["before"], b["after"], b["met"], b["M"],
                                *remembered], ends),

@@ -22,6 +22,7 @@ from rpctl.dynamics.ground_reaction import Contacts, find_contacts
 from rpctl.dynamics.motion import Step
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.stops import Stops
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.robot.coordinates import level_pose
 from rpctl.robot.model import Robot
@@ -58,7 +59,9 @@ class SlippingMotion:
         projector = Projector(robot, dynamics.rolling)
         tree = FreeTree(dynamics, contacts)
         self.robot, self._longest, self._t = robot, longest, 0.0
-        self._stepper = SlipStepper(tree, law, projector.columns)
+        moved = {robot.velocity_index(name): name for name in robot.moving_joint_names}
+        stops = Stops(robot, [moved.get(i, "") for i in tree.free.tolist()])
+        self._stepper = SlipStepper(tree, law, projector.columns, stops)
         self._selection = projector.selection
         self._along = tree.contact_velocities.along
         self._leading = leading_wheels(robot)

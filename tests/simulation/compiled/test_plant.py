@@ -50,7 +50,7 @@ def step_both(robot: Robot, seed: int, at_stops: bool = False) -> tuple[np.ndarr
         for _ in range(steps):
             q, nu, work, lost = stopping_step(dynamics, stops, (q, nu), tau, DT)
             energy += work, lost
-            met += bool(stops.sides(q).any())
+            met += bool(stops.sides(q, stops.ends(q)).any())
         expected.append(np.concatenate([q, nu, energy]))
     kernel.run(0, 1, workspace, {})
     searches = [each for each in program.statements() if isinstance(each, Until)]
