@@ -12,6 +12,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
+from rpctl.dynamics.motion import Outside
 from rpctl.dynamics.stops import Stops, pivot, stopped, stopping_step
 from tests.mechanisms import ELBOW_M, load_lift, load_two_bars
 from tests.random_robots import random_robot
@@ -22,12 +23,15 @@ GRAVITY = 9.81  # m/s²
 NONE = np.zeros(2)
 
 
-def run(robot: Robot, q: Array, nu: Array, tau: Array, steps: int) -> list[tuple[Array, ...]]:
+def run(
+    robot: Robot, q: Array, nu: Array, tau: Array, steps: int, outside: Outside | None = None
+) -> list[tuple[Array, Array, Array]]:
     """Return q, ν, work and loss after each step."""
-    dynamics, stops, found = ReducedDynamics(robot), Stops(robot), []
+    dynamics, stops = ReducedDynamics(robot), Stops(robot)
+    found: list[tuple[Array, Array, Array]] = []
     work = lost = 0.0
     for _ in range(steps):
-        done = stopping_step(dynamics, stops, (q, nu), tau, DT)
+        done = stopping_step(dynamics, stops, (q, nu), tau, DT, outside)
         q, nu, work, lost = done.q, done.nu, work + done.work, lost + done.lost
         found.append((q, nu, np.array([work, lost])))
     return found
@@ -92,7 +96,8 @@ def test_impulses_of_two_stops(
 ) -> None:
     s = np.array(sides, dtype=float)
     x, push = stopped(ELBOW_M, ELBOW_M @ np.array(before), s, NONE)
-    np.testing.assert_allclose([x, push], [after, impulse], atol=1e-14)
+    np.testing.assert_allclose(x, np.array(after), atol=1e-14)
+    np.testing.assert_allclose(push, np.array(impulse), atol=1e-14)
 
 
 def test_several_stops_at_once_do_what_the_one_right_choice_of_them_does(
@@ -147,15 +152,32 @@ def test_energy_only_falls_and_joints_stay_within_their_stops(seed: int, tmp_pat
     assert met
 
 
-def test_a_joint_that_begins_beyond_its_stop_may_only_come_back(tmp_path: Path) -> None:
-    """At −.1 m, below its 0, the lift rests; drawn up it rises, and does not fall back as far."""
-    robot, still = load_lift(tmp_path), np.zeros(1)
-    low = robot.configuration(joints={"lift": -0.1})
-    q, nu, balance = run(robot, low, still, still, 5)[-1]
-    assert (robot.joint_position(q, "lift"), nu[0]) == (-0.1, 0.0)
-    assert balance == pytest.approx([0.0, 0.0], abs=1e-12)
-    q, nu, _ = run(robot, low, still, np.array([70.0]), 5)[-1]
-    rise = 0.5 * (70.0 / 6.0 - GRAVITY) * (5 * DT) ** 2
-    assert robot.joint_position(q, "lift") == pytest.approx(-0.1 + rise, abs=1e-9)
-    back, _, _ = run(robot, q, still, still, 5)[-1]
-    assert robot.joint_position(back, "lift") == pytest.approx(-0.1 + rise, abs=1e-9)
+def test_what_pushes_beside_a_joint_at_its_stop(tmp_path: Path) -> None:
+    """The shoulder is turned by 10 N·m, so at 10/5 rad/s².
+
+    To take the elbow along it needs 2 · 2 N·m; it is pressed on its stop by 6.
+    """
+    robot = load_two_bars(tmp_path, elbow=(-2.0, 0.0))
+    start, pushed = robot.configuration(), np.array([10.0, 6.0])
+    q, nu, balance = run(robot, start, NONE, NONE, 10, lambda q: pushed)[-1]
+    np.testing.assert_allclose(nu, [10 * DT * 2.0, 0.0], atol=1e-6)
+    assert robot.joint_position(q, "elbow") == 0.0
+    # The work is what the shoulder has: 10 N·m over ½ · 2 · t².
+    assert balance == pytest.approx([10.0 * (10 * DT) ** 2, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_joint_that_begins_beyond_its_stop_may_only_come_back(
+    side: float, tmp_path: Path
+) -> None:
+    """0.1 rad beyond ±1 and pressed on: it stays; drawn back, it does not go as far again."""
+    robot = load_two_bars(tmp_path, elbow=(-1.0, 1.0))
+    out, back = np.array([0.0, 2.0 * side]), np.array([0.0, -2.0 * side])
+    q, nu, balance = run(robot, robot.configuration(joints={"elbow": 1.1 * side}), NONE, out, 5)[-1]
+    assert (robot.joint_position(q, "elbow"), nu[1]) == (pytest.approx(1.1 * side, abs=1e-12), 0.0)
+    assert balance[1] == pytest.approx(0.0, abs=1e-12)
+    drawn, _, _ = run(robot, q, nu, back, 5)[-1]
+    inner = abs(robot.joint_position(drawn, "elbow"))
+    assert 1.0 < inner < 1.1 - 5e-5
+    again, _, _ = run(robot, drawn, NONE, out, 50)[-1]
+    assert abs(robot.joint_position(again, "elbow")) == pytest.approx(inner, abs=1e-9)

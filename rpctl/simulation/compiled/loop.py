@@ -134,11 +134,12 @@ def plant_fragment(
         dt: Length of a step, s.
         steps: How many.
     """
+    begin, memory = tuple[Statement, ...](), tuple[Buffer, ...]()
     if dynamics.lossy:
         step = ImplicitStep(dynamics, at, dt)
         begin, body, memory = step.start(), step.statements(), step.memory
     else:
-        begin, body, memory = (), explicit_step(dynamics, at, dt), ()
+        body = explicit_step(dynamics, at, dt)
     if (stops := Stops(dynamics.robot)).any:
         before, after = stop_statements(dynamics, stops, at, memory[:1])
         body = (*before, *body, *after)

@@ -72,11 +72,11 @@ def stop_statements(
     put = [(at.q, casadi.if_else(met, dynamics.integrate(q, back), q)),
            (at.nu, casadi.if_else(met, b["x"][1], nu))]  # fmt: skip
     lost = casadi.vertcat(0.0, casadi.if_else(met, b["before"][1] - b["after"][1], 0.0))
-    ends = [(at.energy, plant["energy"][1] + lost)]
+    results = [(at.energy, plant["energy"][1] + lost)]
     remembered = [symbolic(buffer) for buffer in memory]
     for buffer, inertia in remembered:
         pattern = inertia_layout(dynamics).parts(inertia)["M"].sparsity()
-        ends.append((buffer, casadi.if_else(met, casadi.project(M, pattern).nz[:], inertia)))
+        results.append((buffer, casadi.if_else(met, casadi.project(M, pattern).nz[:], inertia)))
     after = (
         statement("reach", [plant["q"], *limits, b["kept"]], out(s=s, met=any_true(s))),
         When(b["met"][0], (
@@ -89,7 +89,7 @@ def stop_statements(
                       put),
             Call(weigh.function, weigh.inputs, (b["M"][0], b["after"][0])),
             statement("lose", [plant["energy"], b["before"], b["after"], b["met"], b["M"],
-                               *remembered], ends),
+                               *remembered], results),
         )),
     )  # fmt: skip
     return before, after

@@ -161,13 +161,7 @@ def _chatters(run: Run) -> Outcome | None:
 
 def _lasting(run: Run, true: NDArray[np.bool_]) -> float | None:
     """Return when (s) something begins that then lasts; None if nothing does."""
-    begin = None
-    for k in np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int))):
-        if begin is None:
-            begin = int(k)
-            continue
-        end = min(int(k), len(run.t) - 1)
-        if run.t[end] - run.t[begin] >= LASTING_S:
-            return float(run.t[begin])
-        begin = None
-    return None
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
+    begins, ends = run.t[edges[::2]], run.t[np.minimum(edges[1::2], len(run.t) - 1)]
+    lasting = begins[ends - begins >= LASTING_S]
+    return float(lasting[0]) if len(lasting) else None

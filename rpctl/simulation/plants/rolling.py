@@ -85,12 +85,9 @@ def advance(
     Raises:
         DivergedError: The state left the finite numbers.
     """
-
-    def one(q: Array, nu: Array, stride: float) -> Step:
-        return stopping_step(dynamics, stops, (q, nu), tau, stride)
-
-    stops = Stops(dynamics.robot)
-    return in_steps(one, q, nu, duration, longest)
+    motion = RollingMotion(dynamics, q, longest)
+    motion.nu = nu
+    return motion.advance(tau, duration)
 
 
 def in_steps(
@@ -106,7 +103,7 @@ def in_steps(
         for _ in range(steps):
             q, nu, done, gone = one(q, nu, duration / steps)
             work, lost = work + done, lost + gone
-    except RpctlError as error:
+    except (RpctlError, np.linalg.LinAlgError) as error:
         raise DivergedError(f"the motion diverged: {error}") from error
     if not (np.isfinite(q).all() and np.isfinite(nu).all()):
         raise DivergedError("the motion diverged; shorten the control period or lengthen horizons")

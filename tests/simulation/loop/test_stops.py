@@ -16,7 +16,8 @@ from tests.mechanisms import load_lift
 
 def aloft(t: float) -> ReferenceState:
     """Return the lift's reference: it stays 0.3 m up."""
-    return ReferenceState(*np.zeros((3, 3)), np.array([0.3]), *np.zeros((2, 1)))
+    still = np.zeros(3)
+    return ReferenceState(still, still, still, np.array([0.3]), np.zeros(1), np.zeros(1))
 
 
 def sunk(folder: Path, **settings: Any) -> Run:
