@@ -95,7 +95,7 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
         "limit left_wheel_joint effort limit bound from 0.2 s, at (0.10, 0.02) m, 0.25 s in all",
         "limit slide_joint upper position limit bound from 0.1 s, at (0.00, 0.02) m, 0.17 s in all",
         "ground keeps 0.12 m from tipping and uses 40 % of the grip at friction 0.7",
-        "the actuators did 4 J of work, of which damping and friction took 3 J",
+        "the actuators did 4 J of work; damping, friction and stops took 3 J",
         "simulated 2.0 times faster than real time",
         "note a note",
         "report out/report.html, 1.2 MB (rpctl view out)",

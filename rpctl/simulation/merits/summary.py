@@ -138,7 +138,7 @@ class Summary:
         ground: What the ground does.
         kinematic_report: What the kinematic law counts, by name; empty for one that counts nothing.
         work: What the actuators did in all, J.
-        lost: What damping and friction in the joints took of it, J.
+        lost: What damping, friction and stops of the joints took, J.
         energy_residual: Largest gap between energy and work less losses, relative to the work's
             swing.
         constraint_residual: Largest entry of |A v|; m/s, rad/s.
@@ -198,7 +198,7 @@ class Summary:
         if not self.lost:
             return None
         return (
-            f"the actuators did {self.work:.3g} J of work, of which damping and friction took "
+            f"the actuators did {self.work:.3g} J of work; damping, friction and stops took "
             f"{self.lost:.3g} J"
         )
 

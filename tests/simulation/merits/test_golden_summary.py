@@ -50,7 +50,7 @@ def test_figures_of_a_run(golden: Run) -> None:
     }
     assert {name: summary.to_dict()[name] for name in figures} == pytest.approx(figures, rel=1e-12)
     assert summary.energy_sentence == (
-        "the actuators did 4 J of work, of which damping and friction took 3 J"
+        "the actuators did 4 J of work; damping, friction and stops took 3 J"
     )
     assert summarize(vary(golden, lost=np.zeros(COUNT))).energy_sentence is None
     assert summary.max_effort_joint == "swing_joint"
