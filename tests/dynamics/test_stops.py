@@ -174,7 +174,8 @@ def test_a_joint_that_begins_beyond_its_stop_may_only_come_back(
     robot = load_two_bars(tmp_path, elbow=(-1.0, 1.0))
     out, back = np.array([0.0, 2.0 * side]), np.array([0.0, -2.0 * side])
     q, nu, balance = run(robot, robot.configuration(joints={"elbow": 1.1 * side}), NONE, out, 5)[-1]
-    assert (robot.joint_position(q, "elbow"), nu[1]) == (pytest.approx(1.1 * side, abs=1e-12), 0.0)
+    assert robot.joint_position(q, "elbow") == pytest.approx(1.1 * side, abs=1e-12)
+    assert nu[1] == 0.0
     assert balance[1] == pytest.approx(0.0, abs=1e-12)
     drawn, _, _ = run(robot, q, nu, back, 5)[-1]
     inner = abs(robot.joint_position(drawn, "elbow"))

@@ -109,11 +109,9 @@ def _cannot_hold(run: Run) -> Outcome | None:
     for name, ratio in zip(robot.joint_names, joint_speeds(run), strict=True):
         if ratio > FAST:
             return Outcome(CANNOT_HOLD, f"{name} moves at {ratio:.3g} times its speed limit")
-    if isinstance(run.config.kinematic, EndEffector | Horizon):
+    if not robot.joint_names or isinstance(run.config.kinematic, EndEffector | Horizon):
         return None  # for them a joint's reference gives way to the end effector's
     away = np.abs(run.log.e[:, 3:])
-    if not away.size:
-        return None
     bounds = np.maximum([THROWN[unit] for unit in robot.units], GROWN * away[0])
     j = int((away.max(axis=0) / bounds).argmax())
     name, unit, error, bound = robot.joint_names[j], robot.units[j], away[:, j], float(bounds[j])
