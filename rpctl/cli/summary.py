@@ -99,12 +99,16 @@ def show_summary(written: RunFolder, folder: Path) -> None:
 
 def _error_table(summary: Summary) -> Table:
     """Return the errors against time, and those from the reference's path."""
-    table = new_table("tracking error", ">rms", ">final", ">largest in 2nd half")
+    table = new_table(
+        "tracking error", ">rms", ">final", ">largest in 2nd half", ">largest", ">speed"
+    )
 
-    def add(label: str, figures: Sequence[float | None], unit: str = "mm") -> None:
-        known = [1e3 * figure for figure in figures if figure is not None]
+    def add(
+        label: str, figures: Sequence[float | None], unit: str = "mm", speed: float = 0.0
+    ) -> None:
+        known = [f"{1e3 * figure:.3f} {unit}" for figure in figures if figure is not None]
         if known:
-            table.add_row(escape(label), *(f"{figure:.3f} {unit}" for figure in known))
+            table.add_row(escape(label), *known, f"{100.0 * speed:.0f} %" if speed else "")
 
     for label, key in (("base", "base"), ("end effector", "end_effector")):
         add(
@@ -115,7 +119,8 @@ def _error_table(summary: Summary) -> Table:
             add("  off its path", (path.rms, path.final, path.settled))
     for joint in summary.joint_errors:
         unit = "mm" if joint.unit == "m" else "mrad"
-        add(joint.joint, (joint.rms, joint.final, joint.settled), unit)
+        figures = joint.rms, joint.final, joint.settled, joint.largest
+        add(joint.joint, figures, unit, joint.speed_ratio)
     return table
 
 
@@ -134,14 +139,14 @@ def _show_outcome(out: Console, summary: Summary) -> None:
 
 
 def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
-    table = new_table("effort", ">peak", ">limit", ">share")
+    table = new_table("effort", ">peak", ">limit", ">share", ">leaps")
     for effort in efforts:
         share, limit = effort.ratio, effort.limit
         table.add_row(
             escape(effort.actuator),
             f"{effort.peak:.4g}",
             format_limit(limit, ""),
-            f"{100 * share:.0f} %" if math.isfinite(limit) else "-",
+            *(f"{100 * x:.0f} %" if math.isfinite(limit) else "-" for x in (share, effort.chatter)),
             style="bold red" if share > 1.0 else "",
         )
     return table

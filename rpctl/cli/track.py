@@ -37,7 +37,12 @@ from rpctl.simulation.config import Config, RunSettings, read_config, write_conf
 from rpctl.simulation.loop.backend import BACKENDS, require_backend
 from rpctl.simulation.loop.budget import Budget
 from rpctl.simulation.loop.periods import whole_periods
-from rpctl.simulation.loop.track import default_duration, require_affordable, simulate
+from rpctl.simulation.loop.track import (
+    default_duration,
+    require_affordable,
+    require_held,
+    simulate,
+)
 from rpctl.simulation.merits.expectation import expect
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.starting import PLANTS, plant_by_name
@@ -71,7 +76,10 @@ class ConfigOptions:
     ] = None
     run: Annotated[
         Plain,
-        FieldOptions(RunSettings, ("duration", *REFERENCE_FIELDS, "initial_error", "log_every")),
+        FieldOptions(
+            RunSettings,
+            ("duration", *REFERENCE_FIELDS, "initial_error", "log_every", "allow_sag"),
+        ),
     ] = field(default_factory=dict)
     kinematic: Annotated[
         str | None,
@@ -277,6 +285,8 @@ def track_command(
     )
     for doubt in loaded.drive.doubts:
         output.print(f"[yellow]doubt[/] {escape(doubt)}")
+    named = getattr(reference, "sizing", None) is not None
+    require_held(loaded, config, None if named else reference)
     show_reference(output, loaded, reference, options.strict)
     budget = require_affordable(loaded, config, reference)
     certificate = None

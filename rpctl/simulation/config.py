@@ -192,6 +192,14 @@ class RunSettings(Record):
             "Slow a CSV down where it asks more than the robot's limits allow.",
         ),
     ] = False
+    allow_sag: Annotated[
+        bool,
+        Setting(
+            "",
+            "Robot that may sink",
+            "Simulate a robot with a motor too weak to hold its joint where it starts.",
+        ),
+    ] = False
 
     def __post_init__(self) -> None:
         """Refuse what is out of range."""

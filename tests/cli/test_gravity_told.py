@@ -70,3 +70,16 @@ def test_what_is_doubtful_of_the_drive_is_told_with_the_proof_and_before_the_run
     assert f"doubtful, {told}" in " ".join(said("verify", path, "--samples", "1").split())
     words = ("--samples", "0", "--duration", "0.1", "--out", str(tmp_path / "out"))
     assert f"doubt {told}" in " ".join(said("track", path, *words).split())
+
+
+def test_track_refuses_a_joint_too_weak_for_gravity_unless_it_may_sink(tmp_path: Path) -> None:
+    path, folder = level_arm(tmp_path, 5.0), str(tmp_path / "run")
+    words = ("track", path, "--home", "zero", "--duration", "0.02", "--out", folder)
+    refused = CliRunner().invoke(app, [*words, "--samples", "0"])
+    assert refused.exit_code == 2
+    assert TOLD in " ".join(refused.output.split())
+    assert "--allow-sag" in refused.output
+    assert not (tmp_path / "run").exists()
+    allowed = said(*words, "--samples", "0", "--allow-sag", "--no-perturbed")
+    assert TOLD in " ".join(allowed.split())
+    assert (tmp_path / "run" / "report.html").exists()

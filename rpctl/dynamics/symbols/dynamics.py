@@ -271,11 +271,18 @@ class SymbolicDynamics:
         whole = replace(tree, numbers=self._whole)
         force, wrench = rnea(whole, v, plus(drift, product(projection.rows, nu_dot)))
         residual = column(force) - given
-        mass, moment = first_moment(whole)
+        energy = self._energy(whole, M, q, nu)
+        return SymbolicReaction(column(v), residual, column(wrench), casadi.SX(energy))
+
+    def energy(self, q: Any, nu: Any) -> Any:
+        """Return kinetic plus potential energy (1, 1), J, but for a constant."""
+        return casadi.SX(self._energy(self._at(q).tree, self._inertia(q), q, nu))
+
+    def _energy(self, tree: MovingTree, M: list[list[Scalar]], q: Any, nu: Any) -> Scalar:
+        mass, moment = first_moment(tree)
         x, y = entries(q)[:2]
         height = (dot(tree.lift, moment), times(mass, dot(self._known["lift"], (x, y, 0.0))))
-        energy = total((0.5 * dot(entries(nu), product(M, entries(nu))), *height))
-        return SymbolicReaction(column(v), residual, column(wrench), casadi.SX(energy))
+        return total((0.5 * dot(entries(nu), product(M, entries(nu))), *height))
 
     @cached_property
     def _whole(self) -> list[list[float]]:

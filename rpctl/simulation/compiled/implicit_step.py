@@ -70,8 +70,8 @@ class ImplicitStep:
         return self._dynamics.solve_positive(M, right)
 
     def _push(self, q: Any, nu: Any) -> Any:
-        """Return B τ − h (dof, 1)."""
-        pushing = self._dynamics.at(q).B @ self._plant["tau"][1]
+        """Return B τ − h, with the stops' reaction (dof, 1)."""
+        pushing = self._dynamics.at(q).B @ self._plant["tau"][1] + self._plant["reaction"][1]
         return pushing - self._dynamics.bias(q, nu)
 
     def _outputs(self, found: Mapping[str, Any]) -> list[Place]:
@@ -90,13 +90,14 @@ class ImplicitStep:
         found = {
             "v": v,
             "a": a,
-            "power": casadi.dot(projection.B @ plant["tau"][1], nu),
+            "power": casadi.dot(projection.B @ plant["tau"][1] + plant["reaction"][1], nu),
             "place": place,
             "M": self._inertia(place),
             "free": nu + own * a,
             "found": nu + GAMMA * self._parts["change"][1],  # as if it went on
         }
-        inputs = [plant["q"], plant["nu"], plant["tau"], plant["p"], *self._inputs("M", "change")]
+        inputs = [plant[name] for name in ("q", "nu", "tau", "reaction", "p")]
+        inputs += self._inputs("M", "change")
         return statement("explicit", inputs, self._outputs(found))
 
     def _middle(self) -> Statement:
@@ -117,7 +118,7 @@ class ImplicitStep:
             "found": plant["nu"][1] + (middle - plant["nu"][1]) / GAMMA,
             "impulse": dt * (1.0 - GAMMA) * brake,
         }
-        inputs = [plant["q"], plant["nu"], plant["tau"], plant["p"]]
+        inputs = [plant[name] for name in ("q", "nu", "tau", "reaction", "p")]
         inputs += self._inputs("place", "M", "found", "v", "a")
         return statement("middle", inputs, self._outputs(found))
 
@@ -129,7 +130,8 @@ class ImplicitStep:
         projection = dynamics.at(place)
         v_end = projection.S @ after
         whole = impulse + dt * GAMMA * dynamics.loss_force(v_end)
-        work = 0.5 * dt * (power + casadi.dot(projection.B @ plant["tau"][1], after))
+        pushing = projection.B @ plant["tau"][1] + plant["reaction"][1]
+        work = 0.5 * dt * (power + casadi.dot(pushing, after))
         lost = -0.5 * casadi.dot(whole, v + v_end)
         results = [
             (plant["q"][0], place),
@@ -137,7 +139,8 @@ class ImplicitStep:
             (self._parts["change"][0], after - plant["nu"][1]),
             (plant["energy"][0], plant["energy"][1] + casadi.vertcat(work, lost)),
         ]
-        inputs = [plant["nu"], plant["tau"], plant["p"], plant["energy"], *self._inputs(*names)]
+        inputs = [plant[name] for name in ("nu", "tau", "reaction", "p", "energy")]
+        inputs += self._inputs(*names)
         return statement("finish", inputs, results)
 
 
@@ -325,6 +328,7 @@ class PlantBuffers:
         nu: Quasi-velocities (dof,).
         tau: Efforts that act (n_act,), N·m or N, what pushes besides the controller included.
         energy: Work of the efforts and what losses took so far (2,), J.
+        reaction: Quasi-force of the stops that joints rest on (dof,).
         p: Parameters of the simulated robot, see :class:`SymbolicDynamics`; may be empty.
     """
 
@@ -332,6 +336,7 @@ class PlantBuffers:
     nu: Buffer
     tau: Buffer
     energy: Buffer
+    reaction: Buffer
     p: Buffer
 
 

@@ -14,6 +14,7 @@ import casadi
 from rpctl.arrays import Array
 from rpctl.control.fragment import LawFragment
 from rpctl.control.twist_law import symbolic_error
+from rpctl.dynamics.stops import Stops
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import MachineCode
 from rpctl.kernels.program import (
@@ -38,6 +39,7 @@ from rpctl.simulation.compiled.implicit_step import (
     plant_places,
 )
 from rpctl.simulation.compiled.merit_fold import MeritFold, merit_fold
+from rpctl.simulation.compiled.stops import stop_statements
 from rpctl.simulation.loop.closed_loop import DIVERGED_SPEED
 from rpctl.simulation.plants.rolling import substeps
 from rpctl.simulation.plants.sensors import Sensors
@@ -57,7 +59,7 @@ def explicit_step(dynamics: SymbolicDynamics, at: PlantBuffers, dt: float) -> tu
     plant, b = plant_places(dynamics, at), places("rk4", slide=nv, speed=n)
     k, sums = places("stage", v=nv, a=n, power=1), places("sum", v=nv, a=n, power=1)
     (q, nu), ahead = (plant["q"][1], plant["nu"][1]), (b["slide"][0], b["speed"][0])
-    stage = _stage(dynamics, plant["q"], plant["tau"], plant["p"], b, k)
+    stage = _stage(dynamics, plant, b, k)
     body: list[Statement] = [
         statement("start", [plant["nu"]], [(ahead[0], casadi.SX(nv, 1)), (ahead[1], nu)]), stage
     ]  # fmt: skip
@@ -81,29 +83,29 @@ def explicit_step(dynamics: SymbolicDynamics, at: PlantBuffers, dt: float) -> tu
 
 
 def _stage(
-    dynamics: SymbolicDynamics, q: Place, tau: Place, p: Place, b: dict[str, Place], k: Any
+    dynamics: SymbolicDynamics, plant: dict[str, Place], b: dict[str, Place], k: Any
 ) -> Statement:
     """Return the call that evaluates the motion at a stage.
 
     Args:
         dynamics: Of the simulated robot.
-        q: Configuration at the start of the step.
-        tau: Efforts.
-        p: Parameters.
+        plant: What the plant works on: q is the configuration at the start of the step.
         b: How far from q the stage is, and its speed.
         k: Gets velocity, acceleration and power.
     """
     slide, speed = b["slide"][1], b["speed"][1]
-    place = dynamics.integrate(q[1], slide)
+    tau, reaction = plant["tau"][1], plant["reaction"][1]
+    place = dynamics.integrate(plant["q"][1], slide)
     projection = dynamics.at(place)
-    M, push = dynamics.lossless(place, speed, tau[1])
+    M, push = dynamics.lossless(place, speed, tau)
     found = {
         "v": dexpinv(slide, projection.S @ speed),
-        "a": dynamics.solve_positive(M, push),
-        "power": casadi.dot(projection.B @ tau[1], speed),
+        "a": dynamics.solve_positive(M, push + reaction),
+        "power": casadi.dot(projection.B @ tau + reaction, speed),
     }
     outputs = [(k[name][0], value) for name, value in found.items()]
-    return statement("stage", [q, b["slide"], b["speed"], tau, p], outputs)
+    given = [plant[name] for name in ("q", "tau", "reaction", "p")]
+    return statement("stage", [*given, b["slide"], b["speed"]], outputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +134,16 @@ def plant_fragment(
         dt: Length of a step, s.
         steps: How many.
     """
-    if not dynamics.lossy:
-        return PlantFragment((), (Repeat(steps, explicit_step(dynamics, at, dt)),), ())
-    step = ImplicitStep(dynamics, at, dt)
-    return PlantFragment(step.start(), (Repeat(steps, step.statements()),), step.memory)
+    begin, memory = tuple[Statement, ...](), tuple[Buffer, ...]()
+    if dynamics.lossy:
+        step = ImplicitStep(dynamics, at, dt)
+        begin, body, memory = step.start(), step.statements(), step.memory
+    else:
+        body = explicit_step(dynamics, at, dt)
+    if (stops := Stops(dynamics.robot)).any:
+        before, after = stop_statements(dynamics, stops, at, memory[:1])
+        body = (*before, *body, *after)
+    return PlantFragment(begin, (Repeat(steps, body),), memory)
 
 
 # Why a lane does not go on: its law has no answer, its base is far and needs a way up to the
@@ -280,7 +288,12 @@ def _buffers(law: LawFragment, dynamics: SymbolicDynamics, shape: LoopShape) -> 
     if shape.noisy:
         q, nu = Buffer("q", robot.nq), Buffer("nu", robot.dof)
     plant = PlantBuffers(
-        q, nu, Buffer("pushing", n_act), Buffer("energy", 2), Buffer("p", dynamics.p.numel())
+        q,
+        nu,
+        Buffer("pushing", n_act),
+        Buffer("energy", 2),
+        Buffer("reaction", robot.dof),
+        Buffer("p", dynamics.p.numel()),
     )
     return LoopProgram(
         start=Program(()),

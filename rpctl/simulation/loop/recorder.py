@@ -49,7 +49,7 @@ class LoopSample(NamedTuple):
         nu_d: Those that the kinematic law asks for (dof,).
         nu_cmd: Those that are sent (dof,); (0,) where efforts are.
         work: Of the actuators so far, J.
-        lost: What damping and friction have taken so far, J.
+        lost: What damping, friction and stops have taken so far, J.
         limits: The limits that bind the efforts.
         felt: What only the plant knows, by the names of the log's arrays; the same ones and the
             same shapes in every sample.

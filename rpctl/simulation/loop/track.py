@@ -16,7 +16,8 @@ from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.records import fields_of
-from rpctl.reference.motion import Reference, ReferenceState, require_pulling
+from rpctl.reference.fitting import too_weak
+from rpctl.reference.motion import Reference, ReferenceState, require_pulling, require_state
 from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.recorded.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
@@ -76,6 +77,7 @@ class TrackSettings(TypedDict, total=False):
     log_every: int | None
     smooth: float | str | None
     retime: bool
+    allow_sag: bool
     name: str | None
     certificate: Certificate | None
     progress: Callable[[int, int], object] | None
@@ -113,7 +115,8 @@ def track(
 
     Raises:
         DivergedError: The motion left the finite numbers.
-        RpctlError: A setting is out of range, or the reference does not fit the robot.
+        RpctlError: A setting is out of range, the reference does not fit the robot, or a motor
+            cannot hold its joint there.
     """
     config = configured(robot, reference, config, {**settings})
     run, own = config.run, None if isinstance(reference, str) else reference
@@ -122,6 +125,7 @@ def track(
             "the reference is a function, with its own pace", *WISHES
         )
     options: Any = {name: value for name, value in settings.items() if name in PASSED_ON}
+    require_held(config.limits.apply(robot), config, own)
     options["watch"] = None if watch is None else lambda s: watch(s.t, s.q, s.state)
     return simulate(robot, config, own, **options)
 
@@ -333,6 +337,25 @@ def require_affordable(robot: Robot, config: Config, reference: Reference) -> Bu
     if config.plant.delay > duration:
         raise RpctlError(late(config.plant.delay, duration))
     return budget
+
+
+def require_held(robot: Robot, config: Config, reference: Reference | None = None) -> None:
+    """Refuse a robot that sinks where it starts, unless the configuration lets it.
+
+    Args:
+        robot: The robot.
+        config: How it is simulated; where it takes speeds, efforts are whatever these take.
+        reference: Where it starts, the robot is held; None: at home.
+
+    Raises:
+        RpctlError: The limit of an effort is less than what gravity takes.
+    """
+    if config.run.allow_sag or config.output is not None or config.plant.own is not None:
+        return
+    if reference is not None:
+        require_state(robot, reference(0.0), 0.0)
+    if weak := too_weak(ReducedDynamics(robot), reference):
+        raise RpctlError(f"{weak}; or let it sink: --allow-sag, or allow_sag of [run]")
 
 
 def late(delay: float, duration: float) -> str:

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rpctl.arrays import Array
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.horizon.law import Horizon
 from rpctl.dynamics.ground_reaction import ON_ONE_LINE
@@ -32,7 +33,8 @@ FALLEN = math.radians(10.0)  # rad: no soft contact lets a robot lean so far
 THROWN = {"rad": 0.2, "m": 0.05}  # a joint so far off its reference is not held
 GROWN = 1.5  # times its error at the start, from which it may overshoot
 FEW = 20  # samples tell no chatter
-CHATTER = 0.25  # of the limit: an effort that leaps by half of it, each sample, to and fro
+CHATTER = 0.5  # of the limit: an effort that leaps by more of it, each sample, to and fro
+FAST = 1.5  # of its limit: a joint that turns faster is thrown
 
 
 def impossible(run: Run) -> Outcome | None:
@@ -98,24 +100,34 @@ def _slips(run: Run) -> Outcome | None:
     )  # fmt: skip
 
 
+def joint_speeds(run: Run) -> Array:
+    """Return the largest speed of each joint of the arm over its limit (n_joints,), else 0."""
+    robot, rates = run.robot, np.abs(run.log.rates).max(axis=0)
+    ratios = dict(zip(robot.actuators, rates / robot.velocity_limits, strict=True))
+    return np.array([ratios.get(name, 0.0) for name in robot.joint_names])
+
+
 def _cannot_hold(run: Run) -> Outcome | None:
-    """Return that a joint is thrown off its reference, or sinks from it."""
-    if isinstance(run.config.kinematic, EndEffector | Horizon):
+    """Return that a joint is thrown, off its reference or beyond its speed, or sinks from it."""
+    robot = run.robot
+    for name, ratio in zip(robot.joint_names, joint_speeds(run), strict=True):
+        if ratio > FAST:
+            return Outcome(CANNOT_HOLD, f"{name} moves at {ratio:.3g} times its speed limit")
+    if not robot.joint_names or isinstance(run.config.kinematic, EndEffector | Horizon):
         return None  # for them a joint's reference gives way to the end effector's
     away = np.abs(run.log.e[:, 3:])
-    for name, unit, error in zip(run.robot.joint_names, run.robot.units, away.T, strict=True):
-        bound = max(THROWN[unit], GROWN * float(error[0]))
-        if float(error.max()) > bound:
-            when = run.t[int(np.argmax(error > bound))]
-            k = run.robot.actuators.index(name) if name in run.robot.actuators else None
-            full = k is not None and _full(run, k)
-            why = ", its motor at its limit" if full else ""
-            return Outcome(
-                CANNOT_HOLD,
-                f"{name} is {error.max():.2g} {unit} off its reference, beyond {bound:.2g} {unit} "
-                f"from {when:.3g} s on{why}",
-            )
-    return None
+    bounds = np.maximum([THROWN[unit] for unit in robot.units], GROWN * away[0])
+    j = int((away.max(axis=0) / bounds).argmax())
+    name, unit, error, bound = robot.joint_names[j], robot.units[j], away[:, j], float(bounds[j])
+    if float(error.max()) <= bound:
+        return None
+    when = run.t[int(np.argmax(error > bound))]
+    full = name in robot.actuators and _full(run, robot.actuators.index(name))
+    why = ", its motor at its limit" if full else ""
+    return Outcome(
+        CANNOT_HOLD, f"{name} is {error.max():.2g} {unit} off its reference, beyond {bound:.2g} "
+        f"{unit} from {when:.3g} s on{why}"
+    )  # fmt: skip
 
 
 def _full(run: Run, k: int) -> bool:
@@ -124,33 +136,34 @@ def _full(run: Run, k: int) -> bool:
     return bool(math.isfinite(limit) and np.abs(run.tau[:, k]).max() >= 0.999 * limit)
 
 
+def chatter(run: Run) -> Array:
+    """Return by how much of its limit each effort (n_act,) leaps to and fro each sample.
+
+    It is the mean over the second half, where none leaps that only grows or falls; 0 without a
+    limit, and of runs of too few samples.
+    """
+    tau, limits = run.tau[len(run.tau) // 2 :], np.asarray(run.robot.effort_limits)
+    if len(tau) < FEW:
+        return np.zeros(len(limits))
+    return np.asarray(np.abs(np.diff(tau, n=2, axis=0)).mean(axis=0) / 2.0 / limits)
+
+
 def _chatters(run: Run) -> Outcome | None:
-    """Return that an effort leaps to and fro by half its limit, on average over the second half."""
-    tau = run.tau[len(run.tau) // 2 :]
-    limited = np.isfinite(run.robot.effort_limits)
-    if len(tau) < FEW or not limited.any():
-        return None
-    leaps = np.abs(np.diff(tau, n=2, axis=0)).mean(axis=0) / 4.0
-    ratio = np.where(limited, leaps / run.robot.effort_limits, 0.0)
-    worst = int(ratio.argmax())
-    if ratio[worst] <= CHATTER:
+    """Return that an effort leaps to and fro by half its limit."""
+    leaps = chatter(run)
+    worst = int(leaps.argmax())
+    if leaps[worst] <= CHATTER:
         return None
     name = run.robot.actuators[worst]
     return Outcome(
-        CHATTERS, f"the effort of {name} leaps by {200.0 * ratio[worst]:.0f} % of its limit each "
+        CHATTERS, f"the effort of {name} leaps by {100.0 * leaps[worst]:.0f} % of its limit each "
         "sample"
     )  # fmt: skip
 
 
 def _lasting(run: Run, true: NDArray[np.bool_]) -> float | None:
     """Return when (s) something begins that then lasts; None if nothing does."""
-    begin = None
-    for k in np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int))):
-        if begin is None:
-            begin = int(k)
-            continue
-        end = min(int(k), len(run.t) - 1)
-        if run.t[end] - run.t[begin] >= LASTING_S:
-            return float(run.t[begin])
-        begin = None
-    return None
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
+    begins, ends = run.t[edges[::2]], run.t[np.minimum(edges[1::2], len(run.t) - 1)]
+    lasting = begins[ends - begins >= LASTING_S]
+    return float(lasting[0]) if len(lasting) else None

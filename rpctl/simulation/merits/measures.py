@@ -189,7 +189,7 @@ def merits_of(
     Args:
         totals: What was folded of their samples.
         work: Of the actuators in all (...,), J.
-        lost: What damping and friction took (...,), J.
+        lost: What damping, friction and stops took (...,), J.
         count: Number of samples of a run.
         period: Between two samples, s.
     """

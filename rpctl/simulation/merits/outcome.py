@@ -23,6 +23,7 @@ The worst of base and end effector counts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -52,6 +53,7 @@ EVIDENCE_S = 2.0  # s: starting from rest takes about one, so a shorter run show
 DECAY_S = 5.0  # s: references start softly for 3 s, and the error of a start dies in two more
 TOUCH_M = 0.005  # m: the horizon law keeps clear at its steps and along straight lines, to 5 mm
 TURNING_ARM_M = 0.5  # m from P: where the heading of a base that turns on the spot is looked at
+NEAR_TURN_RAD = 0.5  # a reference turning by 1 rad/s is as far ahead in LATE_S
 HEADING = "heading"  # beside BASE and TIP
 POINT_NAMES = {
     BASE: "base",
@@ -90,7 +92,7 @@ def trace_points(
     """Return the points of a robot that have a reference, by name: P and the end effector.
 
     Where all that is asked of the base is to turn on the spot, its heading counts too, as a point
-    that turns about P.
+    that turns about P; by a whole turn it is not off.
 
     Args:
         t: Time (K,), s.
@@ -103,9 +105,26 @@ def trace_points(
     if ee.shape[1]:
         moved[TIP] = ee, ee_ref
     if np.ptp(base_ref[:, :2], axis=0).max() <= ON_PATH_M:
-        moved[HEADING] = TURNING_ARM_M * base[:, 2:], TURNING_ARM_M * base_ref[:, 2:]
+        wanted = base_ref[:, 2:]
+        heading = base[:, 2:] + _whole_turns(wanted - base[:, 2:])
+        moved[HEADING] = TURNING_ARM_M * heading, TURNING_ARM_M * wanted
     return {key: TracedPoint(POINT_NAMES[key], *pair, trace_path(t, *pair))
             for key, pair in moved.items()}  # fmt: skip
+
+
+def _whole_turns(ahead: Array) -> float:
+    """Return the whole turns (rad) that a heading's reference is ahead without being so.
+
+    A law does not see them: a base that starts across its reference may come to it the other way
+    round. One that lags goes on to fall back, and is within no half radian of a whole turn for all
+    of the last quarter.
+
+    Args:
+        ahead: By how much the reference is turned from the heading (K, 1), full turns counted, rad.
+    """
+    last = ahead[3 * len(ahead) // 4 :]
+    turns = 2.0 * math.pi * float(np.round(np.median(last) / (2.0 * math.pi)))
+    return turns if (np.abs(last - turns) < NEAR_TURN_RAD).all() else 0.0
 
 
 def outcome(

@@ -17,7 +17,7 @@ from rpctl.simulation.merits.collision_facts import (
     LinkClearance,
 )
 from rpctl.simulation.merits.ground import FeltGround, GroundFigures, felt_ground, ground
-from rpctl.simulation.merits.impossible import impossible
+from rpctl.simulation.merits.impossible import chatter, impossible, joint_speeds
 from rpctl.simulation.merits.obstacles import BASE, TIP, run_obstacles
 from rpctl.simulation.merits.outcome import SUCCESSES, outcome, trace_points
 from rpctl.simulation.merits.path_error import PathFigures, path_figures
@@ -30,23 +30,34 @@ LIMIT_TOLERANCE = 1e-9  # of a limit: touching it is not breaking it
 
 @dataclass(frozen=True)
 class JointError:
-    """How far a joint was from its reference, in its unit; ``settled`` as of a :class:`Summary`."""
+    """How far a joint was from its reference, in its unit; ``settled`` as of a :class:`Summary`.
+
+    ``largest`` is over all samples, and ``speed_ratio`` its largest speed over its limit, 0 where
+    it has no motor or no limit.
+    """
 
     joint: str
     unit: str
     rms: float
     final: float
     settled: float
+    largest: float
+    speed_ratio: float
 
 
 @dataclass(frozen=True)
 class EffortPeak:
-    """The largest effort of an actuator, and its limit, N·m or N; inf where there is none."""
+    """The largest effort of an actuator, and its limit, N·m or N; inf where there is none.
+
+    ``chatter`` is by how much of its limit it leaps to and fro each sample, on average over the
+    second half.
+    """
 
     actuator: str
     peak: float
     limit: float
     ratio: float
+    chatter: float
 
 
 @dataclass(frozen=True)
@@ -127,7 +138,7 @@ class Summary:
         ground: What the ground does.
         kinematic_report: What the kinematic law counts, by name; empty for one that counts nothing.
         work: What the actuators did in all, J.
-        lost: What damping and friction in the joints took of it, J.
+        lost: What damping, friction and stops of the joints took, J.
         energy_residual: Largest gap between energy and work less losses, relative to the work's
             swing.
         constraint_residual: Largest entry of |A v|; m/s, rad/s.
@@ -187,7 +198,7 @@ class Summary:
         if not self.lost:
             return None
         return (
-            f"the actuators did {self.work:.3g} J of work, of which damping and friction took "
+            f"the actuators did {self.work:.3g} J of work; damping, friction and stops took "
             f"{self.lost:.3g} J"
         )
 
@@ -308,15 +319,20 @@ def _errors(of: str, sizes: Array | None) -> dict[str, Any]:
 
 
 def _joint_errors(run: Run) -> tuple[JointError, ...]:
-    rows = zip(run.robot.joint_names, run.robot.units, np.abs(run.log.e[:, 3:].T), strict=True)
-    return tuple(JointError(name, unit, *_error(sizes)) for name, unit, sizes in rows)
+    away, robot = np.abs(run.log.e[:, 3:].T), run.robot
+    rows = zip(robot.joint_names, robot.units, away, joint_speeds(run).tolist(), strict=True)
+    return tuple(
+        JointError(name, unit, *_error(sizes), float(sizes.max()), speed)
+        for name, unit, sizes, speed in rows
+    )
 
 
 def _efforts(run: Run) -> tuple[tuple[EffortPeak, ...], EffortPeak | None]:
     """Return the peak of each actuator, and that which takes most of its limit, if any has one."""
     sizes = np.abs(run.tau).max(axis=0).tolist()
-    rows = zip(run.robot.actuators, sizes, run.robot.effort_limits, strict=True)
-    peaks = tuple(EffortPeak(name, size, limit, size / limit) for name, size, limit in rows)
+    leaps, limits = chatter(run).tolist(), run.robot.effort_limits
+    rows = zip(run.robot.actuators, sizes, limits, leaps, strict=True)
+    peaks = tuple(EffortPeak(name, top, most, top / most, leap) for name, top, most, leap in rows)
     limited = [peak for peak in peaks if math.isfinite(peak.limit)]
     return peaks, max(limited, key=lambda peak: peak.ratio, default=None)
 

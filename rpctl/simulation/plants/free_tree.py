@@ -123,6 +123,11 @@ class FreeTree:
             robot.set_joint(end, name, now + math.remainder(position - now, math.pi))
         return end
 
+    def fall(self, q: Array, end: Array) -> float:
+        """Return the potential energy at q (nq,) less that at ``end`` (nq,), J."""
+        there, here = (pin.computePotentialEnergy(self._model, self._data, x) for x in (end, q))
+        return float(here - there)
+
     def _split_at(self, q: Array) -> LoadSplit:
         """Return how contacts that move share loads at q (nq,)."""
         if self._contacts is None:

@@ -10,9 +10,10 @@ from functools import partial
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.dynamics.motion import Step, Stretch, follow, step, travel
+from rpctl.dynamics.motion import Step, Stretch, follow, travel
 from rpctl.dynamics.pushes import quasi_force
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.stops import Stops, stopping_step
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.robot.coordinates import level_pose
 from rpctl.simulation.plants.protocol import Ground
@@ -33,7 +34,7 @@ class RollingMotion:
     notes: tuple[str, ...] = ()
 
     def __init__(self, dynamics: ReducedDynamics, q: Array, longest: float) -> None:
-        self._dynamics, self._longest = dynamics, longest
+        self._dynamics, self._stops, self._longest = dynamics, Stops(dynamics.robot), longest
         self.q, self.nu = q, np.zeros(dynamics.robot.dof)
 
     @property
@@ -56,7 +57,7 @@ class RollingMotion:
         outside = partial(quasi_force, self._dynamics, wrenches=wrenches) if wrenches else None
 
         def one(q: Array, nu: Array, stride: float) -> Step:
-            return step(self._dynamics, q, nu, tau, stride, outside)
+            return stopping_step(self._dynamics, self._stops, (q, nu), tau, stride, outside)
 
         done = in_steps(one, self.q, self.nu, dt, self._longest)
         self.q, self.nu = done.q, done.nu
@@ -84,11 +85,9 @@ def advance(
     Raises:
         DivergedError: The state left the finite numbers.
     """
-
-    def one(q: Array, nu: Array, stride: float) -> Step:
-        return step(dynamics, q, nu, tau, stride)
-
-    return in_steps(one, q, nu, duration, longest)
+    motion = RollingMotion(dynamics, q, longest)
+    motion.nu = nu
+    return motion.advance(tau, duration)
 
 
 def in_steps(
@@ -104,7 +103,7 @@ def in_steps(
         for _ in range(steps):
             q, nu, done, gone = one(q, nu, duration / steps)
             work, lost = work + done, lost + gone
-    except RpctlError as error:
+    except (RpctlError, np.linalg.LinAlgError) as error:
         raise DivergedError(f"the motion diverged: {error}") from error
     if not (np.isfinite(q).all() and np.isfinite(nu).all()):
         raise DivergedError("the motion diverged; shorten the control period or lengthen horizons")

@@ -22,6 +22,7 @@ from scipy.linalg.lapack import dgesv
 from rpctl.arrays import Array
 from rpctl.dynamics.motion import DELTA, GAMMA, dexpinv, solve_positive
 from rpctl.dynamics.stance import ContactLoads, share_load
+from rpctl.dynamics.stops import Stops, impact, stopped
 from rpctl.errors import RpctlError
 from rpctl.simulation.plants.free_tree import FreeTree, Posture
 from rpctl.simulation.plants.settings import Wrench
@@ -44,6 +45,7 @@ class SlipState:
         y: Velocities (ny,).
         acceleration: ẏ (ny,), a guess for the next step.
         load: Load of each contact (n_contacts,), N.
+        reaction: Of the stops that joints rest on (ny,), N·m or N.
         tips: Whether no loads that only push balance it.
         held: Whether loads and forces found no common solution in the step that led here; the
             loads were then those of the accelerations before.
@@ -53,6 +55,7 @@ class SlipState:
     y: Array
     acceleration: Array
     load: Array
+    reaction: Array
     tips: bool = False
     held: bool = False
 
@@ -108,11 +111,13 @@ class SlipStepper:
         tree: The robot's tree.
         law: Its tyres.
         columns: Map (nv, n_act) from efforts to generalised forces.
+        stops: Of the joints whose rates are entries of y.
     """
 
     tree: FreeTree
     law: TyreLaw
     columns: Array
+    stops: Stops
 
     def start(self, q: Array, v: Array) -> SlipState:
         """Return the state at q (nq,) and v (nv,), with the loads that it has unaccelerated."""
@@ -120,7 +125,8 @@ class SlipStepper:
         y = v[self.tree.free]
         _, moments = self.tree.push(at, y, np.zeros(len(v)), np.zeros(3))
         loads = share_load(at.split, moments)
-        return SlipState(at, y, np.zeros(len(y)), loads.load, loads.tips)
+        still = np.zeros(len(y))
+        return SlipState(at, y, still, loads.load, still, loads.tips)
 
     def step(
         self, state: SlipState, tau: Array, dt: float, wrenches: Sequence[Wrench] = ()
@@ -134,6 +140,7 @@ class SlipStepper:
             RpctlError: The motion left the finite numbers, or the inertia is not positive.
         """
         given, own = self.columns.dot(tau), GAMMA * dt
+        given[self.tree.free] += state.reaction
         at, y = state.at, state.y
         push, _ = self._push(at, y, given, wrenches)
         a1, v1 = solve_positive(at.M, push), state.v
@@ -152,12 +159,32 @@ class SlipStepper:
         v3 = at3.velocity(last.y)
         impulse = dt * ((1.0 - GAMMA) * middle.force + GAMMA * last.force)
         loads, held = last.loads, middle.held or last.held
-        after = SlipState(at3, last.y, (last.y - y) / dt, loads.load, loads.tips, held)
+        rates = last.y, (last.y - y) / dt
+        after = SlipState(at3, *rates, loads.load, state.reaction, loads.tips, held)
         work = given.dot(v1 + v3)
         if wrenches:
             (before, _), (then, _) = (self.tree.pushes(each, wrenches) for each in (at.q, end))
             work += before.dot(v1) + then.dot(v3)
-        return after, 0.5 * dt * float(work), -0.5 * float(impulse.dot(y + last.y))
+        after, met = self._at_stops(after, self.stops.ends(at.q))
+        return after, 0.5 * dt * float(work), met - 0.5 * float(impulse.dot(y + last.y))
+
+    def _at_stops(self, state: SlipState, ends: tuple[Array, Array]) -> tuple[SlipState, float]:
+        """Return the state with joints at their stops, which are at ``ends``, and the loss, J.
+
+        The reaction of the next step is that at the accelerations of this one.
+        """
+        held, at, M = np.sign(state.reaction), state.at, state.at.M
+        s = np.where(held != 0.0, held, self.stops.sides(at.q, ends))
+        if not s.any():
+            return state, 0.0
+        y = impact(M, state.y, s, held)
+        put = self.tree.at(
+            self.tree.integrate(at.q, at.velocity(self.stops.back(at.q, ends, s, held)))
+        )
+        push = M @ state.acceleration - state.reaction
+        rates, reaction = stopped(M, push, s * (s * y <= 0.0), np.zeros(len(y)))
+        lost = 0.5 * float((state.y - y) @ M @ (state.y + y)) + self.tree.fall(at.q, put.q)
+        return replace(state, at=put, y=y, acceleration=rates, reaction=reaction), lost
 
     def _push(
         self, at: Posture, y: Array, given: Array, wrenches: Sequence[Wrench]

@@ -22,12 +22,12 @@ from rpctl.dynamics.ground_reaction import Contacts, find_contacts
 from rpctl.dynamics.motion import Step
 from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import DivergedError, RpctlError
+from rpctl.dynamics.stops import Stops
 from rpctl.robot.coordinates import level_pose
 from rpctl.robot.model import Robot
 from rpctl.simulation.plants.free_tree import FreeTree
 from rpctl.simulation.plants.protocol import Ground
-from rpctl.simulation.plants.rolling import substeps
+from rpctl.simulation.plants.rolling import in_steps
 from rpctl.simulation.plants.settings import Slipping, Wrench
 from rpctl.simulation.plants.slip_step import SlipStepper
 from rpctl.simulation.plants.tyres import TyreLaw
@@ -58,7 +58,9 @@ class SlippingMotion:
         projector = Projector(robot, dynamics.rolling)
         tree = FreeTree(dynamics, contacts)
         self.robot, self._longest, self._t = robot, longest, 0.0
-        self._stepper = SlipStepper(tree, law, projector.columns)
+        moved = {robot.velocity_index(name): name for name in robot.moving_joint_names}
+        stops = Stops(robot, [moved.get(i, "") for i in tree.free.tolist()])
+        self._stepper = SlipStepper(tree, law, projector.columns, stops)
         self._selection = projector.selection
         self._along = tree.contact_velocities.along
         self._leading = leading_wheels(robot)
@@ -124,22 +126,18 @@ class SlippingMotion:
         Raises:
             DivergedError: The state left the finite numbers.
         """
-        steps, work, lost = substeps(dt, self._longest), 0.0, 0.0
-        for _ in range(steps):
-            try:
-                with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told below
-                    stepped = self._stepper.step(self.state, tau, dt / steps, wrenches)
-                self.state, done, gone = stepped
-            except (RpctlError, np.linalg.LinAlgError) as error:
-                raise DivergedError(f"the motion diverged: {error}") from error
-            work, lost = work + done, lost + gone
-            self._t += dt / steps
+
+        def one(q: Array, y: Array, stride: float) -> Step:
+            with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told
+                self.state, *balance = self._stepper.step(self.state, tau, stride, wrenches)
+            self._t += stride
             self._held += self.state.held
             if self.state.tips and self._tipped is None:
                 self._tipped = self._t
-        if not (np.isfinite(self.q).all() and np.isfinite(self.state.y).all()):
-            raise DivergedError("the motion diverged; shorten the control period or the steps")
-        return Step(self.q, self.nu, work, lost)
+            return Step(self.q, self.state.y, *balance)
+
+        done = in_steps(one, self.q, self.state.y, dt, self._longest)
+        return done._replace(nu=self.nu)
 
 
 def leading_wheels(robot: Robot) -> tuple[int, ...]:

@@ -46,7 +46,7 @@ class Log:
             rad, wheels turned as they would roll.
         turns: Full turns of P's heading since the start (K,).
         work: Work done by the actuators since the start (K,), J.
-        lost: What damping and friction in the joints have taken since the start (K,), J.
+        lost: What damping, friction and stops of the joints have taken since the start (K,), J.
         root_pose: Pose of the root link (K, 7): x, y, z (m) and quaternion x, y, z, w; (K, 0) of a
             plant whose wheels roll: it stays level.
         ground_load: Load of each contact (K, n_contacts), N, as the plant has it; (K, 0) of one

@@ -50,7 +50,7 @@ def test_figures_of_a_run(golden: Run) -> None:
     }
     assert {name: summary.to_dict()[name] for name in figures} == pytest.approx(figures, rel=1e-12)
     assert summary.energy_sentence == (
-        "the actuators did 4 J of work, of which damping and friction took 3 J"
+        "the actuators did 4 J of work; damping, friction and stops took 3 J"
     )
     assert summarize(vary(golden, lost=np.zeros(COUNT))).energy_sentence is None
     assert summary.max_effort_joint == "swing_joint"
@@ -65,6 +65,10 @@ def test_figures_of_a_run(golden: Run) -> None:
     assert [slide.rms, slide.final, slide.settled] == pytest.approx(
         [rms(0.04, 0.03, 0.01, 0.005, 0.02, 0.01), 0.01, 0.02]
     )
+    assert [(joint.largest, joint.speed_ratio) for joint in (swing, slide)] == [
+        pytest.approx((1.0, 1.2 / 2.0)),
+        pytest.approx((0.04, 0.3 / 0.5)),
+    ]
     efforts = [(e.actuator, e.peak, e.limit, e.ratio) for e in summary.efforts]
     assert efforts == [
         ("left_wheel_joint", 30.0, 40.0, 0.75),

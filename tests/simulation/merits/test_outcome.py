@@ -225,6 +225,31 @@ def test_a_base_that_turns_on_the_spot_must_turn(golden: Run) -> None:
     assert judged(golden, driven).outcome == "tracked"  # where P goes somewhere, it counts
 
 
+@pytest.mark.parametrize(
+    ("turns", "delay", "name"),
+    [(-1, 0.0, "tracked"), (2, 0.0, "tracked"), (-1, 0.1, "tracked"), (0, 0.7, "late")],
+)
+def test_a_whole_turn_is_no_lag(golden: Run, turns: int, delay: float, name: str) -> None:
+    """Five turns at 4 rad/s; the base comes to them the other way round, or a time behind them."""
+    spin, came = 4.0 * T, 2.0 * np.pi * turns * (1.0 - np.exp(-2.0 * T))
+    late = 4.0 * np.maximum(T - delay, 0.0)
+    found = judged(golden, heading(late + came), heading(spin))
+    assert found.outcome == name
+    if name == "late":
+        assert " is on its path, 0.7 s (1.4 m) behind" in found.outcome_sentence
+
+
+@pytest.mark.parametrize("share", [0.75, 0.8, 0.85])
+def test_who_falls_back_by_a_turn_is_late(golden: Run, share: float) -> None:
+    """By 4.8, 6.4 or 8 rad after five turns, as far as it can be off by no more than its wrap."""
+    assert judged(golden, heading(4.0 * share * T), heading(4.0 * T)).outcome == "late"
+
+
+def heading(angle: Array) -> Array:
+    """Return poses (K, 3) that turn on the spot."""
+    return np.column_stack([0.0 * angle, 0.0 * angle, angle])
+
+
 def config(*obstacles: Disc | HalfPlane, tip: tuple[Disc, ...] = (), radius: float = 0.3) -> Config:
     return Config(Horizon(base_obstacles=obstacles, base_radius=radius, end_effector_obstacles=tip))
 
@@ -344,6 +369,30 @@ def test_a_joint_thrown_off_its_reference_counts(golden: Run, error: float, name
     assert summarize(log(golden, REFERENCE, e=e)).outcome == "tracked"
 
 
+@pytest.mark.parametrize(("speed", "name"), [(3.01, "cannot-hold"), (2.99, "tracked")])
+def test_a_joint_that_races_counts(golden: Run, speed: float, name: str) -> None:
+    """Half as fast again as the 2 rad/s that it may turn."""
+    rates = np.zeros((COUNT, len(golden.robot.actuators)))
+    rates[100, 3] = -speed
+    found = summarize(log(golden, REFERENCE, rates=rates))
+    assert (found.outcome, found.succeeded) == (name, False)
+    assert found.joint_errors[0].speed_ratio == pytest.approx(speed / 2.0)
+    if name == "cannot-hold":
+        assert found.outcome_sentence == "swing_joint moves at 1.5 times its speed limit"
+
+
+def test_the_joint_farthest_beyond_its_bound_is_named(golden: Run) -> None:
+    """0.3 rad of 0.2 and 0.1 m of 0.05."""
+    e = np.zeros((COUNT, 3 + len(golden.robot.joint_names)))
+    e[200, 3], e[300, 4] = 0.3, -0.1
+    found = summarize(log(golden, REFERENCE, e=e))
+    assert (
+        found.outcome_sentence
+        == "slide_joint is 0.1 m off its reference, beyond 0.05 m from 6 s on"
+    )
+    assert [joint.largest for joint in found.joint_errors] == [0.3, 0.1]
+
+
 @pytest.mark.parametrize(("share", "name"), [(0.27, "chatters"), (0.24, "tracked")])
 def test_efforts_that_leap_each_sample_chatter(golden: Run, share: float, name: str) -> None:
     """±a quarter of the limit, to and fro."""
@@ -352,3 +401,10 @@ def test_efforts_that_leap_each_sample_chatter(golden: Run, share: float, name: 
     tau[::2, 0], tau[1::2, 0] = share * limit, -share * limit
     found = summarize(log(golden, REFERENCE, tau=tau))
     assert found.outcome == name
+    assert found.efforts[0].chatter == pytest.approx(2.0 * share)
+    # What grows evenly does not leap; without a limit there is no share; of a wave of four samples,
+    # 0, a, 0, −a, the second differences are 0, 2a, 0, −2a, so it leaps by a/2.
+    tau[:, 0], tau[:, 1] = np.linspace(-limit, limit, COUNT), tau[:, 0]
+    tau[:, 2] = share * 15.0 * np.sin(0.5 * np.pi * np.arange(COUNT))
+    leaps = [each.chatter for each in summarize(log(golden, REFERENCE, tau=tau)).efforts]
+    assert leaps == pytest.approx([0.0, 0.0, 0.5 * share, 0.0, 0.0], abs=0.003)

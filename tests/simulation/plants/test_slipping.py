@@ -24,6 +24,7 @@ from rpctl.errors import DivergedError
 from rpctl.robot.load import load
 from rpctl.simulation.plants.settings import Slipping, Wrench
 from rpctl.simulation.plants.slipping import SlippingMotion
+from tests import urdf
 from tests.grids import cells
 from tests.robots import SET_A, add_losses, ball, cargo, platform, wheel, write
 from tests.vehicles import vehicle
@@ -374,3 +375,32 @@ def test_default_laws_track_on_tyres_until_the_grip_ends() -> None:
     assert rpctl.summarize(fast).final_base_error > 0.1
     assert np.abs(slow.log.wheel_slip).max() < 0.1 * np.abs(fast.log.wheel_slip).max()
     assert slow.log.ground_load.sum(axis=1) == pytest.approx(G * robot.mass, rel=5e-2)
+
+
+@pytest.mark.parametrize("effort", [0.0, -300.0])
+def test_a_lift_falls_on_its_stop_on_tyres(tmp_path: Path, effort: float) -> None:
+    """0.02 m under gravity and what its motor adds: m g h + F h is lost, and the tyres bear it.
+
+    Pressed on, it rests, and a motor that presses does no work.
+    """
+    limit = urdf.limit(0.0, 0.5, 400.0, 2.0)
+    parts = [
+        ball(0.5),
+        ball(-0.5, name="other"),
+        urdf.link("carriage", urdf.inertial(6.0, (0.1, 0.1, 0.1))),
+        urdf.joint("lift", "prismatic", ("base", "carriage"), "0 0 0.3", "0 0 1", limit),
+    ]
+    robot = load(write(tmp_path, platform(SET_A | {"d": 0.0}, extra="\n".join(parts))))
+    motion = motion_of(robot, robot.configuration(joints={"lift": 0.02}))
+    whole, tau, work, lost = energy(motion), still(robot), 0.0, 0.0
+    tau[robot.actuators.index("lift")] = effort
+    for _ in range(60):
+        done = motion.advance(tau, 0.002)
+        work, lost = work + done.work, lost + done.lost
+    assert robot.joint_position(motion.q, "lift") == 0.0
+    assert motion.nu[-1] == 0.0
+    late = 0.002 * math.sqrt(2.0 * (G - effort / 6.0) * 0.02)  # m: a step at the impact's speed
+    assert work == pytest.approx(-0.02 * effort, abs=late * abs(effort) + 1e-9)
+    assert lost == pytest.approx(work + 6.0 * G * 0.02, rel=1e-6)
+    assert energy(motion) == pytest.approx(whole + work - lost, abs=1e-9)
+    assert motion.ground().load.sum() == pytest.approx(38.0 * G, rel=1e-6)
