@@ -32,7 +32,7 @@ PACKAGES = {  # what is imported under another name than it is installed by
     "fast_simplification": "fast-simplification",
 }
 NEVER_IMPORTED = {"example-robot-data", "meshcat"}  # their files are read
-BY_NAME = {"yourdfpy"}  # imported by rpctl.libraries
+BY_NAME = {"yourdfpy", "trimesh", "fast_simplification"}  # by rpctl.libraries, or when confined
 
 
 @pytest.fixture(scope="module")

@@ -192,13 +192,13 @@ class BoundedLaw:
         q, M = midpoint(dynamics, sample, self.held_for).q, math.tril2symm(M)
         change = self._cost_factor(dynamics, q, sample, s, M)
         h1, null = s["horizon_dyn"], self._null_space(dynamics, q)
-        full = self.joints.full[self.shared]
+        full = math.DM(self.joints.full[self.shared])
         gain = _scaled(1.0 / self._unit, dynamics.at(q).allocation @ M)
         E = math.sparsify(math.horzcat(gain @ change, null))
         rigid = math.sparsify(math.horzcat(gain @ self._of_base(change), null))
         hard = [rigid[k, :] if k in self._drive else E[k, :] for k in self._limited]
         rows = dynamics.at(sample.q).S[self.joints.indices, :][self.shared, :]
-        K = _scaled(1.0 / full, h1 * (rows @ change))
+        K = math.diag(1.0 / full) @ (h1 * (rows @ change))
         K = math.horzcat(K, math.SX(K.shape[0], null.shape[1]))
         G = math.sparsify(math.vertcat(K, *hard))
         shift = self._shift(parts)

@@ -151,7 +151,8 @@ def _faults(
         if tree.is_leaning(carrier) or (carrier.endless and is_called(carrier, CASTER_WORDS))
     ]
     if leaning:
-        upright = (axis_edit(tree, c, np.array([0.0, 0.0, tree.axis(c)[2]])) for c in leaning)
+        ends = ((c, math.copysign(1.0, tree.axis(c)[2])) for c in leaning)
+        upright = (axis_edit(tree, c, np.array([0.0, 0.0, up])) for c, up in ends)
         why = f"is steered about an axis more than {MAX_LEAN_DEG:g}° off the upright"
         yield Leftover(joint, why, edit=f"give {', '.join(upright)}", steered=True)
     if moving:

@@ -89,6 +89,8 @@ def scale_track(drive: Drive, tree: FrozenTree, scale: float) -> Drive:
 
 def contact_laterals(drive: Drive, tree: FrozenTree) -> Array:
     """Return how far (n_wheels,) to the left of P each contact is, m; 0 of what no track moves."""
+    if not drive.wheels:
+        return np.empty(0)
     beside = (_centres(drive, tree)[:, :2] - drive.point) @ unit_left(drive.heading)
     lateral = beside + [wheel.shift for wheel in drive.wheels]
     moves = [wheel.swivel is None and not wheel.slides for wheel in drive.wheels]

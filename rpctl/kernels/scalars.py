@@ -164,7 +164,7 @@ class Layout:
     def __init__(self, parts: Mapping[str, Any]) -> None:
         self._shapes = {name: part.sparsity() for name, part in parts.items()}
         self.size = sum(shape.nnz() for shape in self._shapes.values())
-        self.column = casadi.vertcat(*(part.nz[:] for part in parts.values()))
+        self.column = casadi.vertcat(*(casadi.vec(part.nz[:]) for part in parts.values()))
 
     def parts(self, column: Any) -> dict[str, Any]:
         """Return the matrices in a column ``casadi.SX`` (size, 1) by name."""

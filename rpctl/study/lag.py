@@ -104,14 +104,14 @@ def read_speed_log(path: str | Path) -> SpeedLog:
     header = next(rows, None)
     if header is None:
         raise refusal(path, [(None, f"empty; give a header such as {EXAMPLE}, and rows")])
-    names, fault = header.cells, ""
+    (line, names), fault = header, ""
     channels = _channels(names)
     if "t" not in names:
         fault = separator_fault(names) or f"no column t; name the columns as {EXAMPLE}"
     elif not channels:
         fault = f"no commanded speed has a measured one beside it; name the columns as {EXAMPLE}"
     if fault:
-        raise refusal(path, [(header.line, fault)])
+        raise refusal(path, [(line, fault)])
     wanted = ["t", *(name for pair in channels.values() for name in pair)]
     table, _, faults = read_values(rows, names, wanted)
     if faults:

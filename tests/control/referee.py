@@ -110,6 +110,10 @@ class Referee:
         self._law: BoundedDynamic = law
         self._within = BoundedLaw(law, dynamics, period)
         self.box = self.robot.effort_limits
+        home = self.robot.configuration_at(np.zeros(3), self.robot.home)
+        M, B = dynamics.inertia(home), np.abs(dynamics.actuation(home))
+        most = [sum(b * box for b, box in zip(row, self.box, strict=True) if b) for row in B]
+        self._reach = np.array(most) / np.diag(M)  # what all motors can give, each ν̇ by itself
         self._unit = np.where(np.isfinite(self.box), self.box, 1.0)
 
     def sampled_after(self, elapsed: float) -> None:
@@ -120,6 +124,7 @@ class Referee:
         if self._gain is not None and self._before:
             gain = np.minimum(self._gain, 1.0 / self._elapsed)
             self._d = self._d + gain * (nu - self._before[0] - self._elapsed * self._before[1])
+            self._d = np.clip(self._d, -self._reach, self._reach)
         nu_dot = command.nu_d_dot - (nu - command.nu_d) / self._within.times
         efforts = self._bounded(q, nu, command, nu_dot)
         if efforts.limits:
