@@ -247,8 +247,7 @@ def _back(at: Tracking) -> Any:
 
 
 def _rear(
-    sheet: Sheet, robot: Robot, name: str, pose: Sequence[Any], twist: Sequence[Any], angle: Any,
-    rate: Any,
+    sheet: Sheet, robot: Robot, name: str, pose: Any, twist: Any, angle: Any, rate: Any
 ) -> tuple[list[Any], list[Any]]:  # fmt: skip
     """Write pose (3,) and twist (3,) of an articulated base's rear axle, from those of P."""
     (swivel,), (px, py) = robot.drive.steered, robot.drive.point

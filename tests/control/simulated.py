@@ -59,7 +59,8 @@ class Simulated:
             found = sample if measure is None else measure(*sample)
             if found is not None:
                 told = self.arrived if tells else None
-                self.outputs.append(self.controller.step(*found, told))
+                t, q, nu = found
+                self.outputs.append(self.controller.step(t, q, nu, told))
             dt, self.arrived = steps(), arriving(self.outputs[-1].efforts)
             step = rk4_step(self.dynamics, self.q, self.nu, self.arrived, dt)
             self.q, self.nu, self.t = step.q, step.nu, self.t + dt

@@ -11,7 +11,7 @@ import pytest
 import rpctl
 from rpctl.equivalence.file_drive import read
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
-from rpctl.robot.inspection import idealisations
+from rpctl.robot.idealised import idealisations
 from tests.robots import write
 from tests.vehicles import rear_axle, start, trailer, vehicle
 

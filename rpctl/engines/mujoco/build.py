@@ -94,8 +94,8 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     ground.add_all()
     for joint in robot.mimics:
         if joint.mimic is not None and joint.mimic.joint not in robot.locked:
-            coefficients = (joint.mimic.offset, joint.mimic.multiplier)
-            _tie(spec, joint.name, joint.mimic.joint, coefficients, settings)
+            line = joint.mimic.offset, joint.mimic.multiplier
+            _tie(spec, joint.name, joint.mimic.joint, line, settings)
     polynomials, notes = tie_polynomials(robot), ground.notes
     for name, coefficients in polynomials.items():
         _tie(spec, name, robot.drive.steered[0].joint, coefficients, settings)

@@ -95,11 +95,11 @@ def compare_tables(exported: Table, found: Table) -> Comparison:
         edits += _element_edits(kind, before, after, paired)
         for name in (name for name in before if name in after):
             idle = _is_idle(kind, name, paired, before[name], after[name])
-            for entry, *values in _both(kind, before[name], after[name]):
-                gap = _difference(entry, *values)
+            for entry, old, new in _both(kind, before[name], after[name]):
+                gap = _difference(entry, old, new)
                 if not gap <= ROUNDED:
                     matters = not idle and entry not in HARMLESS_FIELDS
-                    edits.append(Edit(kind, name, entry, *map(_words, values), matters))
+                    edits.append(Edit(kind, name, entry, _words(old), _words(new), matters))
                 elif gap > SAME:
                     roundings.append(gap)
     if any(edit.matters and edit.field != "meaninertia" for edit in edits):  # it follows from these
