@@ -58,10 +58,6 @@ class Ros2Package:
     folder: Path
     operations: Operations
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON can hold it."""
-        return {"package": self.name, "folder": str(self.folder), "a_sample": str(self.operations)}
-
 
 def package_name(robot: Robot) -> str:
     """Return the name of a robot's package, as ROS wants it: a to z, digits, single underscores."""
@@ -175,7 +171,7 @@ def _samples(
         RpctlError: The controller has no answer at most states.
     """
     dynamics, rng, lines = ReducedDynamics(robot), np.random.default_rng(0), list[str]()
-    state: ReferenceState | None = None
+    state = _reference_near(robot, robot.random_configuration(rng), rng)
     given = replace(law, approach=None), efforts, made.law.period
     controller = Controller(robot, lambda t: state, *given, compiled=False)
     for k in range(MAX_DRAWS * SAMPLES):
@@ -188,8 +184,8 @@ def _samples(
         if len(lines) == SAMPLES:
             return "".join(lines)
     raise RpctlError(
-        f"{robot.name}: the law answers at {len(lines)} of {MAX_DRAWS * SAMPLES} random states, too "
-        "few to prove a controller; rpctl track shows why"
+        f"{robot.name}: the law answers at {len(lines)} of {MAX_DRAWS * SAMPLES} random states, "
+        "too few to prove a controller; rpctl track shows why"
     )
 
 
