@@ -9,6 +9,7 @@
 //   trajectory STAMP NAMES NAME... POINTS, then for each: TIME, and thrice COUNT NUMBER...
 //   reference NUMBER...               of the reference interfaces
 //   update TIME PERIOD                prints: status of update, tracking status, commands, reference
+//   show                              prints the same, without an update
 //   interfaces                        prints names: commands, states, reference, exported states
 //   costs                             prints median, p99, p99.9, max [ns] of update(), and allocations
 //                                     (-1: not counted)
@@ -265,6 +266,8 @@ struct Driver
     } else if (word == "update") {
       const double time = read(line);
       print(update(time, read(line)));
+    } else if (word == "show") {
+      print(true);
     } else if (word == "samples") {
       samples(read<std::size_t>(line));
     } else if (word == "interfaces") {
