@@ -62,6 +62,11 @@ COMMANDS = {
         "rpctl export tiago --format mjcf --out tiago.xml, or "
         "rpctl export tiago --format ros2_control --law unified",
     ),
+    "node": LazyCommand(
+        "rpctl.cli.node:node_command",
+        "Run a controller as a node of ROS 2, for prototypes, until Ctrl-C.",
+        "rpctl node tiago --reference eight --output velocity",
+    ),
     "check": LazyCommand(
         "rpctl.cli.export:check_command",
         "Prove an exported file again and name what was edited; exit 1 if it is another robot now.",
