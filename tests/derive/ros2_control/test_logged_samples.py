@@ -18,7 +18,7 @@ from rpctl.derive.law_program import law_program, law_sheet
 from rpctl.derive.ros2_control import expected_commands, export_ros2_control, numbers_of
 from tests.derive.ros2_control.builds import FAST, SANITIZED, Driven, driven
 
-COUNT = 2_000
+COUNT = 100_000
 PERIOD = 0.002
 EXACT = 1e-12  # relative to the largest entry
 LAW = UnifiedKinematic(approach=None)  # the package has no stage for far starts
