@@ -38,7 +38,7 @@ def logged(robot: Robot, output: str, folder: Path) -> Logged:
     Speeds that limits bind are left out: Controller bounds accelerations too.
     """
     laws = {"kinematic": LAW, "dynamic": PaperDynamic()}
-    given = {"duration": COUNT * PERIOD, "initial_error": STARTS}
+    given = {"duration": COUNT * PERIOD, "initial_error": STARTS, "log_every": 1}
     run = rpctl.track(robot, "eight", **laws, **given)  # type: ignore[arg-type]
     controller = Controller(robot, "eight", LAW, PaperDynamic(), PERIOD, output)
     dynamics = ReducedDynamics(robot)
