@@ -137,10 +137,7 @@ def _context(made: LawProgram, output: str, law: str, sources: str) -> dict[str,
         "law": law,
         "operations": made.operations,
         "declared": [f"{text.removesuffix(';')};" for text in DECLARED.findall(sources)],
-        "settings": [
-            (str(each.symbol), repr(each.value), f"{comment(each.of)} [{each.unit}]")
-            for each in made.law.settings
-        ],
+        "settings": made.law.settings,
         "dof": robot.dof,
         "actuators": robot.actuators,
         "joints": robot.joint_names,

@@ -184,7 +184,7 @@ def test_steered_wheels_are_needed_and_their_rates_are_quasi_velocities() -> Non
     readings = Readings(robot)
     assert "steering_left_joint" in readings.missing()
     readings.take_odometry(odometry(0, (0, 0, 0), child=robot.description.root))
-    readings.take_joints(joint_state(0, robot.actuators, positions, rates))
+    readings.take_joints(joint_state(0, robot.actuators, positions, rates.tolist()))
     found = readings.sample(0)
     assert found is not None
     np.testing.assert_allclose(found[1], q, atol=1e-12)

@@ -65,6 +65,6 @@ def driven(robot: Robot, folder: Path, flags: list[str], program: str, period: f
     }
     defined = [f"-D{word}={value}" for word, value in facts.items()]
     counted = ["-DCOUNTED"] if flags == FAST else []
-    sources = [HERE / "driver.cpp", "src/controller.cpp"]
+    sources: list[Path | str] = [HERE / "driver.cpp", "src/controller.cpp"]
     own = [*flags, *defined, *counted]
     return Driven(compiled(folder, sources, own, program), name)
