@@ -108,7 +108,7 @@ def export_command(
     settings: ExportOptions,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a robot for MuJoCo, read back, run and compared before it is there, or for ROS 2."""
+    """Write a robot for MuJoCo, compared before it is there, or a law on it as a ROS 2 package."""
     settings.require_own()
     if settings.form == "ros2_control":
         _export_ros2(robot, options, settings, as_json)

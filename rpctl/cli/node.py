@@ -58,7 +58,7 @@ class NodeOptions:
 
 
 def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOptions) -> None:
-    """Run a controller as a node of ROS 2, for prototypes, until Ctrl-C; then send zeros."""
+    """Run a controller as a node of ROS 2, for prototypes, until Ctrl-C."""
     try:
         rclpy, signals = import_module("rclpy"), import_module("rclpy.signals")
     except ImportError as error:

@@ -17,6 +17,7 @@ from rpctl.control.ros_messages import COMMANDS, POINT, Readings, fill
 WHEELS = "wheel_left_joint", "wheel_right_joint"
 ARM = "arm_revolute_joint", "arm_prismatic_joint"
 MS = 1_000_000  # ns
+TODAY = 1_700_000_000_123_456_789  # ns since 1970: more digits than a float has
 
 
 def header(at: int, frame: str = "odom") -> Any:
@@ -98,15 +99,17 @@ def test_nothing_is_sampled_before_all_is_known(paper: Robot) -> None:
 def test_rates_that_are_not_told_are_differences_and_never_zero(paper: Robot) -> None:
     """A wheel that turns on through π goes .2 rad in 10 ms."""
     readings = Readings(paper)
-    readings.take_odometry(odometry(0, (0, 0, 0)))
-    readings.take_joints(joint_state(0, [*WHEELS, *ARM], [math.pi - 0.1, 3.0, 0.2, 0.1]))
-    first = readings.sample(0)
+    readings.take_odometry(odometry(TODAY, (0, 0, 0)))
+    readings.take_joints(joint_state(TODAY, [*WHEELS, *ARM], [math.pi - 0.1, 3.0, 0.2, 0.1]))
+    first = readings.sample(TODAY)
     assert first is not None
     assert np.isnan(first[2]).all()
     assert np.isnan(first[1]).all()
     assert readings.q is None
-    readings.take_joints(joint_state(10 * MS, [*WHEELS, *ARM], [0.1 - math.pi, 3.2, 0.21, 0.1]))
-    second = readings.sample(10 * MS)
+    readings.take_joints(
+        joint_state(TODAY + 10 * MS, [*WHEELS, *ARM], [0.1 - math.pi, 3.2, 0.21, 0.1])
+    )
+    second = readings.sample(TODAY + 10 * MS)
     assert second is not None
     assert second[0] == 0.01
     np.testing.assert_allclose(second[2], [20 * 0.15, 0, 1, 0], atol=1e-9)

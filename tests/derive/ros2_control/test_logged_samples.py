@@ -92,6 +92,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
         ("mecanum", "effort"),
         ("mecanum", "velocity"),
         ("car", "effort"),
+        ("bicycle", "velocity"),  # no joint of an arm
     ],
 )
 def test_it_sends_what_the_controller_sends(name: str, output: str, folder: Path) -> None:
