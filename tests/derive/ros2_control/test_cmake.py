@@ -34,10 +34,10 @@ def test_cmake_builds_the_plugin_whole_and_runs_the_packages_test(
     flags += ["-DCMAKE_C_FLAGS=-Werror", "-DCMAKE_CXX_FLAGS=-Werror"]
     dirs = [f"-D{name}_DIR={stand_ins}" for name in (*listed, "ament_cmake", "ament_cmake_test")]
     for command in (
-        ["cmake", "-S", package, "-B", build, *flags, *dirs],
-        ["cmake", "--build", build],
-        ["cmake", "--install", build, "--prefix", tmp_path / "installed"],
-        ["ctest", "--test-dir", build, "--no-tests=error"],
+        ["cmake", "-S", str(package), "-B", str(build), *flags, *dirs],
+        ["cmake", "--build", str(build)],
+        ["cmake", "--install", str(build), "--prefix", str(tmp_path / "installed")],
+        ["ctest", "--test-dir", str(build), "--no-tests=error"],
     ):
         done = subprocess.run(command, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -269,3 +270,34 @@ def test_its_interfaces_have_the_joints_names(controller: Driven, paper: Robot) 
     assert reference[3] == "paper_controller/forward/velocity"
     assert reference[-1] == f"paper_controller/{arm[-1]}/acceleration"
     assert exported == ["paper_controller/tracking/status"]
+
+
+def test_p_may_lie_beside_the_root_link(mixed_chain: Robot, tmp_path: Path) -> None:
+    """A path is the root link's, a reference P's; a twist without a place asks for no other one."""
+    package = tmp_path / "package"
+    export_ros2_control(mixed_chain, package)
+    controller = driven(mixed_chain, package, SANITIZED, "driver", PERIOD)
+    place, twist = (0.3, -0.2, 0.7), [0.1, 0.0, 0.2]
+    where = mixed_chain.base_pose(mixed_chain.configuration(*place))
+    assert np.abs(where - place).max() > 0.05
+    told = (*place, *(mixed_chain.root_velocity @ twist).tolist())
+    still = (len(mixed_chain.joint_names) + len(mixed_chain.actuators)) * " 0"
+    odometry = f"odometry 1 odom {mixed_chain.description.root} {words(told)}"
+    count, rest = 2 + len(mixed_chain.actuators), [0.0] * (12 + 3 * len(mixed_chain.joints))
+
+    def row(*lines: str) -> list[float]:
+        start = ["configure", "activate", f"states{still}", odometry]
+        said, _ = controller.obey([*start, *lines, "update 1 .002"])
+        return [float(word) for word in said[-1].split()]
+
+    by_path = row(f"path odom 1 1 {words(place)}")
+    np.testing.assert_allclose(by_path[count:][:3], where, atol=1e-12)
+    at_rest = row("chained 1", f"reference {words([*where, 0, 0, 0, *rest])}")
+    np.testing.assert_allclose(by_path[:count], at_rest[:count], atol=1e-9)
+    unplaced = row("twist 1 .1 .3 .2")  # not to its left: it cannot
+    moving = row("chained 1", f"reference {words([*where, *twist, *rest])}")
+    np.testing.assert_allclose(unplaced[:count], moving[:count], atol=1e-9)
+
+
+def words(numbers: Sequence[float]) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
