@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import subprocess
 import xml.etree.ElementTree as ET
@@ -148,9 +149,12 @@ def test_the_command_refuses_options_of_the_other_format() -> None:
 
 def test_the_command_writes_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ["--format", "ros2_control", "--law", "paper"]
-    done = CliRunner().invoke(app, ["export", "paper", *words])
+    words = ["export", "paper", "--format", "ros2_control", "--law", "paper"]
+    done = CliRunner().invoke(app, words)
     assert done.exit_code == 0
     assert "wrote the package paper_controller into paper_controller" in done.stdout
     assert "What was not run" in done.stdout
     assert "the law PaperKinematic" in (tmp_path / "paper_controller/README.md").read_text()
+    told = json.loads(CliRunner().invoke(app, [*words, "--json", "--out", "other"]).stdout)
+    assert (told["name"], told["folder"]) == ("paper_controller", "other")
+    assert told["operations"]["roots"] > 0
