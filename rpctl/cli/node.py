@@ -35,8 +35,8 @@ class NodeOptions:
         str,
         typer.Option(
             metavar="effort|velocity",
-            help="Efforts to ~/efforts; or the base's twist to ~/cmd_vel, and positions and rates "
-            "of the arm to ~/joint_trajectory.",
+            help="Efforts to ~/efforts, in the order of `rpctl inspect --json`'s actuators; or the "
+            "base's twist to ~/cmd_vel, and positions and rates of the arm to ~/joint_trajectory.",
         ),
     ] = "effort"
     joints: Annotated[
@@ -68,8 +68,8 @@ def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOp
         ) from None
     loaded, laws = options.load(robot), (settings.kinematic, settings.dynamic)
     controller = Controller(loaded, settings.reference, *laws, settings.period, settings.output)
-    no_handlers = signals.SignalHandlerOptions.NO  # Ctrl-C is rpctl's
-    rclpy.init(args=[], signal_handler_options=no_handlers)
+    handlers = signals.SignalHandlerOptions.NO  # Ctrl-C is rpctl's
+    rclpy.init(args=[], signal_handler_options=handlers)
     node = rclpy.create_node("rpctl")
     running = ControllerNode(node, controller, settings)
     try:

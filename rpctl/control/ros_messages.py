@@ -130,10 +130,12 @@ class Readings:
 
     def _speeds(self, S: Array, twist: Array) -> Array:
         """Return ν (dof,): by the rates of driven joints, and the base's twist where they lack."""
-        model, known = self.robot.model, dict[int, float]()
-        for name in self.robot.actuators:
-            if name in self._known and math.isfinite(self._known[name].rate):
-                known[model.joints[model.getJointId(name)].idx_v] = self._known[name].rate
+        model = self.robot.model
+        known = {
+            model.joints[model.getJointId(name)].idx_v: self._known[name].rate
+            for name in self.robot.actuators
+            if name in self._known and math.isfinite(self._known[name].rate)
+        }
         if np.linalg.matrix_rank(S[[*known]]) < S.shape[1]:
             known |= dict(enumerate(twist))  # the base's rows of S are its twist
         nu, _, rank, _ = np.linalg.lstsq(S[[*known]], np.array([*known.values()]), rcond=None)
