@@ -86,6 +86,17 @@ def test_a_path_with_times_is_smooth_in_time(controller: Driven) -> None:
     assert after.reference[:4] == [2, 0, 0, 0]
 
 
+def test_a_path_through_points_of_a_cubic_is_the_cubic(controller: Driven) -> None:
+    """x = 3 s² − 2 s³, s = (t − 2)/4, at rest at both ends; its points lie unevenly in time."""
+    poses = "2 0 0 0 3 .15625 0 0 5 .84375 0 0 6 1 0 0"
+    lines = [f"path odom 4 {poses}", *(f"update {t} .002" for t in (2.5, 4, 5.5))]
+    found, _ = answers(controller, *lines)
+    for answer, s in zip(found, (0.125, 0.5, 0.875), strict=True):
+        x, rate, acceleration = s**2 * (3 - 2 * s), 6 * s * (1 - s) / 4, (6 - 12 * s) / 16
+        got = [answer.reference[k] for k in (0, FORWARD, ACCELERATION)]
+        np.testing.assert_allclose(got, [x, rate, acceleration], atol=1e-12)
+
+
 def test_a_path_without_times_goes_at_the_speeds_of_its_parameters(controller: Driven) -> None:
     """1 m at .5 m/s, from now; then a turn through π by the short way, 2π − 6 rad at .5 rad/s."""
     lines = ["update 10 .002", "path odom 2 0 0 0 0 0 1 0 0", "update 11 .002"]
