@@ -111,6 +111,12 @@ def test_the_bill_names_every_bundled_file_as_the_wheel_has_it(
     assert hashes[script] == third_party.SHA256[third_party.UPLOT_SCRIPT]
 
 
+def test_the_wheel_has_every_template(wheel: zipfile.ZipFile) -> None:
+    templates = {each.relative_to(ROOT).as_posix() for each in ROOT.glob("rpctl/**/*.jinja")}
+    assert "rpctl/derive/templates/ros2_control/src/controller.cpp.jinja" in templates
+    assert templates <= set(wheel.namelist())
+
+
 @pytest.mark.slow
 def test_a_wheel_can_be_built_from_the_source_archive(tmp_path: Path) -> None:
     """All that the build reads is in it, and what its documents lead to."""

@@ -58,8 +58,14 @@ COMMANDS = {
     ),
     "export": LazyCommand(
         "rpctl.cli.export:export_command",
-        "Write a robot for MuJoCo; the file is read back, run and compared before it is there.",
-        "rpctl export tiago --format mjcf --out tiago.xml",
+        "Write a robot for MuJoCo, compared before it is there, or a law on it as a ROS 2 package.",
+        "rpctl export tiago --format mjcf --out tiago.xml, or "
+        "rpctl export tiago --format ros2_control --law unified",
+    ),
+    "node": LazyCommand(
+        "rpctl.cli.node:node_command",
+        "Run a controller as a node of ROS 2, for prototypes, until Ctrl-C.",
+        "rpctl node tiago --reference eight --output velocity",
     ),
     "check": LazyCommand(
         "rpctl.cli.export:check_command",

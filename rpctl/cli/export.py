@@ -1,6 +1,6 @@
-"""What is written of a robot: ``rpctl derive`` its equations, ``rpctl export`` a file for MuJoCo.
+"""What is written of a robot: ``derive`` its equations, ``export`` MJCF or a ROS 2 package.
 
-``rpctl check`` proves such a file again.
+``rpctl check`` proves an MJCF file again.
 """
 
 from __future__ import annotations
@@ -19,23 +19,42 @@ from rpctl.cli.verify import print_rows
 from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.engines.mujoco.check import MjcfCheck
 from rpctl.engines.mujoco.export import MjcfExport
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.files.writing import require_writable, write_atomically
 
-FORMATS = ("mjcf",)
+FORMATS = {  # and the options that each has alone, by field
+    "mjcf": {
+        "friction": "--friction",
+        "wheel_width": "--wheel-width",
+        "meshes": "--no-meshes",
+    },
+    "ros2_control": {
+        "law": "--law",
+        "dynamic": "--dynamic",
+        "period": "--control-period",
+        "output": "--output",
+    },
+}
 
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What is written for MuJoCo, and where."""
+    """What is written, and where."""
 
     form: Annotated[
-        str, typer.Option("--format", metavar="mjcf", help="Of the file: MuJoCo's MJCF.")
+        str,
+        typer.Option(
+            "--format",
+            metavar="mjcf|ros2_control",
+            help="MuJoCo's MJCF, or a ROS 2 package with a law as a controller of ros2_control.",
+        ),
     ] = "mjcf"
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Where to write, whole or not at all; ROBOT.xml if not given."
+            metavar="PATH",
+            help="Where to write, whole or not at all: a file, ROBOT.xml if not given, or the "
+            "package's folder, ROBOT_controller.",
         ),
     ] = None
     friction: Annotated[
@@ -55,6 +74,33 @@ class ExportOptions:
             "--meshes/--no-meshes", help="Write the visual meshes, too, into a folder beside FILE."
         ),
     ] = True
+    law: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE.py:CLASS",
+            help="The kinematic law, as of `rpctl derive --law`; unified if not given.",
+        ),
+    ] = None
+    dynamic: Annotated[str, typer.Option(metavar="paper", help="The dynamic law.")] = "paper"
+    period: Annotated[
+        float,
+        typer.Option("--control-period", metavar="SECONDS", help="Of the controller manager."),
+    ] = USUAL_PERIOD
+    output: Annotated[
+        str, typer.Option(metavar="effort|velocity", help="What the motors take.")
+    ] = "effort"
+
+    def require_own(self) -> None:
+        """Refuse a format that is not known, and options of another one.
+
+        Raises:
+            RpctlError: There is one.
+        """
+        require_known("format", [self.form], FORMATS)
+        for own in (options for form, options in FORMATS.items() if form != self.form):
+            for name, option in own.items():
+                if getattr(self, name) != getattr(ExportOptions, name):
+                    raise RpctlError(f"--format {self.form} has no {option}; leave it out")
 
 
 def export_command(
@@ -64,11 +110,13 @@ def export_command(
     settings: ExportOptions,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a robot for MuJoCo; the file is read back, run and compared before it is there."""
+    """Write a robot for MuJoCo, compared before it is there, or a law on it as a ROS 2 package."""
+    settings.require_own()
+    if settings.form == "ros2_control":
+        _export_ros2(robot, options, settings, as_json)
+        return
     from rpctl.simulation.mjcf_file import export_mjcf
 
-    if settings.form not in FORMATS:
-        raise UnknownNameError("format", settings.form, FORMATS)
     if settings.out is not None:
         require_writable(settings.out)
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
@@ -76,6 +124,21 @@ def export_command(
     path = settings.out if settings.out is not None else Path(f"{file_name(loaded.name)}.xml")
     found = export_mjcf(loaded, path, settings.friction, settings.wheel_width, settings.meshes)
     tell(as_json, found.to_dict, partial(show_export, found), found.written)
+
+
+def _export_ros2(robot: str, options: LoadOptions, settings: ExportOptions, as_json: bool) -> None:
+    """Write a ROS 2 package."""
+    from rpctl.derive.ros2_control import export_ros2_control, package_name
+
+    loaded = options.load(robot)
+    folder = settings.out if settings.out is not None else Path(package_name(loaded))
+    laws = settings.law or "unified", settings.dynamic
+    made = export_ros2_control(loaded, folder, *laws, settings.period, settings.output)
+    if as_json:
+        print_json({**asdict(made), "folder": str(made.folder)})
+    else:
+        say(f"wrote the package {made.name} into {made.folder}; at most {made.operations} a sample")
+        say(f"it has not met ROS yet: see What was not run in {made.folder / 'README.md'}")
 
 
 def file_name(robot: str) -> str:

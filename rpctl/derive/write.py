@@ -109,7 +109,7 @@ def derive_law(
         raise RpctlError(f"--format {format} has no precision to choose; take --format c")
     law = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
     efforts = dynamic_by_name(dynamic) if isinstance(dynamic, str) else dynamic
-    sheet = law_sheet(robot, *_closed(robot, law, efforts), period)
+    sheet = law_sheet(robot, *closed_laws(robot, law, efforts), period)
     if format in ("text", "latex"):
         write = law_text if format == "text" else law_latex
         return DerivedLaw(write(sheet, _form(robot)), None)
@@ -118,7 +118,7 @@ def derive_law(
     return DerivedLaw(text, program.operations)
 
 
-def _closed(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic]:
+def closed_laws(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic]:
     """Return the laws, which have a closed form on this robot."""
     if robot.dof == 0:
         raise RpctlError(f"{robot.name}: nothing moves, so there is no law to write")

@@ -1,0 +1,176 @@
+"""Messages of ROS as samples of a robot, and commands as messages; it imports nothing of ROS.
+
+It reads and writes the fields of messages alone: of ``sensor_msgs/JointState``,
+``nav_msgs/Odometry``, ``geometry_msgs/TransformStamped``, ``geometry_msgs/Twist``,
+``std_msgs/Float64MultiArray`` and ``trajectory_msgs/JointTrajectory``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.controller import Controller, ControllerOutput
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import SingularBasisError
+from rpctl.robot.model import BASE_NV, Robot
+
+SECOND = 1_000_000_000  # ns
+MAX_AGE = 0.1  # s: older readings make a bad sample
+COMMANDS = {  # kinds of messages, and their topics
+    "std_msgs/Float64MultiArray": "~/efforts",
+    "geometry_msgs/Twist": "~/cmd_vel",
+    "trajectory_msgs/JointTrajectory": "~/joint_trajectory",
+}
+POINT = "trajectory_msgs/JointTrajectoryPoint"
+
+
+class Reading(NamedTuple):
+    """What is known of a joint, or of the base; rates are NaN where nobody knows them."""
+
+    stamp: int  # ns
+    at: Any  # rad or m; of the base (3,): x, y in m, heading in rad
+    rate: Any  # of the base (3,): its twist in its own axes
+
+
+class Readings:
+    """The latest readings of one robot, whatever the order in which they came.
+
+    Attributes:
+        refused: How many readings were not used, by reason.
+        q: The last good configuration (nq,); None before.
+
+    Args:
+        robot: The robot.
+        frame: In which poses are given, and the reference.
+        base_frame: The frame that is located; None: the root link.
+    """
+
+    def __init__(self, robot: Robot, frame: str = "odom", base_frame: str | None = None) -> None:
+        self.robot, self.refused = robot, Counter[str]()
+        self.q: Array | None = None
+        self._dynamics = ReducedDynamics(robot)
+        self._base = _pose_in(frame, base_frame or robot.description.root)
+        swivels = (*robot.drive.steered, *robot.drive.powered_casters)
+        self._needed = {self._base, *robot.joint_names, *(swivel.joint for swivel in swivels)}
+        self._known: dict[str, Reading] = {}
+        self._origin: int | None = None  # ns, of the first sample
+
+    def take_joints(self, message: Any) -> None:
+        """Take a JointState: some joints in any order; rates it lacks are differences in time."""
+        count = len(message.name)
+        rates = message.velocity if len(message.velocity) == count else [math.nan] * count
+        for name, position, rate in zip(message.name, message.position, rates, strict=False):
+            self._take(name, message, position, rate)
+
+    def take_odometry(self, message: Any) -> None:
+        """Take an Odometry: the pose in the frame, and the twist in the base's own axes."""
+        pose, twist = message.pose.pose, message.twist.twist
+        speeds = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
+        self._take_pose(message, pose.position, pose.orientation, speeds)
+
+    def take_transforms(self, message: Any) -> None:
+        """Take a TFMessage: one transform may locate the base; its motion is left to the joints."""
+        for each in message.transforms:
+            at, unknown = each.transform, np.full(BASE_NV, math.nan)
+            self._take_pose(each, at.translation, at.rotation, unknown)
+
+    def _take_pose(self, message: Any, at: Any, turned: Any, twist: Array) -> None:
+        x, y, z, w = turned.x, turned.y, turned.z, turned.w
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        name = _pose_in(message.header.frame_id, message.child_frame_id)
+        self._take(name, message, np.array([at.x, at.y, yaw]), twist)
+
+    def _take(self, name: str, message: Any, at: Any, rate: Any) -> None:
+        stamp = int(message.header.stamp.sec) * SECOND + int(message.header.stamp.nanosec)
+        before, entry = self._known.get(name), self.robot.entries.get(name)
+        if entry is None and name != self._base:
+            self.refused[f"{name}: not asked for"] += 1
+        elif not np.isfinite(at).all() or (before is not None and stamp <= before.stamp):
+            self.refused[f"{name}: not finite, or no newer than before"] += 1
+        else:
+            if before is not None and entry is not None and not math.isfinite(rate):
+                way = at - before.at
+                way = math.remainder(way, math.tau) if entry.is_pair else way
+                rate = way * SECOND / (stamp - before.stamp)
+            self._known[name] = Reading(stamp, at, rate)
+
+    def missing(self) -> list[str]:
+        """Return what was never read, and a sample needs."""
+        return sorted(self._needed - self._known.keys())
+
+    def sample(self, now: int) -> tuple[float, Array, Array] | None:
+        """Return what :meth:`rpctl.Controller.step` takes at a time (ns): t in s, q and ν.
+
+        The pose is moved on from its stamp by the base's twist. Where readings are too old, or
+        rates unknown, q and ν are NaN: the controller holds, then stops. None as long as something
+        is missing.
+        """
+        if self.missing():
+            return None
+        self._origin = now if self._origin is None else self._origin
+        t, robot, place = (now - self._origin) / SECOND, self.robot, self._known[self._base]
+        joints = {name: each.at for name, each in self._known.items() if name != self._base}
+        x, y, theta = place.at
+        q, way = robot.configuration(x, y, theta, joints), np.zeros(robot.nv)
+        if now - min(self._known[name].stamp for name in self._needed) <= MAX_AGE * SECOND:
+            with suppress(SingularBasisError):
+                nu = self._speeds(S := self._dynamics.basis(q), place.rate)
+                way[:BASE_NV] = S[:BASE_NV] @ nu * max(now - place.stamp, 0) / SECOND
+                if np.isfinite(nu).all():
+                    self.q = self._dynamics.integrate(q, way)
+                    return t, self.q, nu
+        return t, np.full(robot.nq, math.nan), np.full(robot.dof, math.nan)
+
+    def _speeds(self, S: Array, twist: Array) -> Array:
+        """Return ν (dof,): by the rates of driven joints, and the base's twist where they lack."""
+        model = self.robot.model
+        known = {
+            model.joints[model.getJointId(name)].idx_v: self._known[name].rate
+            for name in self.robot.actuators
+            if name in self._known and math.isfinite(self._known[name].rate)
+        }
+        if np.linalg.matrix_rank(S[[*known]]) < S.shape[1]:
+            known |= dict(enumerate(twist))  # the base's rows of S are its twist
+        nu, _, rank, _ = np.linalg.lstsq(S[[*known]], np.array([*known.values()]), rcond=None)
+        return nu if rank == S.shape[1] else np.full_like(nu, math.nan)
+
+
+def _pose_in(frame: str, base_frame: str) -> str:
+    return f"the pose of {base_frame} in {frame}"
+
+
+def fill(
+    empty: Mapping[str, Any], controller: Controller, sent: ControllerOutput, q: Array | None
+) -> tuple[str, ...]:
+    """Put commands into messages, and return the kinds of those that are to be published.
+
+    Efforts stand in the order of the robot's actuators. Speeds become the twist of the root link,
+    and positions and rates of the arm a period on.
+
+    Args:
+        empty: A message of each kind of ``COMMANDS``, and a ``POINT``.
+        controller: The controller.
+        sent: What it sends.
+        q: Configuration (nq,) that was measured last; None before.
+    """
+    efforts, twist, trajectory = COMMANDS
+    if sent.efforts.size or q is None:
+        empty[efforts].data = sent.efforts.tolist()
+        return (efforts,) if sent.efforts.size else ()
+    robot, base, arm = controller.robot, empty[twist], empty[trajectory]
+    speeds = ReducedDynamics(robot).basis(q)[:BASE_NV] @ sent.speeds
+    base.linear.x, base.linear.y, base.angular.z = speeds.tolist()
+    point, rates = empty[POINT], sent.speeds[len(robot.drive.base_speeds) :]
+    point.positions = (robot.joint_positions(q) + controller.period * rates).tolist()
+    point.velocities = rates.tolist()
+    span = divmod(round(controller.period * SECOND), SECOND)
+    point.time_from_start.sec, point.time_from_start.nanosec = span
+    arm.joint_names, arm.points = list(robot.joint_names), [point]
+    return twist, trajectory

@@ -1,0 +1,22 @@
+# What the CMakeLists.txt of an exported package takes from ament, and nothing of what ament does with it.
+# NAME is the package that is looked for, HEADERS the folder of the stand-ins.
+if(NOT TARGET ${NAME}::${NAME})
+  add_library(${NAME}::${NAME} INTERFACE IMPORTED)
+  target_include_directories(${NAME}::${NAME} INTERFACE ${HEADERS})
+endif()
+set(${NAME}_TARGETS ${NAME}::${NAME})
+
+enable_testing()
+macro(pluginlib_export_plugin_description_file BASE FILE)
+  if(NOT EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/${FILE})
+    message(FATAL_ERROR "no ${FILE}")
+  endif()
+endmacro()
+macro(ament_export_dependencies)
+endmacro()
+macro(ament_package)
+endmacro()
+function(ament_add_test TEST)
+  cmake_parse_arguments(GIVEN "GENERATE_RESULT_FOR_RETURN_CODE_ZERO" "" "COMMAND" ${ARGN})
+  add_test(NAME ${TEST} COMMAND ${GIVEN_COMMAND})
+endfunction()
