@@ -28,7 +28,7 @@ from rpctl.derive.text import rendered
 from rpctl.derive.write import c_law, c_source, closed_laws, comment, identifier
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known, require_positive
-from rpctl.files.writing import UNFINISHED, make_folder
+from rpctl.files.writing import UNFINISHED, make_folder, write_atomically
 from rpctl.reference.motion import ReferenceState, row_of
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
@@ -173,6 +173,7 @@ def _samples(
     for k in range(MAX_DRAWS * SAMPLES):
         q, nu = robot.random_configuration(rng), 0.1 * rng.normal(size=robot.dof)
         state = _reference_near(robot, q, rng)
+        controller.reset()  # no sample goes on from another
         sent = controller.step(k * made.law.period, q, nu)
         if sent.status == "ok":
             commands = expected_commands(dynamics, made.law.period, output, q, sent)
@@ -228,7 +229,7 @@ def _write(folder: Path, texts: dict[str, str]) -> None:
     try:
         for path, text in texts.items():
             make_folder((unfinished / path).parent)
-            (unfinished / path).write_text(text, encoding="utf-8")
+            write_atomically(unfinished / path, text.encode())
         unfinished.rename(folder)
     except OSError as error:
         raise RpctlError(f"{folder}: cannot be written: {error.strerror or error}") from None

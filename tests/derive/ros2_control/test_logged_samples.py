@@ -82,17 +82,16 @@ def folder(tmp_path: Path) -> Iterator[Path]:
         big.unlink()
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("name", "output"),
     [
-        ("paper", "effort"),
-        ("tiago", "effort"),
-        ("mecanum", "effort"),
-        ("mecanum", "velocity"),
-        ("car", "effort"),
-        ("bicycle", "velocity"),  # no joint of an arm
+        pytest.param("paper", "effort", marks=pytest.mark.slow),
+        pytest.param("tiago", "effort", marks=pytest.mark.thorough),
+        pytest.param("mecanum", "effort", marks=pytest.mark.thorough),
+        pytest.param("mecanum", "velocity", marks=pytest.mark.thorough),
+        pytest.param("car", "effort", marks=pytest.mark.thorough),
+        pytest.param("bicycle", "velocity", marks=pytest.mark.thorough),  # no joint of an arm
     ],
 )
 def test_it_sends_what_the_controller_sends(name: str, output: str, folder: Path) -> None:
