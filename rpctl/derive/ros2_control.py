@@ -28,7 +28,7 @@ from rpctl.derive.text import rendered
 from rpctl.derive.write import c_law, c_source, closed_laws, comment, identifier
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known, require_positive
-from rpctl.files.writing import UNFINISHED, make_folder, write_atomically
+from rpctl.files.writing import UNFINISHED, make_folder
 from rpctl.reference.motion import ReferenceState, row_of
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
@@ -229,7 +229,7 @@ def _write(folder: Path, texts: dict[str, str]) -> None:
     try:
         for path, text in texts.items():
             make_folder((unfinished / path).parent)
-            write_atomically(unfinished / path, text.encode())
+            (unfinished / path).write_text(text, encoding="utf-8")
         unfinished.rename(folder)
     except OSError as error:
         raise RpctlError(f"{folder}: cannot be written: {error.strerror or error}") from None

@@ -201,6 +201,7 @@ ELSEWHERE = {
     "study/store.py": "adds a line a run to the file that the one writer began",
     "engines/urdf_engine.py": "engines want a name: it lies in a folder of this process alone",
     "engines/mujoco/export.py": "read back before it is put in place, in a folder of its own",
+    "derive/ros2_control.py": "its files lie in a folder that gets its name once all are there",
     "view/film.py": "encoders want a name: it lies in a folder of this process alone",
 }
 
