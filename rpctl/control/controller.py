@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.closed_form import no_machine_code, unsupported
-from rpctl.control.dynamic import PaperDynamic, PaperDynamicController
+from rpctl.control.both_laws import BothLaws
 from rpctl.control.error import tracking_error
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.law import (
@@ -31,34 +29,26 @@ from rpctl.control.safeguards import (
     FAILURES,
     Braking,
     Guards,
-    LawWithFallback,
     Watchdog,
     require_callable,
-    require_command,
-    require_efforts,
-    require_speeds,
 )
 from rpctl.control.sampling import JumpWatch, MeasuredSample, SampleReader
 from rpctl.control.transition import Following
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.control.velocity_output import (
     TIME_ROUNDING,
-    VelocityController,
     VelocityOutput,
     as_output,
 )
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import DiffersError, require_positive
+from rpctl.errors import require_positive
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference, WrongAnswerError, require_pulling
+from rpctl.reference.motion import Reference, require_pulling
 from rpctl.robot.model import Robot
-
-if TYPE_CHECKING:
-    from rpctl.control.law_kernel import RunningLaws
 
 PERIOD = 0.002  # s
 NOTHING = np.empty(0)
-PAUSED, MOTORS_OFF, LOST = "paused", "paused, with the motors off", "lost"
+PAUSED, MOTORS_OFF = "paused", "paused, with the motors off"
 IDLE = 0.02  # m/s or rad/s: a robot whose speeds miss those it was sent by less follows them
 LATE_RATIO = 1.5  # of the period: a sample that comes later is counted as late
 
@@ -179,29 +169,9 @@ class Controller:
 
     def reset(self) -> None:
         """Forget all samples: the laws start anew, and all counts are zero."""
-        robot, started = self.robot, (self._dynamics, self.period, self._rest)
-        law, sent = self._laws[0], self._output or self._laws[1]
-        self._kernel = self._running(law, sent)
-        own = () if self._kernel is None else (self._kernel,)
-        kinematic: Any = law.start(*started, *own)
-        self._row: Any = getattr(kinematic, "row", None)
-        unified = UnifiedKinematic(approach=None).start(*started)
-        self._kinematic = LawWithFallback(kinematic, unified, partial(require_command, robot))
-        # What makes efforts or speeds of the kinematic law's command.
-        self._dynamic: LawWithFallback[Efforts] | LawWithFallback[Speeds]
-        self._speeds: VelocityController | None = None
-        if self._output is None:
-            dynamic = sent.start(*started, *own)
-            self._dynamic = LawWithFallback(
-                dynamic,
-                partial(_within_limits, PaperDynamic().start(*started)),
-                partial(require_efforts, robot),
-            )
-        else:
-            self._speeds = self._output.start(*started, *own)
-            self._dynamic = LawWithFallback(
-                self._speeds, self._speeds.last, partial(require_speeds, robot)
-            )
+        robot, sent = self.robot, self._output or self._laws[1]
+        started = self._dynamics, self.period, self._rest
+        self._both = BothLaws(self._laws[0], sent, *started, self._compiled)
         counted = "samples", "held", "stopped", "fallbacks", "late", "paused", "lost", "jumps"
         self._counts = dict.fromkeys(counted, 0)
         still = np.zeros(robot.dof)
@@ -211,26 +181,11 @@ class Controller:
         self._reader, self._jumps = SampleReader(robot, self.period), JumpWatch()
         self._watchdog = Watchdog(self.guards.lost_after)
         self._following = Following(self._dynamics, self._reference, self.guards.fading)
-        self._waits = ""  # why the reference stands
+        self._waits = self._lost = ""  # why the reference stands, and why the robot was lost last
         self._asked = self._arrived = efforts  # by the laws, and what was sent instead
         self._safe_until = math.inf  # when the last safe efforts are stale, s
         self._measured: MeasuredSample | None = None  # the last good sample
         self._braking: Braking | None = None
-
-    def _running(self, kinematic: Any, sent: Any) -> RunningLaws | None:
-        """Return both laws as one kernel; None where one of them is a function of Python's."""
-        fits = unsupported(kinematic, PaperDynamic() if self._output else sent)
-        if fits is not None:
-            return None
-        from rpctl.control.law_kernel import running_laws
-
-        self._compiled &= no_machine_code(kinematic, self.robot) is None
-        given = kinematic, sent, self._dynamics, self.period, self._rest
-        try:
-            return running_laws(*given, self._compiled)
-        except DiffersError:
-            self._compiled = False
-            return running_laws(*given)
 
     def step(self, t: float, q: Array, nu: Array, applied: Array | None = None) -> ControllerOutput:
         """Return what to send now. A sample, however bad, raises nothing.
@@ -296,8 +251,7 @@ class Controller:
         step is then quicker. It raises nothing.
         """
         if self._measured is not None and self._measured.t == self._reader.time:
-            t, q, nu = self._measured
-            self._kinematic.prepare(t, q, nu, self.period)
+            self._both.prepare(self._measured, self.period)
 
     def report(self) -> dict[str, float]:
         """Return what happened so far, by name.
@@ -307,31 +261,21 @@ class Controller:
         ``clock_changes``; 1 of ``machine_code`` where the laws run as such; then what the laws
         count.
         """
-        compiled = float(self._kernel is not None and self._compiled)
-        kinematic = {f"kinematic.{key}": n for key, n in self._kinematic.report().items()}
-        dynamic = {f"dynamic.{key}": n for key, n in self._dynamic.report().items()}
-        own = {"clock_changes": self._reader.clock_changes, "machine_code": compiled}
-        return {**self._counts, **own, **kinematic, **dynamic}
+        own = {"clock_changes": self._reader.clock_changes}
+        return {**self._counts, **own, **self._both.report()}
 
     def kinematic_report(self) -> dict[str, float]:
         """Return what the kinematic law counts, by name."""
-        return self._kinematic.report()
+        return self._both.kinematic_report()
 
     def notes(self) -> tuple[str, ...]:
         """Return a sentence for each law that failed, and one for a robot that was stopped."""
-        found = []
-        for name, law in (
-            ("kinematic law", self._kinematic),
-            ("dynamic law" if self._speeds is None else "velocity output", self._dynamic),
-        ):
-            if law.first is not None:
-                found.append(
-                    f"the {name} failed at {law.failures} of {self._counts['samples']} samples "
-                    f"and was replaced there; first at t = {law.first.t:.4g} s: {law.first.reason}"
-                )
+        found = self._both.notes(self._counts["samples"])
         if self._counts["stopped"]:
             found.append(f"the controller braked the robot at {self._counts['stopped']} samples: "
                          "there was nothing safe to send for too long")  # fmt: skip
+        if self._counts["lost"]:
+            found.append(f"the robot did not do what it was sent, and was braked: {self._lost}")
         return tuple(found)
 
     def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
@@ -345,9 +289,10 @@ class Controller:
             self._following.stop(sample)
         if before is not None:
             self._tell(before, sample.t, applied)
-        output = self._ask(sample)
-        if isinstance(output, str):
-            return output
+        answer = self._both.answer(sample, self._following.now)
+        if isinstance(answer, str):
+            return answer
+        output = self._sending(sample.t, *answer)
         if self._waits:
             self._counts["paused"] += 1
             return self._slowed(output._replace(status="stopped", reason=self._waits))
@@ -366,15 +311,15 @@ class Controller:
         elapsed = self._since(before.t, t) if own else None
         arrived = self._arrived if applied is None else self._efforts_of(applied)
         if arrived is not self._asked and elapsed is not None and self._output is None:
-            if self._kernel is None or arrived is None:
+            kernel = self._both.kernel
+            if kernel is None or arrived is None:
                 elapsed = None
-            elif self._kernel.learns:
+            elif kernel.learns:
                 with suppress(*FAILURES):
                     nu_dot = self._dynamics.forward(before.q, before.nu, arrived)
                     missing = self._dynamics.actuation(before.q) @ (arrived - self._asked)
-                    self._kernel.moved(nu_dot, missing != 0.0)
-        self._kinematic.sampled_after(elapsed)
-        self._dynamic.sampled_after(elapsed)
+                    kernel.moved(nu_dot, missing != 0.0)
+        self._both.sampled_after(elapsed)
 
     def _efforts_of(self, applied: Any) -> Array | None:
         """Return efforts (n_act,) that a robot tells; None where they are no such numbers."""
@@ -408,80 +353,47 @@ class Controller:
         if not self._watchdog.lost(sample.t, at_limit, error):
             return output
         self._following.stand(sample.t)
-        self._waits = (
-            f"{LOST}: at its limits for {self.guards.lost_after:g} s, {error:.2g} m or rad from "
-            "its reference and no nearer; resume() goes on"
+        self._lost = (
+            f"at its limits for {self.guards.lost_after:g} s, {error:.2g} m or rad from its "
+            f"reference and no nearer, at {sample.t:.4g} s"
         )
+        self._waits = f"lost: {self._lost}; resume() goes on"
         return self._without_laws(sample.t, self._waits)
 
     def _error(self, sample: MeasuredSample) -> float:
         """Return the largest error of what the law follows, m or rad."""
-        t, q, _ = sample
-        if self._kernel is not None:
-            e = self._kernel.error
+        if self._both.kernel is not None:
+            e = self._both.kernel.error
         else:
-            e = tracking_error(self.robot, self._following.now(t), q)
+            e = tracking_error(self.robot, self._following.now(sample.t), sample.q)
         return float(np.abs(e).max(initial=0.0))
 
     def _without_laws(self, t: float, reason: str) -> ControllerOutput:
         """Return what a robot is sent that is lost, which brakes it, or without motors: nothing."""
         if reason == MOTORS_OFF:
             self._counts["paused"] += 1
+            if self._both.speeds is not None:
+                self._both.speeds.sent(t, self._unknown.speeds)
             nothing = np.zeros_like(self._unknown.efforts)
             return self._unknown._replace(efforts=nothing, status="stopped", reason=reason)
         self._counts["lost"] += 1
         return self._brake(t, self._unknown._replace(status="lost", reason=reason))
-
-    def _ask(self, sample: MeasuredSample) -> ControllerOutput | str:
-        """Return what the laws answer to a sample, or why they do not."""
-        t = sample.t
-        ahead = sample if self._speeds is None else self._speeds.predict(*sample)
-        command, answer = self._by_kernel(ahead)
-        if command is None:
-            command = self._kinematic(t, self._dynamics, self._following.now, *ahead)
-            if command is None:
-                return self._kinematic.reason
-            answer = self._dynamic(t, self._dynamics, ahead.q, ahead.nu, command)
-            if answer is None:
-                return self._dynamic.reason
-        return self._sending(t, command, answer)
 
     def _since(self, before: float, t: float) -> float:
         """Return the time between samples, s: the period where no more than rounding differs."""
         elapsed = t - before
         return self.period if abs(elapsed - self.period) < TIME_ROUNDING else elapsed
 
-    def _by_kernel(self, sample: MeasuredSample) -> tuple[Command | None, Any]:
-        """Return what the laws in closed form make of a sample; nothing where one has no answer.
-
-        Then each is asked for itself, and its failure told.
-        """
-        kernel, (t, q, nu) = self._kernel, sample
-        if kernel is None:
-            return None, None
-        try:
-            row = self._row(self._dynamics, self._following.now, t, q, nu)
-        except WrongAnswerError:
-            raise
-        except FAILURES:
-            return None, None
-        if not kernel.ask(q, nu, row):
-            return None, None
-        self._kinematic.was_answered()
-        self._dynamic.was_answered()
-        kind = Efforts if self._speeds is None else Speeds
-        return kernel.command(), kind(kernel.answer.copy(), kernel.limits())
-
     def _sending(self, t: float, command: Command, answer: Efforts | Speeds) -> ControllerOutput:
         """Return what is sent at a time (s), and take note of it."""
         self._safe_until = t + self.guards.stale_after
-        reason = self._kinematic.reason or self._dynamic.reason
+        reason = self._both.reason
         self._counts["fallbacks"] += bool(reason)
         status: Status = "fallback" if reason else "ok"
         if isinstance(answer, Efforts):
             return ControllerOutput(answer.tau, NOTHING, command, answer.limits, status, reason)
-        if self._speeds is not None:
-            self._speeds.sent(t, answer.nu)
+        if self._both.speeds is not None:
+            self._both.speeds.sent(t, answer.nu)
         return ControllerOutput(NOTHING, answer.nu, command, answer.limits, status, reason)
 
     def _without_answer(self, now: float, reason: str) -> ControllerOutput:
@@ -505,20 +417,10 @@ class Controller:
             now: Time, s.
             output: What it is without any.
         """
-        if self._speeds is not None:
-            return output._replace(speeds=self._speeds.brake(now))
+        if self._both.speeds is not None:
+            return output._replace(speeds=self._both.speeds.brake(now))
         tau = None
         if self._measured is not None:
             self._braking = self._braking or Braking(self._dynamics, self._measured)
             tau = self._braking.efforts(now, self._sent.efforts)
         return output if tau is None else output._replace(efforts=tau)
-
-
-def _within_limits(
-    law: PaperDynamicController, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
-) -> Efforts:
-    """Return the efforts of the paper's law, cut off at their limits: what always can be had."""
-    robot, tau = dynamics.robot, law(dynamics, q, nu, command).tau
-    cut = np.clip(tau, -robot.effort_limits, robot.effort_limits)
-    names = (robot.actuators[i] for i in np.flatnonzero(cut != tau))
-    return Efforts(cut, tuple(Limit(name, "effort") for name in names))

@@ -87,7 +87,7 @@ def test_a_pause_stops_on_the_way_and_a_resumed_reference_starts_smoothly(paper:
 
 def test_motors_that_are_off_teach_nothing(paper: Robot) -> None:
     robot = started(paper, 1.0)
-    kernel = robot.controller._kernel
+    kernel = robot.controller._both.kernel
     assert kernel is not None
     assert kernel._d is not None
     learnt = kernel._d.copy()
@@ -159,6 +159,7 @@ def test_a_dead_wheel_ends_in_a_stop_and_leaves_the_arm_alone(paper: Robot, tell
     assert fastest < 1.0  # of its limit
     assert {output.status for output in robot.outputs[-100:]} == {"lost"}
     assert "at its limits for 2 s" in robot.outputs[-1].reason
+    assert "was braked: at its limits for 2 s" in robot.controller.notes()[-1]
     assert np.abs(robot.nu).max() < 0.05
     robot.controller.resume()
     robot.run(20.0)
@@ -170,7 +171,7 @@ def test_efforts_that_do_not_arrive_teach_the_integral_nothing(paper: Robot) -> 
     def learnt(tells: bool) -> float:
         robot = started(paper, 0.5)
         robot.run(0.5, arriving=lambda tau: np.where(np.arange(4) == 2, 0.0, tau), tells=tells)
-        kernel = robot.controller._kernel
+        kernel = robot.controller._both.kernel
         assert kernel is not None
         assert kernel._d is not None
         return float(abs(kernel._d[2]))
