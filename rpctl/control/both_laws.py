@@ -166,16 +166,16 @@ def _kernel(
     laws: tuple[Any, Any], started: tuple[ReducedDynamics, float, Rest | None], compiled: bool
 ) -> tuple[RunningLaws | None, bool]:
     """Return both laws as one kernel, if they can be, and whether it is machine code."""
-    kinematic, sent = laws
+    (kinematic, sent), (dynamics, period, rest) = laws, started
     if unsupported(kinematic, PaperDynamic() if isinstance(sent, VelocityOutput) else sent):
         return None, compiled
     from rpctl.control.law_kernel import running_laws
 
-    compiled = compiled and no_machine_code(kinematic, started[0].robot) is None
+    compiled = compiled and no_machine_code(kinematic, dynamics.robot) is None
     try:
-        return running_laws(*laws, *started, compiled), compiled
+        return running_laws(kinematic, sent, dynamics, period, rest, compiled), compiled
     except DiffersError:
-        return running_laws(*laws, *started), False
+        return running_laws(kinematic, sent, dynamics, period, rest), False
 
 
 def _within_limits(
