@@ -421,6 +421,7 @@ class Controller:
             return output._replace(speeds=self._both.speeds.brake(now))
         tau = None
         if self._measured is not None:
-            self._braking = self._braking or Braking(self._dynamics, self._measured)
+            lost = output.status == "lost"
+            self._braking = self._braking or Braking(self._dynamics, self._measured, lost)
             tau = self._braking.efforts(now, self._sent.efforts)
         return output if tau is None else output._replace(efforts=tau)

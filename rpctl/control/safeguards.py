@@ -226,10 +226,16 @@ class Braking:
 
     The efforts stay inside their limits; where these are too narrow, it brakes more slowly. Once
     the model stands, they are those that hold it.
+
+    Args:
+        alone: Whether base and arm are each braked as if the other did not accelerate: it may not
+            do what it is sent.
     """
 
-    def __init__(self, dynamics: ReducedDynamics, sample: MeasuredSample) -> None:
-        self._dynamics = dynamics
+    def __init__(
+        self, dynamics: ReducedDynamics, sample: MeasuredSample, alone: bool = False
+    ) -> None:
+        self._dynamics, self._alone = dynamics, alone
         self._t, self._q, self._nu = sample
 
     def efforts(self, t: float, sent: Array) -> Array | None:
@@ -241,12 +247,24 @@ class Braking:
         dynamics, box = self._dynamics, self._dynamics.robot.effort_limits
         try:
             self._advance(t - self._t, sent)
-            push = dynamics.inverse(self._q, self._nu, -self._nu / BRAKING_TIME)
+            push = self._push(-self._nu / BRAKING_TIME)
             tau = np.clip(dynamics.efforts(self._q, push), -box, box)
         except FAILURES:
             return None
         self._t = t
         return tau if np.isfinite(tau).all() else None
+
+    def _push(self, nu_dot: Array) -> Array:
+        """Return the quasi-force (dof,) of an acceleration (dof,)."""
+        if not self._alone:
+            return self._dynamics.inverse(self._q, self._nu, nu_dot)
+        robot = self._dynamics.robot
+        arm = np.arange(robot.dof) >= robot.dof - len(robot.joints)
+        pushes = [
+            self._dynamics.inverse(self._q, self._nu, np.where(part, nu_dot, 0.0))
+            for part in (arm, ~arm)
+        ]
+        return np.where(arm, *pushes)
 
     def _advance(self, elapsed: float, tau: Array) -> None:
         """Let the model move under efforts (n_act,) for a time (s)."""

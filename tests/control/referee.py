@@ -124,7 +124,7 @@ class Referee:
         if self._gain is not None and self._before:
             gain = np.minimum(self._gain, 1.0 / self._elapsed)
             self._d = self._d + gain * (nu - self._before[0] - self._elapsed * self._before[1])
-            self._d = np.clip(self._d, -self._reach, self._reach)
+        self._d = np.clip(self._d, -self._reach, self._reach)
         nu_dot = command.nu_d_dot - (nu - command.nu_d) / self._within.times
         efforts = self._bounded(q, nu, command, nu_dot)
         if efforts.limits:

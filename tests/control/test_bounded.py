@@ -264,12 +264,16 @@ def test_a_joint_that_cannot_be_held_leaves_the_base_alone() -> None:
     half = scale_limits(tiago, effort=0.5)
     free = summarize(track(tiago, "eight", duration=3.0, initial_error=OFF, dynamic=PaperDynamic()))
     told = summarize(
-        track(half, "eight", duration=3.0, initial_error=OFF, dynamic=BoundedDynamic())
+        track(
+            half, "eight", duration=3.0, initial_error=OFF, dynamic=BoundedDynamic(), allow_sag=True
+        )
     )
     assert told.limits_violated == ()
-    assert (told.limits_bound[1].joint, told.limits_bound[1].limit) == ("arm_2_joint", "effort")
+    assert ("arm_2_joint", "effort") in {(each.joint, each.limit) for each in told.limits_bound}
     assert told.rms_base_error == pytest.approx(free.rms_base_error, rel=5e-2)
-    plain = track(half, "eight", duration=0.5, initial_error=OFF, dynamic=PaperDynamic())
+    plain = track(
+        half, "eight", duration=0.5, initial_error=OFF, dynamic=PaperDynamic(), allow_sag=True
+    )
     assert summarize(plain).limits_violated
 
 

@@ -37,6 +37,8 @@ def step_both(robot: Robot, seed: int, at_stops: bool = False) -> tuple[np.ndarr
     expected = []
     for lane in range(LANES):
         arm = robot.home + 0.1 * rng.normal(size=len(robot.joints))
+        room = np.minimum(0.02, 0.1 * (ends[:, 1] - ends[:, 0]))
+        arm = np.clip(arm, ends[:, 0] + room, ends[:, 1] - room)  # away from its stops
         if at_stops and lane:
             arm = np.array([rng.choice(pair) for pair in np.clip(ends, -1.0, 1.0)])
         q = robot.configuration_at(rng.normal(size=3), arm)
