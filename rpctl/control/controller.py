@@ -211,15 +211,20 @@ class Controller:
     def pause(self, motors_off: bool = False) -> None:
         """Stop the robot, and the reference's time; it may be called between any two steps.
 
+        A robot that is lost stays so, but for its motors.
+
         Args:
             motors_off: Whether the motors do nothing from now on, as after an emergency stop: zeros
                 are sent, and nothing is learnt from what the robot does.
         """
         if not self._waits:
             self._following.stand(self._reader.time)
-            if self._measured is not None and not motors_off:
+        if motors_off:
+            self._waits = MOTORS_OFF
+        elif self._waits in ("", MOTORS_OFF):
+            self._waits = PAUSED
+            if self._measured is not None:
                 self._following.stop(self._measured)
-        self._waits = MOTORS_OFF if motors_off else PAUSED
 
     def resume(self) -> None:
         """Go on with the reference, smoothly, from where the robot is and the reference stands."""

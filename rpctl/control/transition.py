@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,9 +37,8 @@ def smooth_pace(t: float, first: float, last: float) -> tuple[float, float, floa
     share, rate, _ = smooth_step(t, PACE_TIME)
     u = min(max(t / PACE_TIME, 0.0), 1.0)
     passed = PACE_TIME * u**4 * (2.5 - 3.0 * u + u**2) + max(t - PACE_TIME, 0.0)
-    return first * t + (last - first) * passed, first + (last - first) * share, (
-        (last - first) * rate
-    )  # fmt: skip
+    change = last - first
+    return first * t + change * passed, first + change * share, change * rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +192,8 @@ class Following:
         jump = robot.base_pose(after.q) - robot.base_pose(before.q)
         offset = np.array([*jump, *[0.0] * len(robot.joints)])
         offset[2] = math.remainder(offset[2], math.tau)
-        if isinstance(self.now, Stop):
+        if isinstance(self.now, Stop):  # the robot stands where it stood
+            self.now = replace(self.now, pose=self.now.pose + offset[:3])
             return
         if isinstance(self.now, Transition):
             offset, last = offset + self.now.left(t)[0], self.now.last

@@ -103,6 +103,20 @@ def test_motors_that_are_off_teach_nothing(paper: Robot) -> None:
     assert np.abs(robot.error(robot.t - 1.0)).max() < 0.1
 
 
+def test_a_pause_takes_over_from_motors_that_were_off_and_from_a_pose_that_jumps(
+    paper: Robot,
+) -> None:
+    robot = started(paper, 1.0)
+    robot.controller.pause(motors_off=True)
+    robot.run(0.2, arriving=np.zeros_like)
+    robot.controller.pause()
+    robot.run(1.5)
+    assert np.abs(robot.nu).max() < 2e-3
+    stood = robot.q.copy()
+    robot.run(1.0, lambda t, q, nu: (t, q + np.array([0.3, *[0.0] * (paper.nq - 1)]), nu))
+    np.testing.assert_allclose(robot.q, stood, atol=5e-4)
+
+
 def test_another_reference_is_come_to_smoothly(paper: Robot) -> None:
     robot = started(paper, 1.0)
     robot.controller.set_reference("line")
