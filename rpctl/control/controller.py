@@ -153,6 +153,7 @@ class Controller:
         self._laws = as_law(kinematic or usual[0]), as_law(dynamic or usual[1])
         self._rest, self._output = rest, as_output(output)
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
+        self._rolls = bool(robot.drive.base_speeds)
         self.reset()
 
     def _read(self, reference: str | Reference) -> Reference:
@@ -286,7 +287,7 @@ class Controller:
     def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
         """Return what is sent after a good sample, or why nothing new is."""
         before, self._measured, self._braking = self._measured, sample, None
-        if self.robot.drive.base_speeds:
+        if self._rolls:
             self._let_in(before, sample)
         if self._waits and self._waits != PAUSED:
             return self._without_laws(sample.t, self._waits)

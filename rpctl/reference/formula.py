@@ -166,6 +166,21 @@ class Columns:
         return found.reshape(-1, found.shape[2])[:count]
 
 
+class Reader:
+    """Calls a ``casadi.Function`` of one number; it returns the same array (n,) each time."""
+
+    def __init__(self, function: Any) -> None:
+        self._buffer, self._run = function.buffer()
+        self._number, self._column = np.zeros(1), np.zeros(function.numel_out(0))
+        self._buffer.set_arg(0, self._number.data)
+        self._buffer.set_res(0, self._column.data)
+
+    def __call__(self, x: float) -> Array:
+        self._number[0] = x
+        self._run()
+        return self._column
+
+
 def _names(*values: Any) -> set[str]:
     return {symbol.name() for each in values for symbol in math.symvar(each)}
 

@@ -18,7 +18,7 @@ from rpctl.arrays import Array
 from rpctl.drive.rows import angle_of, rolling_row
 from rpctl.drive.steering import follower_positions, steer, trailing_positions
 from rpctl.errors import RpctlError
-from rpctl.reference.formula import Columns, Numbers
+from rpctl.reference.formula import Columns, Numbers, Reader
 from rpctl.robot.model import BASE_NV, Robot
 
 MAX_SHOWN_CHARACTERS = 80  # of a value in a message
@@ -374,7 +374,8 @@ def row_reader(robot: Robot, reference: Reference) -> Callable[[float], Array]:
     """Return a function that reads a reference at one time: a row of its table.
 
     It returns the row (9 + 3 n_joints + 9,) of :attr:`ReferenceTable.rows` at a time (s), number by
-    number what :func:`tabulate` has there.
+    number what :func:`tabulate` has there. The row is valid until the next one is read: it may be
+    the same array each time. A reader is for one thread.
 
     Raises:
         WrongAnswerError: When it is called: as of :func:`tabulate`.
@@ -382,6 +383,8 @@ def row_reader(robot: Robot, reference: Reference) -> Callable[[float], Array]:
     if not _tells_rows(reference):
         return lambda t: row_of(require_state(robot, reference(t), t))
     tell, width = reference.row, sum(row_sizes(robot))
+    if isinstance(tell, Columns):
+        tell = Reader(tell.function)
 
     def read(t: float) -> Array:
         row = tell(t)
