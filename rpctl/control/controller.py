@@ -409,6 +409,8 @@ class Controller:
             now: Time, s.
             reason: Why there are no others.
         """
+        if self._waits == MOTORS_OFF:
+            return self._without_laws(now, MOTORS_OFF)
         self._safe_until = min(self._safe_until, now + self.guards.stale_after)
         if now <= self._safe_until:
             self._counts["held"] += 1

@@ -103,6 +103,15 @@ def test_motors_that_are_off_teach_nothing(paper: Robot) -> None:
     assert np.abs(robot.error(robot.t - 1.0)).max() < 0.1
 
 
+def test_bad_samples_move_no_motor_that_is_off(paper: Robot) -> None:
+    """Neither the efforts of before go on, nor are there any that brake."""
+    robot = started(paper, 1.0)
+    robot.controller.pause(motors_off=True)
+    robot.run(0.3, lambda t, q, nu: (t, q * np.nan, nu), arriving=np.zeros_like)
+    assert all((output.efforts == 0.0).all() for output in robot.outputs[500:])
+    assert {output.status for output in robot.outputs[500:]} == {"stopped"}
+
+
 def test_a_pause_takes_over_from_motors_that_were_off_and_from_a_pose_that_jumps(
     paper: Robot,
 ) -> None:
