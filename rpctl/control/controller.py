@@ -26,6 +26,7 @@ from rpctl.control.law import (
 )
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.safeguards import (
+    BRAKING_RATE,
     FAILURES,
     Braking,
     Guards,
@@ -154,6 +155,7 @@ class Controller:
         self._rest, self._output = rest, as_output(output)
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
         self._rolls = bool(robot.drive.base_speeds)
+        self._rate = min(self.guards.effort_rate or math.inf, BRAKING_RATE)
         self.reset()
 
     def _read(self, reference: str | Reference) -> Reference:
@@ -184,6 +186,7 @@ class Controller:
         self._following = Following(self._dynamics, self._reference, self.guards.fading)
         self._waits = self._lost = ""  # why the reference stands, and why the robot was lost last
         self._asked = self._arrived = efforts  # by the laws, and what was sent instead
+        self._ramps = False  # whether efforts come slowly after a stop or a gap
         self._safe_until = math.inf  # when the last safe efforts are stale, s
         self._measured: MeasuredSample | None = None  # the last good sample
         self._braking: Braking | None = None
@@ -291,10 +294,17 @@ class Controller:
             self._let_in(before, sample)
         if self._waits and self._waits != PAUSED:
             return self._without_laws(sample.t, self._waits)
-        if before is None and self._waits:
+        gap = before is not None and sample.t - before.t > self.guards.stale_after + self.period
+        own = self._sent.status not in ("stopped", "lost") or self._sent.reason == PAUSED
+        if self._waits and (before is None or self._brakes):
             self._following.stop(sample)
+        elif self._brakes:
+            self._following.go_on(sample.t, sample)
+        elif gap:
+            self._following.rejoin(sample)
+        self._ramps = self._ramps or gap or not own
         if before is not None:
-            self._tell(before, sample.t, applied)
+            self._tell(before, sample.t, applied, own and not gap)
         answer = self._both.answer(sample, self._following.now)
         if isinstance(answer, str):
             return answer
@@ -310,11 +320,21 @@ class Controller:
             self._counts["jumps"] += 1
             self._following.jumped(before, sample)
 
-    def _tell(self, before: MeasuredSample, t: float, applied: Array | None) -> None:
-        """Tell the laws how long ago the last sample was (s), and what arrived since."""
+    @property
+    def _brakes(self) -> bool:
+        """Whether the robot was braked at the last sample for want of good ones."""
+        return self._sent.status == "stopped" and self._sent.reason not in (PAUSED, MOTORS_OFF)
+
+    def _tell(
+        self, before: MeasuredSample, t: float, applied: Array | None, learns: bool
+    ) -> None:
+        """Tell the laws how long ago the last sample was (s), and what arrived since.
+
+        Args:
+            learns: Whether what the robot did since is the laws' doing.
+        """
         self._counts["late"] += t - before.t > LATE_RATIO * self.period
-        own = self._sent.status not in ("stopped", "lost") or self._sent.reason == PAUSED
-        elapsed = self._since(before.t, t) if own else None
+        elapsed = self._since(before.t, t) if learns else None
         arrived = self._arrived if applied is None else self._efforts_of(applied)
         if arrived is not self._asked and elapsed is not None and self._output is None:
             kernel = self._both.kernel
@@ -338,15 +358,20 @@ class Controller:
     def _slowed(self, output: ControllerOutput) -> ControllerOutput:
         """Return what is sent with the rate of its efforts within their own limit."""
         self._arrived = self._asked = output.efforts
-        rate = self.guards.effort_rate
+        rate = self._rate if self._ramps else self.guards.effort_rate
         if rate is None or self._output is not None:
             return output
-        most = rate * self.period * self.robot.effort_limits
+        most = self._largest_change(rate)
         tau = self._sent.efforts + np.clip(output.efforts - self._sent.efforts, -most, most)
         if (tau == output.efforts).all():
+            self._ramps = False
             return output
         self._arrived = tau
         return output._replace(efforts=tau)
+
+    def _largest_change(self, rate: float) -> Array:
+        """Return by how much efforts (n_act,) may change at a sample at a rate over limits, 1/s."""
+        return np.asarray(rate * self.period * self.robot.effort_limits)
 
     def _watched(self, sample: MeasuredSample, output: ControllerOutput) -> ControllerOutput:
         """Return what is sent, or what brakes a robot that is lost."""
@@ -416,6 +441,8 @@ class Controller:
             self._counts["held"] += 1
             return self._sent._replace(status="held", reason=reason)
         self._counts["stopped"] += 1
+        if not (self._brakes or self._waits):
+            self._following.stand(now)
         return self._brake(now, self._unknown._replace(status="stopped", reason=reason))
 
     def _brake(self, now: float, output: ControllerOutput) -> ControllerOutput:
@@ -430,6 +457,7 @@ class Controller:
         tau = None
         if self._measured is not None:
             lost = output.status == "lost"
-            self._braking = self._braking or Braking(self._dynamics, self._measured, lost)
+            most = self._largest_change(self._rate)
+            self._braking = self._braking or Braking(self._dynamics, self._measured, most, lost)
             tau = self._braking.efforts(now, self._sent.efforts)
         return output if tau is None else output._replace(efforts=tau)

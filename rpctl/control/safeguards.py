@@ -52,7 +52,7 @@ class Guards(Record):
             "How fast an error that comes at once, as of a pose that jumps or of a resumed "
             "reference, is let in.",
         ),
-    ] = 0.3
+    ] = 0.6
     effort_rate: Annotated[
         float | None,
         POSITIVE,
@@ -217,6 +217,7 @@ class LawWithFallback(Generic[Answer]):
 
 
 BRAKING_TIME = 0.3  # s: time constant with which the speeds decay
+BRAKING_RATE = 50.0  # 1/s: of efforts over their limits; a stop comes quickly, and not as a blow
 LONGEST_STEP = 0.01  # s, of the model's motion
 LONGEST_PREDICTION = 1.0  # s: after a longer silence nothing is known of the motion
 
@@ -224,18 +225,24 @@ LONGEST_PREDICTION = 1.0  # s: after a longer silence nothing is known of the mo
 class Braking:
     """Brakes a robot from its last measured state: ν̇ = −ν/T along the motion of its model.
 
-    The efforts stay inside their limits; where these are too narrow, it brakes more slowly. Once
-    the model stands, they are those that hold it.
+    The efforts stay inside their limits and come within a rate from those that were sent before;
+    where these are too narrow, it brakes more slowly. Once the model stands, they are those that
+    hold it.
 
     Args:
+        most: Largest change of the efforts (n_act,) at a sample.
         alone: Whether base and arm are each braked as if the other did not accelerate: it may not
             do what it is sent.
     """
 
     def __init__(
-        self, dynamics: ReducedDynamics, sample: MeasuredSample, alone: bool = False
+        self,
+        dynamics: ReducedDynamics,
+        sample: MeasuredSample,
+        most: Array,
+        alone: bool = False,
     ) -> None:
-        self._dynamics, self._alone = dynamics, alone
+        self._dynamics, self._most, self._alone = dynamics, most, alone
         self._t, self._q, self._nu = sample
 
     def efforts(self, t: float, sent: Array) -> Array | None:
@@ -249,6 +256,7 @@ class Braking:
             self._advance(t - self._t, sent)
             push = self._push(-self._nu / BRAKING_TIME)
             tau = np.clip(dynamics.efforts(self._q, push), -box, box)
+            tau = np.clip(tau, sent - self._most, sent + self._most)
         except FAILURES:
             return None
         self._t = t

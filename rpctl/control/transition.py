@@ -150,11 +150,11 @@ class Following:
     def __init__(self, dynamics: ReducedDynamics, reference: Reference, fading: float) -> None:
         self._dynamics, self._fading = dynamics, fading
         self.reference = self.now = reference
-        self._stands_at = 0.0  # the reference's time, while it stands
+        self._stands, self._stands_at = False, 0.0  # the reference's time, while it stands
 
     def stand(self, t: float) -> None:
         """Let the reference's time stand from a time (s) on."""
-        self._stands_at = self._time(max(t, 0.0))[0]
+        self._stands_at, self._stands = self._time(max(t, 0.0))[0], True
         self.now = self.reference
 
     def stop(self, sample: MeasuredSample) -> None:
@@ -164,12 +164,20 @@ class Following:
         self.now = Stop(t, robot.base_pose(q), self._twist(sample), robot.joint_positions(q), rates)
 
     def go_on(self, t: float, sample: MeasuredSample | None) -> None:
-        """Let the reference's time pass again from a time (s) on.
+        """Let the reference's time pass again from a time (s) on, about as fast as the robot is.
 
         Args:
             sample: Where the robot is, if that is known.
         """
-        self._go(t, self._stands_at, (0.0, 1.0), self._gap(self._stands_at, sample))
+        at = self._stands_at
+        pace = 0.0 if sample is None else self._pace(at, sample)
+        self._go(t, at, (pace, 1.0), self._gap(at, sample))
+
+    def rejoin(self, sample: MeasuredSample) -> None:
+        """Come back from where the robot is: nobody knows what it did since the last sample."""
+        time, _ = self._time(sample.t)
+        paces = self._pace(time, sample), 1.0
+        self._go(sample.t, time, paces, self._gap(time, sample))
 
     def change(self, reference: Reference, t: float, sample: MeasuredSample | None) -> None:
         """Follow another reference from its time 0 on, about as fast as the robot is.
@@ -181,9 +189,7 @@ class Following:
         """
         self.reference, self._stands_at, pace = reference, 0.0, 1.0
         if sample is not None and not isinstance(self.now, Stop):
-            own, wanted = self._twist(sample), np.asarray(reference(0.0).twist)
-            square = float(wanted @ wanted)
-            pace = min(max(float(own @ wanted) / square, 0.0), 1.0) if square else 1.0
+            pace = self._pace(0.0, sample)
         self._go(t, 0.0, (pace, 1.0), self._gap(0.0, sample))
 
     def jumped(self, before: MeasuredSample, after: MeasuredSample) -> None:
@@ -202,14 +208,22 @@ class Following:
 
     def _go(self, t: float, at: float, paces: tuple[float, float], offset: Array) -> None:
         way = float(np.hypot(*offset[:2]) + np.abs(offset[2:]).max())
-        fading = STEEPEST * way / self._fading
+        fading, self._stands = STEEPEST * way / self._fading, False
         self.now = Transition(self.reference, t, at, *paces, offset, fading)
 
     def _time(self, t: float) -> tuple[float, float]:
         """Return the reference's time (s) at a time (s), and its pace."""
-        if isinstance(self.now, Stop):
+        if self._stands:
             return self._stands_at, 0.0
         return self.now.time(t) if isinstance(self.now, Transition) else (t, 1.0)
+
+    def _pace(self, at: float, sample: MeasuredSample) -> float:
+        """Return how fast the robot is on the reference at its time ``at``, from 0 to 1."""
+        n, state = len(self._dynamics.robot.joints), self.reference(at)
+        own = np.concatenate([self._twist(sample), sample.nu[len(sample.nu) - n :]])
+        wanted = np.concatenate([state.twist, state.joint_rates])
+        square = float(wanted @ wanted)
+        return min(max(float(own @ wanted) / square, 0.0), 1.0) if square else 1.0
 
     def _gap(self, at: float, sample: MeasuredSample | None) -> Array:
         """Return where the robot is beside the reference at its time ``at`` (3 + n_joints,)."""
