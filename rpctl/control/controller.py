@@ -31,6 +31,7 @@ from rpctl.control.safeguards import (
     Braking,
     Guards,
     Watchdog,
+    falls_short,
     require_callable,
 )
 from rpctl.control.sampling import JumpWatch, MeasuredSample, SampleReader
@@ -50,7 +51,6 @@ from rpctl.robot.model import Robot
 PERIOD = 0.002  # s
 NOTHING = np.empty(0)
 PAUSED, MOTORS_OFF = "paused", "paused, with the motors off"
-IDLE = 0.02  # m/s or rad/s: a robot whose speeds miss those it was sent by less follows them
 LATE_RATIO = 1.5  # of the period: a sample that comes later is counted as late
 
 Status = Literal["ok", "fallback", "held", "stopped", "lost"]
@@ -155,6 +155,7 @@ class Controller:
         self._rest, self._output = rest, as_output(output)
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
         self._rolls = bool(robot.drive.base_speeds)
+        self._in_arm = np.array([name in robot.joint_names for name in robot.actuators])
         self._rate = min(self.guards.effort_rate or math.inf, BRAKING_RATE)
         self.reset()
 
@@ -292,26 +293,23 @@ class Controller:
         before, self._measured, self._braking = self._measured, sample, None
         if self._rolls:
             self._let_in(before, sample)
-        if self._waits and self._waits != PAUSED:
-            return self._without_laws(sample.t, self._waits)
+        if self._waits == MOTORS_OFF:
+            return self._without_motors(sample.t)
         gap = before is not None and sample.t - before.t > self.guards.stale_after + self.period
-        own = self._sent.status not in ("stopped", "lost") or self._sent.reason == PAUSED
-        if self._waits and (before is None or self._brakes):
-            self._following.stop(sample)
-        elif self._brakes:
-            self._following.go_on(sample.t, sample)
-        elif gap:
-            self._following.rejoin(sample)
-        self._ramps = self._ramps or gap or not own
+        own = self._sent.status != "stopped" or self._sent.reason == PAUSED
+        self._come_back(before, sample, gap)
+        self._ramps = self._ramps or gap or not own or self._watchdog.suspects(sample.t)
         if before is not None:
             self._tell(before, sample.t, applied, own and not gap)
         answer = self._both.answer(sample, self._following.now)
         if isinstance(answer, str):
             return answer
         output = self._sending(sample.t, *answer)
-        if self._waits:
+        if self._waits == PAUSED:
             self._counts["paused"] += 1
-            return self._slowed(output._replace(status="stopped", reason=self._waits))
+            return self._slowed(output._replace(status="stopped", reason=PAUSED))
+        if self._waits:
+            return self._lost_base(sample, output)
         return self._watched(sample, self._slowed(output))
 
     def _let_in(self, before: MeasuredSample | None, sample: MeasuredSample) -> None:
@@ -319,15 +317,30 @@ class Controller:
         if self._jumps.jumps(sample.t, sample.q[:4].tolist()) and before is not None:
             self._counts["jumps"] += 1
             self._following.jumped(before, sample)
+            self._ramps = True
+
+    def _come_back(self, before: MeasuredSample | None, sample: MeasuredSample, gap: bool) -> None:
+        """Let a robot come back smoothly that was braked, or that was not seen for long.
+
+        Args:
+            gap: Whether there was no sample for long.
+        """
+        if self._waits:
+            if self._brakes or before is None:
+                self._following.stop(sample)
+            return
+        with suppress(*FAILURES):  # of the reference: the laws find them as well
+            if self._brakes:
+                self._following.go_on(sample.t, sample)
+            elif gap:
+                self._following.rejoin(sample)
 
     @property
     def _brakes(self) -> bool:
         """Whether the robot was braked at the last sample for want of good ones."""
         return self._sent.status == "stopped" and self._sent.reason not in (PAUSED, MOTORS_OFF)
 
-    def _tell(
-        self, before: MeasuredSample, t: float, applied: Array | None, learns: bool
-    ) -> None:
+    def _tell(self, before: MeasuredSample, t: float, applied: Array | None, learns: bool) -> None:
         """Tell the laws how long ago the last sample was (s), and what arrived since.
 
         Args:
@@ -378,9 +391,8 @@ class Controller:
         if self._output is None:
             at_limit = any(limit.kind == "effort" for limit in output.limits)
         else:
-            miss = np.linalg.norm(sample.nu - output.speeds)
-            at_limit = bool(miss > IDLE + 0.5 * np.linalg.norm(output.speeds))
-        error = self._error(sample) if at_limit else 0.0
+            at_limit = bool(falls_short(sample.nu, output.speeds))
+        error = self._error(sample)
         if not self._watchdog.lost(sample.t, at_limit, error):
             return output
         self._following.stand(sample.t)
@@ -389,7 +401,25 @@ class Controller:
             f"reference and no nearer, at {sample.t:.4g} s"
         )
         self._waits = f"lost: {self._lost}; resume() goes on"
-        return self._without_laws(sample.t, self._waits)
+        self._following.stop(sample)
+        return self._lost_base(sample, output)
+
+    def _lost_base(self, sample: MeasuredSample, output: ControllerOutput) -> ControllerOutput:
+        """Return what stops a robot that is lost: the laws have its arm, and its base is braked.
+
+        Args:
+            output: What the laws make of a stop.
+        """
+        self._counts["lost"] += 1
+        asked, output = output.efforts, output._replace(status="lost", reason=self._waits)
+        braked = self._brake(sample.t, output)
+        if self._output is not None:
+            return braked
+        output = self._slowed(output._replace(
+            efforts=np.where(self._in_arm, output.efforts, braked.efforts)
+        ))  # fmt: skip
+        self._asked = asked
+        return output
 
     def _error(self, sample: MeasuredSample) -> float:
         """Return the largest error of what the law follows, m or rad."""
@@ -399,16 +429,13 @@ class Controller:
             e = tracking_error(self.robot, self._following.now(sample.t), sample.q)
         return float(np.abs(e).max(initial=0.0))
 
-    def _without_laws(self, t: float, reason: str) -> ControllerOutput:
-        """Return what a robot is sent that is lost, which brakes it, or without motors: nothing."""
-        if reason == MOTORS_OFF:
-            self._counts["paused"] += 1
-            if self._both.speeds is not None:
-                self._both.speeds.sent(t, self._unknown.speeds)
-            nothing = np.zeros_like(self._unknown.efforts)
-            return self._unknown._replace(efforts=nothing, status="stopped", reason=reason)
-        self._counts["lost"] += 1
-        return self._brake(t, self._unknown._replace(status="lost", reason=reason))
+    def _without_motors(self, t: float) -> ControllerOutput:
+        """Return what a robot is sent whose motors are off: nothing."""
+        self._counts["paused"] += 1
+        if self._both.speeds is not None:
+            self._both.speeds.sent(t, self._unknown.speeds)
+        nothing = np.zeros_like(self._unknown.efforts)
+        return self._unknown._replace(efforts=nothing, status="stopped", reason=MOTORS_OFF)
 
     def _since(self, before: float, t: float) -> float:
         """Return the time between samples, s: the period where no more than rounding differs."""
@@ -435,7 +462,7 @@ class Controller:
             reason: Why there are no others.
         """
         if self._waits == MOTORS_OFF:
-            return self._without_laws(now, MOTORS_OFF)
+            return self._without_motors(now)
         self._safe_until = min(self._safe_until, now + self.guards.stale_after)
         if now <= self._safe_until:
             self._counts["held"] += 1

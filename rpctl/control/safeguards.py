@@ -283,8 +283,11 @@ class Braking:
             )
 
 
+IDLE = 0.02  # m/s or rad/s: a robot whose speeds miss those it was sent by less follows them
 PROGRESS = 0.05  # of an error: one that falls by less does not fall
-LOST_ERROR = 0.3  # m or rad: no robot is lost that is nearer to its reference
+LOST_ERROR = 0.15  # m or rad: no robot is lost that is nearer to its reference
+SUSPICION = 0.1  # s at its limits after which a robot may be lost
+FREE = 0.25  # s: a robot that is at no limit for as long is free again
 
 
 class Watchdog:
@@ -297,6 +300,11 @@ class Watchdog:
     def __init__(self, patience: float) -> None:
         self._patience = patience
         self._since, self._least = math.inf, math.inf  # s; m or rad
+        self._bound_at, self._bound_since = -math.inf, math.inf  # s; at limits, but for moments
+
+    def suspects(self, t: float) -> bool:
+        """Return whether the robot may be lost at a time (s): efforts are to come slowly then."""
+        return t - self._bound_since > SUSPICION
 
     def lost(self, t: float, at_limit: bool, error: float) -> bool:
         """Return whether the robot is lost at a sample.
@@ -306,8 +314,34 @@ class Watchdog:
             at_limit: Whether limits keep the robot from what its law wants.
             error: Of what is tracked, m or rad.
         """
-        if not at_limit or error < LOST_ERROR:
+        self._bound_at = t if at_limit else self._bound_at
+        free = t - self._bound_at > FREE
+        self._bound_since = math.inf if free else min(self._bound_since, t)
+        if free or error < LOST_ERROR:
             self._since, self._least = math.inf, math.inf
         elif error < (1.0 - PROGRESS) * self._least or math.isinf(self._since):
             self._since, self._least = t, error
         return t - self._since > self._patience
+
+    def first_lost(self, t: Array, at_limit: Array, errors: Array) -> int | None:
+        """Return the number of the first sample at which the robot is lost; None: at none.
+
+        Args:
+            t: Time (K,), s.
+            at_limit: Whether limits keep it from what its law wants (K,).
+            errors: Of what is tracked (K, n), m or rad.
+        """
+        if not at_limit.any() and math.isinf(self._bound_since):
+            return None
+        largest = np.abs(errors).max(axis=1, initial=0.0)
+        rows = zip(t.tolist(), at_limit.tolist(), largest.tolist(), strict=True)
+        return next((k for k, row in enumerate(rows) if self.lost(*row)), None)
+
+
+def falls_short(nu: Array, sent: Array) -> Any:
+    """Return whether speeds (..., dof) miss those that were sent by more than a robot that follows.
+
+    A robot that stands, as good as, follows.
+    """
+    miss = np.linalg.norm(nu - sent, axis=-1)
+    return miss > IDLE + 0.5 * np.linalg.norm(sent, axis=-1)

@@ -22,6 +22,7 @@ from rpctl.control.registry import (
     kinematic_by_name,
     read_own_laws,
 )
+from rpctl.control.safeguards import Guards
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
@@ -242,6 +243,7 @@ class Config:
         plant: Differences between the simulated robot and the controller's model.
         output: Of a robot that takes speeds: how it follows them, as the controller knows it, and
             no dynamic law counts; None: its output are efforts.
+        guards: What the controller does about faults, and how fast its efforts may change.
     """
 
     kinematic: KinematicLaw | KinematicFunction = field(default_factory=lambda: default_laws()[0])
@@ -250,6 +252,7 @@ class Config:
     limits: LimitOverrides = field(default_factory=LimitOverrides)
     plant: Plant = field(default_factory=Plant)
     output: VelocityOutput | None = None
+    guards: Guards = field(default_factory=Guards)
 
     def with_laws(self, kinematic: str | None, dynamic: str | None) -> Config:
         """Return a configuration with these laws, by name; those that it has keep their settings.

@@ -41,6 +41,7 @@ NEAR = 0.02  # m or rad: back on the reference
 MOST_JUMP = 0.3  # of an effort's limit, from a sample to the next
 BEYOND = 0.1  # of a joint's limit of speed; of its range where it has one
 SETTLED = 10  # samples after which the start's own jump is over
+LASTING = 5.0  # s more, in which a wheel that stays dead shows
 BRAKES = 0.95  # of the speeds is left after a sample with the brakes on
 KINDS = "delay", "loss", "jump", "dead", "nan", "clock", "stop"
 
@@ -185,9 +186,11 @@ def run_faults(robot: Robot, faults: list[Fault], rng: np.random.Generator) -> T
     limits, n = robot.effort_limits, len(robot.joints)
     speeds, (low, high) = joint_limits(robot)
     last = max(f.end if math.isfinite(f.end) else f.start for f in faults)
+    if any(f.kind == "dead" and math.isinf(f.end) for f in faults):
+        last += LASTING
     jumped = dict.fromkeys(range(len(faults)), False)
     pivots: dict[int, Array] = {}
-    off, resumes, before, output = False, False, rest.tau, None
+    off, stops, before, output = False, False, rest.tau, None
     for k in range(round((last + RECOVERED_IN) / PERIOD)):
         t = k * PERIOD
         given, q, nu, late, arrives, dead = t, plant.q.copy(), plant.nu.copy(), 0, True, []
@@ -210,14 +213,13 @@ def run_faults(robot: Robot, faults: list[Fault], rng: np.random.Generator) -> T
                 given += fault.size
             elif not jumped[i]:
                 controller.pause(motors_off=True)
-                jumped[i] = off = exempt = True
-        stops = [f for f in faults if f.kind == "stop"]
-        if off and not any(f.acts(t) for f in stops):
+                jumped[i] = off = stops = True
+        if off and not any(f.kind == "stop" and f.acts(t) for f in faults):
             controller.resume()
-            off, resumes = False, True
+            off = False
         if arrives or output is None:
             output = controller.step(given, q, nu)
-            pass
+            exempt, stops = exempt or stops, False
         sent.append(output.efforts)
         change = float(np.max(np.abs(output.efforts - before) / limits))
         before = output.efforts

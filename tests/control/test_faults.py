@@ -100,7 +100,8 @@ def test_motors_that_are_off_teach_nothing(paper: Robot) -> None:
     np.testing.assert_array_equal(kernel._d, learnt)
     robot.run(6.0)
     assert robot.largest_jump(502) < 0.1  # its arm and base coast
-    assert np.abs(robot.error(robot.t - 1.0)).max() < 0.1
+    # It coasts on: the reference goes on about as fast, and 0.5 s later than it would have.
+    assert np.abs(robot.error(robot.t - 0.6)).max() < 0.1
 
 
 def test_bad_samples_move_no_motor_that_is_off(paper: Robot) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.safeguards import Watchdog
 from rpctl.errors import DivergedError
 from rpctl.kernels.program import Rows, RowStream
 from rpctl.reference.motion import ReferenceTable, tabulate
@@ -26,6 +27,7 @@ TROUBLES = {
     LAW_FAILED: "a law had no answer at a sample",
     FAR: "the base got far from its reference, and needed a way up to it",
 }
+LOST = "the robot is lost, and its controller brakes it"
 
 
 class NeedsPython(Exception):
@@ -59,6 +61,7 @@ def close_compiled_loop(loop: Loop, recorder: Recorder) -> None:
     try:
         inputs = same_inputs(compiled, known, config, rest)
         lane = Lanes(compiled, known, config, reference, inputs)
+        watchdog = Watchdog(config.guards.lost_after)
         (stage,) = lane.stages
         if stage is not None:
             loop.approaches = stage.approaches
@@ -70,7 +73,7 @@ def close_compiled_loop(loop: Loop, recorder: Recorder) -> None:
                 s: Rows(np.empty((len(times), s.width, 1))) for s in compiled.program.log.values()
             }
             lane.advance(first, times, table.rows, log)
-            _record(compiled, log, table, first, recorder)
+            _record(compiled, log, table, first, recorder, watchdog)
             loop.wall_time = time.perf_counter() - began
             if loop.progress is not None:
                 loop.progress(first + len(times) - 1, steps)
@@ -87,6 +90,7 @@ def _record(
     table: ReferenceTable,
     first: int,
     recorder: Recorder,
+    watchdog: Watchdog,
 ) -> None:
     """Record the samples of a chunk, up to the first that no loop or only Python's goes on from.
 
@@ -95,6 +99,7 @@ def _record(
         table: The reference.
         first: Number of the first sample.
         recorder: Gets them.
+        watchdog: Of the robot.
 
     Raises:
         DivergedError: The motion left the finite numbers.
@@ -109,18 +114,38 @@ def _record(
     sound = int(ends[0]) if len(ends) else len(trouble)
     whole = np.isfinite(np.hstack([log["q"][sound:][:1], log["nu"][sound:][:1]])).all()
     diverged = bool(len(ends)) and not slow[sound]
-    rows = slice(sound + (diverged and bool(whole)))
-    if rows.stop:
-        sets, which = _distinct(log["limits"][rows])
-        columns = {name: log[name][rows] for name in ("q", "nu", "tau", "nu_d")}
-        columns["nu_cmd"] = np.empty((rows.stop, 0))
-        columns["work"], columns["lost"] = log["energy"][rows].T
-        names = compiled.program.law.limit_names
-        recorder.add_batch(Samples(table.at(rows), columns, which), [names(row) for row in sets])
+    labels = compiled.program.law.limit_names.labels
+    efforts = [k for k, limit in enumerate(labels) if limit.kind == "effort"]
+    at_limit = (log["limits"][:sound, efforts] != 0.0).any(axis=1)
+    lost = watchdog.first_lost(table.t[:sound], at_limit, log["e"][:sound])
+    if lost is None:
+        _add(compiled, log, table, sound + (diverged and bool(whole)), recorder)
+    else:
+        _add(compiled, log, table, lost, recorder)
+        raise NeedsPython(LOST, first + lost)
     if diverged:
         raise DivergedError(diverged_at(table.t[sound]))
     if len(ends):
         raise NeedsPython(TROUBLES[float(trouble[sound])], first + sound)
+
+
+def _add(
+    compiled: CompiledLoop,
+    log: Mapping[str, Array],
+    table: ReferenceTable,
+    count: int,
+    recorder: Recorder,
+) -> None:
+    """Record the first samples of a chunk."""
+    if not count:
+        return
+    sets, which = _distinct(log["limits"][:count])
+    columns = {name: log[name][:count] for name in ("q", "nu", "tau", "nu_d")}
+    columns["nu_cmd"] = np.empty((count, 0))
+    columns["work"], columns["lost"] = log["energy"][:count].T
+    names = compiled.program.law.limit_names
+    samples = Samples(table.at(slice(count)), columns, which)
+    recorder.add_batch(samples, [names(row) for row in sets])
 
 
 def _distinct(rows: Array) -> tuple[list[Array], Array]:

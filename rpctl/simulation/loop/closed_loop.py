@@ -174,6 +174,7 @@ class ComputingController:
                 config.run.control_period,
                 config.output or "effort",
                 rest,
+                config.guards,
                 compiled=False,
             )
         self._busy_until = 0.0  # s

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.horizon.law import Horizon
+from rpctl.control.safeguards import Watchdog, falls_short
 from rpctl.dynamics.ground_reaction import ON_ONE_LINE
 from rpctl.simulation.merits.ground import slip_ranges, tilts
 from rpctl.simulation.merits.outcome import (
     CANNOT_HOLD,
     CHATTERS,
     JACK_KNIFED,
+    LOST,
     SLIPS,
     TIPS,
     Outcome,
@@ -39,7 +41,8 @@ FAST = 1.5  # of its limit: a joint that turns faster is thrown
 
 def impossible(run: Run) -> Outcome | None:
     """Return what makes a run impossible, the worst first; None if nothing does."""
-    return _jack_knifed(run) or _tips(run) or _slips(run) or _cannot_hold(run) or _chatters(run)
+    found = _jack_knifed(run) or _tips(run) or _slips(run) or _cannot_hold(run)
+    return found or _lost(run) or _chatters(run)
 
 
 def _jack_knifed(run: Run) -> Outcome | None:
@@ -127,6 +130,23 @@ def _cannot_hold(run: Run) -> Outcome | None:
     return Outcome(
         CANNOT_HOLD, f"{name} is {error.max():.2g} {unit} off its reference, beyond {bound:.2g} "
         f"{unit} from {when:.3g} s on{why}"
+    )  # fmt: skip
+
+
+def _lost(run: Run) -> Outcome | None:
+    """Return that limits kept the robot from what its law wanted while its error did not fall."""
+    log, guards = run.log, run.config.guards
+    if run.config.output is None:
+        efforts = [k for k, (_, kind) in enumerate(log.bound_limits) if kind == "effort"]
+        at_limit = log.active_limits[:, efforts].any(axis=1)
+    else:
+        at_limit = falls_short(log.nu, log.nu_cmd)
+    at = Watchdog(guards.lost_after).first_lost(run.t, at_limit, log.e)
+    if at is None:
+        return None
+    return Outcome(
+        LOST, f"at its limits for {guards.lost_after:g} s, {np.abs(log.e[at]).max():.2g} m or rad "
+        f"from its reference and no nearer, at {run.t[at]:.3g} s"
     )  # fmt: skip
 
 

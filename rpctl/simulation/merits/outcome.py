@@ -6,7 +6,8 @@ run, means are over its last quarter.
 
 What makes a run impossible comes before all but the first two (``impossible.py``): the robot
 **tips** or **slips** for certain, a trailer has **jack-knifed**, a joint is thrown off its
-reference, which its motor **cannot hold**, or efforts **chatter**.
+reference, which its motor **cannot hold**, the robot is **lost** as its controller tells it
+(:class:`rpctl.control.safeguards.Watchdog`), or efforts **chatter**.
 
 - **collided**: a link ran into an obstacle, the ground or another link
   (:mod:`rpctl.simulation.merits.collisions`), or the body that a law guards into an obstacle;
@@ -37,10 +38,10 @@ from rpctl.simulation.merits.path_error import PathTrace, length, trace_path
 
 TRACKED, LATE, STUCK, DIVERGING, COLLIDED = "tracked", "late", "stuck", "diverging", "collided"
 CHATTERS, CANNOT_HOLD, SLIPS, TIPS = "chatters", "cannot-hold", "slips", "tips"
-JACK_KNIFED = "jack-knifed"
+JACK_KNIFED, LOST = "jack-knifed", "lost"
 OUTCOMES = (  # from good to bad
     *(TRACKED, LATE, STUCK, DIVERGING),
-    *(CHATTERS, CANNOT_HOLD, SLIPS, TIPS, JACK_KNIFED, COLLIDED),
+    *(CHATTERS, LOST, CANNOT_HOLD, SLIPS, TIPS, JACK_KNIFED, COLLIDED),
 )
 SUCCESSES = (TRACKED, LATE)  # a law that slows down to keep limits is late, and does well
 
