@@ -276,3 +276,12 @@ def test_rates_of_what_is_followed_are_those_of_its_positions(
     else:
         np.testing.assert_allclose(begins.pose, pose)
         np.testing.assert_allclose(followed(9.0).twist, 0.0)
+
+
+def test_a_limit_that_binds_no_more_for_a_moment_saves_no_robot() -> None:
+    """Its wheel swung from one limit to the other, and each time it counted as free."""
+    watchdog = Watchdog(2.0)  # at 10 Hz, free each fifth time
+    told = [watchdog.lost(0.1 * k, k % 5 != 4, 0.5) for k in range(30)]
+    assert told.index(True) == 21
+    watchdog = Watchdog(2.0)
+    assert not any(watchdog.lost(0.1 * k, k % 5 < 2, 0.5) for k in range(30))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +18,10 @@ from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import DivergedError, UnknownNameError
 from rpctl.robot.model import Robot
 from rpctl.robot.variation import CarriedLoad
-from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.config import Config, LimitOverrides, RunSettings, read_config
 from rpctl.simulation.loop.backend import pays, plant_refusal, refusal
 from rpctl.simulation.loop.track import simulate
+from rpctl.simulation.merits.summary import summarize
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.settings import Noise, SensorBias, Wrench
 from rpctl.simulation.run.run import Run
@@ -182,3 +184,26 @@ def test_a_run_that_diverges_ends_at_the_same_sample(paper: Robot) -> None:
             simulate(paper, hasty, backend=backend, ended=kept.append, collisions=False)
         ends.append(len(kept[0].t))
     assert ends[0] == ends[1]
+
+
+def test_a_robot_that_is_lost_is_told_and_stopped_in_both(paper: Robot) -> None:
+    """Machine code let it go on, and only a controller on a robot stopped it."""
+    plant = Plant(tau_bias={"wheel_*": -1.2})
+    limits = LimitOverrides({"wheel_*": 1.0})  # less than what pulls it back
+    one, other = both(paper, Config(run=RunSettings("line", 4.0), limits=limits, plant=plant))
+    require_same(one, other)
+    assert "closed in Python: the robot is lost" in one.notes[0]
+    assert other.notes[0] in one.notes[1]
+    summary = summarize(one)
+    assert summary.outcome == "lost"
+    assert "at its limits for 2 s, 0.99 m or rad from its reference" in summary.outcome_sentence
+
+
+def test_a_rate_of_efforts_that_a_file_tells_is_kept(paper: Robot, tmp_path: Path) -> None:
+    file = tmp_path / "run.toml"
+    file.write_text("[run]\nreference = 'eight'\ninitial_error = [0.3, 0.3, 0.5]\nduration = 0.5\n"
+                    "[guards]\neffort_rate = 10.0\n")  # fmt: skip
+    run = simulate(paper, read_config(file), backend="compiled")
+    assert "the rate of efforts is limited" in run.notes[0]
+    leaps = np.abs(np.diff(run.log.tau, axis=0)) / paper.effort_limits
+    assert leaps.max() == pytest.approx(10.0 * 0.002)

@@ -1,0 +1,63 @@
+"""Robots with random faults: see ``fault_scripts.py``, which runs a thousand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.control.fault_scripts import ROBOTS, Fault, robot_of, run, run_faults
+
+FAULTS = {
+    "what is measured is no number": Fault("nan", 2.0, 2.4, 0.0),
+    "the clock misses a second": Fault("clock", 2.0, math.inf, 0.9),
+    "the clock is set": Fault("clock", 2.0, math.inf, -40.0),
+    "half of the samples are lost": Fault("loss", 2.0, 3.0, 0.5),
+    "the pose jumps": Fault("jump", 2.0, math.inf, 0.3),
+    "a wheel's motor fails for a while": Fault("dead", 2.0, 2.6, 1.0),
+    "an emergency stop": Fault("stop", 2.0, 3.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS.keys())
+def test_a_robot_comes_back_from_a_fault_without_a_blow(fault: Fault) -> None:
+    """Efforts jumped by 83 % of a limit where it was braked, and by 138 % where it went on."""
+    told = run_faults(robot_of("paper"), [fault], np.random.default_rng(0))
+    assert not list(told.wrong())
+    assert told.status == "ok"
+
+
+def test_a_robot_whose_wheel_stays_dead_is_lost() -> None:
+    """It went in circles with its wheel at its limit, and was ``ok``."""
+    fault = Fault("dead", 2.0, math.inf, 0.0)
+    told = run_faults(robot_of("paper"), [fault], np.random.default_rng(0))
+    assert not list(told.wrong())
+    assert told.status == "lost"
+
+
+@pytest.mark.slow
+def test_the_arm_of_a_lost_robot_is_held() -> None:
+    """Braked by the model alone, it was thrown at four times its speed: the base was elsewhere."""
+    front, rear = Fault("dead", 2.5, math.inf, 1.0), Fault("dead", 2.9, math.inf, 2.0)
+    told = run_faults(robot_of("mecanum"), [front, rear], np.random.default_rng(0))
+    assert not list(told.wrong())
+    assert told.status == "lost"
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"), [("nan", 0.5), ("delay", 0.2), ("jump", 3.0)], ids=["blind", "late", "far"]
+)
+def test_the_judge_tells_what_is_wrong(kind: str, size: float) -> None:
+    """A robot that never comes back, that shakes, or that has no time to come back, is told."""
+    told = run_faults(
+        robot_of("paper"), [Fault(kind, 2.0, math.inf, size)], np.random.default_rng(0)
+    )
+    assert list(told.wrong())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ROBOTS)
+def test_random_scripts(name: str) -> None:
+    told = {seed: list(run(name, seed).wrong()) for seed in range(40)}
+    assert {seed: wrong for seed, wrong in told.items() if wrong} == {}
