@@ -47,7 +47,9 @@ class IntegralDynamic(ClosedFormDynamic):
         Setting(
             "1/s",
             "Gain k",
-            "k of the base; what period and lateness allow if not given: 8.6 at 2 ms. @@@",
+            "k of the base; what period and lateness allow if not given: 8.6 at 2 ms. In MuJoCo, "
+            "where its wheels scrub, TIAGo is then 4.1 mm rms off the eight (15: 2.4 mm); of a "
+            "delay of 50 ms that leaves 28° of phase (10: 24°; 15: 11°).",
         ),
     ] = None
     inner: Annotated[

@@ -73,11 +73,11 @@ def test_size_that_cannot_be_kept_is_told(cart_run: Run, tmp_path: Path) -> None
 def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None:
     run = rpctl.track(paper, "circle", duration=0.02, kinematic=rpctl.PaperKinematic())
     written = write_folder(run, tmp_path)
-    ignored, joints = rpctl.Run.load(tmp_path / "run.npz").law_sentences
+    ignored, gains = rpctl.Run.load(tmp_path / "run.npz").law_sentences
     assert "leaves the lateral error of a straight line as it is" in ignored
-    assert joints.startswith("joints: 7.2 Hz")
-    assert {ignored, joints} <= set(written.notes)
-    assert {ignored, joints} <= set(json.loads((tmp_path / "summary.json").read_text())["notes"])
+    assert gains.startswith("gains: 2.5 Hz")
+    assert {ignored, gains} <= set(written.notes)
+    assert {ignored, gains} <= set(json.loads((tmp_path / "summary.json").read_text())["notes"])
     digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
     assert written.digest == digest
     assert json.loads((tmp_path / "summary.json").read_text())["run_sha256"] == digest
