@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rpctl import Robot, RpctlError
+from rpctl import IntegralDynamic, Robot, RpctlError, UnifiedKinematic
 from rpctl.arrays import Array
 from rpctl.simulation.config import Config, read_config
 from rpctl.study.optimise import JOURNAL_FILE, optimise, setting, start_point

@@ -86,7 +86,7 @@ def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None
     report = (tmp_path / "report.html").read_bytes()
     assert report.count(digest.encode()) == 1
     assert str(escape(ignored)) in report.decode()
-    assert str(escape(joints)) in report.decode()
+    assert str(escape(gains)) in report.decode()
 
 
 @pytest.fixture
