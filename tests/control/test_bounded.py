@@ -33,7 +33,7 @@ OFF = (0.1, -0.1, 0.1)
 def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Generator) -> None:
     robot = scale_limits(rpctl.load(name), effort=1e3)
     dynamics, q = ReducedDynamics(robot), robot.configuration_at(np.zeros(3), robot.home)
-    law = BoundedDynamic(joint_horizon_dyn=0.07).start(dynamics, PERIOD)
+    law = BoundedDynamic(0.15, joint_horizon_dyn=0.07).start(dynamics, PERIOD)
     paper = PaperDynamic(joint_horizon_dyn=0.07, midpoint=True).start(dynamics, PERIOD)
     for _ in range(10):
         nu, nu_d, nu_d_dot = 0.02 * rng.normal(size=(3, robot.dof))
@@ -129,7 +129,10 @@ def test_a_joint_gives_way_only_where_its_own_limit_binds(
     count = len(robot.drive.base_speeds)
     if weak == "wheels" and not count:
         return
-    dynamics, law = ReducedDynamics(robot), BoundedDynamic(midpoint=False)
+    dynamics, law = (
+        ReducedDynamics(robot),
+        BoundedDynamic(0.15, joint_horizon_dyn=0.06, midpoint=False),
+    )
     started, times = law.start(dynamics, PERIOD), law.numbers_on(dynamics, PERIOD)["time"]
     q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
     B, M, gave = dynamics.actuation(q), dynamics.inertia(q), 0
@@ -293,7 +296,7 @@ def test_four_wheels_share_what_one_alone_could_not_give(rng: np.random.Generato
     nu_d[:3] = 0.1, 0.02, 0.0
     command = Command(nu_d, np.zeros(robot.dof))
     paper_tau = PaperDynamic()(dynamics, q, nu, command)
-    efforts = BoundedDynamic().start(dynamics, PERIOD)(dynamics, q, nu, command)
+    efforts = BoundedDynamic(0.15).start(dynamics, PERIOD)(dynamics, q, nu, command)
     force = dynamics.actuation(q) @ (efforts.tau - paper_tau)
     assert (np.abs(efforts.tau) <= robot.effort_limits).all()
     np.testing.assert_allclose(force, 0.0, atol=1e-4)
