@@ -129,10 +129,8 @@ def test_a_joint_gives_way_only_where_its_own_limit_binds(
     count = len(robot.drive.base_speeds)
     if weak == "wheels" and not count:
         return
-    dynamics, law = (
-        ReducedDynamics(robot),
-        BoundedDynamic(0.15, joint_horizon_dyn=0.06, midpoint=False),
-    )
+    dynamics = ReducedDynamics(robot)
+    law = BoundedDynamic(0.15, joint_horizon_dyn=0.06, midpoint=False)
     started, times = law.start(dynamics, PERIOD), law.numbers_on(dynamics, PERIOD)["time"]
     q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
     B, M, gave = dynamics.actuation(q), dynamics.inertia(q), 0
