@@ -57,8 +57,8 @@ def test_base_and_joints_have_the_gains_of_their_period_where_none_are_set(tiago
     asked = UnifiedKinematic().numbers_on(dynamics, 0.05)
     np.testing.assert_allclose(asked["joint_horizons"], np.full(count, 33.0 / 32.0))
     assert asked["horizon"] == pytest.approx(33.0 / 32.0)
-    settings = {"gain": 15.0, "joint_gain": 5.0}
-    base, *joints = IntegralDynamic(**settings).numbers_on(dynamics, 0.05)["gain"][1:]
+    law = IntegralDynamic(15.0, joint_gain=5.0)
+    base, *joints = law.numbers_on(dynamics, 0.05)["gain"][1:]
     assert (base, *joints) == (15.0, *[5.0] * count)
 
 
