@@ -114,6 +114,9 @@ class ConfigOptions:
         ),
     ] = None
     grip: Annotated[Plain, FieldOptions(RunSettings, ("friction",))] = field(default_factory=dict)
+    sampled: Annotated[
+        Plain, FieldOptions(RunSettings, ("control_period",), {"control_period": "--period"})
+    ] = field(default_factory=dict)
     config: Annotated[
         Path | None,
         typer.Option(
@@ -127,8 +130,8 @@ class ConfigOptions:
         float | None,
         typer.Option(
             metavar="HZ",
-            help="Of the arm's joints; what sampling, lateness and their efforts allow, if not "
-            "given. `rpctl tune` shows the trade.",
+            help="Of the arm's joints; what the period and 50 ms of delay allow, 2.5 at 2 ms, if "
+            "not given. `rpctl tune` shows the trade.",
         ),
     ] = None
 
@@ -141,7 +144,7 @@ class ConfigOptions:
         config = Config() if self.config is None else read_config(self.config)
         config = config.with_output(self.output, **self.late)
         config = config.with_laws(self.kinematic, self.dynamic).with_bandwidth(self.bandwidth)
-        run = {**self.run, **self.grip, "reference": self._reference()}
+        run = {**self.run, **self.grip, **self.sampled, "reference": self._reference()}
         if "initial_error" in run:
             run["initial_error"] = read_triple(run["initial_error"])
         return config.with_run(**{**run, "smooth": read_smoothing(run.get("smooth"))})

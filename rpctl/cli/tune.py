@@ -11,9 +11,8 @@ import typer
 
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, tell
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
-from rpctl.control.bandwidth import joint_gains
+from rpctl.control.bandwidth import USUAL_PERIOD, usual_gains
 from rpctl.control.registry import gains_sentence
-from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_positive
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import RunSettings
@@ -64,7 +63,7 @@ def _read(text: str) -> tuple[float, ...]:
 
 
 def _show(robot: Robot, results: Sequence[Mapping[str, Any]]) -> None:
-    console().print(escape(gains_sentence(robot.joint_names, joint_gains(ReducedDynamics(robot)))))
+    console().print(escape(gains_sentence(usual_gains(USUAL_PERIOD))))
     table = new_table(
         "bandwidth", ">h", ">h1", ">k", ">least stiffness", ">stands lateness of",
         ">peak effort", ">joint error", "outcome",

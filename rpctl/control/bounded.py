@@ -58,8 +58,14 @@ class BoundedDynamic(ClosedFormDynamic):
     """
 
     horizon_dyn: Annotated[
-        float, POSITIVE, Setting("s", "Horizon h₁", "Prediction time h1 of the base.")
-    ] = 0.15
+        float | None,
+        POSITIVE,
+        Setting(
+            "s",
+            "Horizon h₁",
+            "Prediction time h1 of the base; what period and lateness allow if not given.",
+        ),
+    ] = None
     along: Annotated[
         float,
         POSITIVE,
@@ -80,7 +86,7 @@ class BoundedDynamic(ClosedFormDynamic):
         Setting(
             "s",
             "Joints' horizon h₁",
-            "Prediction time of the arm's joints; of each what its bandwidth allows if not given.",
+            "Prediction time of the arm's joints; what period and lateness allow if not given.",
         ),
     ] = None
     midpoint: Annotated[

@@ -109,7 +109,9 @@ def no_machine_code(law: Any, robot: Robot) -> str | None:
         return None
     from rpctl.kernels.functions import missing_operation
 
-    missing = missing_operation(formula(law, robot, [1.0] * len(robot.joints)))
+    missing = missing_operation(
+        formula(law.with_numbers(law.numbers()), robot, [1.0] * len(robot.joints))
+    )
     return missing and f"the kinematic law {_name(law)} has the operation {missing}"
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
-
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import USUAL_PERIOD, by_velocity
@@ -84,7 +82,7 @@ class PaperDynamic(ClosedFormDynamic):
             known: Its dynamics, as far as the controller knows them.
             period: Not used.
         """
-        own = np.full(len(known.robot.joints), self.joint_horizon_dyn or self.horizon_dyn)
+        own = self.joint_horizon_dyn or self.horizon_dyn
         return {"time": by_velocity(known, self.horizon_dyn, own)}
 
     def free_efforts(

@@ -10,7 +10,7 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
-from rpctl.control.bandwidth import JointGains, joint_gains
+from rpctl.control.bandwidth import LATENESS_S, Gains, usual_gains
 from rpctl.control.bounded import BoundedDynamic
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.end_effector import EndEffector
@@ -233,12 +233,13 @@ IGNORED = "limits of efforts, rates and positions, and that efforts are held for
 LIMITLESS = "ignores limits of speeds, rates and positions"
 UNLEASHED = "is on no leash (far errors ask for high speeds)"
 LINE = "leaves the lateral error of a straight line as it is"
+GAIN_SYMBOLS = {"horizon": ("h", "s"), "horizon_dyn": ("h1", "s"), "gain": ("k", "1/s")}
 
 
 def law_sentences(
     dynamics: ReducedDynamics, kinematic: object, dynamic: object, period: float
 ) -> tuple[str, ...]:
-    """Return sentences on the laws: what those of the paper ignore, how fast the joints are.
+    """Return sentences on the laws: what those of the paper ignore, how fast the others are.
 
     Args:
         dynamic: The dynamic law; None where speeds are the output.
@@ -251,8 +252,8 @@ def law_sentences(
     if isinstance(dynamic, PaperDynamic):
         ignored = IGNORED if not dynamic.midpoint else IGNORED.partition(", and")[0]
         found.append(f"the paper's dynamic law ignores {ignored}")
-    elif isinstance(dynamic, BoundedDynamic | IntegralDynamic) and dynamics.robot.joints:
-        found.append(_joints_sentence(dynamics, base, dynamic, period))
+    elif isinstance(dynamic, BoundedDynamic | IntegralDynamic):
+        found.append(_gains_as_set(base, dynamic, period))
     return tuple(found)
 
 
@@ -264,38 +265,27 @@ def _paper_kinematic(law: PaperKinematic, robot: Robot) -> str:
     return f"the paper's kinematic law {', '.join(first)}{' and ' * bool(first)}{last}"
 
 
-def _joints_sentence(
-    dynamics: ReducedDynamics,
-    base: object,
-    dynamic: BoundedDynamic | IntegralDynamic,
-    period: float,
-) -> str:
-    """Return the joints' gains in one sentence: those that are derived, and those that are set."""
-    integral = dynamic if isinstance(dynamic, IntegralDynamic) else None
-    bounded = dynamic if isinstance(dynamic, BoundedDynamic) else dynamic.inner
-    h = base.joint_horizon if isinstance(base, BaseLaw) else None
+def _gains_as_set(base: object, dynamic: BoundedDynamic | IntegralDynamic, period: float) -> str:
+    """Return the gains in one sentence: those of the period, and those that are set."""
+    settings = {**vars(getattr(dynamic, "inner", dynamic)), **vars(dynamic)}
+    if isinstance(base, BaseLaw):
+        settings |= vars(base)
     if isinstance(base, PaperKinematic):
-        h = base.joint_horizon or base.horizon
-    h1, k = bounded.joint_horizon_dyn, None if integral is None else integral.joint_gain
-    known = ((f"h {h or 0:.2g} s", h), (f"h1 {h1 or 0:.2g} s", h1), (f"k {k or 0:.2g} 1/s", k))
-    given = ", ".join(text for text, value in known if value is not None)
-    if h1 is not None:
-        return f"joints: {given}, as set"
-    derived = gains_sentence(dynamics.robot.joint_names, joint_gains(dynamics, period))
-    return f"{derived}; but {given}, as set" if given else derived
-
-
-def gains_sentence(names: tuple[str, ...], gains: JointGains) -> str:
-    """Return the joints' gains in one sentence: those that sampling sets, and what efforts slow."""
-    first = int(np.argmax(gains.bandwidth))
-    fastest, h, h1, k = (float(part[first]) for part in gains)
-    slower = [
-        f"{name} {bandwidth:.2g} Hz"
-        for name, bandwidth in zip(names, gains.bandwidth, strict=True)
-        if bandwidth < 0.99 * fastest
+        settings["joint_horizon"] = base.joint_horizon or base.horizon
+    given = [
+        f"{who} {symbol} {settings[key]:.2g} {unit}"
+        for name, (symbol, unit) in GAIN_SYMBOLS.items()
+        for who, key in (("base", name), ("joints", f"joint_{name}"))
+        if settings.get(key) is not None
     ]
-    tail = f"; as efforts allow: {', '.join(slower)}" if slower else ""
+    as_set = f"; as set: {', '.join(given)}" if given else ""
+    return f"{gains_sentence(usual_gains(period))}{as_set}"
+
+
+def gains_sentence(gains: Gains) -> str:
+    """Return the gains that a control period leaves, in one sentence."""
+    bandwidth, h, h1, k = gains
     return (
-        f"joints: {fastest:.2g} Hz (h {h:.2g} s, h1 {h1:.2g} s, k {k:.2g} 1/s), as sampling and "
-        f"10 ms in reserve allow{tail}"
+        f"gains: {bandwidth:.2g} Hz (h {h:.2g} s, h1 {h1:.2g} s, k {k:.2g} 1/s), as half a period "
+        f"and {1e3 * LATENESS_S:g} ms of delay allow"
     )

@@ -123,7 +123,8 @@ class SmoothPath:
     def grid(self) -> tuple[Array, Array]:
         """Lengths (n,), m, and the positions (n, 2), m, there."""
         sharpest = np.abs(np.cumsum([self.curvature, *self.steps])).max()
-        count = math.ceil(self.length * max(sharpest, 1.0) / GRID_M) + 1
+        # A search for lengths may try one below 0.
+        count = math.ceil(abs(self.length) * max(sharpest, 1.0) / GRID_M) + 1
         grid = np.linspace(0.0, self.length, count + 1)
         moves = self._move(grid[:-1], grid[1:])
         return grid, self.start[:2] + np.vstack([np.zeros(2), np.cumsum(moves, axis=0)])

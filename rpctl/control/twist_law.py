@@ -14,7 +14,7 @@ import numpy as np
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach
-from rpctl.control.bandwidth import USUAL_PERIOD, joint_gains
+from rpctl.control.bandwidth import USUAL_PERIOD, usual_gains
 from rpctl.control.error import (
     BASE_ERRORS,
     Leash,
@@ -66,17 +66,22 @@ class BaseLaw(Record, ABC):
     refusal: ClassVar[str] = ""  # what is said where it :meth:`refuses` a reference
 
     horizon: Annotated[
-        float,
+        float | None,
         POSITIVE,
-        Setting("s", "Horizon h", "Prediction time of the arm and of an omnidirectional base."),
-    ] = 0.65
+        Setting(
+            "s",
+            "Horizon h",
+            "Prediction time of an omnidirectional base and of steering; what period and lateness "
+            "allow if not given.",
+        ),
+    ] = None
     joint_horizon: Annotated[
         float | None,
         POSITIVE,
         Setting(
             "s",
             "Joints' horizon h",
-            "Prediction time of the arm's joints; of each what its bandwidth allows if not given.",
+            "Prediction time of the arm's joints; what period and lateness allow if not given.",
         ),
     ] = field(default=None, kw_only=True)
     leash: Annotated[
@@ -120,9 +125,8 @@ class BaseLaw(Record, ABC):
             dynamics: The robot's dynamics, as far as the controller knows them.
             period: Control period, s.
         """
-        if self.joint_horizon is None:
-            return joint_gains(dynamics, period).horizon
-        return np.full(len(dynamics.robot.joints), self.joint_horizon)
+        h = self.joint_horizon or usual_gains(period).horizon
+        return np.full(len(dynamics.robot.joints), h)
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -139,9 +143,13 @@ class BaseLaw(Record, ABC):
         law = replace(self, approach=None).start(dynamics, USUAL_PERIOD)
         return law(dynamics, reference, t, q, nu)
 
-    def numbers(self) -> dict[str, float]:
-        """Return the numbers among the settings by name, but for the joints' prediction time."""
-        found = _numbers(self)
+    def numbers(self, period: float = USUAL_PERIOD) -> dict[str, float]:
+        """Return the numbers among the settings by name, but for the joints' prediction time.
+
+        Args:
+            period: Control period, s.
+        """
+        found = {"horizon": usual_gains(period).horizon, **_numbers(self)}
         if self.leash is not None:
             found |= {f"leash.{name}": value for name, value in _numbers(self.leash).items()}
         return found
@@ -153,7 +161,7 @@ class BaseLaw(Record, ABC):
             known: Its dynamics, as far as the controller knows them.
             period: Control period, s.
         """
-        return {**self.numbers(), "joint_horizons": self.joint_horizons(known, period)}
+        return {**self.numbers(period), "joint_horizons": self.joint_horizons(known, period)}
 
     def structure(self, robot: Robot) -> object:
         """Return what of the law is compiled in on a robot; its numbers are not."""

@@ -51,7 +51,13 @@ class UnifiedKinematic(BaseLaw):
     than 1 %.
     """
 
-    horizon: Annotated[float, POSITIVE, Setting("s", "Horizon h", "Prediction time h.")] = 0.65
+    horizon: Annotated[
+        float | None,
+        POSITIVE,
+        Setting(
+            "s", "Horizon h", "Prediction time h; what period and lateness allow if not given."
+        ),
+    ] = None
     beta: Annotated[
         float,
         WITHIN,
@@ -85,7 +91,8 @@ class UnifiedKinematic(BaseLaw):
 
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
         """Return the speed and the turning rate to ask of a base that cannot move sideways."""
-        sheet, h, w, v = at.sheet, self.horizon, self.weight, at.twist[0]
+        h: Any = self.horizon
+        sheet, w, v = at.sheet, self.weight, at.twist[0]
         _, x2, x3 = at.e
         cos, sin = math.cos(x3), math.sin(x3)
         p2 = sheet.named("p2", x2 + h * v * sin)

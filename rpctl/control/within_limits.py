@@ -14,7 +14,7 @@ import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
-from rpctl.control.bandwidth import by_velocity, joint_gains
+from rpctl.control.bandwidth import by_velocity, usual_gains
 from rpctl.control.dynamic import desired_acceleration, midpoint, paper_efforts
 from rpctl.control.joint_limits import JointBounds, JointLimits, largest_accelerations
 from rpctl.control.law import LawSample
@@ -56,7 +56,7 @@ class LimitSettings(Protocol):
     """Settings of a law within limits, see :class:`rpctl.control.bounded.BoundedDynamic`."""
 
     @property
-    def horizon_dyn(self) -> float: ...
+    def horizon_dyn(self) -> float | None: ...
     @property
     def along(self) -> float: ...
     @property
@@ -83,12 +83,9 @@ class BoundedLaw:
         self.robot = robot = dynamics.robot
         require_known("quasi-velocity", law.weights, robot.quasi_velocities)
         self._law = law
-        joints = (
-            joint_gains(dynamics, period).horizon_dyn
-            if law.joint_horizon_dyn is None
-            else np.full(len(robot.joints), law.joint_horizon_dyn)
-        )
-        self.times = by_velocity(dynamics, law.horizon_dyn, joints)
+        usual = usual_gains(period).horizon_dyn
+        self._h1 = law.horizon_dyn or usual
+        self.times = by_velocity(dynamics, self._h1, law.joint_horizon_dyn or usual)
         self.held_for = period if law.midpoint else 0.0
         self.joints = JointLimits(robot, period)
         # Largest ν̇ (dof,) that the efforts can give at home, each for itself: the integral is not
@@ -118,7 +115,7 @@ class BoundedLaw:
             for name in robot.quasi_velocities
         ]
         return {
-            "horizon_dyn": law.horizon_dyn,
+            "horizon_dyn": self._h1,
             "along": law.along,
             "time": self.times,
             "root_weight": np.sqrt(weights),

@@ -166,7 +166,7 @@ def law_sheet(
     nu = [each.symbol for each in speeds]
     measured = _measured(sheet, dynamics, q, [each.symbol for each in pose], places, nu)
     rolling = frozenset(sheet.definitions)
-    settings = _settings(kinematic)
+    settings = _settings(kinematic, period)
     law = kinematic.with_numbers({name: each.symbol for name, each in settings.items()})
     horizons = _horizons(robot, kinematic, places, period)
     state = row_symbols(robot, casadi.vertcat(*(each.symbol for each in reference)))
@@ -310,10 +310,10 @@ def _named(sheet: Sheet, mark: str, values: Sequence[Any]) -> list[Any]:
     return [sheet.named(f"{mark}{i}", value) for i, value in enumerate(values, start=1)]
 
 
-def _settings(law: BaseLaw) -> dict[str, LawSymbol]:
-    """Return the numbers among a law's settings, by name."""
+def _settings(law: BaseLaw, period: float) -> dict[str, LawSymbol]:
+    """Return the numbers among a law's settings, by name, at a control period (s)."""
     found, known = {}, settings_of(law)
-    for name, value in law.numbers().items():
+    for name, value in law.numbers(period).items():
         setting = known[name].setting
         symbol, of = SETTINGS.get(name, (name, setting.label or f"setting {name}"))
         unit = setting.unit.replace("²", "^2")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
+from rpctl.control.bandwidth import usual_gains
 from rpctl.errors import RpctlError
 from rpctl.files.writing import make_folder, to_json, write_atomically
 from rpctl.libraries import library
@@ -95,6 +96,9 @@ def setting(config: Config, path: str) -> float | None:
     value: Any = config
     for key in path.split("."):
         value = value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)
+    if value is None:  # a gain that the period sets
+        gains = usual_gains(config.run.control_period)
+        value = getattr(gains, key.removeprefix("joint_"), None)
     return float(value) if isinstance(value, int | float) else None
 
 

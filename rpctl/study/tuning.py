@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rpctl.control.bandwidth import gains_of, joint_gains
+from rpctl.control.bandwidth import USUAL_PERIOD, gains_of, usual_gains
 from rpctl.control.controller import default_laws
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
@@ -21,7 +21,7 @@ from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.starting import DELAY_S, MASS_RATIO
 from rpctl.study.cells import References, Row
 
-RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the bandwidth that the joints have by default
+RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the usual bandwidth
 SECONDS = 4.0  # of each run
 PHASE_MARGIN = 1.298  # rad of the open loop, at ...
 CROSSOVER = 1.02  # ... times its bandwidth
@@ -54,15 +54,14 @@ def tune_cells(robot: Robot, bandwidths: Sequence[float], run: RunSettings) -> l
 
 
 def tuning_bandwidths(robot: Robot) -> tuple[float, ...]:
-    """Return the bandwidths (Hz) to try: about the one that the fastest joint has by default.
+    """Return the bandwidths (Hz) to try: about the usual one.
 
     Raises:
         RpctlError: The robot has no joints but its base's.
     """
     if not robot.joints:
         raise RpctlError(f"{robot.name} has no arm: no joint has a bandwidth to tune")
-    usual = float(joint_gains(ReducedDynamics(robot)).bandwidth.max())
-    return tuple(ratio * usual for ratio in RATIOS)
+    return tuple(ratio * usual_gains(USUAL_PERIOD).bandwidth for ratio in RATIOS)
 
 
 def row_dict(robot: Robot, row: Row[TuneCell]) -> dict[str, Any]:
@@ -73,7 +72,7 @@ def row_dict(robot: Robot, row: Row[TuneCell]) -> dict[str, Any]:
     is unstable (s).
     """
     bandwidth, figures = row.cell.bandwidth, row.figures
-    _, h, h1, k = (float(part[0]) for part in gains_of(np.array([bandwidth])))
+    _, h, h1, k = gains_of(bandwidth)
     q, first = robot.configuration_at(np.zeros(3), robot.home), robot.dof - len(robot.joints)
     # The base is free to give way: the joints' part of the inverse, not of the inertia.
     mobility = np.linalg.inv(ReducedDynamics(robot).inertia(q))[first:, first:]

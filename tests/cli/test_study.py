@@ -89,7 +89,7 @@ def test_settings_are_found_and_told(
     assert f"rpctl track paper --config {out}/optimized.toml --out {out}/optimized" in shown.stdout
     told = run("paper", file, "--optimize", "--workers", "1", "--out", out, "--resume", "--json")
     found = json.loads(told.stdout)
-    assert found["settings"]["dynamic.gain"]["before"] == 15.0
+    assert found["settings"]["dynamic.gain"]["before"] == pytest.approx(6 / 11 * 0.8 / 0.051)
     change = found["validation"]["change"]
     assert ("\nbetter: " in shown.stdout) == (change["high"] < 0.0)
     found["validation"]["change"] = {"value": 1e-6, "low": -1e-6, "high": 2e-6}

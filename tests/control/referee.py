@@ -109,6 +109,7 @@ class Referee:
             law = law.inner
         self._law: BoundedDynamic = law
         self._within = BoundedLaw(law, dynamics, period)
+        self._h1 = self._within.numbers()["horizon_dyn"]
         self.box = self.robot.effort_limits
         home = self.robot.configuration_at(np.zeros(3), self.robot.home)
         M, B = dynamics.inertia(home), np.abs(dynamics.actuation(home))
@@ -152,7 +153,7 @@ class Referee:
         pull = np.sign(np.where(size > ROUNDING, cost, 0.0)) * (tau - gain @ nu_dot)[:, None]
         box = self.box[:, None]
         brakes = ((box + pull) / size).min(axis=0), ((box - pull) / size).min(axis=0)
-        bounds = joint_bounds(joints, q, rows @ nu, brakes, self._law.horizon_dyn)
+        bounds = joint_bounds(joints, q, rows @ nu, brakes, self._h1)
         now = rows @ nu_dot + drift
         if (
             (np.abs(tau) <= self.box).all()
@@ -160,7 +161,7 @@ class Referee:
             and (now <= bounds.upper).all()
         ):
             return Efforts(tau)
-        h1, unit = self._law.horizon_dyn, self._unit
+        h1, unit = self._h1, self._unit
         B = dynamics.actuation(at)
         change = self._cost_factor(B, dynamics.inertia(at), command)
         still = B[:, :0]
@@ -211,7 +212,7 @@ class Referee:
         T = np.diag(full / root / self._within.times)
         count = len(self.robot.drive.base_speeds)
         base, arm = slice(count), slice(count, None)
-        ahead = (command.nu_d + self._law.horizon_dyn * command.nu_d_dot)[base] / full[base]
+        ahead = (command.nu_d + self._h1 * command.nu_d_dot)[base] / full[base]
         d = ahead / np.hypot(np.linalg.norm(ahead), REST_SPEED_FRACTION)
         c = 1.0 - np.sqrt(self._law.along)
         T[base, base] @= np.eye(len(d)) + c / (1.0 - c * (d @ d)) * np.outer(d, d)

@@ -33,7 +33,7 @@ OFF = (0.1, -0.1, 0.1)
 def test_it_is_the_papers_law_while_no_limit_binds(name: str, rng: np.random.Generator) -> None:
     robot = scale_limits(rpctl.load(name), effort=1e3)
     dynamics, q = ReducedDynamics(robot), robot.configuration_at(np.zeros(3), robot.home)
-    law = BoundedDynamic(joint_horizon_dyn=0.07).start(dynamics, PERIOD)
+    law = BoundedDynamic(0.15, joint_horizon_dyn=0.07).start(dynamics, PERIOD)
     paper = PaperDynamic(joint_horizon_dyn=0.07, midpoint=True).start(dynamics, PERIOD)
     for _ in range(10):
         nu, nu_d, nu_d_dot = 0.02 * rng.normal(size=(3, robot.dof))
@@ -58,12 +58,12 @@ def test_efforts_stay_in_their_box_whatever_is_asked(name: str, rng: np.random.G
             assert efforts.limits or size == 1.0
 
 
-def base_root(law: BoundedDynamic, B: Array, fastest: Array, command: Command) -> Array:
+def base_root(along: float, B: Array, fastest: Array, command: Command) -> Array:
     """Return √W′ of a base of two speeds, as the law's docstring has it."""
     full = 1.0 / np.abs(B / fastest).max(axis=1)[:2]
-    ahead = (command.nu_d + law.horizon_dyn * command.nu_d_dot)[:2] / full
+    ahead = (command.nu_d + 0.15 * command.nu_d_dot)[:2] / full
     d = ahead / np.hypot(np.linalg.norm(ahead), 1e-3)
-    return np.asarray((np.eye(2) - (1.0 - np.sqrt(law.along)) * np.outer(d, d)) @ np.diag(1 / full))
+    return np.asarray((np.eye(2) - (1.0 - np.sqrt(along)) * np.outer(d, d)) @ np.diag(1 / full))
 
 
 def test_the_base_comes_before_the_joints_over_the_box(
@@ -71,7 +71,8 @@ def test_the_base_comes_before_the_joints_over_the_box(
 ) -> None:
     """[MS21, Eq. 25] for the base, then Gauss's principle, by a solver that knows nothing of it."""
     robot = scale_limits(paper, effort=0.3, velocity=10.0)  # the rates are not to take part
-    dynamics, law = ReducedDynamics(robot), BoundedDynamic(joint_horizon_dyn=0.06, midpoint=False)
+    dynamics = ReducedDynamics(robot)
+    law = BoundedDynamic(0.15, joint_horizon_dyn=0.06, midpoint=False)
     started, h1 = law.start(dynamics, PERIOD), np.array([0.15, 0.15, 0.06, 0.06])
     fastest = np.array([robot.description.joint[name].velocity for name in robot.actuators])
     box, base, arm = robot.effort_limits, slice(2), slice(2, None)
@@ -91,7 +92,7 @@ def test_the_base_comes_before_the_joints_over_the_box(
         bound.add(frozenset(limit.joint[:3] for limit in efforts.limits))
         B, M = dynamics.actuation(q), dynamics.inertia(q)
         force = dynamics.inverse(q, nu, nu_d_dot - (nu - nu_d) / h1)
-        root = base_root(law, B, fastest, command) @ np.linalg.inv(M[base, base])
+        root = base_root(law.along, B, fastest, command) @ np.linalg.inv(M[base, base])
         rigid = best(root @ B[base, base], root @ force[base], base)  # the arm follows
         given_up = np.linalg.solve(M[base, base], B[base, base] @ rigid - force[base])
         wanted = force[arm] + M[arm, base] @ given_up
@@ -128,7 +129,8 @@ def test_a_joint_gives_way_only_where_its_own_limit_binds(
     count = len(robot.drive.base_speeds)
     if weak == "wheels" and not count:
         return
-    dynamics, law = ReducedDynamics(robot), BoundedDynamic(midpoint=False)
+    dynamics = ReducedDynamics(robot)
+    law = BoundedDynamic(0.15, joint_horizon_dyn=0.06, midpoint=False)
     started, times = law.start(dynamics, PERIOD), law.numbers_on(dynamics, PERIOD)["time"]
     q, still = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
     B, M, gave = dynamics.actuation(q), dynamics.inertia(q), 0
@@ -292,7 +294,7 @@ def test_four_wheels_share_what_one_alone_could_not_give(rng: np.random.Generato
     nu_d[:3] = 0.1, 0.02, 0.0
     command = Command(nu_d, np.zeros(robot.dof))
     paper_tau = PaperDynamic()(dynamics, q, nu, command)
-    efforts = BoundedDynamic().start(dynamics, PERIOD)(dynamics, q, nu, command)
+    efforts = BoundedDynamic(0.15).start(dynamics, PERIOD)(dynamics, q, nu, command)
     force = dynamics.actuation(q) @ (efforts.tau - paper_tau)
     assert (np.abs(efforts.tau) <= robot.effort_limits).all()
     np.testing.assert_allclose(force, 0.0, atol=1e-4)

@@ -30,7 +30,7 @@ def paper(state: ReferenceState, e: Array, own: float) -> Array:
 
 def unified(state: ReferenceState, e: Array, own: float) -> Array:
     assert state.direction is not None
-    h, w, v, omega_r = 0.65, 0.02, state.twist[0], state.twist[2]
+    h, w, v, omega_r = 0.70125, 0.02, state.twist[0], state.twist[2]  # h = 11 · 51 ms/0.8
     p2 = e[1] + h * v * math.sin(e[2])
     a = 0.5 * h**2 * v * max(math.cos(e[2]), 0.0)
     d = (a * p2 + w * h * e[2]) / (a**2 + w * h**2)

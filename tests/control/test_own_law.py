@@ -75,7 +75,7 @@ def configured(robot: Robot, folder: Path) -> None:
     again = write_config(config, folder / "again.toml")
     assert read_config(again) == config
     assert tomllib.loads(again.read_text())["kinematic"] == {
-        "law": NAME, "horizon": 0.65, "ahead": 0.2}  # fmt: skip
+        "law": NAME, "ahead": 0.2}  # fmt: skip
     nested = f"[kinematic]\nlaw = 'end-effector'\n[kinematic.base]\nlaw = '{NAME}'\nahead = 0.2\n"
     within = read_config(write(folder, nested)).kinematic
     assert within.base == config.kinematic  # type: ignore[union-attr]

@@ -93,3 +93,9 @@ def test_its_points_move_as_its_derivatives_say(rng: np.random.Generator) -> Non
         np.testing.assert_allclose(slope, expected, atol=1e-8)
         bend = (ahead.curvature - behind.curvature) / (2.0 * STEP)
         np.testing.assert_allclose(bend[:2], at.curvature[1:], atol=1e-6)
+
+
+def test_a_length_below_zero_that_a_search_tries_ends_behind_the_start() -> None:
+    none = np.zeros(0)
+    ends = SmoothPath(np.array([1.0, 2.0, 0.0]), 0.0, none, none, 1.0, -20.0).end
+    np.testing.assert_allclose(ends, [-19.0, 2.0, 0.0], atol=1e-12)

@@ -129,7 +129,7 @@ def test_the_prediction_is_where_the_robot_comes_to(
 def test_without_lag_the_loop_is_the_kinematic_laws_own(paper: Robot) -> None:
     """Against the law in continuous time; the error is of second order in the period."""
     reference, dynamics = load_reference(paper, "eight"), ReducedDynamics(paper)
-    law, error = UnifiedKinematic(), (0.05, -0.04, 0.1)
+    law, error = UnifiedKinematic(0.65, joint_horizon=0.24), (0.05, -0.04, 0.1)
 
     def rate(t: float, x: Array) -> Array:
         q = paper.configuration_at(x[:3], x[3:])
@@ -146,7 +146,7 @@ def test_without_lag_the_loop_is_the_kinematic_laws_own(paper: Robot) -> None:
     ]
     off = []
     for period in (0.05, 0.025):
-        errors = close(paper, reference, VelocityOutput(), error=error, period=period)
+        errors = close(paper, reference, VelocityOutput(), law=law, error=error, period=period)
         off.append(np.abs(errors[:: round(0.5 / period)][: len(ends)] - wanted).max())
     assert off[0] < 4e-3
     assert off[0] / off[1] > 3.0

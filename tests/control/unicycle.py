@@ -62,7 +62,7 @@ def evaluator(law: BaseLaw) -> Evaluator:
     ):
         sheet.moves(symbol, rate)
     at = Tracking(sheet, twist, twist_dot, reference_direction(sheet, state), e, e, own)
-    speed, turn = law.unicycle(at)
+    speed, turn = law.with_numbers(law.numbers()).unicycle(at)
     value, rate = (
         math.vertcat(*row) for row in ((speed, turn), (sheet.rate(speed), sheet.rate(turn)))
     )

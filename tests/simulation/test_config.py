@@ -232,8 +232,8 @@ def test_editors_complete_a_saved_configuration(tmp_path: Path) -> None:
     schema = json.loads((tmp_path / "mine.toml.schema.json").read_text())
     horizon = schema["$defs"]["UnifiedKinematic"]["properties"]["horizon"]
     assert horizon == {
-        "type": "number", "minimum": 1e-12, "maximum": 1e12, "default": 0.65,
-        "description": "Prediction time h. [s]",
+        "type": "number", "minimum": 1e-12, "maximum": 1e12,
+        "description": "Prediction time h; what period and lateness allow if not given. [s]",
     }  # fmt: skip
     run = schema["$defs"]["RunSettings"]
     assert run["properties"]["friction"]["default"] == 0.7 and not run["additionalProperties"]

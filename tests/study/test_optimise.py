@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rpctl import Robot, RpctlError
+from rpctl import IntegralDynamic, Robot, RpctlError, UnifiedKinematic
 from rpctl.arrays import Array
 from rpctl.simulation.config import Config, read_config
 from rpctl.study.optimise import JOURNAL_FILE, optimise, setting, start_point
@@ -22,6 +22,9 @@ TEXT = """
 [study]
 seed = 2
 chunk = 100
+[dynamic]
+law = "integral"
+gain = 15.0
 [scatter]
 "plant.delay" = { uniform = [0.0, 1.0] }
 [optimize]
@@ -161,11 +164,14 @@ def test_a_search_without_any_end_is_told(
 
 
 def test_the_start_is_what_the_configuration_has() -> None:
-    config = Config()
+    config = Config(UnifiedKinematic(horizon=0.65), IntegralDynamic(15.0))
     ranges = Scatter({KNOWN: LogUniform(1.5, 150.0), "kinematic.horizon": Uniform(0.0, 1.3)})
     assert start_point(config, ranges) == pytest.approx([0.5, 0.5])
     assert start_point(config, Scatter({KNOWN: Uniform(16.0, 17.0)})) is None
-    assert start_point(config, Scatter({"dynamic.joint_gain": Uniform(1.0, 12.0)})) is None
+    assert start_point(config, Scatter({"plant.contact.wheel_width": Uniform(0.0, 1.0)})) is None
+    slow = config.with_run(control_period=0.05)  # k = 6/11 · 0.8/(0.025 + 0.05)
+    joints = Scatter({"dynamic.joint_gain": Uniform(0.0, 128.0 / 11.0)})
+    assert start_point(slow, joints) == pytest.approx([0.5])
 
 
 def test_the_statistics_are_those_of_their_names() -> None:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.cli.app import app
-from rpctl.control.bandwidth import gains_of, joint_gains
+from rpctl.control.bandwidth import gains_of
 from rpctl.simulation.config import RunSettings
 from rpctl.study.cells import CellRunner, References, Row
 from rpctl.study.tuning import RATIOS, row_dict, tune_cells, tuning_bandwidths
@@ -30,7 +30,7 @@ def tuned(robot: Robot, bandwidth: float, seconds: float) -> dict[str, Any]:
 @pytest.mark.parametrize("bandwidth", [2.0, 10.0])
 def test_figures_are_those_of_the_loop(paper: Robot, bandwidth: float) -> None:
     found = tuned(paper, bandwidth, 0.02)
-    _, h, h1, gain = (float(part[0]) for part in gains_of(np.array([bandwidth])))
+    _, h, h1, gain = gains_of(bandwidth)
     assert (found["horizon"], found["horizon_dyn"], found["gain"]) == (h, h1, gain)
     a, b, k = 1.0 / h, 1.0 / h1, gain
 
@@ -55,8 +55,8 @@ def test_more_bandwidth_leaves_less_error(paper: Robot) -> None:
 
 
 def test_the_usual_bandwidth_is_amid_those_tried(paper: Robot) -> None:
-    usual = joint_gains(ReducedDynamics(paper)).bandwidth[0]
-    assert tuning_bandwidths(paper)[RATIOS.index(1.0)] == usual
+    usual = 0.8 / 0.051 / (2.0 * math.pi)
+    assert tuning_bandwidths(paper)[RATIOS.index(1.0)] == pytest.approx(usual)
     with pytest.raises(RpctlError, match="no joint has a bandwidth"):
         tuning_bandwidths(rpctl.load("bicycle"))
 
@@ -65,7 +65,7 @@ def test_the_command_tells_and_refuses() -> None:
     words = ["tune", "paper", "--bandwidth", "3,6", "--duration", "0.05"]
     shown = CliRunner().invoke(app, words)
     assert shown.exit_code == 0
-    assert "joints: 7.2 Hz (h 0.24 s, h1 0.06 s, k 25 1/s)" in " ".join(shown.output.split())
+    assert "gains: 2.5 Hz (h 0.7 s, h1 0.18 s, k 8.6 1/s)" in " ".join(shown.output.split())
     told = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)
     assert [each["bandwidth"] for each in told["bandwidths"]] == [3.0, 6.0]
     for wrong in ("x", "0", "-1", "nan"):

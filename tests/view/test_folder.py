@@ -66,18 +66,18 @@ def test_meshes_are_simplified_until_the_report_keeps_its_size(
 
 def test_size_that_cannot_be_kept_is_told(cart_run: Run, tmp_path: Path) -> None:
     written = write_folder(cart_run, tmp_path / "tiny", 0.5)
-    (note,) = written.notes
+    *_, note = written.notes
     assert f"{written.report_bytes / BYTES_PER_MB:.2f} MB" in note
 
 
 def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None:
     run = rpctl.track(paper, "circle", duration=0.02, kinematic=rpctl.PaperKinematic())
     written = write_folder(run, tmp_path)
-    ignored, joints = rpctl.Run.load(tmp_path / "run.npz").law_sentences
+    ignored, gains = rpctl.Run.load(tmp_path / "run.npz").law_sentences
     assert "leaves the lateral error of a straight line as it is" in ignored
-    assert joints.startswith("joints: 7.2 Hz")
-    assert {ignored, joints} <= set(written.notes)
-    assert {ignored, joints} <= set(json.loads((tmp_path / "summary.json").read_text())["notes"])
+    assert gains.startswith("gains: 2.5 Hz")
+    assert {ignored, gains} <= set(written.notes)
+    assert {ignored, gains} <= set(json.loads((tmp_path / "summary.json").read_text())["notes"])
     digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
     assert written.digest == digest
     assert json.loads((tmp_path / "summary.json").read_text())["run_sha256"] == digest
@@ -86,7 +86,7 @@ def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None
     report = (tmp_path / "report.html").read_bytes()
     assert report.count(digest.encode()) == 1
     assert str(escape(ignored)) in report.decode()
-    assert str(escape(joints)) in report.decode()
+    assert str(escape(gains)) in report.decode()
 
 
 @pytest.fixture

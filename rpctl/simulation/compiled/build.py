@@ -170,7 +170,10 @@ def require_equal(
 def _random_sample(
     robot: Robot, simulated: ReducedDynamics, rng: np.random.Generator, off: float
 ) -> tuple[Rest, Array, ReferenceState]:
-    """Return a robot at rest, speeds that it then has, and a reference off it (m, rad)."""
+    """Return a robot at rest, speeds that it then has, and a reference off it (m, rad).
+
+    The speeds are as far from rest as the reference is from the robot.
+    """
     n = len(robot.joints)
 
     def near(center: Array) -> Array:
@@ -191,7 +194,7 @@ def _random_sample(
         near(np.zeros(n)),
         near(np.zeros(n)),
     )
-    return rest, near(still), state
+    return rest, off * rng.normal(size=robot.dof), state
 
 
 def _by_pinocchio(

@@ -175,7 +175,8 @@ def _laws(run: Run, robot: Robot) -> tuple[BaseLaw, Any, Array]:
     if not isinstance(law, BaseLaw):
         raise RpctlError(f"the law {name_of(law)} plans or remembers, which has no linear form")
     if isinstance(efforts, IntegralDynamic):
-        gains, efforts = np.full(robot.dof, efforts.gain), efforts.inner
+        gains = efforts.gains(ReducedDynamics(robot), run.config.run.control_period)
+        efforts = efforts.inner
     if not isinstance(efforts, PaperDynamic | BoundedDynamic):
         raise RpctlError(f"the law {name_of(efforts)} is not one that is linearised")
     return law, efforts, gains

@@ -58,7 +58,7 @@ class Header:
         perturbed: What became of the run with a perturbed plant, as a dict, or None.
         collisions: How near its links came to things, and what they ran into; None where that was
             not looked for.
-        law_sentences: What its laws ignore and how fast they make the joints.
+        law_sentences: What its laws ignore and how fast they are.
     """
 
     robot: RobotFacts

@@ -14,7 +14,7 @@ from rpctl.simulation.merits.summary import Summary
 from rpctl.simulation.run.run import Run
 from rpctl.view.charts import has_base
 from rpctl.view.pages.page import Badge, Cell, LegendEntry, Section, Table, stand_in_entry
-from rpctl.view.pages.settings import JOINTS_LABEL, setting_text, setting_texts
+from rpctl.view.pages.settings import GAINS_LABEL, setting_text, setting_texts
 from rpctl.view.scene.stage import OBSTACLE_TITLES
 from rpctl.view.scene.stand_ins import StandIn
 
@@ -200,8 +200,8 @@ def residual(passed: bool, value: float | None, limit: float) -> str:
 
 def _settings(run: Run) -> Section:
     rows = setting_texts(run)
-    joints = rows.pop(JOINTS_LABEL, "")
-    sentence = f"{JOINTS_LABEL}: {joints}" if joints else ""
+    gains = rows.pop(GAINS_LABEL, "")
+    sentence = f"{GAINS_LABEL}: {gains}" if gains else ""
     return Section("Settings", rows=list(rows.items()), quiet=sentence)
 
 

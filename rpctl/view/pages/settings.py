@@ -15,8 +15,8 @@ from rpctl.simulation.merits.obstacles import OBSTACLE_SETTINGS
 from rpctl.simulation.run.run import Run
 from rpctl.view.scene.stage import obstacle_texts
 
-JOINTS = "joints: "  # how the sentence on the joints' gains begins
-JOINTS_LABEL = "Joints"  # of that sentence, too long for a row
+GAINS = "gains: "  # how the sentence on the gains begins
+GAINS_LABEL = "Gains"  # of that sentence, too long for a row
 NESTED_LAWS = ("base", "inner", "fallback")  # laws within laws
 REPORT_LABELS = {  # of what a law says of itself after a run
     "softened": "Solves with a softened bound",
@@ -44,8 +44,8 @@ def _groups(run: Run) -> Iterator[tuple[str, Rows]]:
         yield group, iter(obstacle_texts(law).items())
     if output is not None:
         yield "output", iter([("Output", "velocity"), *_record_rows(output, changed=True)])
-    joints = [each for each in run.law_sentences if each.startswith(JOINTS)]
-    yield "joints", ((JOINTS_LABEL, each.removeprefix(JOINTS)) for each in joints)
+    gains = [each for each in run.law_sentences if each.startswith(GAINS)]
+    yield "gains", ((GAINS_LABEL, each.removeprefix(GAINS)) for each in gains)
     yield "plant", _record_rows(config.plant, changed=True)
     if run.controller_model:
         yield "plant", iter([("Believed", setting_text(run.controller_model))])

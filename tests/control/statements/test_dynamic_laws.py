@@ -100,7 +100,8 @@ def test_a_search_that_does_not_end_is_told(paper: Robot, monkeypatch: pytest.Mo
     """In the lanes where it does not, and only there."""
     monkeypatch.setattr(bounded_statements, "MAX_STEPS", 1)
     rng = np.random.default_rng(0)
-    laws = running(limited(paper, effort=0.4, speed=0.5), BoundedDynamic(), rng)
+    law = BoundedDynamic(0.15, joint_horizon_dyn=0.06)
+    laws = running(limited(paper, effort=0.4, speed=0.5), law, rng)
     failed = []
     for samples in random_runs(laws, rng, 12):
         for buffer in laws.fragment.memory:

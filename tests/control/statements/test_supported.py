@@ -115,7 +115,7 @@ def changed(law: Any) -> Any:
 @pytest.mark.parametrize(
     "laws",
     [
-        (UnifiedKinematic(), IntegralDynamic()),
+        (UnifiedKinematic(0.65), IntegralDynamic(15.0)),
         pytest.param((Kanayama(leash=None), BoundedDynamic()), marks=pytest.mark.slow),
         (PaperKinematic(smoothing=0.1), PaperDynamic()),
     ],

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.slow  # it compiles a controller, 20 s
 ROOT = "odom base_link"
 AT_REST = "states" + 6 * " 0"
 PERIOD = 0.002
+HORIZON = 11.0 * 0.051 / 0.8  # s, h at this period
 FORWARD, TURNING, ACCELERATION, SLIDE, SLIDE_RATE = 3, 5, 6, 19, 21  # of a reference
 
 
@@ -60,13 +61,13 @@ def test_at_rest_without_reference_it_stands(controller: Driven) -> None:
 
 
 def test_a_twist_is_followed_within_its_accelerations(controller: Driven) -> None:
-    """The first period's 2 mm/s at 1 m/s²: ν̇* = 1 + .002/h + .002/h1, h = .65 s, h1 = .15 s.
+    """The first period's 2 mm/s at 1 m/s²: ν̇* = 1 + .002/h + .002/h1, h = .7 s, h1 = .15 s.
 
     At θ1 = 0 the slide of 2 kg needs 2 ν̇*, and the wheels share M_v ν̇* r.
     """
     lines = [here(1), "twist 1 .5 0 0", "update 1 .002", "update 1.51 .002"]
     (first, late), _ = answers(controller, *lines)
-    rate = 1 + 0.002 / 0.65 + 0.002 / 0.15
+    rate = 1 + 0.002 / HORIZON + 0.002 / 0.15
     mass = 30 + 2 + 4 + 2 + 2 * 0.005 / 0.15**2
     wheel = mass * rate * 0.15 / 2
     np.testing.assert_allclose(first.commands, [wheel, wheel, 0, 2 * rate], rtol=1e-12, atol=1e-12)
@@ -140,7 +141,7 @@ def test_without_odometry_it_brakes_from_its_own_speed(controller: Driven) -> No
     (tracks, brakes), _ = answers(controller, *lines)
     assert (tracks.status, brakes.status) == (0, 1)
     assert tracks.commands[0] > 0
-    rate = -1 - 0.002 / 0.65 - 0.002 / 0.15
+    rate = -1 - 0.002 / HORIZON - 0.002 / 0.15
     assert brakes.commands[3] == pytest.approx(2 * rate)
 
 
@@ -230,14 +231,14 @@ def test_bad_samples_hold_and_then_fail(controller: Driven) -> None:
 
 
 def test_in_chained_mode_interfaces_are_the_reference(controller: Driven) -> None:
-    """A reference 65 mm ahead asks x/h = .1 m/s and its rate; topics are not heard."""
+    """A reference 65 mm ahead asks x/h and its rate; topics are not heard."""
     ahead = "reference .065 0 0" + 15 * " 0" + 6 * " 0"
     lines = ["chained 1", here(1), "update 1 .002", "twist 1 .5 0 0", ahead, "update 1 .002"]
     (unset, placed), _ = answers(controller, *lines)
     assert unset.commands == [0, 0, 0, 0]
     assert placed.reference[0] == 0.065
     distance = 0.3 * math.tanh(0.065 / 0.3)  # the leash
-    rate = distance / 0.65 / 0.15
+    rate = distance / HORIZON / 0.15
     assert placed.commands[3] == pytest.approx(2 * rate, rel=1e-9)
 
 

@@ -1,4 +1,7 @@
-"""TIAGo on the eight in MuJoCo, its wheels 3 cm wide, friction .7: what the default laws leave."""
+"""TIAGo on the eight in MuJoCo, its wheels 3 cm wide, friction .7: what the default laws leave.
+
+Their gains withstand 50 ms of delay; with those of 10 ms the base was 2 mm off, not 4.
+"""
 
 from __future__ import annotations
 
@@ -30,16 +33,17 @@ def settled(robot: Robot, plant: Plant, duration: float = 20.0) -> tuple[float, 
 @pytest.mark.thorough
 def test_without_losses(tiago: Robot) -> None:
     base, tip = settled(without_losses(tiago), CONTACT)
-    assert 0.5 < base < 3.0  # an ideal plant leaves .01: contact it is
-    assert tip < 3.0
+    assert 0.5 < base < 6.0  # an ideal plant leaves .01: contact it is
+    assert tip < 6.0
 
 
 @pytest.mark.parametrize("known", cells([True, False], slow=[False]))
 def test_with_the_losses_of_the_file(tiago: Robot, known: bool) -> None:
     model = None if known else without_losses(tiago)
     base, tip = settled(tiago, replace(CONTACT, controller_model=model), 8.0)
-    assert base < 5.0
-    assert tip < 8.0
+    assert base < 6.0
+    # Friction that nobody tells stands against stiffness, which falls with the bandwidth's square.
+    assert tip < (8.0 if known else 35.0)
 
 
 @pytest.mark.thorough
@@ -56,4 +60,4 @@ def test_a_minute_without_drift(tiago: Robot) -> None:
     error = np.hypot(*run.log.e[:, :2].T)
     third, last = (error[(run.t >= a) & (run.t < a + 15.0)] for a in (30.0, 45.0))
     assert np.sqrt(np.mean(last**2)) < 1.25 * np.sqrt(np.mean(third**2))
-    assert np.sqrt(np.mean(last**2)) < 3e-3
+    assert np.sqrt(np.mean(last**2)) < 6e-3

@@ -169,7 +169,7 @@ def test_what_is_before_a_law_and_what_the_plant_does_is_told(paper_run: Run) ->
     plain = setting_texts(replace(paper_run, config=Config(), law_sentences=()))
     assert (plain["Leash (m, rad)"], plain["Approach (m, rad)"]) == ("0.3, 1", "0.5, 0.8")
     assert plain["M, h of the period's middle"] == "yes"
-    absent = {"Joints", "Delay, s", "Samples dropped, of 1", "Computing time, s"}
+    absent = {"Gains", "Delay, s", "Samples dropped, of 1", "Computing time, s"}
     absent |= {"Reference retimed"}
     assert not absent & plain.keys()
     config = Config(
@@ -178,10 +178,10 @@ def test_what_is_before_a_law_and_what_the_plant_does_is_told(paper_run: Run) ->
         RunSettings(smooth=0.01, retime=True),
         plant=Plant(delay=0.004, dropped=0.3, computing_time=0.006),
     )
-    rows = setting_texts(replace(paper_run, config=config, law_sentences=("joints: 5 Hz", "x")))
+    rows = setting_texts(replace(paper_run, config=config, law_sentences=("gains: 5 Hz", "x")))
     assert "Leash (m, rad)" not in rows
     told = {
-        "Joints' horizon h, s": "0.3", "Joints' gain k, 1/s": "7", "Joints": "5 Hz",
+        "Joints' horizon h, s": "0.3", "Joints' gain k, 1/s": "7", "Gains": "5 Hz",
         "Reference smoothed by, m": "0.01", "Reference retimed": "yes",
         "Delay, s": "0.004", "Samples dropped, of 1": "0.3", "Computing time, s": "0.006",
     }  # fmt: skip
