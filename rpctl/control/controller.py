@@ -298,7 +298,9 @@ class Controller:
         gap = before is not None and sample.t - before.t > self.guards.stale_after + self.period
         own = self._sent.status != "stopped" or self._sent.reason == PAUSED
         self._come_back(before, sample, gap)
-        self._ramps = self._ramps or gap or not own or self._watchdog.suspects(sample.t)
+        late = before is not None and sample.t - before.t > LATE_RATIO * self.period
+        self._counts["late"] += late
+        self._ramps = self._ramps or late or not own or self._watchdog.suspects(sample.t)
         if before is not None:
             self._tell(before, sample.t, applied, own and not gap)
         answer = self._both.answer(sample, self._following.now)
@@ -346,7 +348,6 @@ class Controller:
         Args:
             learns: Whether what the robot did since is the laws' doing.
         """
-        self._counts["late"] += t - before.t > LATE_RATIO * self.period
         elapsed = self._since(before.t, t) if learns else None
         arrived = self._arrived if applied is None else self._efforts_of(applied)
         if arrived is not self._asked and elapsed is not None and self._output is None:

@@ -182,7 +182,7 @@ def run_faults(robot: Robot, faults: list[Fault], rng: np.random.Generator) -> T
     first = reference(0.0)
     rest = rest_at(dynamics, Plant(), configuration_along(robot, first, np.asarray(first.pose)))
     controller = Controller(robot, reference, period=PERIOD, rest=rest)
-    plant, sent = MachinePlant(robot, rest.q), deque([rest.tau], maxlen=64)
+    plant, sent = MachinePlant(robot, rest.q), deque([(rest.tau, True)], maxlen=64)
     limits, n = robot.effort_limits, len(robot.joints)
     speeds, (low, high) = joint_limits(robot)
     last = max(f.end if math.isfinite(f.end) else f.start for f in faults)
@@ -220,14 +220,14 @@ def run_faults(robot: Robot, faults: list[Fault], rng: np.random.Generator) -> T
         if arrives or output is None:
             output = controller.step(given, q, nu)
             exempt, stops = exempt or stops, False
-        sent.append(output.efforts)
+        sent.append((output.efforts, not off))
         change = float(np.max(np.abs(output.efforts - before) / limits))
         before = output.efforts
         if not exempt and change > told.jump:
             told.jump, told.jumped_at = change, t
-        acting = sent[-1 - min(late, len(sent) - 1)].copy()
-        acting[dead] = 0.0
-        if off:  # brakes take the place of motors
+        acting, moves = sent[-1 - min(late, len(sent) - 1)]
+        acting = np.where(np.isin(np.arange(len(acting)), dead), 0.0, acting)
+        if not moves:  # brakes take the place of motors
             plant.nu *= BRAKES
             acting = dynamics.efforts(plant.q, dynamics.bias(plant.q, plant.nu))
         plant.tau[:] = acting
