@@ -12,7 +12,7 @@ import pytest
 import rpctl
 from rpctl import EndEffector, Horizon, PaperKinematic, ReducedDynamics, Robot, Run
 from rpctl.arrays import Array
-from rpctl.control.horizon.planner import Planned
+from rpctl.control.horizon.plan import Planned
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, Unregistered, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
@@ -133,8 +133,8 @@ def test_a_law_of_laws_takes_a_function(paper: Robot, monkeypatch: pytest.Monkey
 
 
 def test_a_controller_started_by_hand_keeps_its_report(paper: Robot) -> None:
-    expected = run(paper, Horizon())
-    found = run(paper, Horizon().start(ReducedDynamics(paper), PERIOD))
+    expected = run(paper, Horizon(asynchronous=False))
+    found = run(paper, Horizon(asynchronous=False).start(ReducedDynamics(paper), PERIOD))
     np.testing.assert_array_equal(found.log.nu_d, expected.log.nu_d)
     assert found.kinematic_report == expected.kinematic_report
     assert found.kinematic_report["solves"] == 6

@@ -67,8 +67,8 @@ class Horizon(PlannerSettings):
             "",
             "Whether solves run beside the samples, on a robot in a process of their own. A plan "
             "then starts from the state that is expected when it will be there; the law never "
-            "waits. If not given: unless prepare is on. Samples that a program of its own simulates "
-            "faster than time need false.",
+            "waits. If not given: unless prepare is on. Give false where you simulate the samples "
+            "yourself, faster than time.",
         ),
     ] = None
     approach: Annotated[
@@ -269,7 +269,8 @@ class HorizonLaw:
         self.softened += found.softened
         self.fallbacks += found.plan is None
         self.largest_lag = max(self.largest_lag, found.largest_lag)
-        self._plan, self._lag = found.plan, found.lag
+        self._plan = found.plan
+        self._lag = found.lag if found.plan else self._lag
         self._fault = self._fault or found.fault
 
     def _plan_beside(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.cost import wrap_angles
 from rpctl.control.law import Command
 from rpctl.robot.model import Robot
 
@@ -16,11 +16,13 @@ SOFTENED_SLACK = 1e-3  # of a limit, or m: slack from which a bound counts as so
 
 
 class Feedback(NamedTuple):
-    """What a plan leads to, and how its first ν̇ would differ had it begun beside its start."""
+    """Where a plan leads, and how its first ν̇ would differ had it begun beside its start.
 
-    pose: Array  # (N + 1, 3) of P: m, m, rad
-    rate: Array  # (3,) of the pose at the start
-    joints: Array  # (N + 1, n_joints), of the prediction's model
+    The state x is pose, joints and ν (3 + n_joints + dof,): x = c₀ + c₁ s + c₂ s² at s (s) after
+    the start of a step.
+    """
+
+    motion: Array  # (3, N, 3 + n_joints + dof): c₀, c₁ and c₂ of each step
     gain: Array  # (dof, 3 + n_joints + dof)
     largest: Array  # (dof,) |ν̇|
 
@@ -117,21 +119,18 @@ class Follower:
         Args:
             q: Configuration (nq,); None where it tells nothing of the plan.
         """
-        (nu, nu_dot), at = plan.command(t), plan.feedback
-        elapsed, self._t = min(t - self._t, plan.dt), t
+        at, elapsed, self._t = plan.feedback, min(t - self._t, plan.dt), t
         if at is None or q is None:
+            nu, nu_dot = plan.command(t)
             return Command(nu + self.beside, nu_dot)
-        (k, since), robot = plan.step(t), self._robot
-        first, step = at.pose[k], at.pose[k + 1] - at.pose[k]
-        rate = at.rate if k == 0 else (at.pose[k + 1] - at.pose[k - 1]) / (2.0 * plan.dt)
-        bend = (step - rate * plan.dt) * (since / plan.dt) ** 2
-        off = robot.base_pose(q) - first - rate * since - bend
-        off[2:] = wrap_angles(off[2:])
-        joints = np.array([robot.joint_position(q, name) for name in self._joints])
-        own = len(nu) - len(joints)
-        planned = at.joints[k] + since * (plan.command(t - since).nu_d + 0.5 * since * nu_dot)[own:]
-        delta = np.concatenate([off, joints - planned, self.beside])
-        corrected = np.clip(nu_dot + at.gain @ delta, -at.largest, at.largest)
-        command = Command(nu + self.beside, corrected)
-        self.beside = self.beside + elapsed * (corrected - nu_dot)
+        k, since = plan.step(t)
+        first, rate, bend = at.motion[:, k]
+        planned, own, robot = first + since * (rate + since * bend), -len(plan.nu), self._robot
+        joints = [robot.joint_position(q, name) for name in self._joints]
+        off = np.array([*robot.base_pose(q), *joints]) - planned[:own]
+        off[2:] -= math.tau * np.rint(off[2:] / math.tau)  # a joint that moves in m is never so far
+        nu_dot = rate[own:] + at.gain @ np.concatenate([off, self.beside])
+        nu_dot = np.maximum(np.minimum(nu_dot, at.largest), -at.largest)
+        command = Command(planned[own:] + self.beside, nu_dot)
+        self.beside = self.beside + elapsed * (nu_dot - rate[own:])
         return command

@@ -180,9 +180,19 @@ class Planner:
         except SingularBasisError:
             return None
         cos, sin = np.cos(motion.pose[0, 2]), np.sin(motion.pose[0, 2])
-        rate = np.array([cos * vx - sin * vy, sin * vx + cos * vy, omega])
+        start = [cos * vx - sin * vy, sin * vx + cos * vy, omega]
+        change = np.diff(motion.pose, axis=0)
+        rates = np.vstack([start, 0.5 * (change[:-1] + change[1:]) / plan.dt])
+        bends = (change - rates * plan.dt) / plan.dt**2
+        nu, joints = motion.nu[:-1, model.base :], plan.nu_dot[:, model.base :]
+        coefficients = (
+            [motion.pose[:-1], motion.joints[:-1], motion.nu[:-1]],
+            [rates, nu, plan.nu_dot],
+            [bends, 0.5 * joints, np.zeros_like(plan.nu_dot)],
+        )
+        along = np.stack([np.hstack(each) for each in coefficients])
         gain = prepared.qp.gain(prepared.values, self._active)
-        return Feedback(motion.pose, rate, motion.joints, gain, self._largest)
+        return Feedback(along, gain, self._largest)
 
     def advanced(self, q: Array, nu: Array, nu_dot: Array, duration: float) -> tuple[Array, Array]:
         """Return q and ν after a time under constant acceleration.

@@ -9,6 +9,7 @@ parent's number changes.
 from __future__ import annotations
 
 import io
+import math
 import os
 import pickle
 import select
@@ -20,21 +21,25 @@ from contextlib import suppress
 from dataclasses import fields
 from typing import Any
 
-from rpctl.control.horizon.ahead import NumbersAhead, ReadAhead
-from rpctl.control.horizon.plan import Planned
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.horizon.ahead import NumbersAhead, ReadAhead, Rows
+from rpctl.control.horizon.plan import Feedback, HorizonPlan, Planned
 from rpctl.control.horizon.planner import Asked, Planner, Planning
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.files.worker import LENGTH, ONE_THREAD, Channel
 from rpctl.reference.motion import Reference
-from rpctl.robot.model import Robot
+from rpctl.robot.model import BASE_NV, Robot
 
 BOOT = "import sys; sys.path[:] = {}; from rpctl.control.horizon.process import main; main({})"
 START_S = 120.0  # s that a process may take to load and to make its planner; 2 are usual
 PARENT_S = 1.0  # s between two looks at whether the parent lives
 LONG = 2**30  # bytes: no message is longer
 PIECE = 2**16  # bytes that a pipe takes at once
+PLAN, FAILED = b"plan    ", b"failed  "  # how a message begins; 8 bytes, as a number has
 KEPT_S = 1.0  # s of the past that a reference is kept for
 
 
@@ -66,7 +71,8 @@ class Process:
         self.pid, self._own = self._child.pid, own
         self._to, self._from = self._child.stdin.fileno(), self._child.stdout.fileno()
         os.set_blocking(self._to, False)
-        os.set_blocking(self._from, False)
+        self._poll = select.poll()
+        self._poll.register(self._from, select.POLLIN)
         self._unsent, self._received = b"", b""
         self.end = weakref.finalize(self, _end, self._child, own)
 
@@ -91,13 +97,14 @@ class Process:
             Ended: It has.
         """
         self._write()
-        with suppress(BlockingIOError):
-            data = os.read(self._from, LONG if self._received else PIECE)
-            if not data:
-                raise Ended
-            self._received += data
+        if not self._poll.poll(0):
+            return None
+        data = os.read(self._from, LONG)
+        if not data:
+            raise Ended
+        self._received += data
         size = LENGTH + int.from_bytes(self._received[:LENGTH], "big")
-        if len(self._received) < max(size, LENGTH + 1):
+        if len(self._received) < max(size, LENGTH):
             return None
         message, self._received = self._received[LENGTH:size], self._received[size:]
         return message
@@ -146,6 +153,8 @@ class PlanningProcess:
         except Exception as error:  # whatever somebody's own obstacle raises
             raise _unsendable(error) from None
         self._horizon, self._reach = law.steps * law.dt, (law.steps + 2) * law.dt
+        joints, dof = len(robot.drive.steered) + len(robot.joints), robot.dof
+        self._steps, self._sizes = law.steps, (BASE_NV + joints + dof, dof)
         self._ahead = ReadAhead(robot, law.dt)
         self.restarts, self.fault = 0, ""
         self._process: Process | None = None
@@ -191,13 +200,13 @@ class PlanningProcess:
         self._asked = asked
         try:
             assert self._process is not None
-            self._process.send(pickle.dumps((asked, self._ahead.taken())))
+            self._process.send(asked_bytes(asked, self._ahead.taken()))
         except Ended:
             self._lost()
 
     def result(self, t: float) -> Planned | None:
         """Return the plan that was asked for if it is there at a time (s), once."""
-        if not self._alive():
+        if (self._ready and not self.busy) or not self._alive():
             return None
         found = self._receive()
         if self._asked is not None and t - self._asked.t > self._horizon:
@@ -212,12 +221,12 @@ class PlanningProcess:
             return None
         if message is None:
             return None
-        found: Planned | str = pickle.loads(message)
-        if isinstance(found, str):  # the first message: "", or why it cannot plan
-            self._ready, self.fault = not found, found
+        if not self._ready:  # the first message: nothing, or why it cannot plan
+            self.fault = message.decode()
+            self._ready = not self.fault
             return None
         self._asked = None
-        return found
+        return planned_of(message, self._steps, self._sizes)
 
     def _alive(self) -> bool:
         """Return whether there is a process; one that was forked starts its own."""
@@ -267,13 +276,13 @@ def main(parent: int) -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     channel = Channel(io.BufferedReader(io.FileIO(incoming)), _writer(outgoing))
     with suppress(EOFError, BrokenPipeError):
-        planning = _planning(channel)
+        planning, robot = _planning(channel)
         rows, number, lag = NumbersAhead(0, 1.0), -1, 0.0
         while True:
             while not select.select([incoming], [], [], PARENT_S)[0]:
                 if os.getppid() != parent:
                     return
-            asked, more = pickle.loads(channel.receive(LONG))
+            asked, more = asked_of(channel.receive(LONG), robot)
             if more.number != number:
                 rows, number = NumbersAhead(more.first, planning.dt), more.number
             rows.add(more.rows, asked.t - lag - KEPT_S)
@@ -281,21 +290,71 @@ def main(parent: int) -> None:
                 found = planning(rows, asked)
             except Exception as error:  # this one; the next may do
                 found = Planned(None, fault=f"{type(error).__name__}: {error}")
-            lag = found.lag
-            channel.send(pickle.dumps(found))
+            lag = found.lag if found.plan else lag
+            channel.send(planned_bytes(found))
 
 
 def _writer(number: int) -> Any:
     return io.BufferedWriter(io.FileIO(number, "w"))
 
 
-def _planning(channel: Channel) -> Planning:
-    """Return what plans, and tell that it does."""
+def _planning(channel: Channel) -> tuple[Planning, Robot]:
+    """Return what plans, and for whom, and tell that it does."""
     try:
         law, robot = pickle.loads(channel.receive(LONG))
         planning = Planning(Planner(law, ReducedDynamics(robot)))
     except Exception as error:  # as of a class that the parent alone knows
-        channel.send(pickle.dumps(f"{type(error).__name__}: {error}"))
+        channel.send(f"{type(error).__name__}: {error}".encode())
         raise EOFError from None
-    channel.send(pickle.dumps(""))
-    return planning
+    channel.send(b"")
+    return planning, robot
+
+
+def asked_bytes(asked: Asked, rows: Rows) -> bytes:
+    """Return what is asked for, and more of the reference, as numbers: a pickle takes longer."""
+    numbers = [asked.t, asked.delay, rows.number, rows.first, len(rows.rows)]
+    parts = numbers, asked.q, asked.nu, asked.beside, rows.rows.ravel()
+    return np.concatenate(parts, dtype=float).tobytes()
+
+
+def asked_of(message: bytes, robot: Robot) -> tuple[Asked, Rows]:
+    """Return what :func:`asked_bytes` has packed."""
+    (t, delay, *counts), q, nu, beside, rows = np.split(
+        np.frombuffer(message), np.cumsum([5, robot.nq, robot.dof, robot.dof])
+    )
+    number, first, count = map(int, counts)
+    asked = Asked(float(t), q, nu, float(delay), beside)
+    return asked, Rows(number, first, rows.reshape(count, -1) if count else rows)
+
+
+def planned_bytes(planned: Planned) -> bytes:
+    """Return a plan as numbers, or why there is none."""
+    plan, slack, largest_lag, lag, fault = planned
+    if plan is None:
+        return FAILED + fault.encode()
+    t, dt, nu, nu_dot, feedback = plan
+    parts = [[t, dt, slack, largest_lag, lag], nu, nu_dot, *(feedback or ())]
+    return PLAN + np.concatenate([np.ravel(part) for part in parts]).tobytes()
+
+
+def planned_of(message: bytes, steps: int, sizes: tuple[int, int]) -> Planned:
+    """Return what :func:`planned_bytes` has packed.
+
+    Args:
+        steps: N.
+        sizes: Numbers of the state (3 + n_joints + dof) and of ν.
+    """
+    if message.startswith(FAILED):
+        return Planned(None, fault=message[len(FAILED) :].decode())
+    states, dof = sizes
+    shapes = (5,), (dof,), (steps, dof), (3, steps, states), (dof, states), (dof,)
+    numbers, parts, at = np.frombuffer(message, offset=len(PLAN)), list[Array](), 0
+    for shape in shapes:
+        parts.append(numbers[at : at + math.prod(shape)])
+        at += len(parts[-1])
+    (t, dt, slack, largest_lag, lag), nu, nu_dot, *rest = parts
+    feedback = None
+    if at == len(numbers):
+        feedback = Feedback(*(part.reshape(s) for part, s in zip(rest, shapes[3:], strict=True)))
+    plan = HorizonPlan(float(t), float(dt), nu, nu_dot.reshape(steps, dof), feedback)
+    return Planned(plan, float(slack), float(largest_lag), float(lag))
