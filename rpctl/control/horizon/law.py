@@ -137,7 +137,7 @@ class HorizonLaw:
     ) -> None:
         self._law, self._fallback, self._dynamics = law, fallback, dynamics
         self._beside: Beside | None = process
-        self._process, simulated = process, simulated_time()
+        self.process, simulated = process, simulated_time()
         if process is None:
             self.planner = Planner(law, dynamics)
             if law.beside and simulated is not None:
@@ -225,8 +225,8 @@ class HorizonLaw:
             report["prepared"] = self.prepared
         if self._beside is not None:
             report["largest_delay"] = self._delays.largest
-        if self._process is not None:
-            report["restarts"] = self._process.restarts
+        if self.process is not None:
+            report["restarts"] = self.process.restarts
         return report
 
     def notes(self) -> tuple[str, ...]:
@@ -237,10 +237,10 @@ class HorizonLaw:
                 f"plans of the horizon law took up to {1e3 * delay:.3g} ms; those in use were made "
                 f"of states up to {1e3 * self.largest_age:.3g} ms old"
             )
-        if self._process is not None and self._process.restarts:
-            fault = self._process.fault
+        if self.process is not None and self.process.restarts:
+            fault = self.process.fault
             found.append(
-                f"the process that plans ended, or did not answer, {self._process.restarts} times; "
+                f"the process that plans ended, or did not answer, {self.process.restarts} times; "
                 + (f"in the end it could not be started: {fault}" if fault else "others followed")
             )
         if self._fault:

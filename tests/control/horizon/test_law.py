@@ -172,7 +172,9 @@ def test_a_prepared_plan_is_the_plan(paper: Robot) -> None:
     """Where the state is as expected; elsewhere it is that of the QP linearised close by."""
     dynamics, reference = ReducedDynamics(paper), reference_by_name(paper, "eight")
     q, nu = paper.configuration_at(reference(2.0).pose, reference(2.0).joints), np.zeros(paper.dof)
-    laws = [Horizon(prepare=ahead, asynchronous=False).start(dynamics, 0.02) for ahead in (False, True)]
+    laws = [
+        Horizon(prepare=ahead, asynchronous=False).start(dynamics, 0.02) for ahead in (False, True)
+    ]
     for law in laws:
         command = law(dynamics, reference, 2.0, q, nu)
         law.prepare(2.0, q, nu, 0.02)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
-import time
 from typing import Any
 
 import numpy as np
@@ -85,10 +83,10 @@ def test_a_plan_from_beside_applies_when_it_is_there(paper: Robot) -> None:
     dynamics, reference = ReducedDynamics(paper), reference_by_name(paper, "eight")
     q, nu = paper.configuration_at(reference(0.0).pose, reference(0.0).joints), np.zeros(paper.dof)
     times = 0.002 * np.arange(24)
-    accelerations = [law(dynamics, reference, t, q, nu).nu_d_dot for t in times.tolist()]
-    changed = np.flatnonzero(np.abs(np.diff(accelerations, axis=0)).max(axis=1)) + 1
+    plans = [law.solves for t in times.tolist() if law(dynamics, reference, t, q, nu)]
+    changed = np.flatnonzero(np.diff(plans)) + 1
     # Before the first plan, at 8 ms, the fallback answers; the next begins at 20 ms.
-    np.testing.assert_array_equal(changed[changed >= 4], [4, 14])
+    np.testing.assert_array_equal(changed, [4, 14])
     assert law.report()["largest_delay"] == 0.008
     assert law.solves == 2
 
@@ -127,28 +125,3 @@ def test_a_measured_time_delays_too(paper: Robot) -> None:
 def test_a_time_that_is_none_is_refused(wrong: float | str) -> None:
     with pytest.raises(RpctlError, match="computing_time is"):
         Plant(computing_time=wrong)
-
-
-def test_a_thread_computes_while_the_law_answers(
-    paper: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Outside a simulation; the law answers from its fallback, then from the plan."""
-    law = Horizon(asynchronous=True).start(ReducedDynamics(paper), 0.002)
-    dynamics, reference = ReducedDynamics(paper), reference_by_name(paper, "eight")
-    q, nu = paper.configuration_at(reference(0.0).pose, reference(0.0).joints), np.zeros(paper.dof)
-    usual, going_on = law.planner.plan, threading.Event()
-
-    def held_up(*arguments: Any) -> Planned:
-        going_on.wait(10.0)
-        return usual(*arguments)
-
-    monkeypatch.setattr(law.planner, "plan", held_up)
-    for k in range(20):
-        law(dynamics, reference, 0.002 * k, q, nu)
-    assert law.solves == 0
-    going_on.set()
-    ends = time.monotonic() + 10.0
-    while not law.solves and time.monotonic() < ends:
-        law(dynamics, reference, 0.04, q, nu)
-    assert law.solves == 1
-    assert law.report()["largest_delay"] == pytest.approx(0.04)
