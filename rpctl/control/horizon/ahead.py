@@ -1,7 +1,7 @@
 """A reference as numbers: read a little ahead by who has it, and read again by who has the numbers.
 
 Whoever plans in another process has no use for a function of this one. It gets the reference's rows
-at multiples of half a step; between them, the second derivatives that a row holds go on.
+at multiples of a quarter of a step; between them, the second derivatives that a row holds go on.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rpctl.arrays import Array
 from rpctl.reference.motion import Reference, ReferenceState, row_reader, state_of
 from rpctl.robot.model import Robot
 
-ROWS_PER_STEP = 2
+ROWS_PER_STEP = 4
 READING_S = 50e-6  # s that a sample may spend on reading ahead; a row takes 5 to 30 µs
 
 

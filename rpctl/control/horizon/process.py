@@ -359,7 +359,7 @@ def planned_of(message: bytes, steps: int, sizes: tuple[int, int]) -> Planned:
         at += len(parts[-1])
     (t, dt, slack, largest_lag, lag), nu, nu_dot, *rest = parts
     feedback = None
-    if at == len(numbers):
+    if len(rest[0]):
         feedback = Feedback(*(part.reshape(s) for part, s in zip(rest, shapes[3:], strict=True)))
     plan = HorizonPlan(float(t), float(dt), nu, nu_dot.reshape(steps, dof), feedback)
     return Planned(plan, float(slack), float(largest_lag), float(lag))

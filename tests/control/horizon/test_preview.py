@@ -50,10 +50,8 @@ def test_an_instant_is_read_once() -> None:
         return usual(t)
 
     robot = rpctl.load("paper")
-    dynamics, law = (
-        ReducedDynamics(robot),
-        Horizon(asynchronous=False).start(ReducedDynamics(robot), PERIOD),
-    )
+    dynamics = ReducedDynamics(robot)
+    law = Horizon(asynchronous=False).start(dynamics, PERIOD)
     for k in range(20):
         q = robot.configuration_at(usual(k * PERIOD).pose, usual(k * PERIOD).joints)
         law(dynamics, reference, k * PERIOD, q, np.zeros(robot.dof))
