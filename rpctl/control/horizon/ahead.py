@@ -34,7 +34,8 @@ class ReadAhead:
 
     def __init__(self, robot: Robot, dt: float) -> None:
         self._robot, self._stride = robot, dt / ROWS_PER_STEP
-        self._number, self._reference = 0, None
+        self._reference: Reference | None = None
+        self._number = 0
         self._row: Callable[[float], Array]
         self._first, self._rows = 0, list[Array]()
 

@@ -126,7 +126,9 @@ class Planner:
     def expected(self, asked: Asked, last: HorizonPlan | None) -> tuple[Array, Array]:
         """Return q and ν at the end of the delay, at the mean ν̇ of each step of the last plan."""
         t, q, nu, delay, _ = asked
-        pieces = math.ceil(delay / self.model.dt) if last else 0
+        if last is None:
+            return q, nu
+        pieces = math.ceil(delay / self.model.dt)
         for k in range(pieces):
             after = t + (k + 1) * delay / pieces
             before = t + k * delay / pieces

@@ -158,6 +158,8 @@ class PlanningProcess:
         self._ahead = ReadAhead(robot, law.dt)
         self.restarts, self.fault = 0, ""
         self._process: Process | None = None
+        self._asked: Asked | None = None
+        self._ready = False
         self._start()
 
     def await_ready(self) -> None:
@@ -240,8 +242,7 @@ class PlanningProcess:
         return self._process is not None
 
     def _start(self) -> None:
-        self._asked: Asked | None = None
-        self._ready, self._process = False, None
+        self._asked, self._ready, self._process = None, False, None
         self._ahead.forget()
         process = Process()
         process.send(self._made_of)
