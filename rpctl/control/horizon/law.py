@@ -284,7 +284,9 @@ class HorizonLaw:
         delay = min(self._delays.expected, 0.5 * self._law.steps * self._law.dt)
         if not beside.can_begin(read, t, self._lag, delay):
             return
-        self.solved_at, asked = t, Asked(t, q, nu, delay, self._follower.beside)
+        self.solved_at, asked = t, Asked(
+            t, q, nu, delay, self._follower.beside, self._made_for is reference
+        )  # fmt: skip
         self._asked = asked, reference
         beside.begin(read, asked)
         self._collect(beside, t)
@@ -304,7 +306,9 @@ class HorizonLaw:
             return
         plan = self._next.plan
         if plan is None or t >= plan.t - TIME_ROUNDING:
-            self._follower.begin(t, asked.beside)
+            feedback = None if plan is None else plan.feedback
+            foreseen = self._follower.beside if feedback is None else feedback.beside
+            self._follower.begin(t, foreseen)
             self._made_for, self._measured_at = reference, asked.t
             self._take(self._next)
             self._asked = self._next = None

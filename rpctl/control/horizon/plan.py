@@ -25,6 +25,7 @@ class Feedback(NamedTuple):
     motion: Array  # (3, N, 3 + n_joints + dof): c₀, c₁ and c₂ of each step
     gain: Array  # (dof, 3 + n_joints + dof)
     largest: Array  # (dof,) |ν̇|
+    beside: Array  # (dof,) ν_d less that of the plan before, as foreseen at the start
 
 
 class HorizonPlan(NamedTuple):
@@ -109,7 +110,7 @@ class Follower:
         """Follow another plan from a time (s) on.
 
         Args:
-            beside: By how much ν_d was off the plan before, of what the other knows (dof,).
+            beside: By how much it is foreseen that ν_d is off the plan before (dof,).
         """
         self.beside, self._t = self.beside - beside, t
 

@@ -23,7 +23,7 @@ from rpctl.control.horizon.constraints import (
 )
 from rpctl.control.horizon.cost import Cost, wrap_angles
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.plan import Feedback, HorizonPlan, Planned
+from rpctl.control.horizon.plan import Feedback, Follower, HorizonPlan, Planned
 from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion
 from rpctl.control.horizon.qp import (
     CondensedQp,
@@ -51,6 +51,7 @@ from rpctl.reference.motion import Reference
 
 END_EFFECTOR_STRIDE = 5  # steps between the stages with a cost of the end effector
 NEAR_STAGES = 3  # first stages that also have it among obstacles
+EXPECTED_STEP = 0.01  # s: steps in which the state is expected at which a plan begins
 FIRST_SQP_STEPS = 3  # QPs of the first sample, each linearised about the last one's motion
 
 
@@ -62,6 +63,7 @@ class Asked(NamedTuple):
     nu: Array  # (dof,)
     delay: float  # s until the plan is expected: it begins then
     beside: Array  # (dof,) by how much ν_d is off the plan before
+    sees: bool = True  # whether what is measured corrects what is commanded
 
 
 class Prepared(NamedTuple):
@@ -123,18 +125,23 @@ class Planner:
         except SingularBasisError:  # the plan passes through singular steering angles
             return Planned(None)
 
-    def expected(self, asked: Asked, last: HorizonPlan | None) -> tuple[Array, Array]:
-        """Return q and ν at the end of the delay, at the mean ν̇ of each step of the last plan."""
-        t, q, nu, delay, _ = asked
+    def expected(self, asked: Asked, last: HorizonPlan | None) -> tuple[Array, Array, Array]:
+        """Return q, ν and ν_d less the last plan's (dof,) where the delay ends.
+
+        Until then the robot follows the last plan, and comes back to it from beside it: a plan that
+        did not know would correct once more what is corrected by then.
+        """
+        t, q, nu, delay, beside, sees = asked
+        follower, steps = Follower(self.model.robot), math.ceil(delay / EXPECTED_STEP)
         if last is None:
-            return q, nu
-        pieces = math.ceil(delay / self.model.dt)
-        for k in range(pieces):
-            after = t + (k + 1) * delay / pieces
-            before = t + k * delay / pieces
-            change = last.command(after).nu_d - last.command(before).nu_d
-            q, nu = self.advanced(q, nu, change / (after - before), after - before)
-        return q, nu
+            return q, nu, np.zeros_like(nu)
+        follower.begin(t, -beside)
+        for k in range(steps):
+            at, length = t + k * delay / steps, delay / steps
+            nu_dot = follower(last, at, q if sees else None).nu_d_dot
+            q, nu = self.advanced(q, nu, nu_dot, length)
+        follower(last, t + delay, q if sees else None)
+        return q, nu, follower.beside
 
     def lag(self, t: float) -> float:
         """Return how much later than at its time (s) the reference is read, s."""
@@ -172,8 +179,12 @@ class Planner:
         nu = last.start_of_next(prepared.t, nu) - motion.nu[0]
         return self._solved(prepared, StateDifference(off[:, None], joints[:, None], nu[:, None]))
 
-    def feedback(self, plan: HorizonPlan) -> Feedback | None:
-        """Return where the last plan leads, and what keeps a robot on it."""
+    def feedback(self, plan: HorizonPlan, beside: Array) -> Feedback | None:
+        """Return where the last plan leads, and what keeps a robot on it.
+
+        Args:
+            beside: By how much ν_d is off the plan before at its start (dof,).
+        """
         model, prepared = self.model, self._prepared
         q = prepared.motion.start
         try:
@@ -194,7 +205,7 @@ class Planner:
         )
         along = np.stack([np.hstack(each) for each in coefficients])
         gain = prepared.qp.gain(prepared.values, self._active)
-        return Feedback(along, gain, self._largest)
+        return Feedback(along, gain, self._largest, beside)
 
     def advanced(self, q: Array, nu: Array, nu_dot: Array, duration: float) -> tuple[Array, Array]:
         """Return q and ν after a time under constant acceleration.
@@ -262,14 +273,15 @@ class Planning:
     def __call__(self, reference: Reference, asked: Asked) -> Planned:
         """Return the next plan, with what keeps a robot on it."""
         planner, last = self._planner, self._last
+        q, nu, beside = planner.expected(asked, last)
         if last is not None:
-            last = last._replace(nu=last.nu + asked.beside)
-        q, nu = planner.expected(asked, last)
+            last = last._replace(nu=last.nu + beside)
         planned = planner.plan(reference, asked.t + asked.delay, q, nu, last)
         plan = self._last = planned.plan
         if plan is None:
             return planned
-        return planned._replace(plan=plan._replace(feedback=planner.feedback(plan)))
+        feedback = planner.feedback(plan, beside)
+        return planned._replace(plan=plan._replace(feedback=feedback))
 
 
 def _soft_bounds(

@@ -318,18 +318,18 @@ def _planning(channel: Channel) -> tuple[Planning, Robot]:
 
 def asked_bytes(asked: Asked, rows: Rows) -> bytes:
     """Return what is asked for, and more of the reference, as numbers: a pickle takes longer."""
-    numbers = [asked.t, asked.delay, rows.number, rows.first, len(rows.rows)]
+    numbers = [asked.t, asked.delay, asked.sees, rows.number, rows.first, len(rows.rows)]
     parts = numbers, asked.q, asked.nu, asked.beside, rows.rows.ravel()
     return np.concatenate(parts, dtype=float).tobytes()
 
 
 def asked_of(message: bytes, robot: Robot) -> tuple[Asked, Rows]:
     """Return what :func:`asked_bytes` has packed."""
-    (t, delay, *counts), q, nu, beside, rows = np.split(
-        np.frombuffer(message), np.cumsum([5, robot.nq, robot.dof, robot.dof])
+    (t, delay, sees, *counts), q, nu, beside, rows = np.split(
+        np.frombuffer(message), np.cumsum([6, robot.nq, robot.dof, robot.dof])
     )
     number, first, count = map(int, counts)
-    asked = Asked(float(t), q, nu, float(delay), beside)
+    asked = Asked(float(t), q, nu, float(delay), beside, bool(sees))
     return asked, Rows(number, first, rows.reshape(count, -1) if count else rows)
 
 
@@ -353,7 +353,7 @@ def planned_of(message: bytes, steps: int, sizes: tuple[int, int]) -> Planned:
     if message.startswith(FAILED):
         return Planned(None, fault=message[len(FAILED) :].decode())
     states, dof = sizes
-    shapes = (5,), (dof,), (steps, dof), (3, steps, states), (dof, states), (dof,)
+    shapes = (5,), (dof,), (steps, dof), (3, steps, states), (dof, states), (dof,), (dof,)
     numbers, parts, at = np.frombuffer(message, offset=len(PLAN)), list[Array](), 0
     for shape in shapes:
         parts.append(numbers[at : at + math.prod(shape)])

@@ -119,14 +119,17 @@ def test_numbers_of_a_reference_are_the_reference(paper: Robot) -> None:
 
 def test_messages_hold_what_was_sent(paper: Robot) -> None:
     rng = np.random.default_rng(3)
-    asked = Asked(1.5, rng.normal(size=paper.nq), rng.normal(size=4), 0.02, rng.normal(size=4))
+    asked = Asked(
+        1.5, rng.normal(size=paper.nq), rng.normal(size=4), 0.02, rng.normal(size=4), False
+    )
     ahead = ReadAhead(paper, 0.1)
     until(lambda: ahead.reaches(EIGHT, 0.0, 1.0))
     rows = ahead.taken()
     found = asked_of(asked_bytes(asked, rows), paper)
     for one, other in zip((*asked, *rows), (*found[0], *found[1]), strict=True):
         np.testing.assert_array_equal(one, other)
-    feedback = Feedback(rng.normal(size=(3, 5, 9)), rng.normal(size=(4, 9)), rng.normal(size=4))
+    sizes = (3, 5, 9), (4, 9), (4,), (4,)
+    feedback = Feedback(*(rng.normal(size=size) for size in sizes))
     plan = HorizonPlan(2.0, 0.1, rng.normal(size=4), rng.normal(size=(5, 4)), feedback)
     for each in (plan, plan._replace(feedback=None)):
         planned = Planned(each, 0.3, 0.2, 0.1)
