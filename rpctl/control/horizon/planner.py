@@ -277,11 +277,11 @@ class Planning:
         if last is not None:
             last = last._replace(nu=last.nu + beside)
         planned = planner.plan(reference, asked.t + asked.delay, q, nu, last)
-        plan = self._last = planned.plan
-        if plan is None:
-            return planned
-        feedback = planner.feedback(plan, beside)
-        return planned._replace(plan=plan._replace(feedback=feedback))
+        if planned.plan is not None:
+            feedback = planner.feedback(planned.plan, beside)
+            planned = planned._replace(plan=planned.plan._replace(feedback=feedback))
+        self._last = planned.plan
+        return planned
 
 
 def _soft_bounds(
