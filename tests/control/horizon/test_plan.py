@@ -132,3 +132,12 @@ def test_bounds_hold_between_old_plans(paper: Robot) -> None:
     assert 0.05 < report["largest_age"] <= 0.11
     assert any("plans of the horizon law took up to 50 ms" in note for note in runs[0].notes)
     np.testing.assert_array_equal(log.tau, runs[1].log.tau)  # each run has the same numbers
+
+
+def test_what_is_corrected_meanwhile_is_not_corrected_twice(paper: Robot) -> None:
+    """Plans that take .2 s begin where feedback will have brought the robot by then."""
+    run = rpctl.track(
+        paper, "eight", duration=5.0, initial_error=(0.05, -0.05, -0.05), kinematic=Horizon(),
+        control_period=0.01, plant_step=0.01, plant=Plant(computing_time=0.2), collisions=False,
+    )  # fmt: skip
+    assert np.abs(run.log.e[300:, :2]).max() < 0.02
