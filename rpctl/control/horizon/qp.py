@@ -134,16 +134,16 @@ class CondensedStructure:
         return StageValues(*parts).flat()
 
     def gathered(self, g: Array, poses: Array) -> Array:
-        """Return Γᵀ g (n,).
+        """Return Γᵀ g (c, n) of columns g (deviations, c).
 
         Args:
             poses: The pose's rows (3 N, base).
         """
-        nu_dot, pose, joints, nu = (g[index] for index in self.indices)
-        found = nu_dot.T + nu.T @ self._speeds
-        found[self.model.base :] += joints.T @ self._positions
-        found = found.ravel()
-        found[: self.base] += poses.T @ pose.ravel()
+        nu_dot, _, joints, nu = (np.moveaxis(g[index], 0, -1) for index in self.indices)
+        found = nu_dot + nu @ self._speeds  # (dof, c, N)
+        found[self.model.base :] += joints @ self._positions
+        found = np.moveaxis(found, 1, 0).reshape(g.shape[1], -1)
+        found[:, : self.base] += g[self.indices.pose.ravel()].T @ poses
         return np.asarray(found)
 
     def pose_rows(self, jacobian: Array) -> Array:
@@ -251,8 +251,8 @@ class CondensedQp:
         x0 = np.zeros(structure.deviations)
         if start is not None:
             x0 = structure.embedded(values.jacobian, start)[:, 0]
-        errors = structure.weigh((values.errors.flat() + x0)[:, None])[:, 0]
-        slopes = structure.gathered(errors, self._poses)
+        errors = structure.weigh((values.errors.flat() + x0)[:, None])
+        slopes = structure.gathered(errors, self._poses)[0]
         slopes += self._extra.T @ _rows_at(x0, values.extra)
         free = -self._solved(slopes[:, None])[:, 0]
         x, excess = self._after(values, x0, free)
@@ -284,10 +284,10 @@ class CondensedQp:
         joints, dof = len(model.joints), model.robot.dof
         parts = np.split(np.eye(BASE_NV + joints + dof), [BASE_NV, BASE_NV + joints])
         x0 = structure.embedded(values.jacobian, StateDifference(*parts))
-        slopes = [structure.gathered(g, self._poses) for g in structure.weigh(x0).T]
+        slopes = structure.gathered(structure.weigh(x0), self._poses)
         extra = [(each.jacobian @ x0[each.unknowns]).reshape(-1, len(slopes))
                  for each in values.extra]  # fmt: skip
-        moved = np.transpose(slopes) + self._extra.T @ np.vstack([x0[:0], *extra])
+        moved = slopes.T + self._extra.T @ np.vstack([x0[:0], *extra])
         found = -self._solved(moved)
         if len(active):
             A, beside = self._rows(values, active), self._rows(values, active, x0.__getitem__)
