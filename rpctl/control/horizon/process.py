@@ -40,6 +40,7 @@ PARENT_S = 1.0  # s between two looks at whether the parent lives
 LONG = 2**30  # bytes: no message is longer
 PIECE = 2**16  # bytes that a pipe takes at once
 PLAN, FAILED = b"plan    ", b"failed  "  # how a message begins; 8 bytes, as a number has
+HUNG = 5.0  # horizons without an answer: a busy machine may take more than one
 KEPT_S = 1.0  # s of the past that a reference is kept for
 
 
@@ -142,7 +143,7 @@ class PlanningProcess:
         RpctlError: It cannot be started, or the settings cannot be sent to it.
 
     Attributes:
-        restarts: How often it ended, or did not answer within a horizon.
+        restarts: How often it ended, or did not answer within some horizons.
         fault: Why it is not started any more.
     """
 
@@ -216,7 +217,7 @@ class PlanningProcess:
         if (self._ready and not self.busy) or not self._alive():
             return None
         found = self._receive()
-        if self._asked is not None and t - self._asked.t > self._horizon:
+        if self._asked is not None and t - self._asked.t > HUNG * self._horizon:
             self._lost()
         return found
 

@@ -192,7 +192,7 @@ def test_one_that_does_not_answer_is_replaced(steps: Steps) -> None:
     steps.until_solved()
     before = steps.pid
     os.kill(before, signal.SIGSTOP)
-    for _ in range(60):  # of 20 ms; a horizon is .8 s
+    for _ in range(220):  # of 20 ms; five horizons are 4 s
         steps.step(0.02)
     assert gone(before)
     assert steps.law.report()["restarts"] == 1
