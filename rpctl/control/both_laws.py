@@ -148,13 +148,14 @@ class BothLaws:
         return found
 
     def notes(self, samples: float) -> list[str]:
-        """Return a sentence for each law that failed.
+        """Return a sentence for each law that failed, and the kinematic law's own.
 
         Args:
             samples: How many there were so far.
         """
+        own: list[str] = [*self._kinematic.notes()]
         second = "dynamic law" if self.speeds is None else "velocity output"
-        return [
+        return own + [
             f"the {name} failed at {law.failures} of {samples} samples and was replaced there; "
             f"first at t = {law.first.t:.4g} s: {law.first.reason}"
             for name, law in (("kinematic law", self._kinematic), (second, self._sending))

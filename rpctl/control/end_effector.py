@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from rpctl import math
 from rpctl.arrays import Array
-from rpctl.control.horizon.law import Horizon
+from rpctl.control.horizon.law import Horizon, HorizonLaw
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Preparing, Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
@@ -295,6 +295,10 @@ class EndEffectorLaw:
     def report(self) -> dict[str, float]:
         """Return the report of the base's controller."""
         return self._base.report()
+
+    def notes(self) -> tuple[str, ...]:
+        """Return the sentences of the base's controller."""
+        return self._base.notes() if isinstance(self._base, HorizonLaw) else ()
 
 
 @dataclass(frozen=True)

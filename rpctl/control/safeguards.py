@@ -204,6 +204,10 @@ class LawWithFallback(Generic[Answer]):
         report: dict[str, float] = self._controller.report()
         return report
 
+    def notes(self) -> tuple[str, ...]:
+        """Return sentences on what became of the law, if it has any."""
+        return tuple(self._controller.notes()) if hasattr(self._controller, "notes") else ()
+
     def _ask(
         self, controller: Any, arguments: tuple[Any, ...]
     ) -> tuple[Answer | None, Exception | None]:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-import time
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated
 
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach, ApproachStage
-from rpctl.control.horizon.planner import HorizonPlan, Planned, Planner, Prepared
+from rpctl.control.horizon.beside import (
+    TIME_ROUNDING,
+    Beside,
+    Delays,
+    SimulatedPlanning,
+    simulated_time,
+)
+from rpctl.control.horizon.plan import Follower, HorizonPlan, Planned
+from rpctl.control.horizon.planner import Asked, Planner, Planning, Prepared
+from rpctl.control.horizon.process import PlanningProcess
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.control.unified import UnifiedKinematic
@@ -22,87 +25,6 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, SingularBasisError
 from rpctl.files.records import Setting
 from rpctl.reference.motion import Reference
-
-ComputingTime = float | str  # s, or "measured"
-REMEMBERED_DELAYS = 20  # results: the longest of them is expected next
-TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
-
-Result = TypeVar("Result")
-
-
-@dataclass
-class SimulatedTime:
-    """What computing takes in a simulation, in the place of what it takes on this machine.
-
-    Attributes:
-        computing_time: Of a computation, s, or "measured": its processor time.
-        spent_in_background: Processor time of what was computed beside the samples, s.
-    """
-
-    computing_time: ComputingTime = 0.0
-    spent_in_background: float = 0.0
-
-
-_simulated: ContextVar[SimulatedTime | None] = ContextVar("simulated", default=None)
-
-
-@contextmanager
-def in_simulated_time(simulated: SimulatedTime) -> Iterator[None]:
-    """Let the laws that are started meanwhile compute in simulated time."""
-    token = _simulated.set(simulated)
-    try:
-        yield
-    finally:
-        _simulated.reset(token)
-
-
-class Background(Generic[Result]):
-    """Runs one computation at a time, whose result comes later; times are those of the samples.
-
-    In simulated time it computes at once, and holds the result back for the time that it takes.
-
-    Attributes:
-        largest_delay: Of a result so far, s.
-    """
-
-    def __init__(self) -> None:
-        self._simulated = _simulated.get()
-        self._thread = None if self._simulated else ThreadPoolExecutor(1, "horizon")
-        self._running: Future[Result] | None = None
-        self._began = self._held_back = self.largest_delay = 0.0
-        self._delays = deque[float](maxlen=REMEMBERED_DELAYS)
-
-    @property
-    def busy(self) -> bool:
-        """Whether a computation runs, or its result waits."""
-        return self._running is not None
-
-    @property
-    def expected_delay(self) -> float:
-        """The longest of the last delays, s; 0 before the first."""
-        return max(self._delays, default=0.0)
-
-    def begin(self, t: float, compute: Callable[[], Result]) -> None:
-        """Begin a computation at a time (s)."""
-        self._began = t
-        if self._thread is not None:
-            self._running = self._thread.submit(compute)
-        elif self._simulated is not None:
-            self._running, began = Future(), time.thread_time()
-            self._running.set_result(compute())
-            spent, stated = time.thread_time() - began, self._simulated.computing_time
-            self._held_back = spent if isinstance(stated, str) else stated
-            self._simulated.spent_in_background += spent
-
-    def result(self, t: float) -> Result | None:
-        """Return the result that is there at a time (s), once."""
-        running, due = self._running, self._began + self._held_back - TIME_ROUNDING
-        if running is None or not running.done() or t < due:
-            return None
-        self._running, delay = None, self._held_back if self._simulated else t - self._began
-        self._delays.append(delay)
-        self.largest_delay = max(self.largest_delay, delay)
-        return running.result()
 
 
 @dataclass(frozen=True)
@@ -139,15 +61,16 @@ class Horizon(PlannerSettings):
         ),
     ] = False
     asynchronous: Annotated[
-        bool,
+        bool | None,
         Setting(
             "",
             "",
-            "Whether solves run beside the samples. A plan then starts from the state "
-            "that is expected when it will be there, and applies from then on; the law "
-            "never waits.",
+            "Whether solves run beside the samples, on a robot in a process of their own. A plan "
+            "then starts from the state that is expected when it will be there; the law never "
+            "waits. If not given: unless prepare is on. Give false where you simulate the samples "
+            "yourself, faster than time.",
         ),
-    ] = False
+    ] = None
     approach: Annotated[
         Approach | None,
         Setting(
@@ -164,51 +87,93 @@ class Horizon(PlannerSettings):
         if self.prepare and self.asynchronous:
             raise RpctlError("prepare and asynchronous exclude each other; choose one")
 
+    @property
+    def beside(self) -> bool:
+        """Whether solves run beside the samples."""
+        return not self.prepare if self.asynchronous is None else self.asynchronous
+
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> HorizonLaw:
         """Return the controller of one run, without a plan and with all counts at zero.
 
+        Where a process plans, that is started and waited for: it loads and makes its planner.
+
         Args:
             dynamics: The robot's dynamics, as far as the controller knows them.
             period: Control period, s, for the fallback: solves are :attr:`period` apart.
             rest: State before the run, for the fallback.
+
+        Raises:
+            RpctlError: The process that plans cannot be started.
         """
-        return HorizonLaw(self, dynamics, as_law(self.fallback).start(dynamics, period, rest))
+        process = None
+        if self.beside and simulated_time() is None:
+            process = PlanningProcess(self, dynamics.robot)  # it starts while this one goes on
+        fallback = as_law(self.fallback).start(dynamics, period, rest)
+        if process is not None:
+            process.await_ready()
+        return HorizonLaw(self, dynamics, fallback, process)
 
 
 class HorizonLaw:
-    """:class:`Horizon` on one robot, with its plan and its counts."""
+    """:class:`Horizon` on one robot, with its plan and its counts.
+
+    Args:
+        law: Its settings.
+        dynamics: The robot's dynamics, as far as the controller knows them.
+        fallback: What answers without a plan.
+        process: What plans; None to plan here.
+    """
+
+    planner: Planner  # where it plans here
 
     def __init__(
-        self, law: Horizon, dynamics: ReducedDynamics, fallback: KinematicController
+        self,
+        law: Horizon,
+        dynamics: ReducedDynamics,
+        fallback: KinematicController,
+        process: PlanningProcess | None = None,
     ) -> None:
-        self._law, self._fallback = law, fallback
-        self.planner = Planner(law, dynamics)
+        self._law, self._fallback, self._dynamics = law, fallback, dynamics
+        self._beside: Beside | None = process
+        self.process, simulated = process, simulated_time()
+        if process is None:
+            self.planner = Planner(law, dynamics)
+            if law.beside and simulated is not None:
+                self._beside = SimulatedPlanning(Planning(self.planner), simulated)
         self._plan: HorizonPlan | None = None
+        self._asked: tuple[Asked, Reference] | None = None
+        self._next: Planned | None = None  # the answer, until it begins
+        self._made_for: Reference | None = None  # what the plan leads to
         self._prepared: Prepared | None = None
         self._reference: Reference | None = None
         self._stage: ApproachStage | None = None
         if law.approach is not None and not law.base_obstacles:
             self._stage = law.approach.stage(dynamics)
-        self.solved_at = -math.inf
-        self.solves = self.fallbacks = self.softened = self.prepared = 0
-        self.largest_lag = 0.0
-        self._background: Background[Planned] | None = Background() if law.asynchronous else None
+        self._follower, self._delays = Follower(dynamics.robot), Delays()
+        self.solved_at = self._measured_at = -math.inf  # when it planned last, and its plan's state
+        self._lag, self._fault = 0.0, ""
+        self.solves = self.fallbacks = self.softened = self.prepared = self.unplanned = 0
+        self.largest_lag = self.largest_age = 0.0
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
         """Return the command, from a new plan if it is time for one."""
         self._reference = reference
-        if self._background is not None:
-            self._plan_in_background(self._background, reference, t, q, nu)
+        if self._beside is not None:
+            self._plan_beside(self._beside, reference, t, q, nu)
         elif self._due(t):
-            self.solved_at = t
+            self.solved_at = self._measured_at = t
             self._take(self._new_plan(reference, t, q, nu))
-        if self._plan is None:
+        plan = self._plan
+        if plan is None or t > plan.ends:
+            self.unplanned += 1
             return self._fallback(dynamics, self._reading(reference), t, q, nu)
-        return self._plan.command(t)
+        self.largest_age = max(self.largest_age, t - self._measured_at)
+        # What is followed may have jumped along with a measured pose: then the plan is none of it.
+        return self._follower(plan, t, q if self._made_for is reference else None)
 
     def _new_plan(self, reference: Reference, t: float, q: Array, nu: Array) -> Planned:
         """Return a plan from a measured state on, by the QP that was prepared if there is one."""
@@ -244,24 +209,43 @@ class HorizonLaw:
     def report(self) -> dict[str, float]:
         """Return the numbers of solves, of failed ones, and of those that softened a bound.
 
-        ``largest_lag`` (s) is how far the scaled reference time fell behind. With ``prepare``,
-        ``prepared`` is the number of solves that were; with ``asynchronous``, ``largest_delay`` (s)
-        is the longest that a plan took. ``approaches`` is how many ways up to the reference there
-        were, of a base that has that stage.
+        ``unplanned`` samples had no plan, and the fallback answered. ``largest_lag`` (s) is how far
+        the scaled reference time fell behind, ``largest_age`` (s) how long ago the state was
+        measured that a plan in use was made from. With ``prepare``, ``prepared`` is the number of
+        solves that were; where plans are made beside the samples, ``largest_delay`` (s) is the
+        longest that one took, and ``restarts`` how often their process ended or did not answer.
+        ``approaches`` is how many ways up to the reference there were, of a base that has that
+        stage.
         """
-        report: dict[str, float] = {
-            "solves": self.solves,
-            "fallbacks": self.fallbacks,
-            "softened": self.softened,
-            "largest_lag": self.largest_lag,
-        }
+        names = "solves", "fallbacks", "softened", "unplanned", "largest_lag", "largest_age"
+        report: dict[str, float] = {name: getattr(self, name) for name in names}
         if self._stage is not None:
             report["approaches"] = self._stage.approaches
         if self._law.prepare:
             report["prepared"] = self.prepared
-        if self._background is not None:
-            report["largest_delay"] = self._background.largest_delay
+        if self._beside is not None:
+            report["largest_delay"] = self._delays.largest
+        if self.process is not None:
+            report["restarts"] = self.process.restarts
         return report
+
+    def notes(self) -> tuple[str, ...]:
+        """Return sentences on plans that came late, and on what became of who makes them."""
+        found, delay = [], self._delays.largest
+        if delay > 0.0:
+            found.append(
+                f"plans of the horizon law took up to {1e3 * delay:.3g} ms; those in use were made "
+                f"of states up to {1e3 * self.largest_age:.3g} ms old"
+            )
+        if self.process is not None and self.process.restarts:
+            fault = self.process.fault
+            found.append(
+                f"the process that plans ended, or did not answer, {self.process.restarts} times; "
+                + (f"in the end it could not be started: {fault}" if fault else "others followed")
+            )
+        if self._fault:
+            found.append(f"a plan of the horizon law failed: {self._fault}")
+        return tuple(found)
 
     def _reading(self, reference: Reference) -> Reference:
         """Return what the plans track by now: the reference, or the way up to it."""
@@ -271,9 +255,8 @@ class HorizonLaw:
         """Return what a plan is to track: from far off, a new way up to the reference."""
         if self._stage is None:
             return reference
-        planner = self.planner
         try:
-            return self._stage(planner.model.dynamics, reference, t, q, nu, planner.lag(t))
+            return self._stage(self._dynamics, reference, t, q, nu, self._lag)
         except SingularBasisError:  # the base's curvature is not known there
             return self._stage.reading(reference)
 
@@ -287,29 +270,45 @@ class HorizonLaw:
         self.fallbacks += found.plan is None
         self.largest_lag = max(self.largest_lag, found.largest_lag)
         self._plan = found.plan
+        self._lag = found.lag if found.plan else self._lag
+        self._fault = self._fault or found.fault
 
-    def _plan_in_background(
-        self, background: Background[Planned], reference: Reference, t: float, q: Array, nu: Array
+    def _plan_beside(
+        self, beside: Beside, reference: Reference, t: float, q: Array, nu: Array
     ) -> None:
-        """Take over the plan that is there by now; begin the next if it is time for one.
-
-        It is planned from the state that is expected at its end.
-        """
-        found = background.result(t)
-        if found is not None:
-            self._take(found)
-        if background.busy or not self._due(t):
+        """Take over the plan that is there by now; ask for the next if it is time for one."""
+        self._collect(beside, t)
+        if self._asked is not None or not self._due(t):
             return
-        last, delay = self._plan, min(background.expected_delay, self._law.dt)
-        if last is not None:
-            q, nu = self.planner.advanced(q, nu, last.command(t).nu_d_dot, delay)
-        self.solved_at = t
+        read = self._approach(reference, t, q, nu)
+        delay = min(self._delays.expected, 0.5 * self._law.steps * self._law.dt)
+        if not beside.can_begin(read, t, self._lag, delay):
+            return
+        self.solved_at, asked = t, Asked(
+            t, q, nu, delay, self._follower.beside, self._made_for is reference
+        )  # fmt: skip
+        self._asked = asked, reference
+        beside.begin(read, asked)
+        self._collect(beside, t)
 
-        def plan() -> Planned:
-            read = self._approach(reference, t + delay, q, nu)
-            return self.planner.plan(read, t + delay, q, nu, last)
-
-        background.begin(t, plan)
-        found = background.result(t)
+    def _collect(self, beside: Beside, t: float) -> None:
+        """Take over the plan that was asked for once it is there and its time has come."""
+        found = beside.result(t)
+        if self._asked is None:
+            return
+        asked, reference = self._asked
         if found is not None:
-            self._take(found)
+            self._next = found
+            self._delays.add(t - asked.t)
+        if self._next is None:
+            if not beside.busy:  # who was asked is gone
+                self._asked = None
+            return
+        plan = self._next.plan
+        if plan is None or t >= plan.t - TIME_ROUNDING:
+            feedback = None if plan is None else plan.feedback
+            foreseen = self._follower.beside if feedback is None else feedback.beside
+            self._follower.begin(t, foreseen)
+            self._made_for, self._measured_at = reference, asked.t
+            self._take(self._next)
+            self._asked = self._next = None

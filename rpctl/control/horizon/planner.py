@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from rpctl.control.horizon.constraints import (
 )
 from rpctl.control.horizon.cost import Cost, wrap_angles
 from rpctl.control.horizon.forces import ForceModel
+from rpctl.control.horizon.plan import Feedback, Follower, HorizonPlan, Planned
 from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion
 from rpctl.control.horizon.qp import (
     CondensedQp,
@@ -42,7 +44,6 @@ from rpctl.control.horizon.target import (
     base_detour,
     look_ahead,
 )
-from rpctl.control.law import Command
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError
@@ -50,56 +51,19 @@ from rpctl.reference.motion import Reference
 
 END_EFFECTOR_STRIDE = 5  # steps between the stages with a cost of the end effector
 NEAR_STAGES = 3  # first stages that also have it among obstacles
+EXPECTED_STEP = 0.01  # s: steps in which the state is expected at which a plan begins
 FIRST_SQP_STEPS = 3  # QPs of the first sample, each linearised about the last one's motion
-PLAN_BLEND_TIME = 0.08  # s: time constant with which plans follow the measured ν
-SOFTENED_SLACK = 1e-3  # of a limit, or m: slack from which a bound counts as softened
 
 
-class HorizonPlan(NamedTuple):
-    """Accelerations, constant in each step, from time ``t`` and ``nu`` on."""
+class Asked(NamedTuple):
+    """What a plan is asked for that is computed beside the samples."""
 
-    t: float  # s
-    dt: float  # length of a step, s
+    t: float  # s, of the measured state
+    q: Array  # (nq,)
     nu: Array  # (dof,)
-    nu_dot: Array  # (N, dof)
-
-    def command(self, t: float) -> Command:
-        """Return ν and ν̇ of the plan at a time (s); before it begins, those of its first step."""
-        step = min(max(int((t - self.t) / self.dt), 0), len(self.nu_dot) - 1)
-        before = self.dt * self.nu_dot[:step].sum(axis=0)
-        nu_dot = self.nu_dot[step]
-        return Command(self.nu + before + (t - self.t - step * self.dt) * nu_dot, nu_dot)
-
-    def start_of_next(self, t: float, nu: Array) -> Array:
-        """Return the initial ν (dof,) of a plan from ``t`` on: this one's, drawn to the measured.
-
-        Planning from the measured ν alone would accept every deviation, and only the far end of the
-        horizon would correct it: light joints drift off once efforts arrive 20 ms late.
-        """
-        planned = self.command(t).nu_d
-        return np.asarray(planned + min((t - self.t) / PLAN_BLEND_TIME, 1.0) * (nu - planned))
-
-    def shifted(self, t: float) -> Array:
-        """Return the accelerations (N, dof), shifted to steps from ``t`` on; then zeros."""
-        shifted = np.zeros_like(self.nu_dot)
-        whole, part = divmod(max(t - self.t, 0.0) / self.dt, 1.0)
-        ahead = self.nu_dot[int(whole) :]
-        shifted[: len(ahead)] += (1.0 - part) * ahead
-        shifted[: len(ahead[1:])] += part * ahead[1:]
-        return shifted
-
-
-class Planned(NamedTuple):
-    """What became of a solve."""
-
-    plan: HorizonPlan | None  # None if a QP was not solved
-    slack: float = 0.0  # the largest, of a limit or m
-    largest_lag: float = 0.0  # of the scaled reference time so far, s
-
-    @property
-    def softened(self) -> bool:
-        """Whether a bound gave way."""
-        return self.slack > SOFTENED_SLACK
+    delay: float  # s until the plan is expected: it begins then
+    beside: Array  # (dof,) by how much ν_d is off the plan before
+    sees: bool = True  # whether what is measured corrects what is commanded
 
 
 class Prepared(NamedTuple):
@@ -136,6 +100,8 @@ class Planner:
         self._soft = _soft_bounds(law, self.model, self._forces, self._radius)
         self.cost = Cost(law.weights, self.model, len(end_effector_stages))
         self.structure = CondensedStructure(self.model, self.cost.hessian, self.cost.cross)
+        self._largest = law.bounds.accelerations(self.model)
+        self._prepared: Prepared  # the QP of the last plan
         self._active: Indices = np.empty(0, dtype=np.intp)  # bounds that held the last solution
 
     def plan(
@@ -158,6 +124,24 @@ class Planner:
             return found
         except SingularBasisError:  # the plan passes through singular steering angles
             return Planned(None)
+
+    def expected(self, asked: Asked, last: HorizonPlan | None) -> tuple[Array, Array, Array]:
+        """Return q, ν and ν_d less the last plan's (dof,) where the delay ends.
+
+        Until then the robot follows the last plan, and comes back to it from beside it: a plan that
+        did not know would correct once more what is corrected by then.
+        """
+        t, q, nu, delay, beside, sees = asked
+        follower, steps = Follower(self.model.robot), math.ceil(delay / EXPECTED_STEP)
+        if last is None:
+            return q, nu, np.zeros_like(nu)
+        follower.begin(t, -beside)
+        for k in range(steps):
+            at, length = t + k * delay / steps, delay / steps
+            nu_dot = follower(last, at, q if sees else None).nu_d_dot
+            q, nu = self.advanced(q, nu, nu_dot, length)
+        follower(last, t + delay, q if sees else None)
+        return q, nu, follower.beside
 
     def lag(self, t: float) -> float:
         """Return how much later than at its time (s) the reference is read, s."""
@@ -194,6 +178,34 @@ class Planner:
         joints = model.joint_positions(q) - motion.joints[0]
         nu = last.start_of_next(prepared.t, nu) - motion.nu[0]
         return self._solved(prepared, StateDifference(off[:, None], joints[:, None], nu[:, None]))
+
+    def feedback(self, plan: HorizonPlan, beside: Array) -> Feedback | None:
+        """Return where the last plan leads, and what keeps a robot on it.
+
+        Args:
+            beside: By how much ν_d is off the plan before at its start (dof,).
+        """
+        model, prepared = self.model, self._prepared
+        q = prepared.motion.start
+        try:
+            motion = model.predict(q, plan.nu, plan.nu_dot)
+            vx, vy, omega = model.dynamics.twist(q, plan.nu)
+        except SingularBasisError:
+            return None
+        cos, sin = np.cos(motion.pose[0, 2]), np.sin(motion.pose[0, 2])
+        start = [cos * vx - sin * vy, sin * vx + cos * vy, omega]
+        change = np.diff(motion.pose, axis=0)
+        rates = np.vstack([start, 0.5 * (change[:-1] + change[1:]) / plan.dt])
+        bends = (change - rates * plan.dt) / plan.dt**2
+        nu, joints = motion.nu[:-1, model.base :], plan.nu_dot[:, model.base :]
+        coefficients = (
+            [motion.pose[:-1], motion.joints[:-1], motion.nu[:-1]],
+            [rates, nu, plan.nu_dot],
+            [bends, 0.5 * joints, np.zeros_like(plan.nu_dot)],
+        )
+        along = np.stack([np.hstack(each) for each in coefficients])
+        gain = prepared.qp.gain(prepared.values, self._active)
+        return Feedback(along, gain, self._largest, beside)
 
     def advanced(self, q: Array, nu: Array, nu_dot: Array, duration: float) -> tuple[Array, Array]:
         """Return q and ν after a time under constant acceleration.
@@ -239,7 +251,7 @@ class Planner:
 
     def _solved(self, prepared: Prepared, start: StateDifference | None = None) -> Planned:
         """Return the plan of a QP, from its motion's start or from beside it."""
-        found = prepared.qp.solve(prepared.values, self._active, start)
+        found, self._prepared = prepared.qp.solve(prepared.values, self._active, start), prepared
         self._active, x, lag = found.active, found.x, self._time_scaler.largest_lag
         if not found.solved or not np.isfinite(x).all():
             return Planned(None, 0.0, lag)
@@ -247,7 +259,29 @@ class Planner:
         nu = motion.nu[0] if start is None else motion.nu[0] + start.nu[:, 0]
         nu_dot = motion.nu_dot + x[structure.indices.nu_dot]
         slack = float(x[structure.deviations :].max(initial=0.0))
-        return Planned(HorizonPlan(prepared.t, self.model.dt, nu, nu_dot), slack, lag)
+        plan = HorizonPlan(prepared.t, self.model.dt, nu, nu_dot)
+        return Planned(plan, slack, lag, self.lag(prepared.t))
+
+
+class Planning:
+    """Plan after plan of one robot, each from where the one before leads while it is computed."""
+
+    def __init__(self, planner: Planner) -> None:
+        self._planner, self.dt = planner, planner.model.dt
+        self._last: HorizonPlan | None = None
+
+    def __call__(self, reference: Reference, asked: Asked) -> Planned:
+        """Return the next plan, with what keeps a robot on it."""
+        planner, last = self._planner, self._last
+        q, nu, beside = planner.expected(asked, last)
+        if last is not None:
+            last = last._replace(nu=last.nu + beside)
+        planned = planner.plan(reference, asked.t + asked.delay, q, nu, last)
+        if planned.plan is not None:
+            feedback = planner.feedback(planned.plan, beside)
+            planned = planned._replace(plan=planned.plan._replace(feedback=feedback))
+        self._last = planned.plan
+        return planned
 
 
 def _soft_bounds(

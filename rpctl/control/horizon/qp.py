@@ -8,7 +8,7 @@ predicted accelerations ([DBS05], initial value embedding).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import daqp
@@ -134,16 +134,16 @@ class CondensedStructure:
         return StageValues(*parts).flat()
 
     def gathered(self, g: Array, poses: Array) -> Array:
-        """Return Γᵀ g (n,).
+        """Return Γᵀ g (c, n) of columns g (deviations, c).
 
         Args:
             poses: The pose's rows (3 N, base).
         """
-        nu_dot, pose, joints, nu = (g[index] for index in self.indices)
-        found = nu_dot.T + nu.T @ self._speeds
-        found[self.model.base :] += joints.T @ self._positions
-        found = found.ravel()
-        found[: self.base] += poses.T @ pose.ravel()
+        nu_dot, _, joints, nu = (np.moveaxis(g[index], 0, -1) for index in self.indices)
+        found = nu_dot + nu @ self._speeds  # (dof, c, N)
+        found[self.model.base :] += joints @ self._positions
+        found = np.moveaxis(found, 1, 0).reshape(g.shape[1], -1)
+        found[:, : self.base] += g[self.indices.pose.ravel()].T @ poses
         return np.asarray(found)
 
     def pose_rows(self, jacobian: Array) -> Array:
@@ -152,13 +152,14 @@ class CondensedStructure:
         return rows.reshape(BASE_NV * self.model.steps, self.base)
 
     def embedded(self, jacobian: Array, start: StateDifference) -> Array:
-        """Return x₀ (deviations,): what an initial difference leads to."""
-        model, at, x = self.model, self.indices, np.zeros((self.deviations, 1))
+        """Return x₀ (deviations, c): what initial differences lead to."""
+        columns = start.nu.shape[1]
+        model, at, x = self.model, self.indices, np.zeros((self.deviations, columns))
         x[at.nu] = start.nu
         later = model.dt * np.arange(1, model.steps + 1)[:, None, None]
         x[at.joints] = start.joints + later * start.nu[model.base :]
         x[at.pose] = self._poses(jacobian, x, start)
-        return x[:, 0]
+        return x
 
     def _poses(self, jacobian: Array, x: Array, start: StateDifference) -> Array:
         """Return the poses' deviations (N, 3, c), given the others' (deviations, c)."""
@@ -249,9 +250,9 @@ class CondensedQp:
         structure = self._structure
         x0 = np.zeros(structure.deviations)
         if start is not None:
-            x0 = structure.embedded(values.jacobian, start)
-        errors = structure.weigh((values.errors.flat() + x0)[:, None])[:, 0]
-        slopes = structure.gathered(errors, self._poses)
+            x0 = structure.embedded(values.jacobian, start)[:, 0]
+        errors = structure.weigh((values.errors.flat() + x0)[:, None])
+        slopes = structure.gathered(errors, self._poses)[0]
         slopes += self._extra.T @ _rows_at(x0, values.extra)
         free = -self._solved(slopes[:, None])[:, 0]
         x, excess = self._after(values, x0, free)
@@ -270,23 +271,57 @@ class CondensedQp:
             above[2 * len(x) :] -= slacks[self._slack_of_rows]
         return CondensedSolution(np.concatenate([x, slacks]), guess[:0], False, rounds)
 
+    def gain(self, values: Linearisation, active: Indices) -> Array:
+        """Return the derivatives (dof, 3 + n_joints + dof) of the first ν̇ by the initial state.
+
+        The bounds that hold the solution go on to hold it.
+
+        Args:
+            values: As of :meth:`solve`.
+            active: Numbers of the bounds that hold the solution.
+        """
+        structure, model = self._structure, self._structure.model
+        joints, dof = len(model.joints), model.robot.dof
+        parts = np.split(np.eye(BASE_NV + joints + dof), [BASE_NV, BASE_NV + joints])
+        x0 = structure.embedded(values.jacobian, StateDifference(*parts))
+        slopes = structure.gathered(structure.weigh(x0), self._poses)
+        extra = [(each.jacobian @ x0[each.unknowns]).reshape(-1, len(slopes))
+                 for each in values.extra]  # fmt: skip
+        moved = slopes.T + self._extra.T @ np.vstack([x0[:0], *extra])
+        found = -self._solved(moved)
+        if len(active):
+            A, beside = self._rows(values, active), self._rows(values, active, x0.__getitem__)
+            pull = self._solved(A.T)
+            found -= pull @ np.linalg.lstsq(A @ pull, A @ found + beside, rcond=None)[0]
+        return np.asarray(found[:: model.steps])
+
     def _after(self, values: Linearisation, x0: Array, u: Array) -> tuple[Array, Array]:
         """Return x, and by how much it exceeds each of the bounds."""
         x = x0 + self._structure.spread(u, self._poses)
         rows = _rows_at(x, values.soft)
         return x, np.concatenate([values.lower.flat() - x, x - values.upper.flat(), rows])
 
-    def _rows(self, values: Linearisation, candidates: Indices) -> Array:
-        """Return the derivatives (m, n) of bounds by u, of the numbers given."""
+    def _rows(
+        self,
+        values: Linearisation,
+        candidates: Indices,
+        by: Callable[[Indices], Array] | None = None,
+    ) -> Array:
+        """Return the derivatives (m, n) of bounds by u, of the numbers given.
+
+        Args:
+            by: What returns rows (..., n) of the deviations' derivatives; None takes Γ.
+        """
+        by = by or self._gamma
         count = self._structure.deviations
         lower, upper, soft = np.split(candidates, np.searchsorted(candidates, [count, 2 * count]))
-        rows, soft = [-self._gamma(lower), self._gamma(upper - count)], soft - 2 * count
+        rows, soft = [-by(lower), by(upper - count)], soft - 2 * count
         for each in values.soft:
             here, soft = np.split(soft, np.searchsorted(soft, [each.value.size]))
             soft = soft - each.value.size
             stage, row = np.unravel_index(here, each.value.shape)
             jacobian = each.jacobian[stage, row][:, None]
-            rows.append((jacobian @ self._gamma(each.unknowns[stage]))[:, 0])
+            rows.append((jacobian @ by(each.unknowns[stage]))[:, 0])
         return np.vstack(rows)
 
     def _within(

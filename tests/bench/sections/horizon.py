@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
 import rpctl
-from rpctl import Robot
+from rpctl import Controller, Robot
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.planner import Planner
+from tests.bench.real_time import step_seconds
 from tests.bench.rows import Row, Section
 
 OFF = (0.1, -0.1, 0.2)  # of the closed loop's start: limits bind for a second or so
@@ -22,6 +23,8 @@ PARTS = {
     "linearisation: constraints and cost": "linearise",
     "quadratic program": "_solved",
 }
+ROBOTS = "tiago", "car"
+SHARES = {"median": 50.0, "99 %": 99.0, "99.9 %": 99.9, "longest": 100.0}
 AHEAD = {"prepared ahead": "prepare", "left after a measurement": "feed_back"}
 
 
@@ -38,11 +41,29 @@ def section(quick: bool) -> Section:
         else Row(name, each, "ms", COMMAND, whole, median[whole])
         for name, each in median.items()
     )
+    rows += tuple(row for name in ROBOTS for row in paced_rows(name, duration))
     note = (
         f"TIAGo, 20 steps ahead, medians over {duration:g} s of a figure-eight that starts where "
-        "limits bind. What is left of a sample is prediction and bookkeeping."
+        "limits bind. What is left of a sample is prediction and bookkeeping. Steps: at 500 Hz in "
+        "real time, plans from a process of their own beside plans in line."
     )
     return Section("A sample of the horizon law", rows, note)
+
+
+def paced_rows(name: str, duration: float) -> Iterator[Row]:
+    """Yield percentiles of what a step takes (ms), with plans beside the samples and in line."""
+    robot = rpctl.load(name)
+    beside, inline = (
+        1e3 * step_seconds(Controller(robot, "eight", law), duration)
+        for law in (Horizon(), Horizon(asynchronous=False))
+    )
+    for label, share in SHARES.items():
+        figures = (float(np.percentile(took, share)) for took in (beside, inline))
+        figure, peer = figures
+        yield Row(
+            f"Controller.step, {name}: {label}", figure, "ms", COMMAND, "plans in line", peer,
+            goal=0.3 if share == 99.9 else None,
+        )  # fmt: skip
 
 
 def timed(call: Callable[..., Any], seconds: list[float]) -> Callable[..., Any]:

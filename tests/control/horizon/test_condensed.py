@@ -126,6 +126,34 @@ def test_another_initial_state_is_embedded(
     np.testing.assert_allclose(found.x[plan], expected[plan], atol=CLOSE * max(scale, 1.0))
 
 
+@pytest.mark.parametrize(
+    ("kind", "off"), cells([("tight", 0.0), ("tight", 0.25), ("car", 1.0)], {("tight", 0.25)})
+)
+def test_the_gain_is_the_solutions_derivative(
+    tmp_path: Path, kind: str, off: float, rng: np.random.Generator
+) -> None:
+    """By the initial state, one number after the other; the QP is linear where no bound changes."""
+    law = Horizon(steps=STEPS, base_obstacles=(Disc(9.0, 0.0, 0.2),))
+    planner, values, *_ = linearised(sources(tmp_path)[kind], law, off * OFF, rng)
+    qp, none = CondensedQp(planner.structure, values), np.empty(0, dtype=np.intp)
+    found = qp.solve(values, none)
+    joints, dof = len(planner.model.joints), planner.model.robot.dof
+    first, step = planner.structure.indices.nu_dot[0], 1e-5
+    differences = []
+    for one in np.eye(3 + joints + dof)[:, :, None]:
+        sides = []
+        for size in (step, -step):
+            start = StateDifference(*np.split(size * one, [3, 3 + joints]))
+            beside = qp.solve(values, found.active, start)
+            assert set(beside.active) == set(found.active)
+            sides.append(beside.x[first])
+        differences.append((sides[0] - sides[1]) / (2.0 * step))
+    expected = np.transpose(differences)
+    np.testing.assert_allclose(qp.gain(values, found.active), expected, atol=1e-3)
+    assert bool(len(found.active)) == bool(off)
+    assert np.abs(expected).max() > 1.0
+
+
 STEP = 1e-6
 
 

@@ -172,7 +172,9 @@ def test_a_prepared_plan_is_the_plan(paper: Robot) -> None:
     """Where the state is as expected; elsewhere it is that of the QP linearised close by."""
     dynamics, reference = ReducedDynamics(paper), reference_by_name(paper, "eight")
     q, nu = paper.configuration_at(reference(2.0).pose, reference(2.0).joints), np.zeros(paper.dof)
-    laws = [Horizon(prepare=ahead).start(dynamics, 0.02) for ahead in (False, True)]
+    laws = [
+        Horizon(prepare=ahead, asynchronous=False).start(dynamics, 0.02) for ahead in (False, True)
+    ]
     for law in laws:
         command = law(dynamics, reference, 2.0, q, nu)
         law.prepare(2.0, q, nu, 0.02)
@@ -205,7 +207,7 @@ def test_laws_prepare_in_closed_loop(paper: Robot) -> None:
 
 def test_command_and_rate_agree(paper: Robot) -> None:
     reference, dynamics = reference_by_name(paper, "eight"), ReducedDynamics(paper)
-    law = Horizon().start(dynamics, PERIOD)
+    law = Horizon(asynchronous=False).start(dynamics, PERIOD)
     q, nu = paper.configuration_at(reference(1.0).pose, reference(1.0).joints), np.zeros(paper.dof)
     commands = [law(dynamics, reference, 1.0 + t, q, nu) for t in (0.0, 0.008, 0.016)]
     rate = (commands[2].nu_d - commands[0].nu_d) / 0.016
@@ -216,7 +218,7 @@ def test_command_and_rate_agree(paper: Robot) -> None:
 def test_a_plan_goes_on_from_the_last(paper: Robot) -> None:
     """A push of the robot is not what the next plan asks for: three quarters of it are an error."""
     dynamics, reference = ReducedDynamics(paper), reference_by_name(paper, "eight")
-    law, state = Horizon().start(dynamics, PERIOD), reference(0.0)
+    law, state = Horizon(asynchronous=False).start(dynamics, PERIOD), reference(0.0)
     q = paper.configuration_at(state.pose, state.joints)
     still, push = np.zeros(4), np.array([0.02, -0.03, 0.04, 0.01])
     law(dynamics, reference, 0.0, q, still)

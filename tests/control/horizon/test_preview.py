@@ -20,7 +20,7 @@ def plans(name: str, reference: Reference, off: Array, count: int) -> list[Array
     """Return the commands of solves along a motion beside the reference."""
     robot = rpctl.load(name)
     dynamics = ReducedDynamics(robot)
-    law = Horizon().start(dynamics, PERIOD)
+    law = Horizon(asynchronous=False).start(dynamics, PERIOD)
     found = []
     for k in range(count):
         state = reference(k * PERIOD)
@@ -50,7 +50,8 @@ def test_an_instant_is_read_once() -> None:
         return usual(t)
 
     robot = rpctl.load("paper")
-    dynamics, law = ReducedDynamics(robot), Horizon().start(ReducedDynamics(robot), PERIOD)
+    dynamics = ReducedDynamics(robot)
+    law = Horizon(asynchronous=False).start(dynamics, PERIOD)
     for k in range(20):
         q = robot.configuration_at(usual(k * PERIOD).pose, usual(k * PERIOD).joints)
         law(dynamics, reference, k * PERIOD, q, np.zeros(robot.dof))

@@ -1,0 +1,367 @@
+"""Planning in a process of its own, which holds up no sample: it is asked, and polled for answers.
+
+Threads would not do: while one of them plans, Python lets no other run for milliseconds. The
+process gets numbers alone, so a reference may be any function. It has no terminal and ends with its
+parent, however that ends: its pipe closes, and where another process has kept that open, its
+parent's number changes.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import pickle
+import select
+import signal
+import subprocess
+import sys
+import weakref
+from contextlib import suppress
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from rpctl.arrays import Array
+from rpctl.control.horizon.ahead import NumbersAhead, ReadAhead, Rows
+from rpctl.control.horizon.plan import Feedback, HorizonPlan, Planned
+from rpctl.control.horizon.planner import Asked, Planner, Planning
+from rpctl.control.horizon.settings import PlannerSettings
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import RpctlError
+from rpctl.files.worker import LENGTH, ONE_THREAD, Channel
+from rpctl.reference.motion import Reference
+from rpctl.robot.model import BASE_NV, Robot
+
+BOOT = "import sys; sys.path[:] = {}; from rpctl.control.horizon.process import main; main({})"
+START_S = 120.0  # s that a process may take to load and to make its planner; 2 are usual
+PARENT_S = 1.0  # s between two looks at whether the parent lives
+LONG = 2**30  # bytes: no message is longer
+PIECE = 2**16  # bytes that a pipe takes at once
+PLAN, FAILED = b"plan    ", b"failed  "  # how a message begins; 8 bytes, as a number has
+HUNG = 5.0  # horizons without an answer: a busy machine may take more than one
+KEPT_S = 1.0  # s of the past that a reference is kept for
+
+
+class Ended(Exception):
+    """A process has ended."""
+
+
+class Process:
+    """A process that runs :func:`main`, and messages to and from it that nobody waits for.
+
+    It ends when this object is let go of, at the latest when Python ends.
+    """
+
+    def __init__(self) -> None:
+        own = os.getpid()
+        try:
+            self._child = subprocess.Popen(
+                [sys.executable, "-c", BOOT.format(sys.path, own)], bufsize=0,
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                env=os.environ | ONE_THREAD, start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            raise RpctlError(
+                f"no process could be started to plan in ({error.strerror}); with "
+                "Horizon(asynchronous=False) plans are made between the samples"
+            ) from None
+        assert self._child.stdin is not None
+        assert self._child.stdout is not None
+        self.pid, self._own = self._child.pid, own
+        self._to, self._from = self._child.stdin.fileno(), self._child.stdout.fileno()
+        os.set_blocking(self._to, False)
+        self._poll = select.poll()
+        self._poll.register(self._from, select.POLLIN)
+        self._unsent, self._received = b"", b""
+        self.end = weakref.finalize(self, _end, self._child, own)
+
+    @property
+    def own(self) -> bool:
+        """Whether this process started it; one that was forked from that did not."""
+        return self._own == os.getpid()
+
+    def send(self, message: bytes) -> None:
+        """Send a message; what the pipe does not take at once goes with the next calls.
+
+        Raises:
+            Ended: It has.
+        """
+        self._unsent += len(message).to_bytes(LENGTH, "big") + message
+        self._write()
+
+    def receive(self) -> bytes | None:
+        """Return its next message; None if there is none yet.
+
+        Raises:
+            Ended: It has.
+        """
+        self._write()
+        if not self._poll.poll(0):
+            return None
+        data = os.read(self._from, LONG)
+        if not data:
+            raise Ended
+        self._received += data
+        size = LENGTH + int.from_bytes(self._received[:LENGTH], "big")
+        if len(self._received) < max(size, LENGTH):
+            return None
+        message, self._received = self._received[LENGTH:size], self._received[size:]
+        return message
+
+    def wait(self, seconds: float) -> None:
+        """Wait until there is something to receive, or to send, or that long (s)."""
+        select.select([self._from], [self._to] if self._unsent else [], [], seconds)
+
+    def _write(self) -> None:
+        try:
+            while self._unsent:
+                self._unsent = self._unsent[os.write(self._to, self._unsent[:PIECE]) :]
+        except BlockingIOError:
+            pass
+        except OSError:
+            raise Ended from None
+
+
+def _end(child: subprocess.Popen[bytes], own: int) -> None:
+    """End a process; in one that was forked from its parent, only forget it."""
+    if os.getpid() == own:
+        child.kill()
+        child.wait()
+    else:
+        child.returncode = 0
+    for pipe in (child.stdin, child.stdout):
+        with suppress(OSError):
+            pipe.close()  # type: ignore[union-attr]
+
+
+class PlanningProcess:
+    """Plans of one robot from a process: started here, and anew whenever it ends.
+
+    Raises:
+        RpctlError: It cannot be started, or the settings cannot be sent to it.
+
+    Attributes:
+        restarts: How often it ended, or did not answer within some horizons.
+        fault: Why it is not started any more.
+    """
+
+    def __init__(self, law: PlannerSettings, robot: Robot) -> None:
+        named = {each.name: getattr(law, each.name) for each in fields(PlannerSettings)}
+        try:
+            self._made_of = pickle.dumps((PlannerSettings(**named), robot))
+        except Exception as error:  # whatever somebody's own obstacle raises
+            raise _unsendable(error) from None
+        self._horizon, self._reach = law.steps * law.dt, (law.steps + 2) * law.dt
+        joints, dof = len(robot.drive.steered) + len(robot.joints), robot.dof
+        self._steps, self._sizes = law.steps, (BASE_NV + joints + dof, dof)
+        self._ahead = ReadAhead(robot, law.dt)
+        self.restarts, self.fault = 0, ""
+        self._process: Process | None = None
+        self._asked: Asked | None = None
+        self._ready = False
+        self._start()
+
+    def await_ready(self) -> None:
+        """Wait until it is ready to plan.
+
+        Raises:
+            RpctlError: It does not become so.
+        """
+        for _ in range(round(START_S / PARENT_S)):
+            if self._ready or self._process is None:
+                break
+            self._process.wait(PARENT_S)
+            self._receive()
+        if not self._ready:
+            raise RpctlError(
+                f"the process to plan in does not start: {self.fault or 'it takes too long'}; with "
+                "Horizon(asynchronous=False) plans are made between the samples"
+            )
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process; None without one."""
+        return None if self._process is None else self._process.pid
+
+    @property
+    def busy(self) -> bool:
+        """Whether it owes a plan."""
+        return self._asked is not None
+
+    def can_begin(self, reference: Reference, t: float, lag: float, delay: float) -> bool:
+        """Return whether it can be asked for a plan, and its numbers are read; read some, if not.
+
+        Args:
+            reference: What is to be followed.
+            t: Time, s.
+            lag: How much later the reference is read, s.
+            delay: s until the plan is expected.
+        """
+        if self.busy or not self._alive():
+            return False
+        return self._ahead.reaches(reference, t - lag, t + delay + self._reach) and self._ready
+
+    def begin(self, reference: Reference, asked: Asked) -> None:
+        """Ask for a plan; ``can_begin`` has said that it can be."""
+        self._asked = asked
+        try:
+            assert self._process is not None
+            self._process.send(asked_bytes(asked, self._ahead.taken()))
+        except Ended:
+            self._lost()
+
+    def result(self, t: float) -> Planned | None:
+        """Return the plan that was asked for if it is there at a time (s), once."""
+        if (self._ready and not self.busy) or not self._alive():
+            return None
+        found = self._receive()
+        if self._asked is not None and t - self._asked.t > HUNG * self._horizon:
+            self._lost()
+        return found
+
+    def _receive(self) -> Planned | None:
+        try:
+            message = None if self._process is None else self._process.receive()
+        except Ended:
+            self._lost()
+            return None
+        if message is None:
+            return None
+        if not self._ready:  # the first message: nothing, or why it cannot plan
+            self.fault = message.decode()
+            self._ready = not self.fault
+            return None
+        self._asked = None
+        return planned_of(message, self._steps, self._sizes)
+
+    def _alive(self) -> bool:
+        """Return whether there is a process; one that was forked starts its own."""
+        if self._process is not None and not self._process.own:
+            self._start()
+        return self._process is not None
+
+    def _start(self) -> None:
+        self._asked, self._ready, self._process = None, False, None
+        self._ahead.forget()
+        process = Process()
+        process.send(self._made_of)
+        self._process = process
+
+    def _lost(self) -> None:
+        """Start anew, unless it never was ready."""
+        assert self._process is not None
+        self.restarts += 1
+        self._process.end()
+        if not self._ready:
+            self.fault, self._process = self.fault or "it ended at its start", None
+            return
+        try:
+            self._start()
+        except (RpctlError, Ended) as error:
+            self.fault, self._process = str(error), None
+
+
+def _unsendable(error: Exception) -> RpctlError:
+    return RpctlError(
+        f"the horizon law's settings cannot be sent to the process that plans ({error}); give "
+        "obstacles of a class of an importable module, or Horizon(asynchronous=False)"
+    )
+
+
+def main(parent: int) -> None:
+    """Be the process: make a planner of the first message, then a plan of each.
+
+    Args:
+        parent: Number of the process that started it.
+    """
+    incoming, outgoing = os.dup(0), os.dup(1)
+    os.dup2(2, 1)  # what is printed is no message
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(AttributeError, OSError):  # the parent may run before all others; plans do not
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    channel = Channel(io.BufferedReader(io.FileIO(incoming)), _writer(outgoing))
+    with suppress(EOFError, BrokenPipeError):
+        planning, robot = _planning(channel)
+        rows, number, lag = NumbersAhead(0, 1.0), -1, 0.0
+        while True:
+            while not select.select([incoming], [], [], PARENT_S)[0]:
+                if os.getppid() != parent:
+                    return
+            asked, more = asked_of(channel.receive(LONG), robot)
+            if more.number != number:
+                rows, number = NumbersAhead(more.first, planning.dt), more.number
+            rows.add(more.rows, asked.t - lag - KEPT_S)
+            try:
+                found = planning(rows, asked)
+            except Exception as error:  # this one; the next may do
+                found = Planned(None, fault=f"{type(error).__name__}: {error}")
+            lag = found.lag if found.plan else lag
+            channel.send(planned_bytes(found))
+
+
+def _writer(number: int) -> Any:
+    return io.BufferedWriter(io.FileIO(number, "w"))
+
+
+def _planning(channel: Channel) -> tuple[Planning, Robot]:
+    """Return what plans, and for whom, and tell that it does."""
+    try:
+        law, robot = pickle.loads(channel.receive(LONG))
+        planning = Planning(Planner(law, ReducedDynamics(robot)))
+    except Exception as error:  # as of a class that the parent alone knows
+        channel.send(f"{type(error).__name__}: {error}".encode())
+        raise EOFError from None
+    channel.send(b"")
+    return planning, robot
+
+
+def asked_bytes(asked: Asked, rows: Rows) -> bytes:
+    """Return what is asked for, and more of the reference, as numbers: a pickle takes longer."""
+    numbers = [asked.t, asked.delay, asked.sees, rows.number, rows.first, len(rows.rows)]
+    parts = numbers, asked.q, asked.nu, asked.beside, rows.rows.ravel()
+    return np.concatenate(parts, dtype=float).tobytes()
+
+
+def asked_of(message: bytes, robot: Robot) -> tuple[Asked, Rows]:
+    """Return what :func:`asked_bytes` has packed."""
+    (t, delay, sees, *counts), q, nu, beside, rows = np.split(
+        np.frombuffer(message), np.cumsum([6, robot.nq, robot.dof, robot.dof])
+    )
+    number, first, count = map(int, counts)
+    asked = Asked(float(t), q, nu, float(delay), beside, bool(sees))
+    return asked, Rows(number, first, rows.reshape(count, -1) if count else rows)
+
+
+def planned_bytes(planned: Planned) -> bytes:
+    """Return a plan as numbers, or why there is none."""
+    plan, slack, largest_lag, lag, fault = planned
+    if plan is None:
+        return FAILED + fault.encode()
+    t, dt, nu, nu_dot, feedback = plan
+    parts = [[t, dt, slack, largest_lag, lag], nu, nu_dot, *(feedback or ())]
+    return PLAN + np.concatenate([np.ravel(part) for part in parts]).tobytes()
+
+
+def planned_of(message: bytes, steps: int, sizes: tuple[int, int]) -> Planned:
+    """Return what :func:`planned_bytes` has packed.
+
+    Args:
+        steps: N.
+        sizes: Numbers of the state (3 + n_joints + dof) and of ν.
+    """
+    if message.startswith(FAILED):
+        return Planned(None, fault=message[len(FAILED) :].decode())
+    states, dof = sizes
+    shapes = (5,), (dof,), (steps, dof), (3, steps, states), (dof, states), (dof,), (dof,)
+    numbers, parts, at = np.frombuffer(message, offset=len(PLAN)), list[Array](), 0
+    for shape in shapes:
+        parts.append(numbers[at : at + math.prod(shape)])
+        at += len(parts[-1])
+    (t, dt, slack, largest_lag, lag), nu, nu_dot, *rest = parts
+    feedback = None
+    if len(rest[0]):
+        feedback = Feedback(*(part.reshape(s) for part, s in zip(rest, shapes[3:], strict=True)))
+    plan = HorizonPlan(float(t), float(dt), nu, nu_dot.reshape(steps, dof), feedback)
+    return Planned(plan, float(slack), float(largest_lag), float(lag))
