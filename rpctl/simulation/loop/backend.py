@@ -117,6 +117,8 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
     plant = config.plant
     reasons = {
         "every sample is watched when it is computed": watched,
+        "the controller foretells a delay": config.run.delay > 0.0,
+        "rates are estimated": config.run.rates == "estimated",
         "the robot takes speeds": config.output is not None,
         "a simulator of the user's moves the robot": plant.own is not None,
         f"the plant is {plant.kind}": plant.kind != "rolling",

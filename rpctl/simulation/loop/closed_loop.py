@@ -175,6 +175,8 @@ class ComputingController:
                 config.output or "effort",
                 rest,
                 compiled=False,
+                rates=config.run.rates,
+                delay=config.run.delay,
             )
         self._busy_until = 0.0  # s
         self._output: ControllerOutput | None = None
