@@ -209,7 +209,7 @@ class Controller:
         self._waits = self._lost = ""  # why the reference stands, and why the robot was lost last
         self._asked = self._arrived = efforts  # by the laws, and what was sent instead
         self._safe_until = math.inf  # when the last safe efforts are stale, s
-        self._measured: MeasuredSample | None = None  # the last good sample
+        self._measured: MeasuredSample | None = None  # the last good sample, as the laws get it
         self._braking: Braking | None = None
 
     def step(self, t: float, q: Array, nu: Array, applied: Array | None = None) -> ControllerOutput:
@@ -317,10 +317,12 @@ class Controller:
     def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
         """Return what is sent after a good sample, or why nothing new is."""
         arrived = None if applied is None else self._efforts_of(applied)
-        sample = self._estimate(sample, arrived)
+        jumped = self._rolls and self._jumps.jumps(sample.t, sample.q[:4].tolist())
+        sample = self._estimate(sample, arrived, jumped)
         before, self._measured, self._braking = self._measured, sample, None
-        if self._rolls:
-            self._let_in(before, sample)
+        if jumped and before is not None:
+            self._counts["jumps"] += 1
+            self._following.jumped(before, sample)  # what is followed jumps along
         if self._waits and self._waits != PAUSED:
             return self._without_laws(sample.t, self._waits)
         if before is None and self._waits:
@@ -335,12 +337,6 @@ class Controller:
             self._counts["paused"] += 1
             return self._slowed(output._replace(status="stopped", reason=self._waits))
         return self._watched(sample, self._slowed(output))
-
-    def _let_in(self, before: MeasuredSample | None, sample: MeasuredSample) -> None:
-        """Let what is followed jump where the measured pose does."""
-        if self._jumps.jumps(sample.t, sample.q[:4].tolist()) and before is not None:
-            self._counts["jumps"] += 1
-            self._following.jumped(before, sample)
 
     def _tell(self, before: MeasuredSample, t: float, applied: Array | None) -> None:
         """Tell the laws how long ago the last sample was (s), and what arrived since."""

@@ -15,7 +15,7 @@ import numpy as np
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import by_velocity, joint_gains
-from rpctl.control.sampling import JUMP, MeasuredSample
+from rpctl.control.sampling import LONGEST_SILENCE, MeasuredSample
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import MachineCode, code_key
@@ -27,14 +27,16 @@ from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import BASE_NV, Robot
 
 RATES = ("measured", "estimated")
-BANDWIDTH = 40.0  # rad/s of the observer: what encoders of 12 bits leave in efforts is 15 % at 100 Hz
+BANDWIDTH = (
+    40.0  # rad/s of the observer: what encoders of 12 bits leave in efforts is 15 % at 100 Hz
+)
 LEARNING = 5.0  # 1/s, of a disturbance by rates that are measured: over a delay it is foretold
-MEMORY, YOUNG = 3.0, 1e3  # samples: p = n/(n + 3) of the first n
-LONGEST_STEP = 0.01  # s, of the model's motion
+LONGEST_STEP = 0.005  # s, of the model's motion
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 PROBLEM = 1e-9  # of what base speeds do to the pose: a motion that is less moves no base
 
-WINDOW, CHANGES = 48, 4  # samples that are looked at; changes up and down that tell a lattice
+WINDOW, STRIDE = 48, 16  # samples that are looked at, and how often
+CHANGES = 4  # up, and as many down, that tell a lattice
 ON_LATTICE = 1e-3  # of a step: what rates rounded to single precision are off a lattice
 COARSE = 0.02  # of an effort limit: a step of a rate that changes an effort by less is fine
 BASE_GAIN = 25.0  # 1/s: about the laws' 1/h1 + k of the base
@@ -84,7 +86,7 @@ class StateKernel:
             sample ``measured`` in where ``correcting`` is not 0.
         buffers: By name: ``q`` (nq,), ``nu``, ``d``, ``way``, ``gap`` (dof,), ``tau`` (n_act,),
             ``dt`` (1,), ``measured`` and ``before`` (nq,), ``rates``, ``told``, ``taken`` (dof,),
-            ``gains`` (4,), ``elapsed``, ``moving`` and ``correcting`` (1,).
+            ``gains`` (4,), ``elapsed``, ``jumped``, ``moving`` and ``correcting`` (1,).
     """
 
     def __init__(self, robot: Robot, efforts: bool, compiled: bool) -> None:
@@ -126,7 +128,7 @@ def _statements(
     sizes = dict.fromkeys(("nu", "d", "way", "gap", "rates", "told", "taken"), robot.dof)
     sizes |= dict.fromkeys(("q", "measured", "before"), robot.nq)
     sizes |= {"tau": len(robot.actuators), "gains": 4}
-    sizes |= dict.fromkeys(("dt", "elapsed", "moving", "correcting"), 1)
+    sizes |= dict.fromkeys(("dt", "elapsed", "jumped", "moving", "correcting"), 1)
     place = {name: symbolic(Buffer(f"state {name}", size)) for name, size in sizes.items()}
     at = {name: symbols for name, (_, symbols) in place.items()}
     step = moved(known, at["q"], at["nu"], at["tau"] if efforts else None, at["d"], at["dt"])
@@ -135,7 +137,7 @@ def _statements(
     read = {
         "moving": ("q", "nu", "way", "d", "tau", "dt"),
         "correcting": (*found.keys() - {"q"}, "way", "measured", "rates", "told", "taken", "gains",
-                       "elapsed"),
+                       "elapsed", "jumped"),
     }  # fmt: skip
     body = tuple(
         When(
@@ -171,8 +173,7 @@ def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
         normal = columns.T @ columns + PROBLEM * math.SX.eye(len(base))
         speeds = known.solve_positive(normal, columns.T @ rest)
         for k, way in zip(base, math.vertsplit(speeds), strict=True):
-            leapt = math.fabs(way - at["way"][k]) > JUMP
-            pose = math.if_else(leapt, at["way"][k], way)
+            pose = math.if_else(at["jumped"], at["way"][k], way)
             now[k] = math.if_else(at["told"][k], at["elapsed"] * at["rates"][k], pose)
     gap, (first, second, third, learning) = (
         at["gap"] + column(now) - at["way"],
@@ -228,7 +229,7 @@ class LatticeWatch:
         gains = by_velocity(
             dynamics, BASE_GAIN, 2.0 * np.pi * joint_gains(dynamics, period).bandwidth
         )
-        share = np.abs(dynamics.at(q).allocation @ dynamics.inertia(q)) * gains
+        share = np.abs(np.linalg.pinv(dynamics.actuation(q)) @ dynamics.inertia(q)) * gains
         limits = robot.effort_limits[:, None]
         self._finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
         self._rates = np.zeros((WINDOW, robot.dof))
@@ -238,7 +239,7 @@ class LatticeWatch:
         """Take rates (dof,) a time (s) after the last; return whether they are on a lattice."""
         k = self._next
         self._rates[k], self._elapsed[k], self._next = nu, elapsed, (k + 1) % WINDOW
-        return not self._next and self._found()
+        return not self._next % STRIDE and self._found()
 
     def _found(self) -> bool:
         steps = np.abs(np.diff(self._rates, axis=0))
@@ -274,8 +275,9 @@ class StateEstimate:
 
         ŝ ← ŝ + (1 − p³) r,   ν̂ ← ν̂ + 1.5 (1 − p²)(1 − p) r/T,   d ← d + (1 − p)³ r/T²
 
-    the filter of fading memory of [M69], p = exp(−ωT): three poles at ω. It starts at rest with
-    short memory, so that a robot that moves is known after some samples.
+    the filter of fading memory of [M69], p = exp(−ωT): three poles at ω. It starts at rest; its
+    first n samples count alike, as long as that weighs the last one more: a robot that moves is
+    known after some of them.
 
     **Delay.** Efforts act a told time δ after the sample they follow from. The state is moved on
     over δ under those that were sent and have not acted yet. The laws' integral so learns from
@@ -309,7 +311,8 @@ class StateEstimate:
         self._dynamics, self._period, self._delay = dynamics, period, delay
         self._told = rates == "estimated"
         self._every, self._compiled = rates == "estimated", compiled
-        self._watch = LatticeWatch(dynamics, period) if rates is None else None
+        watched = rates is None and efforts.size
+        self._watch = LatticeWatch(dynamics, period) if watched else None
         self._sent = deque([(-numbers.inf, efforts)])  # and from when on they act, s
         self._last, self._time = numbers.nan, numbers.nan  # of the last sample; of the estimate, s
         self._age = 0.0  # samples that the observer has seen
@@ -331,20 +334,22 @@ class StateEstimate:
         self._run = kernel.run.stepper(space)
         self._space = space  # lives as long as what runs in it
 
-    def __call__(self, sample: MeasuredSample, applied: Array | None = None) -> MeasuredSample:
+    def __call__(
+        self, sample: MeasuredSample, applied: Array | None = None, jumped: bool = False
+    ) -> MeasuredSample:
         """Return the state at the time of a sample, which is when the next efforts act.
 
         Args:
             sample: What was measured δ before its time; rates may be NaN.
             applied: Efforts (n_act,) that arrived since the last sample, if the robot tells.
+            jumped: Whether the base's pose has, which is no motion.
         """
         t, q, nu = sample
         told = np.isfinite(nu)
-        if self._watch is not None and told.all():
-            if self._watch.takes(nu, t - self._last):
-                self._every, self._watch, self.lattice = True, None, t
-        self._last = t
-        if not (self._every or self._delay or self._time == self._time or not told.all()):
+        elapsed, self._last = t - self._last, t
+        if self._watch is not None and told.all() and self._watch.takes(nu, elapsed):
+            self._every, self._watch, self.lattice = True, None, t
+        if told.all() and not (self._every or self._delay or self._begun):
             return sample
         if not self._at:
             self._build()
@@ -353,13 +358,13 @@ class StateEstimate:
         self.samples += not taken.all()
         at["measured"][:], at["rates"][:] = q, np.where(told, nu, 0.0)
         at["told"][:], at["taken"][:] = told, taken
-        if numbers.isnan(self._time) or not self._follow(now, applied):
+        at["jumped"][0] = jumped
+        if not (now - self._time <= LONGEST_SILENCE and self._follow(now, applied)):
             at["q"][:], at["before"][:], at["nu"][:] = q, q, at["rates"]
             at["d"][:] = at["gap"][:] = 0.0
-            self._age = numbers.inf if told.all() else 0.0
+            self._age = numbers.inf if told.all() else 1.0
         self._time = now
-        while len(self._sent) > 1 and self._sent[1][0] <= now + TIME_ROUNDING:
-            self._sent.popleft()
+        self._forget(now + TIME_ROUNDING)
         estimate = MeasuredSample(t, at["q"].copy(), at["nu"].copy())
         if not self._delay:
             return estimate
@@ -382,7 +387,15 @@ class StateEstimate:
     def sent(self, t: float, efforts: Array) -> None:
         """Take note of efforts (n_act,) that act from a time (s) on."""
         self._sent.append((t, efforts))
-        if numbers.isnan(self._time):
+        self._forget(t - self._delay - LONGEST_SILENCE if self._begun else t)
+
+    @property
+    def _begun(self) -> bool:
+        return not numbers.isnan(self._time)
+
+    def _forget(self, until: float) -> None:
+        """Forget efforts that others replaced before a time (s)."""
+        while len(self._sent) > 1 and self._sent[1][0] <= until:
             self._sent.popleft()
 
     def _follow(self, now: float, applied: Array | None) -> bool:
@@ -396,14 +409,12 @@ class StateEstimate:
         at["way"][:], at["elapsed"][0] = 0.0, elapsed
         self._move(acting)
         self._age += 1.0
-        fading = numbers.exp(-BANDWIDTH * elapsed)
-        p = min(fading, self._age / (self._age + MEMORY)) if self._age < YOUNG else fading
-        at["gains"][:] = (
-            1.0 - p**3,
-            1.5 * (1.0 - p * p) * (1.0 - p) / elapsed,
-            (1.0 - p) ** 3 / elapsed**2,
-            min(LEARNING, 1.0 / elapsed),
-        )
+        p, n = numbers.exp(-BANDWIDTH * elapsed), self._age
+        first, second, third = 1.0 - p**3, 1.5 * (1.0 - p * p) * (1.0 - p), (1.0 - p) ** 3
+        if (even := 6.0 / (n * (n + 1.0))) > second:
+            first, second, third = even * (2.0 * n - 1.0) / 3.0, even, 0.0
+        learning = min(LEARNING, 1.0 / elapsed)
+        at["gains"][:] = first, second / elapsed, third / elapsed**2, learning
         at["moving"][0], at["correcting"][0] = 0.0, 1.0
         self._run()
         return bool(np.isfinite(at["nu"]).all() and np.isfinite(at["q"]).all())
