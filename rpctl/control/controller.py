@@ -288,9 +288,9 @@ class Controller:
         """Return what happened so far, by name.
 
         ``samples``; how many of them were ``held``, answered while ``stopped``, ``paused`` or
-        ``lost`` or by ``fallbacks``, and how many came ``late``; ``jumps`` of the pose and
-        ``clock_changes``; the samples at which rates were ``estimated``; 1 of ``machine_code`` where the laws run as such; then what the laws
-        count.
+        ``lost`` or by ``fallbacks``, how many came ``late``, and at how many rates were
+        ``estimated``; ``jumps`` of the pose and ``clock_changes``; 1 of ``machine_code`` where the
+        laws run as such; then what the laws count.
         """
         own = {
             "clock_changes": self._reader.clock_changes,
