@@ -35,10 +35,11 @@ LONGEST_STEP = 0.005  # s, of the model's motion
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 PROBLEM = 1e-9  # of what base speeds do to the pose: a motion that is less moves no base
 
-WINDOW, STRIDE = 48, 16  # samples that are looked at, and how often
+WINDOW, STRIDE = 32, 8  # samples that are looked at, and how often
+PARTS = 12.0  # of the smallest change that the step may be: rates of several wheels are added
 CHANGES = 4  # up, and as many down, that tell a lattice
 ON_LATTICE = 1e-3  # of a step: what rates rounded to single precision are off a lattice
-COARSE = 0.02  # of an effort limit: a step of a rate that changes an effort by less is fine
+COARSE = 0.002  # of an effort limit: a step of a rate that changes an effort by less is fine
 BASE_GAIN = 25.0  # 1/s: about the laws' 1/h1 + k of the base
 
 
@@ -224,7 +225,7 @@ class LatticeWatch:
     """
 
     def __init__(self, dynamics: ReducedDynamics, period: float) -> None:
-        robot = dynamics.robot
+        robot, self._period = dynamics.robot, period
         q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
         gains = by_velocity(
             dynamics, BASE_GAIN, 2.0 * np.pi * joint_gains(dynamics, period).bandwidth
@@ -233,12 +234,13 @@ class LatticeWatch:
         limits = robot.effort_limits[:, None]
         self._finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
         self._rates = np.zeros((WINDOW, robot.dof))
-        self._elapsed, self._next = np.zeros(WINDOW), 0
+        self._elapsed, self._next = np.full(WINDOW, period), 0
 
     def takes(self, nu: Array, elapsed: float) -> bool:
         """Take rates (dof,) a time (s) after the last; return whether they are on a lattice."""
         k = self._next
-        self._rates[k], self._elapsed[k], self._next = nu, elapsed, (k + 1) % WINDOW
+        self._rates[k], self._next = nu, (k + 1) % WINDOW
+        self._elapsed[k] = elapsed if elapsed > 0.0 else self._period
         return not self._next % STRIDE and self._found()
 
     def _found(self) -> bool:
@@ -261,7 +263,7 @@ def _is_lattice(values: Array, finest: float) -> bool:
     if min((change > 0.0).sum(), (change < 0.0).sum()) < CHANGES:
         return False
     step = float(np.abs(change).min())
-    multiples = change / step
+    multiples = PARTS * change / step
     return step > finest and bool(np.abs(multiples - np.round(multiples)).max() < ON_LATTICE)
 
 
@@ -346,7 +348,7 @@ class StateEstimate:
         """
         t, q, nu = sample
         told = np.isfinite(nu)
-        elapsed, self._last = t - self._last, t
+        elapsed, self._last = t - self._last, t  # NaN at first
         if self._watch is not None and told.all() and self._watch.takes(nu, elapsed):
             self._every, self._watch, self.lattice = True, None, t
         if told.all() and not (self._every or self._delay or self._begun):
@@ -357,7 +359,7 @@ class StateEstimate:
         taken = np.zeros_like(told) if self._every else told
         self.samples += not taken.all()
         at["measured"][:], at["rates"][:] = q, np.where(told, nu, 0.0)
-        at["told"][:], at["taken"][:] = told, taken
+        at["told"][:], at["taken"][:] = told & (not self._told), taken
         at["jumped"][0] = jumped
         if not (now - self._time <= LONGEST_SILENCE and self._follow(now, applied)):
             at["q"][:], at["before"][:], at["nu"][:] = q, q, at["rates"]
