@@ -14,7 +14,6 @@ import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
-from rpctl.control.bandwidth import by_velocity, joint_gains
 from rpctl.control.sampling import LONGEST_SILENCE, MeasuredSample
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
@@ -31,6 +30,7 @@ BANDWIDTH = (
     40.0  # rad/s of the observer: what encoders of 12 bits leave in efforts is 15 % at 100 Hz
 )
 LEARNING = 5.0  # 1/s, of a disturbance by rates that are measured: over a delay it is foretold
+NOTHING = np.empty(0)
 LONGEST_STEP = 0.005  # s, of the model's motion
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 PROBLEM = 1e-9  # of what base speeds do to the pose: a motion that is less moves no base
@@ -40,7 +40,7 @@ PARTS = 12.0  # of the smallest change that the step may be: rates of several wh
 CHANGES = 4  # up, and as many down, that tell a lattice
 ON_LATTICE = 1e-3  # of a step: what rates rounded to single precision are off a lattice
 COARSE = 0.002  # of an effort limit: a step of a rate that changes an effort by less is fine
-BASE_GAIN = 25.0  # 1/s: about the laws' 1/h1 + k of the base
+GAIN = 25.0  # 1/s, of laws: about their 1/h1 + k
 
 
 class Motion(NamedTuple):
@@ -227,10 +227,7 @@ class LatticeWatch:
     def __init__(self, dynamics: ReducedDynamics, period: float) -> None:
         robot, self._period = dynamics.robot, period
         q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
-        gains = by_velocity(
-            dynamics, BASE_GAIN, 2.0 * np.pi * joint_gains(dynamics, period).bandwidth
-        )
-        share = np.abs(np.linalg.pinv(dynamics.actuation(q)) @ dynamics.inertia(q)) * gains
+        share = GAIN * np.abs(np.linalg.pinv(dynamics.actuation(q)) @ dynamics.inertia(q))
         limits = robot.effort_limits[:, None]
         self._finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
         self._rates = np.zeros((WINDOW, robot.dof))
@@ -317,6 +314,7 @@ class StateEstimate:
         self._watch = LatticeWatch(dynamics, period) if watched else None
         self._sent = deque([(-numbers.inf, efforts)])  # and from when on they act, s
         self._last, self._time = numbers.nan, numbers.nan  # of the last sample; of the estimate, s
+        self._nu = np.zeros(dynamics.robot.dof)  # of the last sample
         self._age = 0.0  # samples that the observer has seen
         self._at: dict[str, Array] = {}
         self.astray: Array | None
@@ -352,6 +350,7 @@ class StateEstimate:
         if self._watch is not None and told.all() and self._watch.takes(nu, elapsed):
             self._every, self._watch, self.lattice = True, None, t
         if told.all() and not (self._every or self._delay or self._begun):
+            self._nu = nu
             return sample
         if not self._at:
             self._build()
@@ -362,12 +361,15 @@ class StateEstimate:
         at["told"][:], at["taken"][:] = told & (not self._told), taken
         at["jumped"][0] = jumped
         if not (now - self._time <= LONGEST_SILENCE and self._follow(now, applied)):
-            at["q"][:], at["before"][:], at["nu"][:] = q, q, at["rates"]
+            known = told | (elapsed <= LONGEST_SILENCE)
+            at["q"][:], at["before"][:] = q, q
+            at["nu"][:] = np.where(told, nu, np.where(known, self._nu, 0.0))
             at["d"][:] = at["gap"][:] = 0.0
-            self._age = numbers.inf if told.all() else 1.0
+            self._age = numbers.inf if known.all() else 1.0
         self._time = now
         self._forget(now + TIME_ROUNDING)
         estimate = MeasuredSample(t, at["q"].copy(), at["nu"].copy())
+        self._nu = estimate.nu
         if not self._delay:
             return estimate
         self._move(self._acting(now, t))
@@ -423,14 +425,17 @@ class StateEstimate:
 
     def _acting(self, start: float, end: float) -> list[tuple[float, Array]]:
         """Return for how long (s) which efforts act between two times (s), in short steps."""
-        found, times = [], [max(t, start) for t, _ in self._sent]
-        for (_, tau), begin, after in zip(
-            self._sent, times, [*times[1:], numbers.inf], strict=True
-        ):
-            length = min(after, end) - begin
+        found: list[tuple[float, Array]] = []
+        begin, acting = start, self._sent[0][1]
+        for t, efforts in (*self._sent, (end, NOTHING)):
+            length = min(t, end) - begin
             if length > TIME_ROUNDING:
                 steps = numbers.ceil(length / LONGEST_STEP - TIME_ROUNDING)
-                found += [(length / steps, tau)] * steps
+                found += [(length / steps, acting)] * steps
+                begin += length
+            if t >= end:
+                break
+            acting = efforts
         return found
 
     def _move(self, acting: list[tuple[float, Array]]) -> None:

@@ -94,6 +94,16 @@ def test_rates_of_a_robot_that_moves_are_known_after_some_samples(paper: Robot) 
     np.testing.assert_allclose(found.nu, nu, atol=0.03)
 
 
+def test_rates_that_fail_on_the_way_are_gone_on_from(paper: Robot) -> None:
+    """They are what they were, and no rest."""
+    robot = Simulated(Controller(paper, "eight"))
+    robot.run(2.0)
+    robot.run(1.0, hidden())
+    robot.run(1.0)
+    assert robot.largest_jump(10) < 0.01
+    assert np.abs(robot.error()).max() < 2e-3
+
+
 def test_a_missing_rate_is_bad_where_rates_have_to_be_measured(paper: Robot) -> None:
     robot = Simulated(Controller(paper, "eight", rates="measured", compiled=False))
     robot.run(2 * PERIOD, hidden())
