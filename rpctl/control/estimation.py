@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math as numbers
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from rpctl.arrays import Array
 from rpctl.control.sampling import LONGEST_SILENCE, MeasuredSample
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.errors import DiffersError
 from rpctl.kernels.machine_code import MachineCode, code_key
 from rpctl.kernels.program import Buffer, Program, Statement, When, statement, symbolic
 from rpctl.kernels.scalars import column
@@ -26,14 +27,13 @@ from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import BASE_NV, Robot
 
 RATES = ("measured", "estimated")
-BANDWIDTH = (
-    40.0  # rad/s of the observer: what encoders of 12 bits leave in efforts is 15 % at 100 Hz
-)
+BANDWIDTH = 40.0  # rad/s of the observer: 12 bits at 100 Hz then leave leaps of 15 % in efforts
 LEARNING = 5.0  # 1/s, of a disturbance by rates that are measured: over a delay it is foretold
 NOTHING = np.empty(0)
+SEED, INSTANT, ROUGHLY = 20210601, 1e-8, 1e-3  # s: a motion that short tells the acceleration
 LONGEST_STEP = 0.005  # s, of the model's motion
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
-PROBLEM = 1e-9  # of what base speeds do to the pose: a motion that is less moves no base
+RIDGE = 1e-9  # of what base speeds do to the pose: less is no motion
 
 WINDOW, STRIDE = 32, 8  # samples that are looked at, and how often
 PARTS = 12.0  # of the smallest change that the step may be: rates of several wheels are added
@@ -99,9 +99,34 @@ class StateKernel:
         if compiled:
             key = code_key(robot_identity(robot), "estimate", efforts)
             self.buffers, (self.run,) = stored(key, make)
+            if efforts:
+                self._require_same(robot)
         else:
             self.buffers, (program,) = make()
             self.run = VirtualMachine(program)
+
+    def places(self) -> tuple[dict[str, Array], Callable[[], bool]]:
+        """Return memory by the names of the buffers, and what runs in it as long as it lives."""
+        space = self.run.workspace()
+        at = {
+            name: space[buffer][:, 0] if buffer in space else np.zeros(buffer.size)
+            for name, buffer in self.buffers.items()
+        }
+        return at, self.run.stepper(space)
+
+    def _require_same(self, robot: Robot) -> None:
+        """Refuse machine code that moves the robot otherwise than Pinocchio."""
+        dynamics, rng = ReducedDynamics(robot), np.random.default_rng(SEED)
+        q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
+        nu, tau = rng.normal(size=robot.dof), rng.normal(size=len(robot.actuators))
+        at, run = self.places()
+        at["q"][:], at["nu"][:], at["tau"][:] = q, nu, tau
+        at["dt"][0] = at["moving"][0] = INSTANT
+        run()
+        expected = dynamics.forward(q, nu, tau)
+        residual = np.abs((at["nu"] - nu) / INSTANT - expected).max(initial=0.0)
+        if not residual <= ROUGHLY * np.abs(expected).max(initial=1.0):
+            raise DiffersError(f"machine code moves {robot.name} otherwise than Pinocchio")
 
 
 _kept: deque[tuple[Robot, tuple[bool, bool], StateKernel]] = deque(maxlen=8)
@@ -171,7 +196,7 @@ def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
     if base:
         rest = _base_motion(at["before"], q) - S[:BASE_NV, :] @ column(now)
         columns = S[:BASE_NV, base]
-        normal = columns.T @ columns + PROBLEM * math.SX.eye(len(base))
+        normal = columns.T @ columns + RIDGE * math.SX.eye(len(base))
         speeds = known.solve_positive(normal, columns.T @ rest)
         for k, way in zip(base, math.vertsplit(speeds), strict=True):
             pose = math.if_else(at["jumped"], at["way"][k], way)
@@ -325,14 +350,11 @@ class StateEstimate:
     def _build(self) -> None:
         """Build what computes, or read it from the disk."""
         efforts = bool(self._sent[0][1].size)
-        kernel = state_kernel(self._dynamics.robot, efforts, self._compiled)
-        space = kernel.run.workspace()
-        self._at = {
-            name: space[buffer][:, 0] if buffer in space else np.zeros(buffer.size)
-            for name, buffer in kernel.buffers.items()
-        }
-        self._run = kernel.run.stepper(space)
-        self._space = space  # lives as long as what runs in it
+        try:
+            kernel = state_kernel(self._dynamics.robot, efforts, self._compiled)
+        except DiffersError:
+            kernel = state_kernel(self._dynamics.robot, efforts, compiled=False)
+        self._at, self._run = kernel.places()
 
     def __call__(
         self, sample: MeasuredSample, applied: Array | None = None, jumped: bool = False

@@ -13,10 +13,11 @@ import pytest
 import rpctl
 from rpctl import Controller, Plant, ReducedDynamics, Robot, VelocityOutput
 from rpctl.arrays import Array
+from rpctl.control import estimation
 from rpctl.control.estimation import WINDOW, LatticeWatch, StateEstimate
 from rpctl.control.sampling import MeasuredSample
 from rpctl.dynamics.motion import step
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import DiffersError, RpctlError, UnknownNameError
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.backend import refusal
 from tests.control.simulated import PERIOD, Simulated
@@ -206,6 +207,20 @@ def test_the_foretold_motion_is_the_models(name: str, off: float) -> None:
     assert found.t == DELAY
     np.testing.assert_allclose(found.nu, nu, atol=off)
     np.testing.assert_allclose(found.q, q, atol=DELAY * off)
+
+
+def test_machine_code_that_differs_is_not_run(
+    paper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dynamics, nothing = ReducedDynamics(paper), np.zeros(4)
+    sample = MeasuredSample(DELAY, paper.configuration(), np.array([0.3, 0.2, 0.1, -0.1]))
+    known = StateEstimate(dynamics, PERIOD, DELAY, None, nothing, compiled=True)(sample)
+    monkeypatch.setattr(estimation, "ROUGHLY", -1.0)
+    monkeypatch.setattr(estimation, "_kept", deque())
+    with pytest.raises(DiffersError, match="moves paper otherwise than Pinocchio"):
+        estimation.state_kernel(paper, efforts=True, compiled=True)
+    found = StateEstimate(dynamics, PERIOD, DELAY, None, nothing, compiled=True)(sample)
+    np.testing.assert_allclose(found.nu, known.nu, atol=1e-12)
 
 
 @pytest.mark.parametrize("told", [0.7 * DELAY, DELAY, 1.3 * DELAY])
