@@ -75,11 +75,11 @@ def test_the_rates_of_a_base_come_from_its_pose(name: str) -> None:
     """Steering turns as its joint does; what rolls goes as far as P does."""
     robot = rpctl.load(name)
     simulated = Simulated(Controller(robot, "eight", compiled=False))
-    simulated.run(0.6, hidden())
+    simulated.run(0.4, hidden())
     estimate = simulated.controller._measured
     assert estimate is not None
-    np.testing.assert_allclose(estimate.nu, simulated.nu, atol=5e-3)
-    assert np.abs(simulated.nu[0]) > 5e-3
+    np.testing.assert_allclose(estimate.nu, simulated.nu, atol=3e-4)
+    assert np.abs(simulated.nu[0]) > 1e-3
 
 
 def test_rates_of_a_robot_that_moves_are_known_after_some_samples(paper: Robot) -> None:
@@ -93,6 +93,24 @@ def test_rates_of_a_robot_that_moves_are_known_after_some_samples(paper: Robot) 
         q, nu, *_ = step(dynamics, q, nu, nothing, PERIOD)
         estimate.sent(k * PERIOD, nothing)
     np.testing.assert_allclose(found.nu, nu, atol=0.03)
+
+
+def test_a_position_between_an_encoders_steps_is_known(paper: Robot) -> None:
+    """A joint that turns on by itself at .05 rad/s is nearer to its estimate than to its count."""
+    dynamics, nothing, off = ReducedDynamics(paper), np.zeros(4), []
+    q, nu = paper.configuration(), np.array([0.0, 0.0, 0.05, 0.0])
+    estimate = StateEstimate(dynamics, PERIOD, 0.0, None, nothing, compiled=False)
+    for k in range(300):
+        counted, angle = q.copy(), paper.joint_position(q, paper.joint_names[0])
+        count = BIT12 * round(angle / BIT12)
+        paper.set_joint(counted, paper.joint_names[0], count)
+        found = estimate(MeasuredSample(k * PERIOD, counted, np.full(4, math.nan)))
+        estimate.sent(k * PERIOD, nothing)
+        known = paper.joint_position(found.q, paper.joint_names[0])
+        off.append((abs(known - angle), abs(count - angle)))
+        q, nu, *_ = step(dynamics, q, nu, nothing, PERIOD)
+    estimated, counted_off = np.mean(off[100:], axis=0)
+    assert estimated < 0.6 * counted_off
 
 
 def test_rates_that_fail_on_the_way_are_gone_on_from(paper: Robot) -> None:
@@ -113,6 +131,18 @@ def test_a_missing_rate_is_bad_where_rates_have_to_be_measured(paper: Robot) -> 
     robot.run(PERIOD, lambda t, q, nu: (t, q * math.nan, nu))
     robot.run(PERIOD, lambda t, q, nu: (t, q, nu + math.inf))
     assert [output.status for output in robot.outputs] == ["held", "held"]
+
+
+def test_a_silence_is_neither_remembered_nor_simulated(paper: Robot) -> None:
+    """Of a robot whose sensors fail for 1.6 s; the memory of what was sent would grow for ever."""
+    robot = Simulated(Controller(paper, "eight"))
+    robot.run(0.2, hidden())
+    robot.run(1.6, lambda t, q, nu: (t, q * math.nan, nu))
+    assert len(robot.controller._estimate._sent) <= 502
+    robot.run(0.2, hidden())
+    estimate = robot.controller._measured
+    assert estimate is not None
+    np.testing.assert_allclose(estimate.nu, robot.nu, atol=0.02)
 
 
 def test_a_pose_that_jumps_is_no_speed(paper: Robot) -> None:
@@ -227,7 +257,7 @@ def test_machine_code_that_differs_is_not_run(
 def test_a_told_delay_is_foretold_and_may_be_wrong(paper: Robot, told: float) -> None:
     """Untold, joints at 7.2 Hz swing by .3 rad."""
     robot = Simulated(Controller(paper, "eight", **fast(delay=told)))
-    robot.run(3.0, arriving=late(paper))
+    robot.run(1.5, arriving=late(paper))
     assert robot.largest_jump(100) < 0.02
     # δ of the reference's motion: it is tracked at the time at which efforts were to act.
     assert np.abs(robot.error(robot.t)).max() < 5e-3
@@ -236,8 +266,8 @@ def test_a_told_delay_is_foretold_and_may_be_wrong(paper: Robot, told: float) ->
 
 def test_a_delay_that_is_not_told_is_what_the_one_above_mends(paper: Robot) -> None:
     robot = Simulated(Controller(paper, "eight", **fast()))
-    robot.run(3.0, arriving=late(paper))
-    assert np.abs(robot.error()).max() > 0.05
+    robot.run(1.5, arriving=late(paper))
+    assert np.abs(robot.error()).max() > 0.01
 
 
 def test_the_integral_learns_from_the_efforts_that_acted(paper: Robot) -> None:
@@ -247,9 +277,9 @@ def test_the_integral_learns_from_the_efforts_that_acted(paper: Robot) -> None:
     assert kernel is not None
     assert kernel._d is not None
     arriving, push = late(paper), np.array([0.0, 5.0, 0.0, 0.0])
-    robot.run(1.0, arriving=arriving)
+    robot.run(0.5, arriving=arriving)
     assert np.abs(kernel._d).max() < 5e-3
-    robot.run(3.0, arriving=lambda tau: arriving(tau) + push)
+    robot.run(1.5, arriving=lambda tau: arriving(tau) + push)
     still, q = np.zeros(4), robot.q
     expected = robot.dynamics.forward(q, still, push) - robot.dynamics.forward(q, still, 0 * push)
     np.testing.assert_allclose(kernel._d, expected, rtol=0.05, atol=5e-3)
@@ -290,17 +320,17 @@ def test_a_dead_motor_that_is_told_teaches_nothing_behind_a_delay(paper: Robot) 
 def test_a_pause_and_bad_samples_behind_a_delay(paper: Robot) -> None:
     robot = Simulated(Controller(paper, "eight", **fast(delay=DELAY)))
     arriving = late(paper)
-    robot.run(2.0, arriving=arriving)
+    robot.run(1.0, arriving=arriving)
     robot.controller.pause()
-    robot.run(1.3, arriving=arriving)
+    robot.run(1.2, arriving=arriving)
     assert np.abs(robot.nu).max() < 5e-3
     robot.controller.resume()
-    robot.run(2.0, arriving=arriving)
+    robot.run(1.0, arriving=arriving)
     assert robot.largest_jump(10) < 0.05
-    robot.run(1.5, lambda t, q, nu: (t, q * math.nan, nu), arriving=arriving)
+    robot.run(0.9, lambda t, q, nu: (t, q * math.nan, nu), arriving=arriving)
     assert np.abs(robot.nu).max() < 0.05  # braked along the motion of when its efforts act
     assert robot.largest_jump(10) < 0.3
-    robot.run(5.0, arriving=arriving)
+    robot.run(0.1, arriving=arriving)
     assert robot.outputs[-1].status == "ok"
 
 
