@@ -266,27 +266,31 @@ class LatticeWatch:
         return not self._next % STRIDE and self._found()
 
     def _found(self) -> bool:
-        steps = np.abs(np.diff(self._rates, axis=0))
-        if not (steps > self._finest).any():
+        change = np.diff(self._rates, axis=0)
+        up, down = (change > 0.0).sum(axis=0), (change < 0.0).sum(axis=0)
+        shaken = np.minimum(up, down) >= CHANGES  # smooth motion has no such rate
+        if not shaken.any():
             return False
-        mean = float(self._elapsed.mean())
-        return any(
-            _is_lattice(values[:, j], scale * self._finest[j])
-            for values, scale in ((self._rates, 1.0), (self._rates * self._elapsed[:, None], mean))
-            for j in range(values.shape[1])
-        )
+        rates, elapsed, finest = self._rates[:, shaken], self._elapsed, self._finest[shaken]
+        ways = rates * elapsed[:, None]
+        return _on_lattice(rates, finest) or _on_lattice(ways, elapsed.mean() * finest)
 
 
-def _is_lattice(values: Array, finest: float) -> bool:
-    """Return whether values (n,) change by whole multiples of a step larger than the finest."""
-    change = np.diff(values)
+def _on_lattice(values: Array, finest: Array) -> bool:
+    """Return whether a column changes by whole multiples of a step larger than the finest.
+
+    Args:
+        values: (n, k).
+        finest: (k,).
+    """
+    change = np.diff(values, axis=0)
     size = np.abs(change)
-    change = change[size > 1e-9 * max(float(np.abs(values).max()), 1e-9)]
-    if min((change > 0.0).sum(), (change < 0.0).sum()) < CHANGES:
-        return False
-    step = float(np.abs(change).min())
-    multiples = PARTS * change / step
-    return step > finest and bool(np.abs(multiples - np.round(multiples)).max() < ON_LATTICE)
+    changed = size > 1e-9 * np.maximum(np.abs(values).max(axis=0), 1e-9)
+    up, down = (changed & (change > 0.0)).sum(axis=0), (changed & (change < 0.0)).sum(axis=0)
+    step = np.where(changed, size, np.inf).min(axis=0)
+    multiples = PARTS * np.where(changed, size, 0.0) / step
+    whole = np.abs(multiples - np.round(multiples)).max(axis=0) < ON_LATTICE
+    return bool((whole & (np.minimum(up, down) >= CHANGES) & (step > finest)).any())
 
 
 class StateEstimate:
