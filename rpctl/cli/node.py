@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 
-from rpctl.cli.options import LoadOptions, RobotArgument
+from rpctl.cli.options import FieldOptions, LoadOptions, RobotArgument
 from rpctl.control.controller import Controller, ControllerOutput
 from rpctl.control.ros_messages import COMMANDS, POINT, Readings, fill
 from rpctl.errors import RpctlError
+from rpctl.files.records import Plain
+from rpctl.simulation.config import RunSettings
 
 QUEUE = 10  # messages
 REMINDER = 2.0  # s between two messages on what is missing
@@ -55,6 +57,9 @@ class NodeOptions:
     base_frame: Annotated[
         str | None, typer.Option(metavar="FRAME", help="That is located; else the root link.")
     ] = None
+    known: Annotated[Plain, FieldOptions(RunSettings, ("rates", "delay"))] = field(
+        default_factory=dict
+    )
 
 
 def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOptions) -> None:
@@ -67,7 +72,9 @@ def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOp
             "/opt/ros/DISTRO/setup.bash, and run rpctl with the Python of that ROS"
         ) from None
     loaded, laws = options.load(robot), (settings.kinematic, settings.dynamic)
-    controller = Controller(loaded, settings.reference, *laws, settings.period, settings.output)
+    controller = Controller(
+        loaded, settings.reference, *laws, settings.period, settings.output, **settings.known
+    )
     handlers = signals.SignalHandlerOptions.NO  # Ctrl-C is rpctl's
     rclpy.init(args=[], signal_handler_options=handlers)
     node = rclpy.create_node("rpctl")

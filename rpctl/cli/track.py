@@ -78,7 +78,15 @@ class ConfigOptions:
         Plain,
         FieldOptions(
             RunSettings,
-            ("duration", *REFERENCE_FIELDS, "initial_error", "log_every", "allow_sag"),
+            (
+                "duration",
+                *REFERENCE_FIELDS,
+                "initial_error",
+                "log_every",
+                "allow_sag",
+                "delay",
+                "rates",
+            ),
         ),
     ] = field(default_factory=dict)
     kinematic: Annotated[

@@ -11,6 +11,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.both_laws import BothLaws
 from rpctl.control.error import tracking_error
+from rpctl.control.estimation import RATES, StateEstimate
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.law import (
     Command,
@@ -38,12 +39,13 @@ from rpctl.control.sampling import JumpWatch, MeasuredSample, SampleReader
 from rpctl.control.transition import Following
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.control.velocity_output import (
+    MAX_DEAD_TIME,
     TIME_ROUNDING,
     VelocityOutput,
     as_output,
 )
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import require_positive
+from rpctl.errors import RpctlError, require_known, require_positive
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, require_pulling
 from rpctl.robot.model import Robot
@@ -127,6 +129,11 @@ class Controller:
             takes the defaults.
         compiled: Whether laws in closed form run as machine code, which is built here unless the
             disk has it; else in CasADi's virtual machine: a step takes twice as long.
+        rates: ``"measured"``: they are as good as they come, and a sample that lacks one is bad.
+            ``"estimated"``: none is believed. None: those that are NaN are estimated, and all once
+            one is found to be quantised. See :class:`~rpctl.control.estimation.StateEstimate`.
+        delay: Time from a measurement to the efforts it leads to, s. The laws are given the state
+            and the reference of then, and so are all times that the controller tells.
 
     Raises:
         RpctlError: A setting is out of range, or the reference or a law does not fit the robot.
@@ -143,8 +150,15 @@ class Controller:
         rest: Rest | None = None,
         guards: Guards | None = None,
         compiled: bool = True,
+        rates: str | None = None,
+        delay: float = 0.0,
     ) -> None:
         require_positive("period", period)
+        if rates is not None:
+            require_known("kind of rates", [rates], RATES)
+        if not 0.0 <= delay <= MAX_DEAD_TIME:
+            raise RpctlError(f"delay is {delay:g} s; give a time from 0 to {MAX_DEAD_TIME:g} s")
+        self._rates, self._delay = rates, delay
         self.robot, self.period, self.guards = robot, period, guards or Guards()
         if isinstance(kinematic, str):
             kinematic = kinematic_by_name(kinematic)
@@ -153,6 +167,11 @@ class Controller:
         self._reference, usual = self._read(reference), default_laws(robot)
         self._laws = as_law(kinematic or usual[0]), as_law(dynamic or usual[1])
         self._rest, self._output = rest, as_output(output)
+        if delay and self._output is not None:
+            raise RpctlError(
+                f"delay is {delay:g} s; of a robot that takes speeds it is part of the dead time: "
+                "give dead_time of its VelocityOutput, --dead-time"
+            )
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
         self._rolls = bool(robot.drive.base_speeds)
         self._in_arm = np.array([name in robot.joint_names for name in robot.actuators])
@@ -182,14 +201,19 @@ class Controller:
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
         efforts, speeds = (tau, NOTHING) if self._output is None else (NOTHING, still)
         self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
-        self._reader, self._jumps = SampleReader(robot, self.period), JumpWatch()
+        needs_rates = self._rates == "measured"
+        self._reader = SampleReader(robot, self.period, self._delay, needs_rates)
+        self._estimate = StateEstimate(
+            self._dynamics, self.period, self._delay, self._rates, efforts, self._compiled
+        )
+        self._jumps = JumpWatch()
         self._watchdog = Watchdog(self.guards.lost_after)
         self._following = Following(self._dynamics, self._reference, self.guards.fading)
         self._waits = self._lost = ""  # why the reference stands, and why the robot was lost last
         self._asked = self._arrived = efforts  # by the laws, and what was sent instead
         self._ramps = False  # whether efforts come slowly after a stop or a gap
         self._safe_until = math.inf  # when the last safe efforts are stale, s
-        self._measured: MeasuredSample | None = None  # the last good sample
+        self._measured: MeasuredSample | None = None  # the last good sample, as the laws get it
         self._braking: Braking | None = None
 
     def step(self, t: float, q: Array, nu: Array, applied: Array | None = None) -> ControllerOutput:
@@ -198,7 +222,7 @@ class Controller:
         Args:
             t: Time, s; it advances from sample to sample.
             q: Measured configuration (nq,); :meth:`Robot.state` makes it from named readings.
-            nu: Measured quasi-velocities (dof,).
+            nu: Measured quasi-velocities (dof,); NaN where nobody measures one.
             applied: Efforts (n_act,) that arrived since the last sample, where the robot tells:
                 what did not arrive teaches the integral nothing.
 
@@ -211,6 +235,7 @@ class Controller:
         if isinstance(output, str):
             output = self._without_answer(self._reader.time, output)
         self._sent = output
+        self._estimate.sent(self._reader.time, output.efforts)
         return output
 
     def pause(self, motors_off: bool = False) -> None:
@@ -267,11 +292,14 @@ class Controller:
         """Return what happened so far, by name.
 
         ``samples``; how many of them were ``held``, answered while ``stopped``, ``paused`` or
-        ``lost`` or by ``fallbacks``, and how many came ``late``; ``jumps`` of the pose and
-        ``clock_changes``; 1 of ``machine_code`` where the laws run as such; then what the laws
-        count.
+        ``lost`` or by ``fallbacks``, how many came ``late``, and at how many rates were
+        ``estimated``; ``jumps`` of the pose and ``clock_changes``; 1 of ``machine_code`` where the
+        laws run as such; then what the laws count.
         """
-        own = {"clock_changes": self._reader.clock_changes}
+        own = {
+            "clock_changes": self._reader.clock_changes,
+            "estimated": self._estimate.samples,
+        }
         return {**self._counts, **own, **self._both.report()}
 
     def kinematic_report(self) -> dict[str, float]:
@@ -286,13 +314,20 @@ class Controller:
                          "there was nothing safe to send for too long")  # fmt: skip
         if self._counts["lost"]:
             found.append(f"the robot did not do what it was sent, and was braked: {self._lost}")
+        if self._estimate.note:
+            found.append(self._estimate.note)
         return tuple(found)
 
     def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
         """Return what is sent after a good sample, or why nothing new is."""
+        arrived = None if applied is None else self._efforts_of(applied)
+        jumped = self._rolls and self._jumps.jumps(sample.t, sample.q[:4].tolist())
+        sample = self._estimate(sample, arrived, jumped)
         before, self._measured, self._braking = self._measured, sample, None
-        if self._rolls:
-            self._let_in(before, sample)
+        if jumped and before is not None:
+            self._counts["jumps"] += 1
+            self._following.jumped(before, sample)  # what is followed jumps along
+            self._ramps = True
         if self._waits == MOTORS_OFF:
             return self._without_motors(sample.t)
         gap = before is not None and sample.t - before.t > self.guards.stale_after + self.period
@@ -313,13 +348,6 @@ class Controller:
         if self._waits:
             return self._lost_base(sample, output)
         return self._watched(sample, self._slowed(output))
-
-    def _let_in(self, before: MeasuredSample | None, sample: MeasuredSample) -> None:
-        """Let what is followed jump where the measured pose does."""
-        if self._jumps.jumps(sample.t, sample.q[:4].tolist()) and before is not None:
-            self._counts["jumps"] += 1
-            self._following.jumped(before, sample)
-            self._ramps = True
 
     def _come_back(self, before: MeasuredSample | None, sample: MeasuredSample, gap: bool) -> None:
         """Let a robot come back smoothly that was braked, or that was not seen for long.
@@ -350,6 +378,8 @@ class Controller:
         """
         elapsed = self._since(before.t, t) if learns else None
         arrived = self._arrived if applied is None else self._efforts_of(applied)
+        if arrived is not None and self._estimate.astray is not None:
+            arrived = self._arrived + self._estimate.astray
         if arrived is not self._asked and elapsed is not None and self._output is None:
             kernel = self._both.kernel
             if kernel is None or arrived is None:

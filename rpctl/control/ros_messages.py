@@ -63,7 +63,10 @@ class Readings:
         self._origin: int | None = None  # ns, of the first sample
 
     def take_joints(self, message: Any) -> None:
-        """Take a JointState: some joints in any order; rates it lacks are differences in time."""
+        """Take a JointState: some joints in any order.
+
+        Rates of wheels that it lacks are differences in time; those of others are not known.
+        """
         count = len(message.name)
         rates = message.velocity if len(message.velocity) == count else [math.nan] * count
         for name, position, rate in zip(message.name, message.position, rates, strict=False):
@@ -95,7 +98,8 @@ class Readings:
         elif not np.isfinite(at).all() or (before is not None and stamp <= before.stamp):
             self.refused[f"{name}: not finite, or no newer than before"] += 1
         else:
-            if before is not None and entry is not None and not math.isfinite(rate):
+            rolls = entry is not None and name not in self.robot.quasi_velocities
+            if before is not None and entry is not None and rolls and not math.isfinite(rate):
                 way = at - before.at
                 way = math.remainder(way, math.tau) if entry.is_pair else way
                 rate = way * SECOND / (stamp - before.stamp)
@@ -108,9 +112,9 @@ class Readings:
     def sample(self, now: int) -> tuple[float, Array, Array] | None:
         """Return what :meth:`rpctl.Controller.step` takes at a time (ns): t in s, q and ν.
 
-        The pose is moved on from its stamp by the base's twist. Where readings are too old, or
-        rates unknown, q and ν are NaN: the controller holds, then stops. None as long as something
-        is missing.
+        The pose is moved on from its stamp by the base's twist, if that is known. Rates that
+        nobody tells are NaN: the controller estimates them. Where readings are too old, q and ν
+        are NaN: the controller holds, then stops. None as long as something is missing.
         """
         if self.missing():
             return None
@@ -122,24 +126,36 @@ class Readings:
         if now - min(self._known[name].stamp for name in self._needed) <= MAX_AGE * SECOND:
             with suppress(SingularBasisError):
                 nu = self._speeds(S := self._dynamics.basis(q), place.rate)
-                way[:BASE_NV] = S[:BASE_NV] @ nu * max(now - place.stamp, 0) / SECOND
-                if np.isfinite(nu).all():
-                    self.q = self._dynamics.integrate(q, way)
-                    return t, self.q, nu
+                moves = S[:BASE_NV] @ np.nan_to_num(nu)
+                way[:BASE_NV] = moves * max(now - place.stamp, 0) / SECOND
+                self.q = self._dynamics.integrate(q, way)
+                return t, self.q, nu
         return t, np.full(robot.nq, math.nan), np.full(robot.dof, math.nan)
 
     def _speeds(self, S: Array, twist: Array) -> Array:
-        """Return ν (dof,): by the rates of driven joints, and the base's twist where they lack."""
-        model = self.robot.model
+        """Return ν (dof,): by the rates of joints, and the base's twist where they lack.
+
+        It is NaN of joints that tell none, and of a base of which too little is told.
+        """
+        robot, names = self.robot, self.robot.quasi_velocities
         known = {
-            model.joints[model.getJointId(name)].idx_v: self._known[name].rate
-            for name in self.robot.actuators
-            if name in self._known and math.isfinite(self._known[name].rate)
+            robot.velocity_index(name): self._known[name].rate
+            for name in {*robot.actuators, *names} & self._known.keys()
+            if math.isfinite(self._known[name].rate)
         }
-        if np.linalg.matrix_rank(S[[*known]]) < S.shape[1]:
-            known |= dict(enumerate(twist))  # the base's rows of S are its twist
-        nu, _, rank, _ = np.linalg.lstsq(S[[*known]], np.array([*known.values()]), rcond=None)
-        return nu if rank == S.shape[1] else np.full_like(nu, math.nan)
+        own = {k: robot.velocity_index(n) for k, n in enumerate(names) if n in robot.entries}
+        nu = np.array([known.get(own.get(k, -1), math.nan) for k in range(len(names))])
+        base = np.array([k not in own for k in range(len(names))], dtype=bool)
+        silent = np.isnan(nu) & ~base
+        for more in ({}, dict(enumerate(twist))):  # the base's rows of S are its twist
+            known |= more
+            rows = [i for i in known if not S[i, silent].any() and math.isfinite(known[i])]
+            left = np.array([known[i] for i in rows]) - S[rows][:, ~base] @ np.nan_to_num(nu[~base])
+            found, _, rank, _ = np.linalg.lstsq(S[rows][:, base], left, rcond=None)
+            if rank == base.sum():
+                nu[base] = found
+                break
+        return nu
 
 
 def _pose_in(frame: str, base_frame: str) -> str:

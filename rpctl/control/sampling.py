@@ -31,20 +31,29 @@ class MeasuredSample(NamedTuple):
 class SampleReader:
     """Reads the measured states of one robot.
 
+    Args:
+        robot: The robot.
+        period: Control period, s.
+        delay: Time from a measurement to the efforts it leads to, s: the clock counts the latter.
+        needs_rates: Whether a sample is bad that lacks rates, which are NaN then.
+
     Attributes:
         time: Of the last sample, s, by a clock that only advances. Where the given one is set, this
             one goes on as if it had not been.
         clock_changes: How often that was.
     """
 
-    def __init__(self, robot: Robot, period: float) -> None:
+    def __init__(
+        self, robot: Robot, period: float, delay: float = 0.0, needs_rates: bool = True
+    ) -> None:
+        self._needs_rates = needs_rates
         self._bounds = {"q": (robot.nq, MAX_POSITION), "nu": (robot.dof, MAX_SPEED)}
         model = robot.model
         starts = [int(joint.idx_q + joint.nq - 2) for joint in model.joints if joint.nq > joint.nv]
         self._cos = starts  # the root's and those of continuous joints
         self._period = period
         self.time, self.clock_changes = -math.inf, 0
-        self._given, self._offset = -math.inf, 0.0  # as given with the last sample; minus time
+        self._given, self._offset = -math.inf, -delay  # as given with the last sample; minus time
         self._candidate, self._streak = math.nan, 0  # of a clock that was set
 
     def read(self, t: Any, q: Any, nu: Any) -> MeasuredSample | str:
@@ -94,6 +103,8 @@ class SampleReader:
                 return f"{name} has the shape {values.shape}; give {length} numbers"
             # Their length is found sooner than the largest of them.
             small = math.hypot(*values.tolist()) <= largest
+            if name == "nu" and not (small or self._needs_rates):
+                values = values[~np.isnan(values)]
             if not (small or np.abs(values).max(initial=0.0) <= largest):
                 return f"{name} holds numbers that are not finite or larger than {largest:g}"
         places = q.tolist()

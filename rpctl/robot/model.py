@@ -251,15 +251,19 @@ class Robot:
     ) -> tuple[Array, Array]:
         """Return q (nq,) and ν (dof,) of a state that is given by names; :meth:`state_of` inverts.
 
+        What of ν is not given is NaN, which :class:`rpctl.Controller` takes for a rate that nobody
+        measures, and estimates. No missing rate is taken for rest.
+
         Args:
             pose: Of the root link: x, y (m) and heading (rad).
             twist: The base's quasi-velocities in the order of ``drive.base_speeds``, m/s and
-                rad/s; nothing stands for rest.
+                rad/s; NaN where it is left out.
             joints: Positions by joint name, as of :meth:`configuration`; rad or m.
-            rates: Rates of the arm's joints by name, rad/s or m/s; 0 for those left out.
+            rates: Rates of the arm's joints by name, rad/s or m/s; NaN for those left out.
 
         Raises:
-            RpctlError: There are too few or too many numbers, or one is not finite.
+            RpctlError: There are too few or too many numbers, or a position is not finite or a
+                rate infinite.
             UnknownNameError: A joint is not known.
         """
         speeds, rates = self.drive.base_speeds, rates or {}
@@ -270,11 +274,11 @@ class Robot:
                 f"the twist {tuple(twist)} has to be {', '.join(speeds) or 'empty'} of {self.name}"
             )
         require_known("joint of the arm", rates, self.joint_names)
-        base = tuple(twist) or (0.0,) * len(speeds)
-        nu = np.array([*base, *(rates.get(name, 0.0) for name in self.joint_names)])
+        base = tuple(twist) or (math.nan,) * len(speeds)
+        nu = np.array([*base, *(rates.get(name, math.nan) for name in self.joint_names)])
         x, y, theta = pose
         q = self.configuration(x, y, theta, joints)
-        if not (np.isfinite(q).all() and np.isfinite(nu).all()):
+        if not np.isfinite(q).all() or np.isinf(nu).any():
             raise RpctlError("the state holds numbers that are not finite; give finite ones")
         return q, nu
 

@@ -14,6 +14,7 @@ import tomli_w
 
 from rpctl.control.bandwidth import at_bandwidth
 from rpctl.control.controller import default_laws
+from rpctl.control.estimation import RATES
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.registry import (
     DYNAMIC_CHOICE,
@@ -23,12 +24,13 @@ from rpctl.control.registry import (
     read_own_laws,
 )
 from rpctl.control.safeguards import Guards
-from rpctl.control.velocity_output import VelocityOutput, as_output
+from rpctl.control.velocity_output import DEAD_TIME, VelocityOutput, as_output
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
 from rpctl.files import toml
 from rpctl.files.records import (
     POSITIVE,
+    OneOf,
     Range,
     Record,
     Setting,
@@ -193,6 +195,29 @@ class RunSettings(Record):
             "Slow a CSV down where it asks more than the robot's limits allow.",
         ),
     ] = False
+    rates: Annotated[
+        str | None,
+        OneOf(RATES),
+        Setting(
+            "",
+            "Rates",
+            "What the controller takes for rates: those that are measured, or estimates of an "
+            "observer; if not given, estimates where they are missing or quantised.",
+            "|".join(RATES),
+        ),
+    ] = None
+    delay: Annotated[
+        float,
+        DEAD_TIME,
+        Setting(
+            "s",
+            "Delay that the controller knows",
+            "Time from a measurement to the efforts it leads to, s, that the robot has and the "
+            "controller knows: it foretells the state. The plant's own delay, if not 0, is "
+            "simulated in its place; 0 if not given.",
+            "S",
+        ),
+    ] = 0.0
     allow_sag: Annotated[
         bool,
         Setting(
@@ -253,6 +278,11 @@ class Config:
     plant: Plant = field(default_factory=Plant)
     output: VelocityOutput | None = None
     guards: Guards = field(default_factory=Guards)
+
+    @property
+    def delay(self) -> float:
+        """Time from a measurement to the efforts it leads to, as it is simulated, s."""
+        return self.plant.delay or self.run.delay
 
     def with_laws(self, kinematic: str | None, dynamic: str | None) -> Config:
         """Return a configuration with these laws, by name; those that it has keep their settings.

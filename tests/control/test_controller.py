@@ -230,7 +230,8 @@ def test_no_sample_raises_or_is_answered_without_numbers(
         state[entry] = number
         output = controller.step(k * PERIOD, state[: tiago.nq], state[tiago.nq :])
         assert np.isfinite(output.efforts).all()
-        assert output.status in ("held", "stopped")
+        missing = math.isnan(number) and entry >= tiago.nq  # a rate that nobody measures is none
+        assert output.status in (("ok",) if missing else ("held", "stopped"))
 
 
 ZEROS = np.zeros(4)

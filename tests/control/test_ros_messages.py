@@ -96,23 +96,22 @@ def test_nothing_is_sampled_before_all_is_known(paper: Robot) -> None:
     assert readings.sample(0) is None
 
 
-def test_rates_that_are_not_told_are_differences_and_never_zero(paper: Robot) -> None:
-    """A wheel that turns on through π goes .2 rad in 10 ms."""
+def test_rates_that_are_not_told_are_unknown_but_wheels_are_differences(paper: Robot) -> None:
+    """A wheel that turns on through π goes .2 rad in 10 ms; what the arm does, nobody says."""
     readings = Readings(paper)
     readings.take_odometry(odometry(TODAY, (0, 0, 0)))
     readings.take_joints(joint_state(TODAY, [*WHEELS, *ARM], [math.pi - 0.1, 3.0, 0.2, 0.1]))
     first = readings.sample(TODAY)
     assert first is not None
-    assert np.isnan(first[2]).all()
-    assert np.isnan(first[1]).all()
-    assert readings.q is None
+    np.testing.assert_array_equal(first[2], [0.0, 0.0, math.nan, math.nan])  # by its odometry
+    assert np.isfinite(first[1]).all()
     readings.take_joints(
         joint_state(TODAY + 10 * MS, [*WHEELS, *ARM], [0.1 - math.pi, 3.2, 0.21, 0.1])
     )
     second = readings.sample(TODAY + 10 * MS)
     assert second is not None
     assert second[0] == 0.01
-    np.testing.assert_allclose(second[2], [20 * 0.15, 0, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(second[2], [20 * 0.15, 0, math.nan, math.nan], atol=1e-9)
     assert readings.q is second[1]
 
 
@@ -125,13 +124,13 @@ def test_the_bases_twist_stands_in_for_wheels_that_tell_nothing(paper: Robot) ->
     np.testing.assert_allclose(found[2], [0.3, -0.4, 0.5, 0.1], atol=1e-12)
 
 
-def test_by_transforms_the_wheels_have_to_tell_the_speeds(paper: Robot) -> None:
+def test_by_transforms_the_speeds_are_the_wheels_or_unknown(paper: Robot) -> None:
     readings = Readings(paper)
     readings.take_transforms(transforms(0, (1.0, -1.0, 0.3)))
     readings.take_joints(joint_state(0, ARM, [0.0, 0.0], [0.0, 0.0]))
     blind = readings.sample(0)
     assert blind is not None
-    assert np.isnan(blind[2]).all()
+    np.testing.assert_array_equal(blind[2], [math.nan, math.nan, 0.0, 0.0])
     readings.take_joints(joint_state(0, WHEELS, [0.0, 0.0], [2.0, 2.0]))
     found = readings.sample(0)
     assert found is not None
@@ -181,7 +180,8 @@ def test_readings_out_of_order_or_not_finite_change_nothing(paper: Robot) -> Non
 
 def test_steered_wheels_are_needed_and_their_rates_are_quasi_velocities() -> None:
     robot = rpctl.load("car")
-    q, nu = robot.state((0.0, 0.0, 0.0), (0.6, 0.2), {"steering_left_joint": 0.3})
+    still = dict.fromkeys(robot.joint_names, 0.0)
+    q, nu = robot.state((0.0, 0.0, 0.0), (0.6, 0.2), {"steering_left_joint": 0.3}, still)
     rates = ReducedDynamics(robot).actuation(q).T @ nu
     positions = [robot.joint_position(q, name) for name in robot.actuators]
     readings = Readings(robot)

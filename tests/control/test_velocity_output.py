@@ -229,7 +229,7 @@ def test_a_controller_asks_for_what_holds_when_its_command_acts(paper: Robot) ->
 @pytest.mark.parametrize(
     "bad",
     [
-        np.full(4, np.nan),
+        np.full(4, np.inf),
         pytest.param(np.array([0.1, np.inf, 0.0, 0.0]), marks=pytest.mark.thorough),
         pytest.param("left", marks=pytest.mark.thorough),
     ],
@@ -245,7 +245,7 @@ def test_a_bad_sample_is_answered_with_the_last_speeds(paper: Robot, bad: Any) -
 
 
 def test_silence_ends_in_a_controlled_stop(paper: Robot) -> None:
-    nothing = np.full(4, np.nan)
+    nothing = np.full(4, np.inf)
     answers = stepped(paper, VelocityOutput(0.1, 0.1), 300, dict.fromkeys(range(150, 290), nothing))
     kinds = [answer.status for answer in answers]
     assert kinds[150:155] == ["held"] * 5

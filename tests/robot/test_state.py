@@ -20,16 +20,18 @@ def test_a_state_comes_back(name: str) -> None:
 
 
 def test_a_state_by_names() -> None:
+    """A rate that nobody measures is not known; it was taken for rest."""
     robot = rpctl.load("paper")
     revolute, prismatic = robot.joint_names
     q, nu = robot.state((1.0, 2.0, 0.5), (0.3, -0.2), {prismatic: 0.4}, {revolute: 0.7})
-    np.testing.assert_array_equal(nu, [0.3, -0.2, 0.7, 0.0])
+    np.testing.assert_array_equal(nu, [0.3, -0.2, 0.7, np.nan])
     np.testing.assert_array_equal(q, robot.configuration(1.0, 2.0, 0.5, {prismatic: 0.4}))
     state = robot.state_of(q, nu)
     assert state.pose == pytest.approx((1.0, 2.0, 0.5))
     assert state.twist == (0.3, -0.2)
     assert state.joints[prismatic] == pytest.approx(0.4)
-    assert state.rates == {revolute: 0.7, prismatic: 0.0}
+    assert state.rates == pytest.approx({revolute: 0.7, prismatic: np.nan}, nan_ok=True)
+    assert np.isnan(robot.state()[1]).all()
 
 
 @pytest.mark.parametrize(

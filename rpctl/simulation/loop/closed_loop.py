@@ -176,6 +176,8 @@ class ComputingController:
                 rest,
                 config.guards,
                 compiled=False,
+                rates=config.run.rates,
+                delay=config.run.delay,
             )
         self._busy_until = 0.0  # s
         self._output: ControllerOutput | None = None

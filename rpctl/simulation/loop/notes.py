@@ -25,7 +25,7 @@ def run_notes(config: Config, whole: bool = True) -> tuple[str, ...]:
 
 
 def _notes(config: Config, whole: bool) -> Iterator[str]:
-    run, plant, period = config.run, config.plant, config.run.control_period
+    run, plant, delay, period = config.run, config.plant, config.delay, config.run.control_period
     if whole and run.duration is not None:
         periods = whole_periods(run.duration, period)
         if not is_whole(run.duration, period, periods):
@@ -33,10 +33,10 @@ def _notes(config: Config, whole: bool) -> Iterator[str]:
                 f"a duration of {run.duration:g} s is no whole number of control periods of "
                 f"{period:g} s: the run ends at {periods * period:g} s"
             )
-    periods = delay_periods(plant.delay, period)
-    if not is_whole(plant.delay, period, periods):
+    periods = delay_periods(delay, period)
+    if not is_whole(delay, period, periods):
         yield (
-            f"a delay of {plant.delay:g} s is no whole number of control periods of {period:g} s: "
+            f"a delay of {delay:g} s is no whole number of control periods of {period:g} s: "
             f"{periods * period:g} s are simulated"
         )
     if config.output is not None:

@@ -77,6 +77,8 @@ class TrackSettings(TypedDict, total=False):
     log_every: int | None
     smooth: float | str | None
     retime: bool
+    rates: str | None
+    delay: float
     allow_sag: bool
     name: str | None
     certificate: Certificate | None
@@ -334,8 +336,8 @@ def require_affordable(robot: Robot, config: Config, reference: Reference) -> Bu
     require_pulling(robot, reference, duration)
     budget = find_budget(robot, config.run, duration)
     budget.require_within_caps()
-    if config.plant.delay > duration:
-        raise RpctlError(late(config.plant.delay, duration))
+    if config.delay > duration:
+        raise RpctlError(late(config.delay, duration))
     return budget
 
 

@@ -113,6 +113,7 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
         log_every=max(1, round(SAMPLE_S / period)),
     )
     plant, lag_ratio = _later(perturbed_plant(known), config.output)
+    plant = replace(plant, delay=settings.delay + plant.delay)  # later than it is told
     config = replace(config, plant=plant, run=brief)
     delay = delay_periods(plant.delay, period) * period
     facts = (MASS_RATIO, plant.joint_friction, delay, steps * period)

@@ -90,7 +90,7 @@ class EffortInterface:
         self._motion = motion
         self._bias, self._wrenches = plant.bias(dynamics.robot), plant.wrenches
         self._actuators = Actuators(dynamics.robot, plant, config.run.control_period, rest.tau)
-        self._sent = deque([rest.tau] * delay_periods(plant.delay, config.run.control_period))
+        self._sent = deque([rest.tau] * delay_periods(config.delay, config.run.control_period))
         self._held, self._t = HeldCommands(rest.tau), 0.0
         self._work = self._lost = 0.0
 
@@ -147,7 +147,7 @@ class SpeedInterface:
         if config.output is None:
             raise RpctlError("the controller sends efforts, not speeds")
         truth = plant.velocity_interface(config.output)
-        late = delay_periods(plant.delay, run.control_period) * run.control_period
+        late = delay_periods(config.delay, run.control_period) * run.control_period
         self._dynamics = dynamics
         self._bias = plant.bias(robot)
         self._held, self._t = HeldCommands(np.zeros(robot.dof)), 0.0

@@ -113,7 +113,7 @@ def recorded(config: Config, periods: int) -> Config:
     plant = dataclasses.replace(
         plant,
         kind=plant.kind if plant.own is None else "own",
-        delay=delay_periods(plant.delay, run.control_period) * run.control_period,
+        delay=delay_periods(config.delay, run.control_period) * run.control_period,
         controller_model=None,
         own=None,
     )

@@ -161,7 +161,9 @@ def test_a_heading_may_turn_over_between_what_was_expected_and_what_came(paper: 
         reference = rpctl.as_reference(ahead, joints=paper.home)
         law = Horizon(prepare=True).start(dynamics, 0.02)
         for t, off in ((0.0, -1e-3), (0.02, 1e-3)):
-            q, nu = paper.state((0.3 * t * cos, 0.3 * t * sin, turn + off), (0.3, 0.0))
+            still = dict.fromkeys(paper.joint_names, 0.0)
+            pose = 0.3 * t * cos, 0.3 * t * sin, turn + off
+            q, nu = paper.state(pose, (0.3, 0.0), rates=still)
             command = law(dynamics, reference, t, q, nu)
             law.prepare(t, q, nu, 0.02)
         found.append(command.nu_d_dot)

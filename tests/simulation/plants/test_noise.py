@@ -26,7 +26,7 @@ def test_a_stream_is_the_same_in_any_blocks() -> None:
 
 def test_samples_follow_the_stream_across_blocks(paper: Robot) -> None:
     measure, sensors = Measurement(paper, Plant(noise=ALL, seed=3)), Sensors(paper)
-    q, nu = paper.state((1.0, 2.0, 0.3), (0.4, 0.5))
+    q, nu = paper.state((1.0, 2.0, 0.3), (0.4, 0.5), rates=dict.fromkeys(paper.joint_names, 0.0))
     rows = random_stream(3).standard_normal((BLOCK + 2, sensors.width)) * sensors.row(ALL)
     for _ in rows:
         found = measure(q, nu, 0.0)
@@ -37,7 +37,8 @@ def test_samples_follow_the_stream_across_blocks(paper: Robot) -> None:
 def test_each_quantity_has_its_deviation(paper: Robot) -> None:
     """x, y, heading, a joint that turns and one that slides, v, ω and two rates."""
     measure, count = Measurement(paper, Plant(noise=ALL, seed=1)), 4000
-    q, nu = paper.state((1.0, -2.0, 3.1), (0.4, -0.5), {paper.joint_names[0]: 0.6})
+    rates = dict.fromkeys(paper.joint_names, 0.0)
+    q, nu = paper.state((1.0, -2.0, 3.1), (0.4, -0.5), {paper.joint_names[0]: 0.6}, rates)
     states = [measure(q, nu, 0.0) for _ in range(count)]
     poses = [paper.base_pose(each) for each, _ in states]
     turned = [np.angle(np.exp(1j * (pose[2] - 3.1))) for pose in poses]
@@ -53,7 +54,7 @@ def test_each_quantity_has_its_deviation(paper: Robot) -> None:
 
 
 def test_what_one_is_drawn_from_is_not_the_others_affair(paper: Robot) -> None:
-    q, nu = paper.state()
+    q, nu = paper.state(twist=(0.0, 0.0), rates=dict.fromkeys(paper.joint_names, 0.0))
     one, two = (
         Measurement(paper, Plant(noise=noise, seed=3))(q, nu, 0.0)
         for noise in (ALL, Noise(joint_rates=0.06))

@@ -1,0 +1,474 @@
+"""The state that laws are given: rates that nobody measures well, and what is still to act.
+
+[M69] N. Morrison, "Introduction to Sequential Smoothing and Prediction", McGraw-Hill, 1969.
+"""
+
+from __future__ import annotations
+
+import math as numbers
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpctl import math
+from rpctl.arrays import Array
+from rpctl.control.sampling import LONGEST_SILENCE, MeasuredSample
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.errors import DiffersError
+from rpctl.kernels.machine_code import MachineCode, code_key
+from rpctl.kernels.program import Buffer, Program, Statement, When, statement, symbolic
+from rpctl.kernels.scalars import column
+from rpctl.kernels.stored import stored
+from rpctl.kernels.virtual_machine import VirtualMachine
+from rpctl.robot.inspection import robot_identity
+from rpctl.robot.model import BASE_NV, Robot
+
+RATES = ("measured", "estimated")
+BANDWIDTH = 40.0  # rad/s of the observer: 12 bits at 100 Hz then leave leaps of 15 % in efforts
+LEARNING = 5.0  # 1/s, of a disturbance by rates that are measured: over a delay it is foretold
+NOTHING = np.empty(0)
+SEED, INSTANT, ROUGHLY = 20210601, 1e-8, 1e-3  # s: a motion that short tells the acceleration
+LONGEST_STEP = 0.005  # s, of the model's motion
+TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
+RIDGE = 1e-9  # of what base speeds do to the pose: less is no motion
+
+WINDOW, STRIDE = 32, 8  # samples that are looked at, and how often
+PARTS = 12.0  # of the smallest change that the step may be: rates of several wheels are added
+CHANGES = 4  # up, and as many down, that tell a lattice
+ON_LATTICE = 1e-3  # of a step: what rates rounded to single precision are off a lattice
+COARSE = 0.002  # of an effort limit: a step of a rate that changes an effort by less is fine
+GAIN = 25.0  # 1/s, of laws: about their 1/h1 + k
+
+
+class Motion(NamedTuple):
+    """A step of a model's motion, over scalars."""
+
+    q: Any  # (nq, 1)
+    nu: Any  # (dof, 1)
+    way: Any  # (dof, 1): how far each quasi-velocity has moved
+
+
+def moved(known: SymbolicDynamics, q: Any, nu: Any, force: Any, d: Any, dt: Any) -> Motion:
+    """Return the motion under held efforts, M and h of the middle of the way, losses implicit.
+
+    (M + dt Sᵀ c S)(ν′ − ν) = dt (B τ − h + M d − Sᵀ c S ν) with c = −ℓ/v at the start: losses stop
+    a joint within a step, however stiff, and never turn it back.
+
+    Args:
+        q: Configuration (nq, 1).
+        nu: Quasi-velocities (dof, 1).
+        force: Efforts (n_act, 1); None: ν̇ is d.
+        d: Acceleration (dof, 1) besides the model's.
+        dt: For how long, s.
+    """
+    if force is None:
+        after, middle = nu + dt * d, q
+    else:
+        middle = known.integrate(q, 0.5 * dt * (known.basis(q) @ nu))
+        M, push = known.lossless(middle, nu, force)
+        push += M @ d
+        if known.lossy:
+            S = known.basis(middle)
+            D = S.T @ math.diag(known.loss_secant(S @ nu)) @ S
+            push, M = push - D @ nu, M + dt * D
+        after = nu + dt * known.solve_positive(M, push)
+    way = 0.5 * dt * (nu + after)
+    return Motion(known.integrate(q, known.basis(middle) @ way), after, way)
+
+
+class StateKernel:
+    """The formulas of the estimate on one robot: what moves it, and what a sample corrects.
+
+    Attributes:
+        run: Moves q, ν and the way by ``dt`` under ``tau`` where ``moving`` is not 0; takes the
+            sample ``measured`` in where ``correcting`` is not 0.
+        buffers: By name: ``q`` (nq,), ``nu``, ``d``, ``way``, ``gap`` (dof,), ``tau`` (n_act,),
+            ``dt`` (1,), ``measured`` and ``before`` (nq,), ``rates``, ``told``, ``taken`` (dof,),
+            ``gains`` (4,), ``elapsed``, ``jumped``, ``moving`` and ``correcting`` (1,).
+    """
+
+    def __init__(self, robot: Robot, efforts: bool, compiled: bool) -> None:
+        def make() -> tuple[dict[str, Buffer], Sequence[Program]]:
+            body, buffers = _statements(SymbolicDynamics(robot), efforts)
+            return buffers, [Program(body)]
+
+        self.run: MachineCode | VirtualMachine
+        if compiled:
+            key = code_key(robot_identity(robot), "estimate", efforts)
+            self.buffers, (self.run,) = stored(key, make)
+            if efforts:
+                self._require_same(robot)
+        else:
+            self.buffers, (program,) = make()
+            self.run = VirtualMachine(program)
+
+    def places(self) -> tuple[dict[str, Array], Callable[[], bool]]:
+        """Return memory by the names of the buffers, and what runs in it as long as it lives."""
+        space = self.run.workspace()
+        at = {
+            name: space[buffer][:, 0] if buffer in space else np.zeros(buffer.size)
+            for name, buffer in self.buffers.items()
+        }
+        return at, self.run.stepper(space)
+
+    def _require_same(self, robot: Robot) -> None:
+        """Refuse machine code that moves the robot otherwise than Pinocchio."""
+        dynamics, rng = ReducedDynamics(robot), np.random.default_rng(SEED)
+        q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
+        nu, tau = rng.normal(size=robot.dof), rng.normal(size=len(robot.actuators))
+        at, run = self.places()
+        at["q"][:], at["nu"][:], at["tau"][:] = q, nu, tau
+        at["dt"][0] = at["moving"][0] = INSTANT
+        run()
+        expected = dynamics.forward(q, nu, tau)
+        residual = np.abs((at["nu"] - nu) / INSTANT - expected).max(initial=0.0)
+        if not residual <= ROUGHLY * np.abs(expected).max(initial=1.0):
+            raise DiffersError(f"machine code moves {robot.name} otherwise than Pinocchio")
+
+
+_kept: deque[tuple[Robot, tuple[bool, bool], StateKernel]] = deque(maxlen=8)
+
+
+def state_kernel(robot: Robot, efforts: bool, compiled: bool) -> StateKernel:
+    """Return the kernel of a robot; it may have been built before.
+
+    Args:
+        efforts: Whether efforts move it, or only the disturbance.
+        compiled: Whether it is machine code.
+    """
+    for known, key, kernel in _kept:
+        if known is robot and key == (efforts, compiled):
+            return kernel
+    found = StateKernel(robot, efforts, compiled)
+    _kept.append((robot, (efforts, compiled), found))
+    return found
+
+
+def _statements(
+    known: SymbolicDynamics, efforts: bool
+) -> tuple[tuple[Statement, ...], dict[str, Buffer]]:
+    robot = known.robot
+    sizes = dict.fromkeys(("nu", "d", "way", "gap", "rates", "told", "taken"), robot.dof)
+    sizes |= dict.fromkeys(("q", "measured", "before"), robot.nq)
+    sizes |= {"tau": len(robot.actuators), "gains": 4}
+    sizes |= dict.fromkeys(("dt", "elapsed", "jumped", "moving", "correcting"), 1)
+    place = {name: symbolic(Buffer(f"state {name}", size)) for name, size in sizes.items()}
+    at = {name: symbols for name, (_, symbols) in place.items()}
+    step = moved(known, at["q"], at["nu"], at["tau"] if efforts else None, at["d"], at["dt"])
+    ahead = {"q": step.q, "nu": step.nu, "way": at["way"] + step.way}
+    found = _corrected(known, at)
+    read = {
+        "moving": ("q", "nu", "way", "d", "tau", "dt"),
+        "correcting": (*found.keys() - {"q"}, "way", "measured", "rates", "told", "taken", "gains",
+                       "elapsed", "jumped"),
+    }  # fmt: skip
+    body = tuple(
+        When(
+            place[name][0],
+            (
+                statement(
+                    f"state_{name}",
+                    [place[each] for each in sorted(read[name])],
+                    [(place[each][0], value) for each, value in values.items()],
+                ),
+            ),
+        )
+        for name, values in (("moving", ahead), ("correcting", found))
+    )
+    return body, {name: buffer for name, (buffer, _) in place.items()}
+
+
+def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
+    """Return q, ν, d and the gap after a sample, by name; see :class:`StateEstimate`."""
+    robot, q = known.robot, at["measured"]
+    S = known.basis(q)
+    entries = [robot.entries.get(name) for name in robot.quasi_velocities]
+    base = [k for k, entry in enumerate(entries) if entry is None]
+    now: list[Any] = [0.0] * robot.dof
+    for k, entry in enumerate(entries):
+        if entry is not None and entry.is_pair:
+            now[k] = _turned(at["before"], q, entry.index)
+        elif entry is not None:
+            now[k] = q[entry.index] - at["before"][entry.index]
+    if base:
+        rest = _base_motion(at["before"], q) - S[:BASE_NV, :] @ column(now)
+        columns = S[:BASE_NV, base]
+        normal = columns.T @ columns + RIDGE * math.SX.eye(len(base))
+        speeds = known.solve_positive(normal, columns.T @ rest)
+        for k, way in zip(base, math.vertsplit(speeds), strict=True):
+            pose = math.if_else(at["jumped"], at["way"][k], way)
+            now[k] = math.if_else(at["told"][k], at["elapsed"] * at["rates"][k], pose)
+    gap, (first, second, third, learning) = (
+        at["gap"] + column(now) - at["way"],
+        math.vertsplit(at["gains"]),
+    )
+    taken, rates = at["taken"], at["rates"]
+    left = _chosen(taken, math.SX.zeros(robot.dof, 1), (1.0 - first) * gap)
+    arm = math.DM([0.0 if k in base else 1.0 for k in range(robot.dof)])
+    return {
+        "q": known.integrate(q, -(S @ (arm * left))),
+        "nu": _chosen(taken, rates, at["nu"] + second * gap),
+        "d": at["d"] + _chosen(taken, learning * (rates - at["nu"]), third * gap),
+        "gap": left,
+        "before": q,
+    }
+
+
+def _chosen(where: Any, one: Any, other: Any) -> Any:
+    return math.vertcat(*(math.if_else(where[k], one[k], other[k]) for k in range(one.shape[0])))
+
+
+def _turned(before: Any, now: Any, i: int) -> Any:
+    """Return by how much the pair (cos, sin) at an index of q has turned, rad."""
+    (c, s), (cosine, sine) = (before[i], before[i + 1]), (now[i], now[i + 1])
+    return math.atan2(sine * c - cosine * s, cosine * c + sine * s)
+
+
+def _base_motion(before: Any, now: Any) -> Any:
+    """Return how far the root link has moved (3, 1), in its own axes of half the way."""
+    half = 0.5 * _turned(before, now, 2)
+    cos, sin = math.cos(half), math.sin(half)
+    c, s = before[2] * cos - before[3] * sin, before[3] * cos + before[2] * sin
+    x, y = now[0] - before[0], now[1] - before[1]
+    return math.vertcat(c * x + s * y, c * y - s * x, 2.0 * half)
+
+
+class LatticeWatch:
+    """Tells rates that are whole multiples of a step, as differences of encoders' counts are.
+
+    A step counts where it changes an effort by more than :data:`COARSE` of its limit. What is
+    noisy, smooth, or does not change is on no lattice: over the last samples all changes of a rate,
+    or of how far it goes in a sample, have to be whole multiples of the smallest, some of them up
+    and some down.
+
+    Args:
+        dynamics: The robot's dynamics.
+        period: Control period, s.
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, period: float) -> None:
+        robot, self._period = dynamics.robot, period
+        q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
+        share = GAIN * np.abs(np.linalg.pinv(dynamics.actuation(q)) @ dynamics.inertia(q))
+        limits = robot.effort_limits[:, None]
+        self._finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
+        self._rates = np.zeros((WINDOW, robot.dof))
+        self._elapsed, self._next = np.full(WINDOW, period), 0
+
+    def takes(self, nu: Array, elapsed: float) -> bool:
+        """Take rates (dof,) a time (s) after the last; return whether they are on a lattice."""
+        k = self._next
+        self._rates[k], self._next = nu, (k + 1) % WINDOW
+        self._elapsed[k] = elapsed if elapsed > 0.0 else self._period
+        return not self._next % STRIDE and self._found()
+
+    def _found(self) -> bool:
+        change = np.diff(self._rates, axis=0)
+        up, down = (change > 0.0).sum(axis=0), (change < 0.0).sum(axis=0)
+        shaken = np.minimum(up, down) >= CHANGES  # smooth motion has no such rate
+        if not shaken.any():
+            return False
+        rates, elapsed, finest = self._rates[:, shaken], self._elapsed, self._finest[shaken]
+        ways = rates * elapsed[:, None]
+        return _on_lattice(rates, finest) or _on_lattice(ways, elapsed.mean() * finest)
+
+
+def _on_lattice(values: Array, finest: Array) -> bool:
+    """Return whether a column changes by whole multiples of a step larger than the finest.
+
+    Args:
+        values: (n, k).
+        finest: (k,).
+    """
+    change = np.diff(values, axis=0)
+    size = np.abs(change)
+    changed = size > 1e-9 * np.maximum(np.abs(values).max(axis=0), 1e-9)
+    up, down = (changed & (change > 0.0)).sum(axis=0), (changed & (change < 0.0)).sum(axis=0)
+    step = np.where(changed, size, np.inf).min(axis=0)
+    multiples = PARTS * np.where(changed, size, 0.0) / step
+    whole = np.abs(multiples - np.round(multiples)).max(axis=0) < ON_LATTICE
+    return bool((whole & (np.minimum(up, down) >= CHANGES) & (step > finest)).any())
+
+
+class StateEstimate:
+    """The state of one robot when the next efforts act, as far as it can be known.
+
+    **Rates.** Where a rate is missing, or only known in steps, an observer follows the position
+    s of its quasi-velocity: that of a joint, and the way of a base, by its told speeds or by its
+    pose. Between samples the model moves the estimate under the efforts that act, plus a constant
+    acceleration d besides; then, with the gap r between the measured and the estimated s,
+
+        ŝ ← ŝ + (1 − p³) r,   ν̂ ← ν̂ + 1.5 (1 − p²)(1 − p) r/T,   d ← d + (1 − p)³ r/T²
+
+    the filter of fading memory of [M69], p = exp(−ωT): three poles at ω. It starts at rest; its
+    first n samples count alike, as long as that weighs the last one more: a robot that moves is
+    known after some of them.
+
+    **Delay.** Efforts act a told time δ after the sample they follow from. The state is moved on
+    over δ under those that were sent and have not acted yet. The laws' integral so learns from
+    those that have: what ν differs from its own prediction is the same then as now.
+
+    Args:
+        dynamics: The robot's dynamics, as far as the controller knows them.
+        period: Control period, s.
+        delay: δ, s.
+        rates: ``"measured"``, ``"estimated"``, or None: those that are missing are estimated, and
+            all once one is on a lattice.
+        efforts: Those that act before the first that are sent (n_act,); none where speeds are sent.
+        compiled: Whether it runs as machine code.
+
+    Attributes:
+        samples: At how many rates were estimated.
+        lattice: When rates were found to be on a lattice, s; NaN as long as they were not.
+        astray: What arrived in the last period beside what had been sent for it (n_act,); None
+            where nobody tells, or nothing is estimated.
+    """
+
+    def __init__(
+        self,
+        dynamics: ReducedDynamics,
+        period: float,
+        delay: float,
+        rates: str | None,
+        efforts: Array,
+        compiled: bool,
+    ) -> None:
+        self._dynamics, self._period, self._delay = dynamics, period, delay
+        self._told = rates == "estimated"
+        self._every, self._compiled = rates == "estimated", compiled
+        watched = rates is None and efforts.size
+        self._watch = LatticeWatch(dynamics, period) if watched else None
+        self._sent = deque([(-numbers.inf, efforts)])  # and from when on they act, s
+        self._last, self._time = numbers.nan, numbers.nan  # of the last sample; of the estimate, s
+        self._nu = np.zeros(dynamics.robot.dof)  # of the last sample
+        self._age = 0.0  # samples that the observer has seen
+        self._at: dict[str, Array] = {}
+        self.astray: Array | None
+        self.samples, self.lattice, self.astray = 0, numbers.nan, None
+        if compiled and rates != "measured":
+            self._build()  # while no robot waits
+
+    def _build(self) -> None:
+        """Build what computes, or read it from the disk."""
+        efforts = bool(self._sent[0][1].size)
+        try:
+            kernel = state_kernel(self._dynamics.robot, efforts, self._compiled)
+        except DiffersError:
+            kernel = state_kernel(self._dynamics.robot, efforts, compiled=False)
+        self._at, self._run = kernel.places()
+
+    def __call__(
+        self, sample: MeasuredSample, applied: Array | None = None, jumped: bool = False
+    ) -> MeasuredSample:
+        """Return the state at the time of a sample, which is when the next efforts act.
+
+        Args:
+            sample: What was measured δ before its time; rates may be NaN.
+            applied: Efforts (n_act,) that arrived since the last sample, if the robot tells.
+            jumped: Whether the base's pose has, which is no motion.
+        """
+        t, q, nu = sample
+        told = np.isfinite(nu)
+        elapsed, self._last = t - self._last, t  # NaN at first
+        if self._watch is not None and told.all() and self._watch.takes(nu, elapsed):
+            self._every, self._watch, self.lattice = True, None, t
+        if told.all() and not (self._every or self._delay or self._begun):
+            self._nu = nu
+            return sample
+        if not self._at:
+            self._build()
+        at, now = self._at, t - self._delay
+        taken = np.zeros_like(told) if self._every else told
+        self.samples += not taken.all()
+        at["measured"][:], at["rates"][:] = q, np.where(told, nu, 0.0)
+        at["told"][:], at["taken"][:] = told & (not self._told), taken
+        at["jumped"][0] = jumped
+        if not (now - self._time <= LONGEST_SILENCE and self._follow(now, applied)):
+            known = told | (elapsed <= LONGEST_SILENCE)
+            at["q"][:], at["before"][:] = q, q
+            at["nu"][:] = np.where(told, nu, np.where(known, self._nu, 0.0))
+            at["d"][:] = at["gap"][:] = 0.0
+            self._age = numbers.inf if known.all() else 1.0
+        self._time = now
+        self._forget(now + TIME_ROUNDING)
+        estimate = MeasuredSample(t, at["q"].copy(), at["nu"].copy())
+        self._nu = estimate.nu
+        if not self._delay:
+            return estimate
+        self._move(self._acting(now, t))
+        ahead = MeasuredSample(t, at["q"].copy(), at["nu"].copy())
+        at["q"][:], at["nu"][:] = estimate.q, estimate.nu
+        return ahead if np.isfinite(ahead.nu).all() else estimate
+
+    @property
+    def note(self) -> str:
+        """A sentence on rates that were estimated; "" where none were."""
+        if not self.samples:
+            return ""
+        why = "they were missing" if numbers.isnan(self.lattice) else (
+            f"they were found to be quantised at {self.lattice:.4g} s"
+        )  # fmt: skip
+        why = "so it was told" if self._told else why
+        return f"rates were estimated at {self.samples} samples: {why}"
+
+    def sent(self, t: float, efforts: Array) -> None:
+        """Take note of efforts (n_act,) that act from a time (s) on."""
+        self._sent.append((t, efforts))
+        self._forget(t - self._delay - LONGEST_SILENCE if self._begun else t)
+
+    @property
+    def _begun(self) -> bool:
+        return not numbers.isnan(self._time)
+
+    def _forget(self, until: float) -> None:
+        """Forget efforts that others replaced before a time (s)."""
+        while len(self._sent) > 1 and self._sent[1][0] <= until:
+            self._sent.popleft()
+
+    def _follow(self, now: float, applied: Array | None) -> bool:
+        """Move the estimate to a time (s), and correct it; return whether it is finite."""
+        at, elapsed = self._at, now - self._time
+        acting = self._acting(self._time, now)
+        self.astray = None
+        if applied is not None:
+            self.astray = applied - sum(dt * tau for dt, tau in acting) / elapsed
+            acting = [(dt, applied) for dt, _ in acting]
+        at["way"][:], at["elapsed"][0] = 0.0, elapsed
+        self._move(acting)
+        self._age += 1.0
+        p, n = numbers.exp(-BANDWIDTH * elapsed), self._age
+        first, second, third = 1.0 - p**3, 1.5 * (1.0 - p * p) * (1.0 - p), (1.0 - p) ** 3
+        if (even := 6.0 / (n * (n + 1.0))) > second:
+            first, second, third = even * (2.0 * n - 1.0) / 3.0, even, 0.0
+        learning = min(LEARNING, 1.0 / elapsed)
+        at["gains"][:] = first, second / elapsed, third / elapsed**2, learning
+        at["moving"][0], at["correcting"][0] = 0.0, 1.0
+        self._run()
+        return bool(np.isfinite(at["nu"]).all() and np.isfinite(at["q"]).all())
+
+    def _acting(self, start: float, end: float) -> list[tuple[float, Array]]:
+        """Return for how long (s) which efforts act between two times (s), in short steps."""
+        found: list[tuple[float, Array]] = []
+        begin, acting = start, self._sent[0][1]
+        for t, efforts in (*self._sent, (end, NOTHING)):
+            length = min(t, end) - begin
+            if length > TIME_ROUNDING:
+                steps = numbers.ceil(length / LONGEST_STEP - TIME_ROUNDING)
+                found += [(length / steps, acting)] * steps
+                begin += length
+            if t >= end:
+                break
+            acting = efforts
+        return found
+
+    def _move(self, acting: list[tuple[float, Array]]) -> None:
+        """Let the model move under efforts, each for a time (s)."""
+        at, run = self._at, self._run
+        tau, dt = at["tau"], at["dt"]
+        at["moving"][0], at["correcting"][0] = 1.0, 0.0
+        for length, efforts in acting:
+            tau[: efforts.size], dt[0] = efforts, length
+            run()
