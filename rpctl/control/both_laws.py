@@ -148,14 +148,13 @@ class BothLaws:
         return found
 
     def notes(self, samples: float) -> list[str]:
-        """Return a sentence for each law that failed, and on a robot that is later than told.
+        """Return a sentence for each law that failed.
 
         Args:
             samples: How many there were so far.
         """
         second = "dynamic law" if self.speeds is None else "velocity output"
-        late = "" if self.speeds is None else self.speeds.lateness()
-        return [late] * bool(late) + [
+        return [
             f"the {name} failed at {law.failures} of {samples} samples and was replaced there; "
             f"first at t = {law.first.t:.4g} s: {law.first.reason}"
             for name, law in (("kinematic law", self._kinematic), (second, self._sending))

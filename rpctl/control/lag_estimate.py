@@ -10,10 +10,11 @@ import numpy as np
 from rpctl.arrays import Array
 
 STRIDE = 0.02  # s between two comparisons; shorter periods are averaged over as much
-LAGS = (0.0, 0.02, 0.04, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.56, 0.8, 1.13, 1.6)  # s, tried
+LAGS = np.array([0.0, 0.02, 0.04, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.56, 0.8, 1.13, 1.6])  # s
 DEAD_TIMES = 0.3  # s: as far from the told one the dead time is looked for
 MEMORY = 10.0  # s: time constant with which older errors are forgotten
-SILENCE = 0.3  # s without measured speeds, after which the robot's motion is taken anew
+SILENCE = 0.3  # s or 2.5 periods without measured speeds: after that models begin anew, and ...
+RESUMED = 1.0  # s later than the longest dead time they have forgotten that they knew no commands
 SURE = 60.0  # variances: a model that much better than another is so beyond chance
 FINEST = 2e-3, 1e-4  # of the rms motion, and m/s or rad/s: errors below that tell nothing
 WORST = 0.1  # of the variance of the motion: a model that leaves more is none of it
@@ -62,6 +63,7 @@ class LagEstimate:
         self._at = int(np.abs(self._dead_times - dead_time).argmin())
         self._knots = 2 + math.ceil(2.0 * self._dead_times[-1] / self._stride)
         self._time = self._sent_at = self._width = math.nan
+        self._settled = True  # whether what is found is what is used
         self._command = np.zeros(len(told))
 
     def sent(self, t: float, command: Array) -> None:
@@ -72,7 +74,7 @@ class LagEstimate:
     def measured(self, t: float, nu: Array) -> None:
         """Take note of measured speeds (dof,) at a time (s), later than those before."""
         elapsed = t - self._time
-        if not elapsed <= SILENCE:
+        if not elapsed <= max(SILENCE, 5.0 * self._half):
             return self._restart(t, nu)
         self._hold(t)
         self._time = t
@@ -82,27 +84,30 @@ class LagEstimate:
             self._advance(t, self._passed)
             self._compare(nu if self._held else self._speeds / self._passed)
             self._speeds, self._passed = 0.0 * nu, 0.0
-        rate = -math.expm1(-elapsed / TAKEN_IN)
-        self.lag = self.lag + rate * (self._found - self.lag)
-        self.dead_time += rate * (self._found_dead - self.dead_time)
+        if not self._settled:
+            rate, gap = -math.expm1(-elapsed / TAKEN_IN), self._found - self.lag
+            self.lag = self.lag + rate * gap
+            self.dead_time += rate * (self._found_dead - self.dead_time)
         return None
 
     def sentence(self, names: Sequence[str]) -> str:
-        """Return what was learnt, in words; "" if nothing was.
+        """Return what was learnt, and how to tell it, in words; "" if nothing was.
 
         Args:
             names: Of the quasi-velocities.
         """
         if not self.learnt.any():
             return ""
+        rows = np.flatnonzero(self.learnt)
         each = ", ".join(
-            f"{names[k]} {self._found[k]:.2g} s (told: {self._told[k]:g} s)"
-            for k in np.flatnonzero(self.learnt)
+            f"{self._found[k]:.2g} s of {names[k]} ({self._told[k]:g} s told)" for k in rows
         )
-        late = f" after a dead time of {self._found_dead:.2g} s (told: {self._told_dead:g} s)"
+        lag, dead = float(np.median(self._found[rows])), self._found_dead
         return (
-            f"the robot follows its speeds later than was told, with a lag of {each}{late}; give "
-            "--actuator-lag and --dead-time, or VelocityOutput(lag, dead_time, lags)"
+            f"the robot follows its speeds otherwise than told: with a lag of {each}, after a dead "
+            f"time of {dead:.2g} s ({self._told_dead:g} s told); the controller goes by that. Say "
+            f"so with --actuator-lag {lag:.2g} --dead-time {dead:.2g}, or "
+            f"rpctl.VelocityOutput({lag:.2g}, {dead:.2g})"
         )
 
     def _restart(self, t: float, nu: Array) -> None:
@@ -119,7 +124,7 @@ class LagEstimate:
         self._times[-1], self._way = t, np.zeros(len(nu))
         self._asked = np.broadcast_to(self._command, (rows, len(nu))).copy()
         self._before = -self._dead_times[:, None] * self._command
-        self._known_from = t if fresh else t + self._dead_times[-1]
+        self._known_from = t if fresh else t + self._dead_times[-1] + RESUMED
         self._decide = DECIDED
         self._speeds, self._passed = np.zeros(len(nu)), 0.0
         self._time = self._sent_at = t
@@ -188,26 +193,36 @@ class LagEstimate:
         row = int(totals.argmin())
         if totals[self._at] - totals[row] < SURE:
             row = self._at
-        for k in np.flatnonzero(explained):
-            lag, least = _lowest(errors[row, :, k])
-            told = float(np.interp(self._told[k], LAGS, errors[self._at, :, k]))
-            used = float(np.interp(self._found[k], LAGS, errors[row, :, k]))
-            near = abs(lag - self._told[k]) <= TOLERANCE[0] + TOLERANCE[1] * self._told[k]
-            if self.learnt[k] or row != self._at:
-                near = False
-            if not near and max(told, used) - least > SURE * variance[k]:
-                self._found[k], self.learnt[k] = lag, True
+        lag, least = _lowest(errors[row])
+        worse = np.maximum(_at(errors[self._at], self._told), _at(errors[row], self._found)) - least
+        far = np.abs(lag - self._told) > TOLERANCE[0] + TOLERANCE[1] * self._told
+        new = explained & (worse > SURE * variance) & (far | self.learnt | (row != self._at))
+        self._found = np.where(new, lag, self._found)
+        self.learnt = self.learnt | new
         if self.learnt.any():
-            self._found_dead = float(self._dead_times[row])
+            self._found_dead, self._settled = float(self._dead_times[row]), False
 
 
-def _lowest(errors: Array) -> tuple[float, float]:
-    """Return the lag with the least error (s), and that error, by a parabola through three."""
-    k = min(max(int(errors.argmin()), 1), len(LAGS) - 2)
-    x, y = np.array(LAGS[k - 1 : k + 2]), errors[k - 1 : k + 2]
-    left, right = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
-    bend = (right - left) / (x[2] - x[0])
-    if not bend > 0.0:
-        return float(LAGS[int(errors.argmin())]), float(errors.min())
-    lag = min(max(0.5 * (x[0] + x[1]) - 0.5 * left / bend, float(x[0])), float(x[2]))
-    return lag, float(errors.min())
+def _lowest(errors: Array) -> tuple[Array, Array]:
+    """Return the lags (n,) with the least errors, s, by parabolas through three; and the least.
+
+    Args:
+        errors: Of the models' lags (len(LAGS), n).
+    """
+    every, best = np.arange(errors.shape[1]), errors.argmin(axis=0)
+    k = np.clip(best, 1, len(LAGS) - 2)
+    x0, x1, x2 = LAGS[k - 1], LAGS[k], LAGS[k + 1]
+    y0, y1, y2 = errors[k - 1, every], errors[k, every], errors[k + 1, every]
+    left, right = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
+    bend = (right - left) / (x2 - x0)
+    bent = bend > 0.0
+    lag = 0.5 * (x0 + x1) - 0.5 * left / np.where(bent, bend, 1.0)
+    return np.where(bent, np.clip(lag, x0, x2), LAGS[best]), errors[best, every]
+
+
+def _at(errors: Array, lag: Array) -> Array:
+    """Return the errors (n,) at lags (n,), s, between those of the models (len(LAGS), n)."""
+    k = np.clip(np.searchsorted(LAGS, lag) - 1, 0, len(LAGS) - 2)
+    share = np.clip((lag - LAGS[k]) / (LAGS[k + 1] - LAGS[k]), 0.0, 1.0)
+    every = np.arange(len(lag))
+    return np.asarray((1.0 - share) * errors[k, every] + share * errors[k + 1, every])

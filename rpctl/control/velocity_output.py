@@ -211,10 +211,12 @@ class VelocityController:
 
         Where the steered wheels fix no one motion on the way, the prediction of q ends.
         """
+        known = self._late.lag
         self._late.measured(t, nu)
+        if self._late.lag is not known:
+            self._own[:] = np.ravel(Lateness.of(self._late.lag, self._period))
         self._follow(t, nu)
         sent, late = self._sent, self._late.dead_time
-        self._own[:] = np.ravel(Lateness.of(self._late.lag, self._period))
         while len(sent) > 1 and sent[1][0] + late <= t + TIME_ROUNDING:
             sent.popleft()
         if late <= TIME_ROUNDING:
@@ -262,11 +264,12 @@ class VelocityController:
     def report(self) -> dict[str, float]:
         """Return the lags (s) by name and the dead time that are used, if other than was told."""
         late = self._late
-        found = {f"lag of {self._names[k]}": late.lag[k] for k in np.flatnonzero(late.learnt)}
+        rows = np.flatnonzero(late.learnt)
+        found = {f"lag of {self._names[k]}": float(late.lag[k]) for k in rows}
         return {**found, "dead_time": late.dead_time} if found else {}
 
     def lateness(self) -> str:
-        """Return how much later than was told the robot follows its speeds, in words, or ""."""
+        """Return how late the robot follows its speeds, a sentence; "" where it is as told."""
         return self._late.sentence(self._names)
 
     def _follow(self, t: float, nu: Array) -> None:

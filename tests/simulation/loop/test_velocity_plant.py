@@ -34,7 +34,7 @@ def test_a_step_arrives_late_and_bends_as_it_should(paper: Robot) -> None:
     command, rows = np.array([0.5, 0.4, -0.3, 0.2]), []
     for _ in range(20):
         plant.send(command)
-        ahead = nu + period * plant.acceleration(nu)
+        ahead = nu + period * plant.acceleration(q, nu)
         q, nu, *_ = plant.advance(q, nu)
         np.testing.assert_allclose(nu, ahead, atol=1e-15)
         rows.append(nu)
