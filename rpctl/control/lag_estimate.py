@@ -15,7 +15,8 @@ DEAD_TIMES = 0.3  # s: as far from the told one the dead time is looked for
 MEMORY = 10.0  # s: time constant with which older errors are forgotten
 SILENCE = 0.3  # s or 2.5 periods without measured speeds: after that models begin anew, and ...
 RESUMED = 1.0  # s later than the longest dead time they have forgotten that they knew no commands
-SURE = 60.0  # variances: a model that much better than another is so beyond chance
+SURE = 60.0  # variances: a model that much better than another is so beyond chance, ...
+CLEARLY = 0.25  # and of its own error: errors of another kind follow one another
 FINEST = 2e-3, 1e-4  # of the rms motion, and m/s or rad/s: errors below that tell nothing
 WORST = 0.1  # of the variance of the motion: a model that leaves more is none of it
 TOLERANCE = 0.01, 0.1  # s, and of a lag: what is nearer to what was told is the same
@@ -60,7 +61,7 @@ class LagEstimate:
         around = math.ceil(DEAD_TIMES / self._stride)
         dead_times = dead_time + self._stride * np.arange(-around, around + 1)
         self._dead_times = dead_times[dead_times >= 0.0]
-        self._at = int(np.abs(self._dead_times - dead_time).argmin())
+        self._at = self._row = int(np.abs(self._dead_times - dead_time).argmin())
         self._knots = 2 + math.ceil(2.0 * self._dead_times[-1] / self._stride)
         self._time = self._sent_at = self._width = math.nan
         self._settled = True  # whether what is found is what is used
@@ -191,16 +192,19 @@ class LagEstimate:
         # Of each dead time, how far the best lags are from what was measured, all together.
         totals = (errors.min(axis=1) / variance)[:, explained].sum(axis=1)
         row = int(totals.argmin())
-        if totals[self._at] - totals[row] < SURE:
-            row = self._at
-        lag, least = _lowest(errors[row])
-        worse = np.maximum(_at(errors[self._at], self._told), _at(errors[row], self._found)) - least
+        if totals[self._row] - totals[row] > SURE + CLEARLY * totals[row]:
+            self._row = row
+        lag, least = _lowest(errors[self._row])
+        told, used = _at(errors[self._at], self._told), _at(errors[self._row], self._found)
+        sure = np.maximum(told, used) - least > SURE * variance + CLEARLY * least
         far = np.abs(lag - self._told) > TOLERANCE[0] + TOLERANCE[1] * self._told
-        new = explained & (worse > SURE * variance) & (far | self.learnt | (row != self._at))
-        self._found = np.where(new, lag, self._found)
-        self.learnt = self.learnt | new
-        if self.learnt.any():
-            self._found_dead, self._settled = float(self._dead_times[row]), False
+        far |= self._row != self._at
+        self._found = np.where(explained & sure, np.where(far, lag, self._told), self._found)
+        self.learnt = np.where(explained & sure, far, self.learnt)
+        if self.learnt.any() or not self._settled:
+            self._settled = False
+            row = self._row if self.learnt.any() else self._at
+            self._found_dead = float(self._dead_times[row])
 
 
 def _lowest(errors: Array) -> tuple[Array, Array]:
