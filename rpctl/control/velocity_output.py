@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.fragment import LawFragment, LawFrame
 from rpctl.control.lag_estimate import LagEstimate
