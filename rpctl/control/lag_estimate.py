@@ -65,7 +65,7 @@ class LagEstimate:
         self._knots = 2 + math.ceil(2.0 * self._dead_times[-1] / self._stride)
         self._time = self._sent_at = self._width = math.nan
         self._settled = True  # whether what is found is what is used
-        self._command = np.zeros(len(told))
+        self._command, self._speeds, self._passed = told * 0.0, told * 0.0, 0.0
 
     def sent(self, t: float, command: Array) -> None:
         """Take note of a command (dof,) that is sent at a time (s)."""
@@ -101,7 +101,8 @@ class LagEstimate:
             return ""
         rows = np.flatnonzero(self.learnt)
         each = ", ".join(
-            f"{self._found[k]:.2g} s of {names[k]} ({self._told[k]:g} s told)" for k in rows
+            f"{self._found[k]:.2g} s of {names[k]} ({self._told[k]:g} s told)"
+            for k in rows.tolist()
         )
         lag, dead = float(np.median(self._found[rows])), self._found_dead
         return (
@@ -127,7 +128,7 @@ class LagEstimate:
         self._before = -self._dead_times[:, None] * self._command
         self._known_from = t if fresh else t + self._dead_times[-1] + RESUMED
         self._decide = DECIDED
-        self._speeds, self._passed = np.zeros(len(nu)), 0.0
+        self._speeds, self._passed = 0.0 * nu, 0.0
         self._time = self._sent_at = t
         self._first = self._command
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,13 @@ from rpctl.control.lag_estimate import LagEstimate
 from tests.grids import cells
 
 Commanded = Callable[[float], float]
+# rad/s or m/s, likewise, a fraction, and of a period.
+SPOILT: list[dict[str, Any]] = [
+    {"noise": 0.02},
+    {"resolution": 0.05},
+    {"lost": 0.3},
+    {"jitter": 0.5},
+]
 
 
 def step(t: float) -> float:
@@ -95,8 +103,8 @@ def test_a_step_tells_lag_and_dead_time(lag: float, dead_time: float, period: fl
 
 
 @pytest.mark.parametrize("period", [0.02, 0.05])
-@pytest.mark.parametrize("spoilt", [{"noise": 0.02}, {"resolution": 0.05}, {"lost": 0.3}])
-def test_a_slow_motion_tells_their_sum(spoilt: dict[str, float], period: float) -> None:
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_a_slow_motion_tells_their_sum(spoilt: dict[str, Any], period: float) -> None:
     """ν ≈ c(t − T − T_d) where c changes over a longer time than both."""
     found = watched(slow, 0.2, 0.1, period=period, **spoilt)
     assert found.lag[0] + found.dead_time == pytest.approx(0.3, abs=0.02)
@@ -105,7 +113,7 @@ def test_a_slow_motion_tells_their_sum(spoilt: dict[str, float], period: float) 
 @pytest.mark.parametrize("command", [step, slow])
 def test_what_is_told_rightly_stays(command: Commanded) -> None:
     """With noise and with samples at odd moments, whose commands change within a stride."""
-    for spoilt in ({"noise": 0.02}, {"resolution": 0.05}, {"lost": 0.3}, {"jitter": 0.5}):
+    for spoilt in SPOILT:
         found = watched(command, 0.2, 0.07, told=(0.2, 0.07), **spoilt)
         assert not found.learnt.any(), spoilt
         assert [found.lag[0], found.dead_time] == pytest.approx([0.2, 0.07], abs=1e-6)
@@ -117,7 +125,7 @@ def test_what_is_told_rightly_stays(command: Commanded) -> None:
 def test_nothing_is_learnt_of_what_tells_nothing(command: Commanded, gain: float) -> None:
     """A robot that rests, one that moves evenly, a dead motor, and one that is only slower."""
     at_rest = gain * command(0.0)
-    for spoilt in ({}, {"noise": 0.02}, {"resolution": 0.05}):
+    for spoilt in SPOILT:
         found = watched(command, 0.0, 0.0, gain=gain, at_rest=at_rest, **spoilt)
         assert not found.learnt.any(), spoilt
 
