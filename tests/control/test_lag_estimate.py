@@ -130,6 +130,12 @@ def test_nothing_is_learnt_of_what_tells_nothing(command: Commanded, gain: float
         assert not found.learnt.any(), spoilt
 
 
+def test_chance_is_no_lag() -> None:
+    """Of a motion of .1 under noise of .02 the best lag is off, but not better beyond chance."""
+    found = watched(lambda t: 0.2 * slow(t), 0.1, 0.0, told=(0.1, 0.0), noise=0.02, duration=4.0)
+    assert not found.learnt.any()
+
+
 def test_half_a_lag_is_corrected_both_ways() -> None:
     for told in (0.1, 0.3):
         found = watched(slow, 0.2, 0.0, told=(told, 0.0))
@@ -137,8 +143,15 @@ def test_half_a_lag_is_corrected_both_ways() -> None:
 
 
 def test_a_silence_teaches_nothing_wrong() -> None:
-    """For a second the robot moves unseen; what was learnt stays, nothing else comes."""
+    """For a second the robot moves unseen; what was learnt stays, nothing else comes.
+
+    In the second case it is sent a step unseen, which acts when it is seen again.
+    """
     right = watched(slow, 0.2, 0.1, told=(0.2, 0.1), silent=(3.0, 4.0))
+    assert not right.learnt.any()
+    right = watched(
+        lambda t: 0.5 * (t >= 3.95), 0.2, 0.2, told=(0.2, 0.2), silent=(3.0, 4.0), duration=5.0
+    )
     assert not right.learnt.any()
     late = watched(slow, 0.2, 0.1, silent=(3.0, 4.0))
     assert late.lag[0] + late.dead_time == pytest.approx(0.3, abs=0.01)
