@@ -187,7 +187,8 @@ class LagEstimate:
         best = errors.min(axis=(0, 1))
         finest = FINEST[0] ** 2 * self._squares / self._count + FINEST[1] ** 2
         variance = np.maximum(best / self._count, finest)
-        explained = best < WORST * spread
+        # A lag that was told longer than any that is tried cannot be contradicted by these.
+        explained = (best < WORST * spread) & (self._told <= LAGS[-1])
         if not explained.any():
             return
         # Of each dead time, how far the best lags are from what was measured, all together.

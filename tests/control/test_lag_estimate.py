@@ -136,6 +136,11 @@ def test_chance_is_no_lag() -> None:
     assert not found.learnt.any()
 
 
+def test_a_lag_beyond_those_that_are_tried_stays_as_told() -> None:
+    found = watched(step, 3.0, 0.0, told=(3.0, 0.0))
+    assert not found.learnt.any()
+
+
 def test_half_a_lag_is_corrected_both_ways() -> None:
     for told in (0.1, 0.3):
         found = watched(slow, 0.2, 0.0, told=(told, 0.0))
