@@ -137,7 +137,7 @@ def test_chance_is_no_lag() -> None:
 
 
 def test_a_lag_beyond_those_that_are_tried_stays_as_told() -> None:
-    found = watched(step, 3.0, 0.0, told=(3.0, 0.0))
+    found = watched(step, 2.0, 0.0, told=(2.0, 0.0), duration=15.0)
     assert not found.learnt.any()
 
 
