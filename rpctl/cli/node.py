@@ -13,7 +13,7 @@ from rpctl.control.controller import Controller, ControllerOutput
 from rpctl.control.ros_messages import COMMANDS, POINT, Readings, fill
 from rpctl.errors import RpctlError
 from rpctl.files.records import Plain
-from rpctl.simulation.config import RunSettings
+from rpctl.simulation.config import Config, RunSettings
 
 QUEUE = 10  # messages
 REMINDER = 2.0  # s between two messages on what is missing
@@ -41,6 +41,12 @@ class NodeOptions:
             "base's twist to ~/cmd_vel, and positions and rates of the arm to ~/joint_trajectory.",
         ),
     ] = "effort"
+    lag: Annotated[
+        float | None, typer.Option("--actuator-lag", metavar="SECONDS", help="As of `rpctl track`.")
+    ] = None
+    dead_time: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="As of `rpctl track`.")
+    ] = None
     joints: Annotated[
         str, typer.Option("--joint-states", metavar="TOPIC", help="Of sensor_msgs/JointState.")
     ] = "/joint_states"
@@ -72,8 +78,9 @@ def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOp
             "/opt/ros/DISTRO/setup.bash, and run rpctl with the Python of that ROS"
         ) from None
     loaded, laws = options.load(robot), (settings.kinematic, settings.dynamic)
+    sent = Config().with_output(settings.output, settings.lag, settings.dead_time).output
     controller = Controller(
-        loaded, settings.reference, *laws, settings.period, settings.output, **settings.known
+        loaded, settings.reference, *laws, settings.period, sent or "effort", **settings.known
     )
     handlers = signals.SignalHandlerOptions.NO  # Ctrl-C is rpctl's
     rclpy.init(args=[], signal_handler_options=handlers)
@@ -100,6 +107,7 @@ class ControllerNode:
         self.node, self.controller = node, controller
         self.readings = Readings(controller.robot, settings.frame, settings.base_frame)
         self.sent: ControllerOutput | None = None
+        self.late = ""  # how late the robot follows its speeds, as far as that was said
         joints = "sensor_msgs/JointState", settings.joints, self.readings.take_joints
         pose = "nav_msgs/Odometry", settings.odometry, self.readings.take_odometry
         tf = "tf2_msgs/TFMessage", "/tf", self.readings.take_transforms
@@ -121,6 +129,9 @@ class ControllerNode:
         else:
             self.sent = self.controller.step(*sample)
             self.send(self.sent)
+            if (late := self.controller.lateness()) != self.late:
+                self.late = late
+                self.node.get_logger().warning(late, throttle_duration_sec=REMINDER)
 
     def leave(self) -> None:
         """Publish zeros in the place of what was sent last."""

@@ -306,17 +306,19 @@ class Controller:
         """Return what the kinematic law counts, by name."""
         return self._both.kinematic_report()
 
+    def lateness(self) -> str:
+        """Return how late the robot follows its speeds, a sentence; "" where it is as told."""
+        return "" if self._both.speeds is None else self._both.speeds.lateness()
+
     def notes(self) -> tuple[str, ...]:
-        """Return a sentence for each law that failed, and one for a robot that was stopped."""
+        """Return a sentence for each law that failed, and on a robot that was stopped or late."""
         found = self._both.notes(self._counts["samples"])
         if self._counts["stopped"]:
             found.append(f"the controller braked the robot at {self._counts['stopped']} samples: "
                          "there was nothing safe to send for too long")  # fmt: skip
         if self._counts["lost"]:
             found.append(f"the robot did not do what it was sent, and was braked: {self._lost}")
-        if self._estimate.note:
-            found.append(self._estimate.note)
-        return tuple(found)
+        return (*found, *filter(None, [self._estimate.note, self.lateness()]))
 
     def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
         """Return what is sent after a good sample, or why nothing new is."""

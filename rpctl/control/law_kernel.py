@@ -185,6 +185,7 @@ class RunningLaws:
         rest: State before the run; None starts every integral at zero.
 
     Attributes:
+        settings: Of the laws (n,), as the kernel reads them at each sample.
         model_nu: Gets what sent speeds have led to so far (dof,).
         error: What is tracked by how much, at the last sample that was answered (3 + n_joints,).
         learns: Whether there is an integral.
@@ -207,7 +208,8 @@ class RunningLaws:
         self._q, self._nu, self._row, self._nu_d, self._nu_d_dot, self.answer, self._limits = views
         self._failed, self._asks = self._view(law.failed), self._view(kernel.asks)
         self._elapsed, self.model_nu = self._view(law.elapsed), self._view(law.model_nu)
-        self._view(law.settings)[:], self._elapsed[0] = settings, period
+        self.settings = self._view(law.settings)
+        self.settings[:], self._elapsed[0] = settings, period
         self.error = self._view(law.e)
         kept = {buffer.name: self._view(buffer) for buffer in law.memory}
         self.learns = DISTURBANCE in kept

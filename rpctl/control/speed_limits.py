@@ -24,6 +24,18 @@ SPEED_MARGIN = 1e-9  # of a velocity limit: rounding of a product
 EFFORT_ROUNDING = 1e-12  # of an effort limit
 
 
+class Lateness(NamedTuple):
+    """How late quasi-velocities follow their commands, numbers or scalars."""
+
+    lag: Any  # (dof, 1): T, to first order, s
+    share: Any  # (dof, 1): of the way to a command that a period brings, over the period, 1/s
+
+    @classmethod
+    def of(cls, lag: Array, period: float) -> Lateness:
+        """Return that of lags (dof,), s, sampled with a period (s)."""
+        return cls(lag, -np.expm1(-period / np.maximum(lag, NO_LAG)) / period)
+
+
 class SpeedSample(NamedTuple):
     """A state from which commanded speeds count, over scalars."""
 
@@ -61,7 +73,7 @@ class SpeedLimits:
 
     Args:
         period: Control period, s.
-        lag: Of the quasi-velocities (dof,), s: how late they follow, to first order.
+        late: How late the quasi-velocities follow.
         accelerations: Largest |ν̇| by name of the quasi-velocity, m/s² or rad/s².
         effort_ratio: Fraction of the effort limits that accelerations may take.
 
@@ -76,7 +88,7 @@ class SpeedLimits:
         self,
         robot: Robot,
         period: float,
-        lag: Array,
+        late: Lateness,
         accelerations: Mapping[str, float],
         effort_ratio: float,
     ) -> None:
@@ -95,7 +107,7 @@ class SpeedLimits:
             for k, name in enumerate(own, start=first)
         ]
         self._time = max(APPROACH_TIME, APPROACH_PERIODS * period)
-        self._lag, self._share = lag, -np.expm1(-period / np.maximum(lag, NO_LAG)) / period
+        self._lag, self._share = late
         most = [accelerations.get(name, np.inf) for name in robot.quasi_velocities]
         self._most = np.concatenate([effort_ratio * robot.effort_limits, most])
         self._wheels = len(robot.actuators) - len(robot.joint_names)  # actuators of the base
@@ -169,7 +181,7 @@ class SpeedLimits:
             wanted: Speeds (dof, 1).
         """
         gap, base, count = wanted - at.model_nu, self._base, len(self._robot.actuators)
-        nu_dot = gap * math.DM(self._share)
+        nu_dot = gap * self._share
         zeros = math.SX.zeros(self._robot.dof, 1)
         still = math.vertcat(dynamics.efforts(at.q, dynamics.bias(at.q, at.model_nu)), zeros)
         gain = math.vertcat(

@@ -6,17 +6,17 @@ import math as numbers
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.fragment import LawFragment, LawFrame
-from rpctl.control.law import Command, ReportsNothing, Rest, Speeds
+from rpctl.control.lag_estimate import LagEstimate
+from rpctl.control.law import Command, Rest, Speeds
 from rpctl.control.sampling import MeasuredSample
-from rpctl.control.speed_limits import SpeedLimits, SpeedSample
+from rpctl.control.speed_limits import Lateness, SpeedLimits, SpeedSample
 from rpctl.dynamics.motion import NO_LAG, follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import (
@@ -57,7 +57,9 @@ class VelocityOutput(Record):
       is followed as by a robot that takes ν_d at once;
     - :class:`~rpctl.control.speed_limits.SpeedLimits` bounds c.
 
-    A wrong T leaves a loop that is stable, only less exact: the measured ν enters the prediction.
+    T and T_d are what was told until measured speeds contradict it, then what these say, see
+    :class:`~rpctl.control.lag_estimate.LagEstimate`. Until then a wrong T leaves a loop that is
+    only less exact, as the measured ν enters the prediction.
     """
 
     lag: Annotated[
@@ -112,28 +114,30 @@ class VelocityOutput(Record):
         return VelocityController(self, dynamics, period, running)
 
     def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
-        """Return the numbers among the settings that are inputs: none.
+        """Return the numbers among the settings that are inputs: how late the robot is.
 
         Args:
             known: The robot's dynamics.
             period: Control period, s.
+
+        Raises:
+            UnknownNameError: A lag is of no quasi-velocity of the robot.
         """
-        return {}
+        return Lateness.of(self.lag_of(known.robot.quasi_velocities), period)._asdict()
 
     def structure(self, robot: Robot) -> object:
-        """Return what of the settings is compiled in on a robot: all."""
-        return self
+        """Return what of the settings is compiled in on a robot: all but lags and dead time."""
+        return replace(self, lag=0.0, dead_time=0.0, lags={})
 
     def statements(self, frame: LawFrame) -> LawFragment:
         """Return the statements that make speeds of the frame's command.
 
         Raises:
-            UnknownNameError: A lag or an acceleration is of no quasi-velocity of the robot.
+            UnknownNameError: An acceleration is of no quasi-velocity of the robot.
         """
-        robot, period, sample = frame.known.robot, frame.period, frame.sample
-        lag = self.lag_of(robot.quasi_velocities)
-        within = SpeedLimits(robot, period, lag, self.accelerations, self.effort_ratio)
-        wanted = sample.nu_d + (math.DM(lag) + 0.5 * period) * sample.nu_d_dot
+        robot, period, sample, late = frame.known.robot, frame.period, frame.sample, frame.s
+        within = SpeedLimits(robot, period, Lateness(**late), self.accelerations, self.effort_ratio)
+        wanted = sample.nu_d + (late["lag"] + 0.5 * period) * sample.nu_d_dot
         at = SpeedSample(sample.q, sample.nu, frame.model_nu[1])
         nu, binding = within(frame.known, wanted, at)
         return frame.answered("law_speeds", nu, within.labels, binding, [frame.model_nu])
@@ -177,7 +181,7 @@ def as_output(output: str | VelocityOutput) -> VelocityOutput | None:
     return VelocityOutput() if output == "velocity" else None
 
 
-class VelocityController(ReportsNothing):
+class VelocityController:
     """:class:`VelocityOutput` on one robot in one run.
 
     Args:
@@ -193,10 +197,10 @@ class VelocityController(ReportsNothing):
         running: RunningLaws,
     ) -> None:
         robot, self._period, self._running = dynamics.robot, period, running
-        self._dynamics, self._dead_time = dynamics, output.dead_time
-        self._lag = output.lag_of(robot.quasi_velocities)
-        self._decay = -1.0 / np.maximum(self._lag, NO_LAG)
-        # Commands, and from when on they act; the first acts already.
+        self._dynamics, self._names = dynamics, robot.quasi_velocities
+        self._late = LagEstimate(output.lag_of(self._names), output.dead_time, period)
+        self._own = running.settings[-2 * robot.dof :]  # the last numbers are the output's
+        # Commands, and when they were sent; the first acts already.
         self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
         # What the commands so far have led to by the time the next one acts, and when it is sent.
         self._model_nu, self._model_time = np.zeros(robot.dof), numbers.nan
@@ -206,17 +210,21 @@ class VelocityController(ReportsNothing):
 
         Where the steered wheels fix no one motion on the way, the prediction of q ends.
         """
+        known = self._late.lag
+        self._late.measured(t, nu)
+        if self._late.lag is not known:
+            self._own[:] = np.ravel(Lateness.of(self._late.lag, self._period))
         self._follow(t, nu)
-        sent = self._sent
-        while len(sent) > 1 and sent[1][0] <= t + TIME_ROUNDING:
+        sent, late = self._sent, self._late.dead_time
+        while len(sent) > 1 and sent[1][0] + late <= t + TIME_ROUNDING:
             sent.popleft()
-        if self._dead_time <= TIME_ROUNDING:
+        if late <= TIME_ROUNDING:
             return MeasuredSample(t, q, nu)
-        end = t + self._dead_time
-        starts = [t] + [start for start, _ in list(sent)[1:] if start < end - TIME_ROUNDING]
+        end, times = t + late, [start + late for start, _ in list(sent)[1:]]
+        starts = [t, *(start for start in times if start < end - TIME_ROUNDING)]
         durations = np.diff([*starts, end])
         commands = np.array([command for _, command in list(sent)[: len(starts)]])
-        nu, stretches = follow(nu, commands, durations, self._lag)
+        nu, stretches = follow(nu, commands, durations, self._late.lag)
         with suppress(SingularBasisError):
             for stretch in joined(stretches, LONGEST_STEP):
                 q = travel(self._dynamics, q, stretch)
@@ -236,7 +244,8 @@ class VelocityController(ReportsNothing):
 
     def sent(self, t: float, nu: Array) -> None:
         """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
-        self._sent.append((t + self._dead_time, nu))
+        self._late.sent(t, nu)
+        self._sent.append((t, nu))
 
     def last(self, *_: object) -> Speeds:
         """Return the speeds that were sent last: what stands in where there are no others."""
@@ -246,10 +255,21 @@ class VelocityController(ReportsNothing):
         """Return the speeds (dof,) to send at a time (s) in a controlled stop: they decay."""
         start, nu = self._sent[-1]
         self._follow(t, nu)
-        elapsed = min(t + self._dead_time - start, self._period)
+        elapsed = min(t - start, self._period)
         slower = nu * numbers.exp(-elapsed / STOPPING_TIME)
         self.sent(t, slower)
         return slower
+
+    def report(self) -> dict[str, float]:
+        """Return the lags (s) by name and the dead time that are used, if other than was told."""
+        late = self._late
+        rows = np.flatnonzero(late.learnt)
+        found = {f"lag of {self._names[k]}": float(late.lag[k]) for k in rows}
+        return {**found, "dead_time": late.dead_time} if found else {}
+
+    def lateness(self) -> str:
+        """Return how late the robot follows its speeds, a sentence; "" where it is as told."""
+        return self._late.sentence(self._names)
 
     def _follow(self, t: float, nu: Array) -> None:
         """Let the model follow its last command until a time (s); it begins at ν (dof,)."""
@@ -258,6 +278,7 @@ class VelocityController(ReportsNothing):
             self._sent = deque([(-numbers.inf, nu)])
         elif t > self._model_time:
             command, passed = self._sent[-1][1], t - self._model_time
-            left = np.exp(self._decay * passed)  # of the way to the command, as in `follow`
+            lag = np.maximum(self._late.lag, NO_LAG)
+            left = np.exp(-passed / lag)  # of the way to the command, as in `follow`
             self._model_nu = command + (self._model_nu - command) * left
         self._model_time, self._running.model_nu[:] = t, self._model_nu

@@ -122,18 +122,22 @@ class Stops:
         self._places = [robot.entries[name].index if name in limits else 0 for name in names]
         self.any = bool(np.isfinite(pairs).any())
 
+    def places(self, q: Any) -> Any:
+        """Return where joints are (n,), at q (nq,); of what has no stop, any number."""
+        return q[self._places]
+
     def ends(self, q: Any) -> tuple[Any, Any]:
         """Return how far down and up (n,) joints can go from q (nq,).
 
         One that is beyond a limit has its stop where it is: it may come back, and is not put back.
         """
-        x = q[self._places]
+        x = self.places(q)
         below, above = x < self._lower, x > self._upper
         return (self._lower + below * (x - self._lower), self._upper + above * (x - self._upper))
 
     def sides(self, q: Any, ends: tuple[Any, Any]) -> Any:
         """Return the sides s (n,) of the stops that joints are at, at q (nq,)."""
-        x = q[self._places]
+        x = self.places(q)
         return 1.0 * (x <= ends[0] + TOUCHING) - 1.0 * (x >= ends[1] - TOUCHING)
 
     def back(self, q: Any, ends: tuple[Any, Any], s: Any, held: Any) -> Any:
@@ -145,7 +149,7 @@ class Stops:
             s: Sides of the stops that joints are at (n,).
             held: Likewise, of those that were held there.
         """
-        x = q[self._places]
+        x = self.places(q)
         gap = (s > 0.0) * (ends[0] - x) + (s < 0.0) * (ends[1] - x)
         return gap * (held * held + (s * gap > 0.0) > 0.0)
 

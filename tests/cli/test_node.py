@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from rpctl import Controller, VelocityOutput
 from rpctl.cli.app import app
 from tests.control.test_ros_messages import ARM, MS, WHEELS, joint_state, odometry, transforms
 
@@ -151,3 +152,27 @@ def test_speeds_go_out_as_twist_and_trajectory_and_stop_when_readings_do(
     assert twists[-2] < 0.01 * twists[99]  # braked, before it left
     assert twists[-1] == 0.0
     assert "/odom" not in ros.taken
+
+
+def test_a_robot_that_follows_late_is_told(
+    installed: Callable[[Ros], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each sentence once; lag and dead time of the options are what the controller begins with."""
+    begun = []
+
+    def life(ros: Ros) -> None:
+        for ros.now in range(0, 50 * MS, 10 * MS):
+            tell(ros)
+            ros.step()
+
+    def lateness(controller: Controller) -> str:
+        begun.append(controller._output)
+        return "late by .1 s" if len(begun) < 3 else "late by .2 s"
+
+    monkeypatch.setattr(Controller, "lateness", lateness)
+    ros = Ros(life)
+    installed(ros)
+    words = ["--output", "velocity", "--actuator-lag", "0.1", "--dead-time", "0.05"]
+    assert CliRunner().invoke(app, ["node", "paper", *words]).exit_code == 130
+    assert ros.said == ["late by .1 s", "late by .2 s"]
+    assert begun[0] == VelocityOutput(0.1, 0.05)

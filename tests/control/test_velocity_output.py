@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import rpctl
 from rpctl import (
     Controller,
     ControllerOutput,
@@ -160,8 +161,9 @@ def test_lag_and_dead_time_cost_no_accuracy(paper: Robot, lag: float, dead_time:
     blind = close(paper, reference, VelocityOutput(), true, duration=6.0)
     known = close(paper, reference, true, duration=6.0)
     assert rms(known) < 1e-3
-    assert rms(known) < 0.1 * rms(blind)
-    assert np.abs(known[:, 3:]).max() < 0.15 * np.abs(blind[:, 3:]).max()
+    assert rms(known) < 0.3 * rms(blind)
+    assert np.abs(known[:, 3:]).max() < 0.3 * np.abs(blind[:, 3:]).max()
+    assert rms(blind[-100:]) < 1e-3  # what was not told was learnt
 
 
 @pytest.mark.parametrize(
@@ -179,6 +181,64 @@ def test_a_lag_that_is_half_wrong_leaves_the_loop_stable(
     assert rms(errors[-50:]) < 5e-3
     assert np.abs(errors[-50:, 2:]).max() < 0.02
     assert np.abs(errors[-50:]).max() <= np.abs(errors[:50]).max() / 10.0
+
+
+DRIVES = ("car", "tricycle", "swerve", "paper", "mecanum", "loader")
+UNTOLD = ((0.2, 0.1), (0.3, 0.0), (0.0, 0.1))
+
+
+@pytest.mark.parametrize(
+    "name, lag, dead_time, period",
+    cells(
+        [(name, *late, P) for name in DRIVES for late in UNTOLD for P in (0.02, 0.05)],
+        [("tricycle", 0.2, 0.1, 0.05)],
+        [(name, 0.2, 0.1, P) for name in DRIVES[:4] for P in (0.02, 0.05)][:-1],
+    ),
+)
+def test_an_untold_lag_is_learnt_before_it_throws_the_robot_off(
+    name: str, lag: float, dead_time: float, period: float
+) -> None:
+    """From .1 m off on an eight; a tricycle that learns nothing ends 2 m off, a car .1 m."""
+    robot, late = rpctl.load(name), VelocityOutput(lag, dead_time)
+    dynamics = ReducedDynamics(robot)
+    controller = Controller(robot, "eight", period=period, output="velocity")
+    plant = VelocityPlant(dynamics, late.lag_of(robot.quasi_velocities), dead_time, period, period)
+    state = controller.reference(0.0)
+    q = robot.configuration_at(state.pose - np.array([0.1, 0.1, 0.1]), state.joints)
+    nu, errors = np.zeros(robot.dof), []
+    for k in range(round(14.0 / period)):
+        errors.append(tracking_error(robot, controller.reference(k * period), q))
+        plant.send(controller.step(k * period, q, nu).speeds)
+        q, nu, *_ = plant.advance(q, nu)
+    found = np.array(errors)
+    assert np.hypot(*found[:, :2].T).max() < 0.2
+    assert rms(found[-round(3.0 / period) :]) < 5e-3
+    report = controller.report()
+    assert report["dynamic.dead_time"] == pytest.approx(dead_time, abs=0.03)
+    for speed in robot.quasi_velocities[: len(robot.drive.base_speeds)]:
+        both = report.get(f"dynamic.lag of {speed}", 0.0) + report["dynamic.dead_time"]
+        assert both == pytest.approx(lag + dead_time, abs=0.03)
+    assert controller.lateness() in controller.notes()
+
+
+def test_the_prediction_goes_by_what_was_learnt(paper: Robot) -> None:
+    """Told half of the lag and no dead time, it foretells a second later what comes to be."""
+    period, true = 0.02, np.full(4, 0.2)
+    dynamics = ReducedDynamics(paper)
+    plant = VelocityPlant(dynamics, true, 0.1, period, period)
+    controller = VelocityOutput(0.1).start(dynamics, period)
+    q, nu = paper.configuration_at(np.zeros(3), paper.home), np.zeros(4)
+    foretold, came = [], []
+    for k in range(300):
+        t = k * period
+        foretold.append(controller.predict(t, q, nu))
+        came.append(nu)
+        command = 0.3 * np.sin(t * np.array([2.0, 3.0, 4.0, 5.0]))
+        controller.sent(t, command)
+        plant.send(command)
+        q, nu, *_ = plant.advance(q, nu)
+    assert foretold[-6].t == pytest.approx(294 * period + 0.1, abs=1e-6)
+    np.testing.assert_allclose(foretold[-6].nu, came[-1], atol=0.01)
 
 
 def test_a_lag_of_nothing_is_refused(paper: Robot) -> None:

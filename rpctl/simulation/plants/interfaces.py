@@ -173,7 +173,7 @@ class SpeedInterface:
         self._plant.send(self._held.at(self._t))
         self._t += self._period
         dynamics = self._dynamics
-        force = dynamics.inverse(q, nu, self._plant.acceleration(nu))
+        force = dynamics.inverse(q, nu, self._plant.acceleration(q, nu))
         return np.asarray(dynamics.efforts(q, force) - self._bias)
 
     def advance(self, duration: float) -> None:

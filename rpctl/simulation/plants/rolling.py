@@ -114,7 +114,7 @@ class VelocityPlant:
     """A robot whose own controllers follow commanded speeds: T ν̇(t) = c(t − T_d) − ν(t), exactly.
 
     Commands are held between samples. A dead time need be no whole number of control periods: the
-    commands then change within them.
+    commands then change within them. A joint that comes to a limit of its position stops there.
 
     Args:
         dynamics: Of the simulated robot.
@@ -128,6 +128,7 @@ class VelocityPlant:
         self, dynamics: ReducedDynamics, lag: Array, dead_time: float, period: float, longest: float
     ) -> None:
         self._dynamics, self._lag, self._period = dynamics, lag, period
+        self._stops = Stops(dynamics.robot)
         whole = math.floor(dead_time / period + ROUNDING)
         rest = max(dead_time - whole * period, 0.0)
         self._rest = rest if rest > ROUNDING * period else 0.0
@@ -142,10 +143,9 @@ class VelocityPlant:
         """Send commanded speeds (dof,) at the beginning of a control period."""
         self._sent.append(speeds)
 
-    def acceleration(self, nu: Array) -> Array:
-        """Return the mean ν̇ (dof,) of the coming control period, from ν (dof,) on."""
-        after, _ = follow(nu, self._commands(), self._durations, self._lag)
-        return np.asarray((after - nu) / self._period)
+    def acceleration(self, q: Array, nu: Array) -> Array:
+        """Return the mean ν̇ (dof,) of the coming control period, from q (nq,) and ν (dof,) on."""
+        return np.asarray((self._course(q, nu)[0] - nu) / self._period)
 
     def advance(self, q: Array, nu: Array) -> Step:
         """Advance the robot by a control period.
@@ -161,7 +161,7 @@ class VelocityPlant:
             DivergedError: The state left the finite numbers.
         """
         before, lost = self._dynamics.energy(q, nu), 0.0
-        after, stretches = follow(nu, self._commands(), self._durations, self._lag)
+        after, stretches = self._course(q, nu)
         try:
             for stretch in stretches:
                 start, q = q, travel(self._dynamics, q, stretch)
@@ -171,6 +171,28 @@ class VelocityPlant:
         if not (np.isfinite(q).all() and np.isfinite(after).all()):
             raise DivergedError("the motion diverged; give longer horizons, or the true lag")
         return Step(q, after, self._dynamics.energy(q, after) - before + lost, lost)
+
+    def _course(self, q: Array, nu: Array) -> tuple[Array, list[Stretch]]:
+        """Return ν (dof,) after the coming period, and the stretches on the way there.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+        """
+        commands, durations = self._commands(), self._durations
+        if not self._stops.any:
+            return follow(nu, commands, durations, self._lag)
+        room, found = np.subtract(self._stops.ends(q), self._stops.places(q)), list[Stretch]()
+        for k in range(len(durations)):
+            nu, (stretch,) = follow(nu, commands[k : k + 1], durations[k : k + 1], self._lag)
+            way = stretch.duration * stretch.mean
+            done = np.clip(way, *room)
+            blocked, room = done != way, room - done
+            if blocked.any():
+                nu, change = np.where(blocked, 0.0, [nu, stretch.change])
+                stretch = Stretch(stretch.duration, done / stretch.duration, change)
+            found.append(stretch)
+        return nu, found
 
     def _loss(self, start: Array, end: Array, stretch: Stretch) -> float:
         """Return what losses take in a stretch (J), by Simpson's rule.

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rpctl
 from rpctl import (
     EndEffector,
     Horizon,
@@ -34,7 +35,7 @@ def test_a_step_arrives_late_and_bends_as_it_should(paper: Robot) -> None:
     command, rows = np.array([0.5, 0.4, -0.3, 0.2]), []
     for _ in range(20):
         plant.send(command)
-        ahead = nu + period * plant.acceleration(nu)
+        ahead = nu + period * plant.acceleration(q, nu)
         q, nu, *_ = plant.advance(q, nu)
         np.testing.assert_allclose(nu, ahead, atol=1e-15)
         rows.append(nu)
@@ -46,6 +47,28 @@ def test_a_step_arrives_late_and_bends_as_it_should(paper: Robot) -> None:
     turned = command[1] * (passed[-1, 0] - 0.3 * (1.0 - late[-1, 1]))
     assert paper.base_pose(q)[2] == pytest.approx(turned, abs=1e-12)
     assert np.hypot(*paper.base_pose(q)[:2]) == pytest.approx(risen, rel=1e-3)
+
+
+def test_a_joint_stops_at_its_limit_and_leaves_it_late() -> None:
+    """Steered at 1 rad/s into its stop at 1.4 rad; then it leaves as from rest, a lag later."""
+    robot, lag, period = rpctl.load("tricycle"), 0.3, 0.05
+    at = robot.entries[robot.drive.steered[0].joint].index
+    plant = VelocityPlant(ReducedDynamics(robot), np.full(robot.dof, lag), 0.0, period, 0.01)
+    q, nu = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
+    angles = []
+    for k in range(48):
+        command = np.zeros(robot.dof)
+        command[1] = 1.0 if k < 40 else -1.0
+        plant.send(command)
+        ahead = nu + period * plant.acceleration(q, nu)
+        q, nu, *_ = plant.advance(q, nu)
+        np.testing.assert_allclose(nu, ahead, atol=1e-12)
+        angles.append(float(q[at]))
+    assert max(angles) <= 1.4 + 1e-12
+    assert angles[39] == pytest.approx(1.4)
+    left = 8 * period
+    assert nu[1] == pytest.approx(-(1.0 - np.exp(-left / lag)))
+    assert angles[-1] == pytest.approx(1.4 - (left - lag * (1.0 - np.exp(-left / lag))))
 
 
 @pytest.mark.parametrize("kept", [False, True])
@@ -121,10 +144,10 @@ LAWS: dict[str, KinematicLaw] = {
     "name, dead_time",
     cells([(law, d) for law in LAWS for d in (0.0, 0.1)], slow=[("unified", 0.1)]),
 )
-def test_a_lag_costs_less_than_three_millimetres(
+def test_a_lag_costs_less_than_a_millimetre(
     paper: Robot, tiago: Robot, name: str, dead_time: float
 ) -> None:
-    """From no initial error over an eight; not told of its lag, a law is ten times worse."""
+    """From no initial error over an eight; not told of its lag, a law learns it on the way."""
     law = LAWS[name]
     robots = (paper,) if name == "unified" else (paper, tiago)
     duration = 4.0 if name == "unified" else 12.0
@@ -152,7 +175,10 @@ def test_a_lag_costs_less_than_three_millimetres(
         good, bad = summarize(best), summarize(blind)
         assert good.rms_base_error < 1e-3
         assert (good.rms_end_effector_error or 0.0) < 1e-3
-        assert bad.rms_base_error > 10.0 * good.rms_base_error
+        assert good.rms_base_error < bad.rms_base_error < 5e-3
+        assert duration < 5.0 or (bad.settled_base_error or 1.0) < 1e-3
+        assert any("follows its speeds otherwise than told" in note for note in blind.notes)
+        assert not any("otherwise" in note for note in best.notes)
 
 
 def test_the_plant_may_be_later_than_its_controller_knows(paper: Robot) -> None:

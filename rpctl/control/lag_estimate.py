@@ -1,0 +1,234 @@
+"""How late a robot follows its speeds, learnt while it moves: lags and a dead time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from rpctl.arrays import Array
+
+STRIDE = 0.02  # s between two comparisons; shorter periods are averaged over as much
+LAGS = np.array([0.0, 0.02, 0.04, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.56, 0.8, 1.13, 1.6])  # s
+DEAD_TIMES = 0.3  # s: as far from the told one the dead time is looked for
+MEMORY = 10.0  # s: time constant with which older errors are forgotten
+SILENCE = 0.3  # s or 2.5 periods without measured speeds: after that models begin anew, and ...
+RESUMED = 1.0  # s later than the longest dead time they have forgotten that they knew no commands
+SURE = 60.0  # variances: a model that much better than another is so beyond chance, ...
+CLEARLY = 0.25  # and of its own error: errors of another kind follow one another
+FINEST = 2e-3, 1e-3  # of the rms motion, and m/s or rad/s: errors below that tell nothing
+WORST = 0.1  # of the variance of the motion: a model that leaves more is none of it
+TOLERANCE = 0.01, 0.1  # s, and of a lag: what is nearer to what was told is the same
+TAKEN_IN = 0.3  # s: time constant with which an estimate is put to use
+DECIDED = 5  # strides between two decisions
+
+
+class LagEstimate:
+    """Lags by quasi-velocity and a common dead time of a robot, T ν̇(t) = c(t − T_d) − ν(t).
+
+    Each pair of a row of lags and a row of dead times is a model that answers the sent commands;
+    how far its speeds are from the measured ones adds up, and is forgotten slowly. Models do not
+    see what is measured but for their start, so noise that comes anew with each sample biases
+    nothing, and a loop that is closed with it neither. Between neighbours of the row the error is
+    taken for a parabola of the lag.
+
+    What was told is used until a model beats it by far more than chance and explains the motion;
+    without motion all models do as well, and nothing is learnt. The dead time is one of the whole
+    robot: it is changed where all quasi-velocities together speak for another, in whole strides.
+    Lag and dead time of a slow motion stand for each other, and only their sum is told apart then.
+    What is learnt replaces what was used within some .3 s.
+
+    Args:
+        told: T (dof,), s.
+        dead_time: T_d that was told, s.
+        period: Control period, s.
+
+    Attributes:
+        lag: What is to be used now (dof,), s.
+        dead_time: Likewise, s.
+        learnt: Which lags are no longer those told (dof,).
+    """
+
+    def __init__(self, told: Array, dead_time: float, period: float) -> None:
+        self._told, self._told_dead = told, dead_time
+        self.lag, self.dead_time = told.copy(), dead_time
+        self.learnt = np.zeros(len(told), dtype=bool)
+        self._found, self._found_dead = told.copy(), dead_time
+        self._stride = period * max(1, round(STRIDE / period))
+        self._half, self._forget = 0.5 * period, math.exp(-self._stride / MEMORY)
+        self._held = self._stride < 1.5 * period  # a stride is a sample: commands hold through it
+        around = math.ceil(DEAD_TIMES / self._stride)
+        dead_times = dead_time + self._stride * np.arange(-around, around + 1)
+        self._dead_times = dead_times[dead_times >= 0.0]
+        self._at = self._row = int(np.abs(self._dead_times - dead_time).argmin())
+        self._knots = 2 + math.ceil(2.0 * self._dead_times[-1] / self._stride)
+        self._time = self._sent_at = self._width = math.nan
+        self._settled = True  # whether what is found is what is used
+        self._command, self._speeds, self._passed = told * 0.0, told * 0.0, 0.0
+
+    def sent(self, t: float, command: Array) -> None:
+        """Take note of a command (dof,) that is sent at a time (s)."""
+        self._hold(t)
+        self._command = command
+
+    def measured(self, t: float, nu: Array) -> None:
+        """Take note of measured speeds (dof,) at a time (s), later than those before."""
+        elapsed = t - self._time
+        if not elapsed <= max(SILENCE, 5.0 * self._half):
+            return self._restart(t, nu)
+        self._hold(t)
+        self._time = t
+        self._speeds += elapsed * nu
+        self._passed += elapsed
+        if self._passed > self._stride - self._half:
+            self._advance(t, self._passed)
+            self._compare(nu if self._held else self._speeds / self._passed)
+            self._speeds, self._passed = 0.0 * nu, 0.0
+        if not self._settled:
+            rate, gap = -math.expm1(-elapsed / TAKEN_IN), self._found - self.lag
+            self.lag = self.lag + rate * gap
+            self.dead_time += rate * (self._found_dead - self.dead_time)
+        return None
+
+    def sentence(self, names: Sequence[str]) -> str:
+        """Return what was learnt, and how to tell it, in words; "" if nothing was.
+
+        Args:
+            names: Of the quasi-velocities.
+        """
+        if not self.learnt.any():
+            return ""
+        rows = np.flatnonzero(self.learnt)
+        each = ", ".join(
+            f"{self._found[k]:.2g} s of {names[k]} ({self._told[k]:g} s told)"
+            for k in rows.tolist()
+        )
+        lag, dead = float(np.median(self._found[rows])), self._found_dead
+        return (
+            f"the robot follows its speeds otherwise than told: with a lag of {each}, after a dead "
+            f"time of {dead:.2g} s ({self._told_dead:g} s told); the controller goes by that. Say "
+            f"so with --actuator-lag {lag:.2g} --dead-time {dead:.2g}, or "
+            f"rpctl.VelocityOutput({lag:.2g}, {dead:.2g})"
+        )
+
+    def _restart(self, t: float, nu: Array) -> None:
+        """Begin anew with speeds (dof,) at a time (s); what was learnt stays."""
+        rows, fresh = len(self._dead_times), math.isnan(self._time)
+        self._models = np.broadcast_to(nu, (rows, len(LAGS), len(nu))).copy()
+        if fresh:
+            self._command = nu
+            self._errors = np.zeros_like(self._models)
+            self._count, self._sum, self._squares = 0.0, np.zeros(len(nu)), np.zeros(len(nu))
+        # The way that was commanded, at times from which on it is taken for a straight one.
+        self._times = np.full(self._knots, -math.inf)
+        self._ways = np.zeros((self._knots, len(nu)))
+        self._times[-1], self._way = t, np.zeros(len(nu))
+        self._asked = np.broadcast_to(self._command, (rows, len(nu))).copy()
+        self._before = -self._dead_times[:, None] * self._command
+        self._known_from = t if fresh else t + self._dead_times[-1] + RESUMED
+        self._decide = DECIDED
+        self._speeds, self._passed = 0.0 * nu, 0.0
+        self._time = self._sent_at = t
+        self._first = self._command
+
+    def _hold(self, t: float) -> None:
+        """Let the last command hold until a time (s)."""
+        if t > self._sent_at:
+            self._way = self._way + (t - self._sent_at) * self._command
+            self._sent_at = t
+
+    def _advance(self, t: float, width: float) -> None:
+        """Let all models follow the commands of a stride that ends at a time (s).
+
+        Args:
+            width: Of the stride, s.
+        """
+        times, ways = self._times, self._ways
+        times[:-1], ways[:-1] = times[1:], ways[1:]
+        times[-1], ways[-1] = t, self._way
+        acts = t - self._dead_times
+        # Of the straight pieces, that in which each lies; before all of them the first held.
+        after = np.clip(np.searchsorted(times, acts), 1, len(times) - 1)
+        start, end = times[after - 1], times[after]
+        early = ~np.isfinite(start)
+        share = np.where(early, 0.0, (acts - start) / np.where(early, 1.0, end - start))
+        way = ways[after - 1] + share[:, None] * (ways[after] - ways[after - 1])
+        way[early] = ways[after[early]] - (end - acts)[early, None] * self._first
+        asked = (way - self._before) / width
+        self._before = way
+        if width != self._width:
+            self._width, x = width, width / np.maximum(LAGS, 1e-9)
+            self._left = np.exp(-x)[:, None]
+            new = -np.expm1(-x) if self._held else 1.0 + np.expm1(-x) / x
+            self._new, self._old = new[:, None], 1.0 - self._left - new[:, None]
+        new, old = asked[:, None, :], self._asked[:, None, :]
+        self._models = self._left * self._models + self._new * new + self._old * old
+        self._asked = asked
+
+    def _compare(self, seen: Array) -> None:
+        """Compare all models with speeds (dof,) that were measured."""
+        if self._time < self._known_from:
+            return
+        self._errors *= self._forget
+        self._errors += (self._models - seen) ** 2
+        self._count = self._forget * self._count + 1.0
+        self._sum = self._forget * self._sum + seen
+        self._squares = self._forget * self._squares + seen**2
+        self._decide -= 1
+        if self._decide <= 0:
+            self._decide = DECIDED
+            self._choose()
+
+    def _choose(self) -> None:
+        """Choose between what is told, what is used and what the models say."""
+        errors = self._errors
+        spread = np.maximum(self._squares - self._sum**2 / self._count, 0.0)
+        best = errors.min(axis=(0, 1))
+        finest = FINEST[0] ** 2 * self._squares / self._count + FINEST[1] ** 2
+        variance = np.maximum(best / self._count, finest)
+        # A lag that was told longer than any that is tried cannot be contradicted by these.
+        explained = (best < WORST * spread) & (self._told <= LAGS[-1])
+        if not explained.any():
+            return
+        # Of each dead time, how far the best lags are from what was measured, all together.
+        totals = (errors.min(axis=1) / variance)[:, explained].sum(axis=1)
+        row = int(totals.argmin())
+        if totals[self._row] - totals[row] > SURE + CLEARLY * totals[row]:
+            self._row = row
+        lag, least = _lowest(errors[self._row])
+        told, used = _at(errors[self._at], self._told), _at(errors[self._row], self._found)
+        sure = np.maximum(told, used) - least > SURE * variance + CLEARLY * least
+        far = np.abs(lag - self._told) > TOLERANCE[0] + TOLERANCE[1] * self._told
+        far |= self._row != self._at
+        self._found = np.where(explained & sure, np.where(far, lag, self._told), self._found)
+        self.learnt = np.where(explained & sure, far, self.learnt)
+        if self.learnt.any() or not self._settled:
+            self._settled = False
+            row = self._row if self.learnt.any() else self._at
+            self._found_dead = float(self._dead_times[row])
+
+
+def _lowest(errors: Array) -> tuple[Array, Array]:
+    """Return the lags (n,) with the least errors, s, by parabolas through three; and the least.
+
+    Args:
+        errors: Of the models' lags (len(LAGS), n).
+    """
+    every, best = np.arange(errors.shape[1]), errors.argmin(axis=0)
+    k = np.clip(best, 1, len(LAGS) - 2)
+    x0, x1, x2 = LAGS[k - 1], LAGS[k], LAGS[k + 1]
+    y0, y1, y2 = errors[k - 1, every], errors[k, every], errors[k + 1, every]
+    left, right = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
+    bend = (right - left) / (x2 - x0)
+    bent = bend > 0.0
+    lag = 0.5 * (x0 + x1) - 0.5 * left / np.where(bent, bend, 1.0)
+    return np.where(bent, np.clip(lag, x0, x2), LAGS[best]), errors[best, every]
+
+
+def _at(errors: Array, lag: Array) -> Array:
+    """Return the errors (n,) at lags (n,), s, between those of the models (len(LAGS), n)."""
+    k = np.clip(np.searchsorted(LAGS, lag) - 1, 0, len(LAGS) - 2)
+    share = np.clip((lag - LAGS[k]) / (LAGS[k + 1] - LAGS[k]), 0.0, 1.0)
+    every = np.arange(len(lag))
+    return np.asarray((1.0 - share) * errors[k, every] + share * errors[k + 1, every])
