@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -11,6 +13,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.both_laws import BothLaws
 from rpctl.control.error import tracking_error
+from rpctl.control.group_commands import GroupCommand, GroupCommands
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.law import (
     Command,
@@ -24,6 +27,7 @@ from rpctl.control.law import (
     Speeds,
     as_law,
 )
+from rpctl.control.output_groups import OutputGroup
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.safeguards import (
     FAILURES,
@@ -48,6 +52,7 @@ from rpctl.robot.model import Robot
 
 PERIOD = 0.002  # s
 NOTHING = np.empty(0)
+NO_COMMANDS: Mapping[str, GroupCommand] = MappingProxyType({})
 PAUSED, MOTORS_OFF = "paused", "paused, with the motors off"
 IDLE = 0.02  # m/s or rad/s: a robot whose speeds miss those it was sent by less follows them
 LATE_RATIO = 1.5  # of the period: a sample that comes later is counted as late
@@ -83,6 +88,8 @@ class ControllerOutput(NamedTuple):
             where that lasted too long, and the robot is braked, or where it pauses; "lost" where
             the robot does not do what it is sent, and is braked until it is told to resume.
         reason: Why the status is not "ok".
+        commands: The same speeds as each group of the output takes them, by its pattern; empty
+            where it has no groups, and before the first good sample.
     """
 
     efforts: Array
@@ -91,6 +98,7 @@ class ControllerOutput(NamedTuple):
     limits: tuple[Limit, ...] = ()
     status: Status = "ok"
     reason: str = ""
+    commands: Mapping[str, GroupCommand] = NO_COMMANDS
 
 
 class Controller:
@@ -119,7 +127,10 @@ class Controller:
         period: Time between two samples as planned, s.
         output: ``"effort"``; ``"velocity"`` for a robot that takes speeds and follows them at once,
             or a :class:`~rpctl.control.velocity_output.VelocityOutput` that says how late it
-            follows them. Then there is no dynamic law.
+            follows them. ``"twist"``, ``"wheel-speeds"``, ``"steering"`` or ``"position"``, or a
+            mapping such as ``{"base": "twist", "arm_*": "position"}``, whose values may be
+            :class:`~rpctl.control.output_groups.OutputGroup` with bounds and lateness of their own:
+            ``commands`` of what is sent say it so. Then there is no dynamic law.
         rest: State before the first sample, if it is known. Its efforts are sent as long as there
             was no good sample; without it, zeros are.
         guards: What is done about bad samples, poses that jump and robots that do not follow; None
@@ -138,7 +149,7 @@ class Controller:
         kinematic: str | KinematicLaw | KinematicFunction | None = None,
         dynamic: str | DynamicLaw | DynamicFunction | None = None,
         period: float = PERIOD,
-        output: str | VelocityOutput = "effort",
+        output: str | Mapping[str, str | OutputGroup] | VelocityOutput = "effort",
         rest: Rest | None = None,
         guards: Guards | None = None,
         compiled: bool = True,
@@ -152,6 +163,8 @@ class Controller:
         self._reference, usual = self._read(reference), default_laws(robot)
         self._laws = as_law(kinematic or usual[0]), as_law(dynamic or usual[1])
         self._rest, self._output = rest, as_output(output)
+        if self._output is not None:
+            self._output = self._output.on(robot)
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
         self._rolls = bool(robot.drive.base_speeds)
         self.reset()
@@ -187,6 +200,9 @@ class Controller:
         self._safe_until = math.inf  # when the last safe efforts are stale, s
         self._measured: MeasuredSample | None = None  # the last good sample
         self._braking: Braking | None = None
+        self._groups: GroupCommands | None = None
+        if self._output is not None and self._output.groups:
+            self._groups = GroupCommands(self._output, self._dynamics, self.period)
 
     def step(self, t: float, q: Array, nu: Array, applied: Array | None = None) -> ControllerOutput:
         """Return what to send now. A sample, however bad, raises nothing.
@@ -202,10 +218,15 @@ class Controller:
             RpctlError: A law of the user's answers with something that is no answer of its kind.
         """
         self._counts["samples"] += 1
+        self._both.ahead = None
         sample = self._reader.read(t, q, nu)
         output = sample if isinstance(sample, str) else self._answer(sample, applied)
         if isinstance(output, str):
             output = self._without_answer(self._reader.time, output)
+        if self._groups is not None and self._measured is not None:
+            off = output.reason == MOTORS_OFF
+            sent = self._groups(output.speeds, self._measured, self._both.ahead, off)
+            output = output._replace(commands=sent)
         self._sent = output
         return output
 

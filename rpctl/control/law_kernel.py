@@ -186,6 +186,7 @@ class RunningLaws:
 
     Attributes:
         model_nu: Gets what sent speeds have led to so far (dof,).
+        model_nu_dot: Gets its mean rate since the last sample (dof,).
         error: What is tracked by how much, at the last sample that was answered (3 + n_joints,).
         learns: Whether there is an integral.
         answer: Efforts (n_act,) or speeds (dof,) of the last sample that was answered.
@@ -207,6 +208,7 @@ class RunningLaws:
         self._q, self._nu, self._row, self._nu_d, self._nu_d_dot, self.answer, self._limits = views
         self._failed, self._asks = self._view(law.failed), self._view(kernel.asks)
         self._elapsed, self.model_nu = self._view(law.elapsed), self._view(law.model_nu)
+        self.model_nu_dot = self._view(law.model_nu_dot)
         self._view(law.settings)[:], self._elapsed[0] = settings, period
         self.error = self._view(law.e)
         kept = {buffer.name: self._view(buffer) for buffer in law.memory}

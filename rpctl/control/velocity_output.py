@@ -6,7 +6,7 @@ import math as numbers
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -15,8 +15,21 @@ from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.fragment import LawFragment, LawFrame
 from rpctl.control.law import Command, ReportsNothing, Rest, Speeds
+from rpctl.control.output_groups import (
+    BASE,
+    DEAD_TIME,
+    GROUP_KINDS,
+    LAG,
+    POSITION,
+    RATES,
+    REST,
+    OutputGroup,
+    as_groups,
+    by_quasi_velocity,
+)
 from rpctl.control.sampling import MeasuredSample
 from rpctl.control.speed_limits import SpeedLimits, SpeedSample
+from rpctl.control.stagger import Stagger
 from rpctl.dynamics.motion import NO_LAG, follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import (
@@ -27,6 +40,7 @@ from rpctl.errors import (
     require_known,
 )
 from rpctl.files.records import POSITIVE, Range, Record, Setting
+from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -34,10 +48,6 @@ if TYPE_CHECKING:
 
 OUTPUTS = ("effort", "velocity")
 LONGEST_STEP = 0.02  # s, of the predicted motion
-MAX_DEAD_TIME = 2.0  # s: no motion can be foretold for longer
-MAX_LAG = 10.0  # s
-LAG = Range(0.0, MAX_LAG, f"a time in s, from 0 to {MAX_LAG:g}")
-DEAD_TIME = Range(0.0, MAX_DEAD_TIME, f"a time in s, from 0 to {MAX_DEAD_TIME:g}")
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 STOPPING_TIME = 0.3  # s: time constant with which a controlled stop ends the motion
 
@@ -56,6 +66,9 @@ class VelocityOutput(Record):
       the command that is held for a period T_s. Then ν − ν_d decays as exp(−t/T), and a reference
       is followed as by a robot that takes ν_d at once;
     - :class:`~rpctl.control.speed_limits.SpeedLimits` bounds c.
+
+    Where dead times differ, base and arm are each predicted over their own, and follow what the
+    reference is then. ``groups`` say in what form the speeds are sent.
 
     A wrong T leaves a loop that is stable, only less exact: the measured ν enters the prediction.
     """
@@ -87,6 +100,38 @@ class VelocityOutput(Record):
         Range(SMALLEST, 1.0, "more than 0, at most 1"),
         Setting("", "", "Fraction of the effort limits that accelerations may take."),
     ] = 0.95
+    dead_times: Annotated[
+        Mapping[str, float],
+        DEAD_TIME,
+        Setting("s", "", "Dead time by name of the quasi-velocity, where it differs."),
+    ] = field(default_factory=dict)
+    speeds: Annotated[
+        Mapping[str, float],
+        POSITIVE,
+        Setting("m/s or rad/s", "", "Largest speeds by name of the quasi-velocity."),
+    ] = field(default_factory=dict)
+    jerks: Annotated[
+        Mapping[str, float],
+        POSITIVE,
+        Setting("m/s³ or rad/s³", "", "Largest jerks by name of the quasi-velocity."),
+    ] = field(default_factory=dict)
+    groups: Annotated[
+        Mapping[str, OutputGroup],
+        Setting(
+            "", "", 'What the robot takes, by "base" and by pattern of joints; its speeds if none.'
+        ),
+    ] = field(default_factory=dict)
+
+    def on(self, robot: Robot) -> VelocityOutput:
+        """Return the same with what its groups say, by name of the quasi-velocity.
+
+        Raises:
+            RpctlError: A group does not fit the robot.
+        """
+        if not self.groups:
+            return self
+        said = by_quasi_velocity(self.groups, robot)
+        return replace(self, **{name: {**getattr(self, name), **of} for name, of in said.items()})
 
     def start(
         self,
@@ -132,11 +177,13 @@ class VelocityOutput(Record):
         """
         robot, period, sample = frame.known.robot, frame.period, frame.sample
         lag = self.lag_of(robot.quasi_velocities)
-        within = SpeedLimits(robot, period, lag, self.accelerations, self.effort_ratio)
+        bounds = self.accelerations, self.effort_ratio, self.speeds, self.jerks
+        within = SpeedLimits(robot, period, lag, *bounds)
         wanted = sample.nu_d + (math.DM(lag) + 0.5 * period) * sample.nu_d_dot
-        at = SpeedSample(sample.q, sample.nu, frame.model_nu[1])
-        nu, binding = within(frame.known, wanted, at)
-        return frame.answered("law_speeds", nu, within.labels, binding, [frame.model_nu])
+        model = frame.model_nu, frame.model_nu_dot
+        at = SpeedSample(sample.q, sample.nu, *(symbols for _, symbols in model))
+        nu, binding = within(frame.known, wanted, at, sample.nu_d_dot)
+        return frame.answered("law_speeds", nu, within.labels, binding, model)
 
     def lag_of(self, quasi_velocities: tuple[str, ...]) -> Array:
         """Return T (dof,) of quasi-velocities by their names, s.
@@ -145,6 +192,14 @@ class VelocityOutput(Record):
             UnknownNameError: A lag is of none of them.
         """
         return lags_by_name(quasi_velocities, self.lag, self.lags)
+
+    def dead_times_of(self, quasi_velocities: tuple[str, ...]) -> Array:
+        """Return T_d (dof,) of quasi-velocities by their names, s.
+
+        Raises:
+            UnknownNameError: A dead time is of none of them.
+        """
+        return lags_by_name(quasi_velocities, self.dead_time, self.dead_times)
 
 
 def lags_by_name(names: tuple[str, ...], lag: float, lags: Mapping[str, float]) -> Array:
@@ -161,20 +216,29 @@ def lags_by_name(names: tuple[str, ...], lag: float, lags: Mapping[str, float]) 
     return np.array([lags.get(name, lag) for name in names])
 
 
-def as_output(output: str | VelocityOutput) -> VelocityOutput | None:
+def as_output(
+    output: str | Mapping[str, str | OutputGroup] | VelocityOutput,
+) -> VelocityOutput | None:
     """Return what makes speeds of a command, or None where efforts are wanted.
 
     Args:
-        output: ``"effort"``, ``"velocity"``, or settings of the latter.
+        output: ``"effort"``, ``"velocity"``, another kind of :class:`OutputGroup` for the base
+            beside the arm's rates (or ``"position"`` for an arm alone), a mapping of ``"base"`` and
+            of patterns of joints to such kinds or groups, or settings.
 
     Raises:
         UnknownNameError: It is none of them.
     """
     if isinstance(output, VelocityOutput):
         return output
-    if output not in OUTPUTS:
-        raise UnknownNameError("output", output, OUTPUTS)
-    return VelocityOutput() if output == "velocity" else None
+    if isinstance(output, Mapping):
+        return VelocityOutput(groups=as_groups(output))
+    if output not in (*OUTPUTS, *GROUP_KINDS):
+        raise UnknownNameError("output", output, dict.fromkeys((*OUTPUTS, *GROUP_KINDS)))
+    if output in OUTPUTS:
+        return None if output == "effort" else VelocityOutput()
+    whole = {REST: output} if output == POSITION else {BASE: output, REST: RATES}
+    return VelocityOutput(groups=as_groups(whole))
 
 
 class VelocityController(ReportsNothing):
@@ -193,13 +257,24 @@ class VelocityController(ReportsNothing):
         running: RunningLaws,
     ) -> None:
         robot, self._period, self._running = dynamics.robot, period, running
-        self._dynamics, self._dead_time = dynamics, output.dead_time
+        dead_times = output.dead_times_of(robot.quasi_velocities)
+        self._dynamics, self._dead_time = dynamics, float(dead_times.max(initial=0.0))
+        self._stagger = Stagger(robot, dead_times) if np.ptp(dead_times) else None
         self._lag = output.lag_of(robot.quasi_velocities)
         self._decay = -1.0 / np.maximum(self._lag, NO_LAG)
         # Commands, and from when on they act; the first acts already.
         self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
         # What the commands so far have led to by the time the next one acts, and when it is sent.
         self._model_nu, self._model_time = np.zeros(robot.dof), numbers.nan
+        self._model_nu_dot = np.zeros(robot.dof)
+
+    def followed(self, reference: Reference) -> Reference:
+        """Return what is to be followed where base and arm are predicted over times of their own.
+
+        Args:
+            reference: What is to be followed at one time.
+        """
+        return reference if self._stagger is None else self._stagger.reference(reference)
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
         """Return the time at which the next command acts, and the state then.
@@ -210,12 +285,22 @@ class VelocityController(ReportsNothing):
         sent = self._sent
         while len(sent) > 1 and sent[1][0] <= t + TIME_ROUNDING:
             sent.popleft()
-        if self._dead_time <= TIME_ROUNDING:
+        if self._stagger is not None:
+            parts = [self._ahead(t, q, nu, dead) for dead in self._stagger.dead_times]
+            return self._stagger.joined(parts)
+        return self._ahead(t, q, nu, self._dead_time)
+
+    def _ahead(self, t: float, q: Array, nu: Array, dead_time: float) -> MeasuredSample:
+        """Return the state a dead time (s) after a sample, of what has that one."""
+        if dead_time <= TIME_ROUNDING:
             return MeasuredSample(t, q, nu)
-        end = t + self._dead_time
-        starts = [t] + [start for start, _ in list(sent)[1:] if start < end - TIME_ROUNDING]
+        end, sent, sooner = t + dead_time, list(self._sent), self._dead_time - dead_time
+        while len(sent) > 1 and sent[1][0] - sooner <= t + TIME_ROUNDING:
+            del sent[0]
+        acting = [start - sooner for start, _ in sent[1:]]
+        starts = [t] + [start for start in acting if start < end - TIME_ROUNDING]
         durations = np.diff([*starts, end])
-        commands = np.array([command for _, command in list(sent)[: len(starts)]])
+        commands = np.array([command for _, command in sent[: len(starts)]])
         nu, stretches = follow(nu, commands, durations, self._lag)
         with suppress(SingularBasisError):
             for stretch in joined(stretches, LONGEST_STEP):
@@ -259,5 +344,8 @@ class VelocityController(ReportsNothing):
         elif t > self._model_time:
             command, passed = self._sent[-1][1], t - self._model_time
             left = np.exp(self._decay * passed)  # of the way to the command, as in `follow`
-            self._model_nu = command + (self._model_nu - command) * left
+            before = self._model_nu
+            self._model_nu = command + (before - command) * left
+            self._model_nu_dot = (self._model_nu - before) / passed
         self._model_time, self._running.model_nu[:] = t, self._model_nu
+        self._running.model_nu_dot[:] = self._model_nu_dot

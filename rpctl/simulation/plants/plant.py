@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.control.velocity_output import DEAD_TIME, LAG, VelocityOutput
+from rpctl.control.output_groups import DEAD_TIME, LAG
+from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.errors import LARGEST, RpctlError, UnknownNameError
