@@ -17,6 +17,7 @@ TWIST, WHEELS, STEERING, POSITION, RATES = (
 )  # fmt: skip
 GROUP_KINDS = (RATES, TWIST, WHEELS, STEERING, POSITION)
 OF_ARMS = (RATES, POSITION)
+OUTPUT_WORDS = "|".join(("effort", *GROUP_KINDS, "GROUP=KIND,..."))  # of a command line
 TWISTS = (("v", "omega"), ("vx", "vy", "omega"))  # speeds of bases that a twist determines
 MAX_DEAD_TIME = 2.0  # s: no motion can be foretold for longer
 MAX_LAG = 10.0  # s

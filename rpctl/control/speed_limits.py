@@ -111,7 +111,7 @@ class SpeedLimits:
         self._lag, self._share = lag, -np.expm1(-period / np.maximum(lag, NO_LAG)) / period
         most = [accelerations.get(name, np.inf) for name in names]
         bounds = (np.array([of.get(name, np.inf) for name in names]) for of in (jerks, speeds))
-        self._jerks = JerkLimits(period, self._share, *bounds, self._base)
+        self._jerks = JerkLimits(period, self._share, *bounds)
         self._most = np.concatenate([effort_ratio * robot.effort_limits, most])
         self._wheels = len(robot.actuators) - len(robot.joint_names)  # actuators of the base
         kinds = {"lower": own, "upper": own, "velocity": fast, "speed": slow}

@@ -122,6 +122,11 @@ class VelocityOutput(Record):
         ),
     ] = field(default_factory=dict)
 
+    @property
+    def kinds(self) -> dict[str, str]:
+        """What each of its groups is sent."""
+        return {pattern: group.kind for pattern, group in self.groups.items()}
+
     def on(self, robot: Robot) -> VelocityOutput:
         """Return the same with what its groups say, by name of the quasi-velocity.
 

@@ -92,6 +92,24 @@ class MujocoWorld(MujocoBody):
         moved = data.qpos[self.mjm.jnt_qposadr[self._motors]] - before
         return float(data.actuator_force @ moved)
 
+    def serve(self, stiffness: Array, damping: Array) -> None:
+        """Give the joints servos in the place of motors, with the motors' limits.
+
+        From then on :meth:`run` takes what they are to reach: positions (rad or m), and of those
+        without stiffness rates (rad/s or m/s).
+
+        Args:
+            stiffness: Of each actuator (n_act,), N·m/rad or N/m.
+            damping: Likewise, N·m s/rad or N s/m.
+        """
+        model, limits = self.mjm, self.robot.effort_limits
+        model.actuator_ctrllimited[:] = 0
+        model.actuator_forcelimited[:] = np.isfinite(limits)
+        model.actuator_forcerange[:] = np.where(np.isfinite(limits), limits, 0.0)[:, None] * [-1, 1]
+        model.actuator_biastype[:] = int(self.mujoco.mjtBias.mjBIAS_AFFINE)
+        model.actuator_gainprm[:, 0] = np.where(stiffness > 0.0, stiffness, damping)
+        model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -stiffness, -damping
+
     def push(self, link: str, force: Sequence[float], moment: Sequence[float]) -> None:
         """Push a link until :meth:`release`; pushes add up.
 

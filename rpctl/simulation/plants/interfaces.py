@@ -14,6 +14,7 @@ from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
+from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods
 from rpctl.simulation.plants.actuators import Actuators
@@ -146,7 +147,8 @@ class SpeedInterface:
         robot, plant, run = dynamics.robot, config.plant, config.run
         if config.output is None:
             raise RpctlError("the controller sends efforts, not speeds")
-        truth = plant.velocity_interface(config.output)
+        known = config.output.on(robot)
+        truth, names = plant.velocity_interface(known), robot.quasi_velocities
         late = delay_periods(plant.delay, run.control_period) * run.control_period
         self._dynamics = dynamics
         self._bias = plant.bias(robot)
@@ -154,11 +156,12 @@ class SpeedInterface:
         self._period = run.control_period
         self._plant = VelocityPlant(
             dynamics,
-            truth.lag_of(robot.quasi_velocities),
-            truth.dead_time + late,
+            truth.lag_of(names),
+            truth.dead_times_of(names) + late,
             run.control_period,
             run.plant_step,
         )
+        self._followed = FollowedSpeeds(robot, rest.q, run.control_period)
         self.state = PlantState(rest.q, np.zeros(robot.dof), 0.0, 0.0, {})
 
     def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
@@ -169,7 +172,7 @@ class SpeedInterface:
             late: How much after the sample they are sent, s; they count from the next sample on.
         """
         q, nu, *_ = self.state
-        self._held.send(self._t + late, output.speeds)
+        self._held.send(self._t + late, self._followed(output))
         self._plant.send(self._held.at(self._t))
         self._t += self._period
         dynamics = self._dynamics
@@ -181,6 +184,31 @@ class SpeedInterface:
         before = self.state
         q, nu, work, lost = self._plant.advance(before.q, before.nu)
         self.state = PlantState(q, nu, before.work + work, before.lost + lost, {})
+
+
+class FollowedSpeeds:
+    """The speeds that commands ask of a robot: of joints that are sent positions, by these alone.
+
+    Args:
+        robot: The simulated robot.
+        q: Where it stands at the start (nq,).
+        period: Control period, s, in which a position is to be reached.
+    """
+
+    def __init__(self, robot: Robot, q: Array, period: float) -> None:
+        self._index = {name: k for k, name in enumerate(robot.quasi_velocities)}
+        self._period = period
+        self._before = {n: robot.joint_position(q, n) for n in self._index if n in robot.entries}
+
+    def __call__(self, output: ControllerOutput) -> Array:
+        """Return commanded quasi-velocities (dof,) of what is sent now."""
+        found = output.speeds.copy()
+        for command in output.commands.values():
+            for name in command.positions.keys() & self._index.keys():
+                place = command.positions[name]
+                found[self._index[name]] = (place - self._before[name]) / self._period
+                self._before[name] = place
+        return found
 
 
 class OwnInterface:

@@ -29,7 +29,7 @@ from tests.grids import cells
 def test_a_step_arrives_late_and_bends_as_it_should(paper: Robot) -> None:
     """ν = c (1 − e^(−(t − T_d)/T)); the dead time is no whole number of periods."""
     lag, dead, period = np.array([0.1, 0.3, 0.0, 0.05]), 0.034, 0.01
-    plant = VelocityPlant(ReducedDynamics(paper), lag, dead, period, 0.002)
+    plant = VelocityPlant(ReducedDynamics(paper), lag, np.full(len(lag), dead), period, 0.002)
     q, nu = paper.configuration_at(np.zeros(3), paper.home), np.zeros(4)
     command, rows = np.array([0.5, 0.4, -0.3, 0.2]), []
     for _ in range(20):
