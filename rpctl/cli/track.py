@@ -97,9 +97,9 @@ class ConfigOptions:
         str | None,
         typer.Option(
             metavar=OUTPUT_WORDS,
-            help="What the robot takes: efforts; speeds of base and arm, which it follows late; the "
-            "base's twist, wheel speeds or steering beside the arm's rates; positions of an arm; or "
-            "by groups, base=twist,arm_*=position. Efforts if not given.",
+            help="What the robot takes: efforts; speeds of base and arm, which it follows late; "
+            "the base's twist, wheel speeds or steering beside the arm's rates; positions of an "
+            "arm; or by groups, base=twist,arm_*=position. Efforts if not given.",
         ),
     ] = None
     late: Annotated[

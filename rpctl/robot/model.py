@@ -16,7 +16,7 @@ from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
-from rpctl.errors import Finding, RpctlError, require_known
+from rpctl.errors import Finding, RpctlError, UnknownNameError, require_known
 from rpctl.robot.coordinates import (
     BASE_NQ,
     ROOT_JOINT,
@@ -248,21 +248,28 @@ class Robot:
         twist: Sequence[float] = (),
         joints: Mapping[str, float] | None = None,
         rates: Mapping[str, float] | None = None,
+        twist_frame: str = "body",
     ) -> tuple[Array, Array]:
         """Return q (nq,) and ν (dof,) of a state that is given by names; :meth:`state_of` inverts.
 
         Args:
-            pose: Of the root link: x, y (m) and heading (rad).
+            pose: Of the root link: x, y (m) and heading (rad), in the frame of the reference, as a
+                map or odom; a localisation may let it jump.
             twist: The base's quasi-velocities in the order of ``drive.base_speeds``, m/s and
-                rad/s; nothing stands for rest.
+                rad/s; nothing stands for rest. They are P's in the base's own axes, whatever the
+                pose's frame: odometry's twist as it comes.
             joints: Positions by joint name, as of :meth:`configuration`; rad or m.
             rates: Rates of the arm's joints by name, rad/s or m/s; 0 for those left out.
+            twist_frame: ``"body"``, or ``"world"`` where the twist begins with P's velocity along
+                the axes of the pose's frame, (v_x, v_y), and goes on as that of the body.
 
         Raises:
             RpctlError: There are too few or too many numbers, or one is not finite.
             UnknownNameError: A joint is not known.
         """
         speeds, rates = self.drive.base_speeds, rates or {}
+        if len(pose) == 3 and twist_frame != "body":
+            twist = self._in_body(pose[2], twist, twist_frame)
         if len(pose) != 3:
             raise RpctlError(f"the pose {tuple(pose)} has to be x, y in m and a heading in rad")
         if len(twist) not in (0, len(speeds)):
@@ -277,6 +284,24 @@ class Robot:
         if not (np.isfinite(q).all() and np.isfinite(nu).all()):
             raise RpctlError("the state holds numbers that are not finite; give finite ones")
         return q, nu
+
+    def _in_body(self, heading: float, twist: Sequence[float], frame: str) -> Sequence[float]:
+        """Return the base's quasi-velocities of a twist along a frame's axes.
+
+        Args:
+            heading: Of the root link in that frame, rad.
+            twist: P's velocity along its axes, m/s, then the other quasi-velocities.
+            frame: ``"world"``.
+        """
+        speeds, angle = self.drive.base_speeds, heading + self.drive.heading
+        if frame != "world" or self.drive.type == "steered":
+            known = ("body",) if self.drive.type == "steered" else ("body", "world")
+            raise UnknownNameError(f"twist_frame of {self.drive.type} bases", frame, known)
+        if len(twist) < 2:
+            return twist
+        (x, y, *rest), cos, sin = twist, math.cos(angle), math.sin(angle)
+        ahead, left = cos * x + sin * y, cos * y - sin * x
+        return (ahead, left, *rest) if "vy" in speeds else (ahead, *rest)
 
     def state_of(self, q: Array, nu: Array) -> NamedState:
         """Return the state that q (nq,) and ν (dof,) stand for, by names."""
