@@ -48,6 +48,19 @@ def test_a_step_arrives_late_and_bends_as_it_should(paper: Robot) -> None:
     assert np.hypot(*paper.base_pose(q)[:2]) == pytest.approx(risen, rel=1e-3)
 
 
+def test_each_quasi_velocity_begins_after_its_own_dead_time(paper: Robot) -> None:
+    """At 10 ms a period dead times of 0, 5, 12 and 30 ms, without a lag."""
+    dead, period = np.array([0.0, 0.005, 0.012, 0.03]), 0.01
+    plant = VelocityPlant(ReducedDynamics(paper), np.zeros(4), dead, period, 0.002)
+    q, nu, rows = paper.configuration_at(np.zeros(3), paper.home), np.zeros(4), []
+    for k in range(5):
+        plant.send(np.full(4, 0.1 * (k + 1)))
+        q, nu, *_ = plant.advance(q, nu)
+        rows.append(10.0 * nu)
+    np.testing.assert_allclose(np.transpose(rows)[:3], [[1, 2, 3, 4, 5]] * 2 + [[0, 1, 2, 3, 4]])
+    np.testing.assert_allclose(np.transpose(rows)[3], [0, 0, 0, 1, 2])
+
+
 @pytest.mark.parametrize("kept", [False, True])
 def test_efforts_are_those_that_the_motion_takes(paper: Robot, kept: bool, tmp_path: Path) -> None:
     """τ of each sample moves the dynamics as the interface did; work is the energy's change."""
