@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,16 +11,10 @@ from rpctl import math
 from rpctl.arrays import Array
 from rpctl.kernels.scalars import clipped
 
+if TYPE_CHECKING:
+    from rpctl.control.speed_limits import SpeedSample
+
 EASE = 0.85  # of a jerk, by which an acceleration is planned to fall: samples round it up by 1/8
-
-
-class Wanted(NamedTuple):
-    """What is wanted of one sample, over scalars, each (dof, 1)."""
-
-    nu_dot: Any  # the mean acceleration until the next sample, within all other limits
-    rate: Any  # of the speed that is wanted
-    before: Any  # the mean acceleration since the last sample
-    nu: Any  # the speed that the commands so far have led to
 
 
 @dataclass(frozen=True)
@@ -47,21 +41,27 @@ class JerkLimits:
     jerks: Array
     speeds: Array
 
-    def __call__(self, wanted: Wanted) -> tuple[Any, list[Any]]:
-        """Return the accelerations (dof, 1), and of each bounded one whether that binds."""
-        found, binding = math.vertsplit(wanted.nu_dot), []
+    def __call__(self, nu_dot: Any, rate: Any, at: SpeedSample) -> tuple[Any, list[Any]]:
+        """Return the accelerations (dof, 1), and of each bounded one whether that binds.
+
+        Args:
+            nu_dot: Those within all other limits (dof, 1).
+            rate: Of the speeds that are wanted (dof, 1).
+            at: Where they begin.
+        """
+        found, binding = math.vertsplit(nu_dot), []
         for k in np.flatnonzero(np.isfinite(self.jerks)).tolist():
-            share, limit, nu = float(self.share[k]), self.speeds[k], wanted.nu[k]
-            more = wanted.nu_dot[k] - wanted.rate[k]
+            share, limit, nu = float(self.share[k]), self.speeds[k], at.model_nu[k]
+            more = nu_dot[k] - rate[k]
             most = self._stoppable(k, math.fabs(more) / share)
-            toward = wanted.rate[k] + clipped(more, -most, most)
+            toward = rate[k] + clipped(more, -most, most)
             if np.isfinite(limit):
                 ahead, behind = (self._stoppable(k, math.fmax(g, 0.0)) for g in
                                  (limit - nu, limit + nu))  # fmt: skip
                 toward = clipped(toward, -behind, ahead)
             change = float(self.jerks[k]) * self.period
-            binding.append(math.fabs(toward - wanted.before[k]) > change)
-            found[k] = clipped(toward, wanted.before[k] - change, wanted.before[k] + change)
+            binding.append(math.fabs(toward - at.model_nu_dot[k]) > change)
+            found[k] = clipped(toward, at.model_nu_dot[k] - change, at.model_nu_dot[k] + change)
         return math.vertcat(*found), binding
 
     def _stoppable(self, k: int, gap: Any) -> Any:

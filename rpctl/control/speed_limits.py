@@ -9,7 +9,7 @@ import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
-from rpctl.control.jerk_limits import JerkLimits, Wanted
+from rpctl.control.jerk_limits import JerkLimits
 from rpctl.control.joint_limits import APPROACH_TIME
 from rpctl.control.law import Limit
 from rpctl.dynamics.motion import NO_LAG
@@ -212,14 +212,11 @@ class SpeedLimits:
             cut: What positions and speeds took off, and which positions bind.
             rate: Of what is wanted without limits (dof, 1); none is known of what is limited.
         """
-        limits = self._jerks
-        if not np.isfinite(limits.jerks).any():
+        if not np.isfinite(self._jerks.jerks).any():
             return _Found(wanted, math.SX(0, 1))
-        share = math.DM(limits.share)
+        share, free = math.DM(self._share), math.fabs(cut.nu) <= SPEED_MARGIN
         nu_dot = (wanted - at.model_nu) * share
-        free = math.fabs(cut.nu) <= SPEED_MARGIN
-        goes_on = math.if_else(free, rate, 0.0)
-        nu_dot, binding = limits(Wanted(nu_dot, goes_on, at.model_nu_dot, at.model_nu))
+        nu_dot, binding = self._jerks(nu_dot, math.if_else(free, rate, 0.0), at)
         speeds = math.vertsplit(at.model_nu + nu_dot / share)
         for j, (k, *_) in enumerate(self._own):
             held = math.logic_or(cut.binding[j], cut.binding[j + len(self._own)])

@@ -29,7 +29,7 @@ from rpctl.control.output_groups import (
 )
 from rpctl.control.sampling import MeasuredSample
 from rpctl.control.speed_limits import SpeedLimits, SpeedSample
-from rpctl.control.stagger import Stagger
+from rpctl.control.staggered import Staggered
 from rpctl.dynamics.motion import NO_LAG, follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import (
@@ -121,11 +121,6 @@ class VelocityOutput(Record):
             "", "", 'What the robot takes, by "base" and by pattern of joints; its speeds if none.'
         ),
     ] = field(default_factory=dict)
-
-    @property
-    def kinds(self) -> dict[str, str]:
-        """What each of its groups is sent."""
-        return {pattern: group.kind for pattern, group in self.groups.items()}
 
     def on(self, robot: Robot) -> VelocityOutput:
         """Return the same with what its groups say, by name of the quasi-velocity.
@@ -262,9 +257,9 @@ class VelocityController(ReportsNothing):
         running: RunningLaws,
     ) -> None:
         robot, self._period, self._running = dynamics.robot, period, running
-        dead_times = output.dead_times_of(robot.quasi_velocities)
+        dead_times = self._dead_times = output.dead_times_of(robot.quasi_velocities)
         self._dynamics, self._dead_time = dynamics, float(dead_times.max(initial=0.0))
-        self._stagger = Stagger(robot, dead_times) if np.ptp(dead_times) else None
+        self._staggered: Staggered | None = None
         self._lag = output.lag_of(robot.quasi_velocities)
         self._decay = -1.0 / np.maximum(self._lag, NO_LAG)
         # Commands, and from when on they act; the first acts already.
@@ -274,26 +269,32 @@ class VelocityController(ReportsNothing):
         self._model_nu_dot = np.zeros(robot.dof)
 
     def followed(self, reference: Reference) -> Reference:
-        """Return what is to be followed where base and arm are predicted over times of their own.
-
-        Args:
-            reference: What is to be followed at one time.
-        """
-        return reference if self._stagger is None else self._stagger.reference(reference)
+        """Return a reference with its joints after their own dead times, where these differ."""
+        known, joints = self._staggered, len(self._dynamics.robot.joints)
+        if np.ptp(self._dead_times) and (known is None or known.reference is not reference):
+            shifts = self._dead_times[len(self._dead_times) - joints :] - self._dead_times[0]
+            known = self._staggered = Staggered(reference, shifts)
+        return known or reference
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
-        """Return the time at which the next command acts, and the state then.
+        """Return the time at which the base's next command acts, and the state then.
 
-        Where the steered wheels fix no one motion on the way, the prediction of q ends.
+        Each joint of the arm is as it will be when its own acts. Where the steered wheels fix no one motion on the way, the prediction of q ends.
         """
         self._follow(t, nu)
         sent = self._sent
         while len(sent) > 1 and sent[1][0] <= t + TIME_ROUNDING:
             sent.popleft()
-        if self._stagger is not None:
-            parts = [self._ahead(t, q, nu, dead) for dead in self._stagger.dead_times]
-            return self._stagger.joined(parts)
-        return self._ahead(t, q, nu, self._dead_time)
+        parts = {dead: self._ahead(t, q, nu, dead) for dead in self._dead_times.tolist()}
+        at, *later = parts.values()
+        if later:
+            robot, at = self._dynamics.robot, MeasuredSample(at.t, at.q.copy(), at.nu.copy())
+            for name in robot.joint_names:
+                k, entry = robot.quasi_velocities.index(name), robot.entries[name]
+                part = parts[float(self._dead_times[k])]
+                at.nu[k] = part.nu[k]
+                entry.write(at.q, entry.read(part.q))
+        return at
 
     def _ahead(self, t: float, q: Array, nu: Array, dead_time: float) -> MeasuredSample:
         """Return the state a dead time (s) after a sample, of what has that one."""

@@ -280,8 +280,9 @@ class Config:
             RpctlError: There is no such output, or efforts have no lag and dead time.
         """
         known = self.output if output is None else as_output(read_groups(output))
-        if known is not None and self.output is not None and known.kinds == self.output.kinds:
-            known = self.output
+        if known is not None and self.output is not None:
+            kinds = ({k: group.kind for k, group in x.groups.items()} for x in (known, self.output))
+            known = self.output if len({str(each) for each in kinds}) == 1 else known
         given = {"lag": lag, "dead_time": dead_time}
         changes: dict[str, Any] = {key: x for key, x in given.items() if x is not None}
         if changes and known is None:

@@ -151,8 +151,13 @@ class VelocityPlant:
 
     def acceleration(self, nu: Array) -> Array:
         """Return the mean ν̇ (dof,) of the coming control period, from ν (dof,) on."""
-        after, _ = follow(nu, self._commands(), self._durations, self._lag)
-        return np.asarray((after - nu) / self._period)
+        return np.asarray((self.follow(nu)[0] - nu) / self._period)
+
+    def follow(self, nu: Array) -> tuple[Array, list[Stretch]]:
+        """Return ν (dof,) at the end of the coming control period, and the way there."""
+        sent = np.array(self._sent)
+        acting = sent[len(sent) - 1 - self._ago, np.arange(len(nu))]
+        return follow(nu, np.repeat(acting, self._counts, axis=0), self._durations, self._lag)
 
     def advance(self, q: Array, nu: Array) -> Step:
         """Advance the robot by a control period.
@@ -168,7 +173,7 @@ class VelocityPlant:
             DivergedError: The state left the finite numbers.
         """
         before, lost = self._dynamics.energy(q, nu), 0.0
-        after, stretches = follow(nu, self._commands(), self._durations, self._lag)
+        after, stretches = self.follow(nu)
         try:
             for stretch in stretches:
                 start, q = q, travel(self._dynamics, q, stretch)
@@ -201,9 +206,3 @@ class VelocityPlant:
             )
         )
         return float(-stretch.duration / 6.0 * (first + 4.0 * middle + last))
-
-    def _commands(self) -> Array:
-        """Return the commands (n, dof) that act in the stretches of the coming period."""
-        sent = np.array(self._sent)
-        acting = sent[len(sent) - 1 - self._ago, np.arange(sent.shape[1])]
-        return np.repeat(acting, self._counts, axis=0)

@@ -8,26 +8,22 @@ from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.drive.steering import follower_positions
-from rpctl.dynamics.motion import NO_LAG
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config
-from rpctl.simulation.loop.periods import delay_periods
 from rpctl.simulation.plants.contact import MujocoMotion
-from rpctl.simulation.plants.interfaces import FollowedSpeeds, HeldCommands, PlantState, felt
-from rpctl.simulation.plants.rolling import substeps
+from rpctl.simulation.plants.interfaces import PlantState, SpeedInterface, felt
 
 WHEEL_TIME = 0.01  # s in which a wheel's servo comes to its speed, were there no limit of effort
 STIFFNESS = 40.0  # rad/s: bandwidth of the servos of arm and steering, critically damped
 
 
-class ServoInterface:
+class ServoInterface(SpeedInterface):
     """A robot in MuJoCo whose servos follow what it is sent, within its effort limits.
 
-    Commands act after the dead time of each quasi-velocity and pass its lag. A servo of speed turns
-    each driven wheel as a base that rolls would; servos of position hold the joints of arm and
-    steering where their commanded rates lead to. They begin without sag, as those that know
-    the robot's weight at the start.
+    They are to follow the motion that a robot would have which follows its commands exactly as late
+    as the plant says. A servo of speed turns each driven wheel as a base that rolls would; servos
+    of position hold the joints of arm and steering where their rates lead to. These begin without
+    sag, as those that know the robot's weight at the start.
 
     Args:
         motion: The robot in MuJoCo.
@@ -39,71 +35,47 @@ class ServoInterface:
     def __init__(
         self, motion: MujocoMotion, dynamics: ReducedDynamics, config: Config, rest: Rest
     ) -> None:
-        robot, plant, run = dynamics.robot, config.plant, config.run
-        if config.output is None:
-            raise RpctlError("the controller sends efforts, not speeds")
-        truth, names = plant.velocity_interface(config.output.on(robot)), robot.quasi_velocities
-        late = delay_periods(plant.delay, run.control_period) * run.control_period
-        self._motion, self._dynamics, self._longest = motion, dynamics, run.plant_step
-        self._lag, self._nu = np.maximum(truth.lag_of(names), NO_LAG), np.zeros(robot.dof)
-        dead_times = truth.dead_times_of(names) + late
-        self._held = [(dead, dead_times == dead, HeldCommands(self._nu)) for dead in
-                      np.unique(dead_times)]  # fmt: skip
-        self._followed = FollowedSpeeds(robot, rest.q, run.control_period)
+        super().__init__(dynamics, config, rest)
+        robot, self._motion, self._ideal = dynamics.robot, motion, np.zeros(dynamics.robot.dof)
         M, B = dynamics.inertia(rest.q), dynamics.actuation(rest.q)
-        placed = [name in names or name in (s.joint for s in robot.drive.followers)
-                  for name in robot.actuators]  # fmt: skip
-        self._placed = np.array(placed, dtype=bool)
-        felt_inertia = 1.0 / np.einsum("ij,ij->j", B, np.linalg.solve(M, B))
-        own = {name: float(M[k, k]) for k, name in enumerate(names)}
-        inertia = np.array([own.get(n, x) for n, x in zip(robot.actuators, felt_inertia,
-                                                          strict=True)])  # fmt: skip
-        stiffness = np.where(self._placed, STIFFNESS**2 * inertia, 0.0)
-        damping = np.where(self._placed, 2.0 * STIFFNESS * inertia, inertia / WHEEL_TIME)
-        motion.serve(stiffness, damping)
-        self._ahead = np.where(self._placed, 2.0 / STIFFNESS, 1.0)
-        self._sag = np.divide(rest.tau, stiffness, where=self._placed, out=np.zeros(len(placed)))
-        self._index = {name: k for k, name in enumerate(names)}
-        self._places = {n: robot.joint_position(rest.q, n) for n in names if n in robot.entries}
+        inertia = dict(zip(robot.actuators, 1.0 / np.diag(B.T @ np.linalg.solve(M, B)), strict=True))
+        own = dict(zip(robot.quasi_velocities, np.diag(M), strict=True))
+        self._places = {n: robot.joint_position(rest.q, n) for n in own if n in robot.entries}
+        follows = {swivel.joint for swivel in robot.drive.followers}
+        placed = np.array([n in self._places or n in follows for n in robot.actuators], dtype=bool)
+        felt_by = np.array([own.get(name, inertia[name]) for name in robot.actuators])
+        stiffness = np.where(placed, STIFFNESS**2 * felt_by, 0.0)
+        motion.serve(stiffness, felt_by * np.where(placed, 2.0 * STIFFNESS, 1.0 / WHEEL_TIME))
+        self._ahead = np.where(placed, 2.0 / STIFFNESS, 1.0)
+        self._sag = np.where(placed, rest.tau / np.where(placed, stiffness, 1.0), 0.0)
         self._rows = [robot.velocity_index(name) for name in robot.actuators]
-        self._t = self._work = self._lost = 0.0
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was assumed or mended so far, in sentences."""
-        return self._motion.notes
-
-    @property
-    def state(self) -> PlantState:
-        """See :class:`~rpctl.simulation.plants.interfaces.Interface`."""
-        motion = self._motion
-        return PlantState(motion.q, motion.nu, self._work, self._lost, felt(motion))
+        self.state = self.state._replace(q=motion.q, felt=felt(motion))
+        self.notes = motion.notes
 
     def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
         """Take what is sent; return the efforts (n_act,) that the servos have now."""
-        speeds = self._followed(output)
-        for dead, _, held in self._held:
-            held.send(self._t + late + dead, speeds)
+        super().take(output, late)
         return np.array(self._motion.data.actuator_force)
 
     def advance(self, duration: float) -> None:
-        """Advance the robot to the next sample; see the protocol."""
-        steps = substeps(duration, self._longest)
-        dt = duration / steps
-        for _ in range(steps):
-            for _, which, held in self._held:
-                gap = held.at(self._t)[which] - self._nu[which]
-                self._nu[which] += -np.expm1(-dt / self._lag[which]) * gap
-            done = self._motion.advance(self._targets(dt), dt)
-            self._work, self._lost = self._work + done.work, self._lost + done.lost
-            self._t += dt
+        """Advance the robot by a control period; see the protocol."""
+        work, lost, motion = self.state.work, self.state.lost, self._motion
+        self._ideal, stretches = self._plant.follow(self._ideal)
+        for dt, nu, _ in stretches:
+            done = motion.advance(self._targets(dt, nu), dt)
+            work, lost = work + done.work, lost + done.lost
+        self.state = PlantState(motion.q, motion.nu, work, lost, felt(motion))
 
-    def _targets(self, dt: float) -> Array:
-        """Return what the servos are to reach in a step of dt (s): rad/s, or rad and m."""
-        robot, q = self._dynamics.robot, self._motion.q
-        rates = (self._dynamics.basis(q) @ self._nu)[self._rows]
-        for name in self._places:
-            self._places[name] += dt * self._nu[self._index[name]]
+    def _targets(self, dt: float, nu: Array) -> Array:
+        """Return what the servos are to reach (n_act,): rad/s, or rad and m.
+
+        Args:
+            dt: In how long, s.
+            nu: The mean quasi-velocities until then (dof,).
+        """
+        robot, rates = self._dynamics.robot, self._dynamics.basis(self._motion.q) @ nu
+        moved = dict(zip(robot.quasi_velocities, dt * nu, strict=True))
+        self._places = {name: place + moved[name] for name, place in self._places.items()}
         places = {**self._places, **follower_positions(robot.drive, self._places)}
         at = np.array([places.get(name, 0.0) for name in robot.actuators])
-        return np.asarray(at + self._sag + self._ahead * rates)
+        return np.asarray(at + self._sag + self._ahead * rates[self._rows])
