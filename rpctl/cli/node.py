@@ -105,9 +105,8 @@ class ControllerNode:
         joints = "sensor_msgs/JointState", settings.joints, self.readings.take_joints
         pose = "nav_msgs/Odometry", settings.odometry, self.readings.take_odometry
         tf = "tf2_msgs/TFMessage", "/tf", self.readings.take_transforms
-        poses = (tf,) if settings.odometry == "tf" else (pose, tf)
-        if settings.frame == NodeOptions.frame:
-            poses = poses[:1]
+        located = settings.frame == NodeOptions.frame  # by odometry alone
+        poses = (tf,) if settings.odometry == "tf" else (pose,) if located else (pose, tf)
         for kind, place, take in (joints, *poses):
             node.create_subscription(message_type(kind), place, take, QUEUE)
         self.publishers = dict[str, Any]()
@@ -136,11 +135,10 @@ class ControllerNode:
 
     def send(self, commands: dict[str, GroupCommand]) -> None:
         """Publish what each group is sent."""
-        kinds = {name: sent.kind for name, sent in commands.items()}
         for name, sent in commands.items():
             make = message_type(COMMANDS[sent.kind][0])
             if name not in self.publishers:
-                place = topic(name, kinds)
+                place = topic(name, sent.kind)
                 self.publishers[name] = self.node.create_publisher(make, place, QUEUE)
             message = make()
             if hasattr(message, "header"):

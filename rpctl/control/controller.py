@@ -52,7 +52,6 @@ from rpctl.robot.model import Robot
 
 PERIOD = 0.002  # s
 NOTHING = np.empty(0)
-NO_COMMANDS: Mapping[str, GroupCommand] = MappingProxyType({})
 PAUSED, MOTORS_OFF = "paused", "paused, with the motors off"
 IDLE = 0.02  # m/s or rad/s: a robot whose speeds miss those it was sent by less follows them
 LATE_RATIO = 1.5  # of the period: a sample that comes later is counted as late
@@ -98,7 +97,7 @@ class ControllerOutput(NamedTuple):
     limits: tuple[Limit, ...] = ()
     status: Status = "ok"
     reason: str = ""
-    commands: Mapping[str, GroupCommand] = NO_COMMANDS
+    commands: Mapping[str, GroupCommand] = MappingProxyType({})
 
 
 class Controller:
@@ -224,9 +223,8 @@ class Controller:
         if isinstance(output, str):
             output = self._without_answer(self._reader.time, output)
         if self._groups is not None and self._measured is not None:
-            off = output.reason == MOTORS_OFF
-            sent = self._groups(output.speeds, self._measured, self._both.ahead, off)
-            output = output._replace(commands=sent)
+            state = self._measured, self._both.ahead, output.reason == MOTORS_OFF
+            output = output._replace(commands=self._groups(output.speeds, *state))
         self._sent = output
         return output
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.kernels.scalars import clipped
-
-if TYPE_CHECKING:
-    from rpctl.control.speed_limits import SpeedSample
 
 EASE = 0.85  # of a jerk, by which an acceleration is planned to fall: samples round it up by 1/8
 
@@ -41,17 +38,17 @@ class JerkLimits:
     jerks: Array
     speeds: Array
 
-    def __call__(self, nu_dot: Any, rate: Any, at: SpeedSample) -> tuple[Any, list[Any]]:
+    def __call__(self, nu_dot: Any, rate: Any, model: tuple[Any, Any]) -> tuple[Any, list[Any]]:
         """Return the accelerations (dof, 1), and of each bounded one whether that binds.
 
         Args:
             nu_dot: Those within all other limits (dof, 1).
             rate: Of the speeds that are wanted (dof, 1).
-            at: Where they begin.
+            model: What the commands so far have led to, ν and its mean rate (each dof, 1).
         """
-        found, binding = math.vertsplit(nu_dot), []
+        (model_nu, before), found, binding = model, math.vertsplit(nu_dot), []
         for k in np.flatnonzero(np.isfinite(self.jerks)).tolist():
-            share, limit, nu = float(self.share[k]), self.speeds[k], at.model_nu[k]
+            share, limit, nu = float(self.share[k]), self.speeds[k], model_nu[k]
             more = nu_dot[k] - rate[k]
             most = self._stoppable(k, math.fabs(more) / share)
             toward = rate[k] + clipped(more, -most, most)
@@ -60,8 +57,8 @@ class JerkLimits:
                                  (limit - nu, limit + nu))  # fmt: skip
                 toward = clipped(toward, -behind, ahead)
             change = float(self.jerks[k]) * self.period
-            binding.append(math.fabs(toward - at.model_nu_dot[k]) > change)
-            found[k] = clipped(toward, at.model_nu_dot[k] - change, at.model_nu_dot[k] + change)
+            binding.append(math.fabs(toward - before[k]) > change)
+            found[k] = clipped(toward, before[k] - change, before[k] + change)
         return math.vertcat(*found), binding
 
     def _stoppable(self, k: int, gap: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated
 
 from rpctl.errors import RpctlError
 from rpctl.files.records import POSITIVE, OneOf, Range, Record, Setting
@@ -23,11 +23,6 @@ MAX_DEAD_TIME = 2.0  # s: no motion can be foretold for longer
 MAX_LAG = 10.0  # s
 LAG = Range(0.0, MAX_LAG, f"a time in s, from 0 to {MAX_LAG:g}")
 DEAD_TIME = Range(0.0, MAX_DEAD_TIME, f"a time in s, from 0 to {MAX_DEAD_TIME:g}")
-NOT_EFFORT = (
-    "efforts of one group beside speeds of another are not made: a base that is driven by its own "
-    "controllers has efforts that nobody here knows, and they act on the arm; give velocity or "
-    "position"
-)
 
 
 @dataclass(frozen=True)
@@ -68,11 +63,7 @@ class OutputGroup(Record):
     ] = field(default_factory=dict)
 
 
-class Member(NamedTuple):
-    """A group on a robot, and the names of its quasi-velocities."""
-
-    group: OutputGroup
-    names: tuple[str, ...]
+Member = tuple[OutputGroup, tuple[str, ...]]  # a group, and the names of its quasi-velocities
 
 
 def as_groups(given: Mapping[str, str | OutputGroup]) -> dict[str, OutputGroup]:
@@ -82,7 +73,11 @@ def as_groups(given: Mapping[str, str | OutputGroup]) -> dict[str, OutputGroup]:
         RpctlError: Efforts are among them, or there is no such kind.
     """
     if "effort" in given.values():
-        raise RpctlError(NOT_EFFORT)
+        raise RpctlError(
+            "efforts of one group beside speeds of another are not made: a base that is driven by "
+            "its own controllers has efforts that nobody here knows, and they act on the arm; give "
+            "velocity or position"
+        )
     return {
         name: each if isinstance(each, OutputGroup) else OutputGroup(each)
         for name, each in given.items()
@@ -104,7 +99,7 @@ def members(groups: Mapping[str, OutputGroup], robot: Robot) -> dict[str, Member
     for pattern, group in groups.items():
         if pattern == BASE:
             _require_base(group.kind, robot)
-            found[BASE] = Member(group, base)
+            found[BASE] = group, base
         elif robot.joint_names or pattern != REST:
             names = tuple(matching(pattern, robot.joint_names, "joint of the arm"))
             if group.kind not in OF_ARMS:
@@ -112,33 +107,38 @@ def members(groups: Mapping[str, OutputGroup], robot: Robot) -> dict[str, Member
                     f"{pattern} cannot be sent {group.kind}: these are joints of an arm; give "
                     f"{' or '.join(OF_ARMS)}"
                 )
-            found[pattern] = Member(group, names)
+            found[pattern] = group, names
     for name in robot.quasi_velocities:
-        own = [pattern for pattern, each in found.items() if name in each.names]
+        own = [pattern for pattern, (_, names) in found.items() if name in names]
         if len(own) != 1:
             where = f"in the groups {' and '.join(own)}" if own else "in no group"
-            way = f'"{BASE}": "{TWIST}"' if name in base else f'"{name}": "{POSITION}"'
-            raise RpctlError(f"{name} is {where} of the output; give each one group, as {way}")
+            raise RpctlError(
+                f"{name} is {where} of the output; give each one group, as "
+                + (f'"{BASE}": "{TWIST}"' if name in base else f'"{name}": "{POSITION}"')
+            )
     return found
 
 
 def _require_base(kind: str, robot: Robot) -> None:
     """Refuse a kind of output that does not move a robot's base."""
     drive = robot.drive
-    if not drive.base_speeds:
-        raise RpctlError(f"{robot.name} has a fixed base; leave the group {BASE} out")
-    if kind == POSITION:
-        raise RpctlError(f"a base has no {POSITION} to be sent; give {TWIST}, {WHEELS} or {RATES}")
-    if kind == TWIST and drive.base_speeds not in TWISTS:
-        raise RpctlError(
+    one, free = len(drive.steered) == 1, drive.base_speeds in TWISTS
+    for wrong, why in (
+        (not drive.base_speeds, f"{robot.name} has a fixed base; leave the group {BASE} out"),
+        (kind == POSITION, f"a base has no {POSITION} to be sent; give {WHEELS} or {RATES}"),
+        (
+            kind == TWIST and not free,
             f"a {kind} tells the {drive.type} base of {robot.name} nothing of its steering while "
-            f"it stands; give {STEERING if len(drive.steered) == 1 else WHEELS}"
-        )
-    if kind == STEERING and len(drive.steered) != 1:
-        raise RpctlError(
+            f"it stands; give {STEERING if one else WHEELS}",
+        ),
+        (
+            kind == STEERING and not one,
             f"{kind} is of bases that one angle steers; the base of {robot.name} is {drive.type}: "
-            f"give {TWIST if drive.base_speeds in TWISTS else WHEELS}"
-        )
+            f"give {TWIST if free else WHEELS}",
+        ),
+    ):
+        if wrong:
+            raise RpctlError(why)
 
 
 def by_quasi_velocity(
@@ -150,14 +150,11 @@ def by_quasi_velocity(
         RpctlError: As :func:`members`.
         UnknownNameError: A bound matches nothing of its group.
     """
-    found: dict[str, dict[str, float]] = {
-        name: {} for name in ("lags", "dead_times", "speeds", "accelerations", "jerks")
-    }
+    bounds = ("speeds", "accelerations", "jerks")
+    found = {name: dict[str, float]() for name in ("lags", "dead_times", *bounds)}
     for group, names in members(groups, robot).values():
-        for field_name, value in (("lags", group.lag), ("dead_times", group.dead_time)):
-            if value is not None:
-                found[field_name] |= dict.fromkeys(names, value)
-        for field_name in ("speeds", "accelerations", "jerks"):
-            bounds: Any = getattr(group, field_name)
-            found[field_name] |= by_pattern(bounds, names, "quasi-velocity of its group")
+        for what, value in (("lags", group.lag), ("dead_times", group.dead_time)):
+            found[what] |= {} if value is None else dict.fromkeys(names, value)
+        for what in bounds:
+            found[what] |= by_pattern(getattr(group, what), names, "quasi-velocity of its group")
     return found

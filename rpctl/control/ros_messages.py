@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.group_commands import GroupCommand
-from rpctl.control.output_groups import POSITION, RATES, STEERING, TWIST, WHEELS
+from rpctl.control.output_groups import BASE, POSITION, RATES, STEERING, TWIST, WHEELS
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
@@ -176,15 +175,15 @@ def commands_of(sent: ControllerOutput) -> dict[str, GroupCommand]:
     return dict(sent.commands) or whole
 
 
-def topic(pattern: str, kinds: Mapping[str, str]) -> str:
-    """Return where a group is published: with its name, where others are sent the same kind.
+def topic(pattern: str, kind: str) -> str:
+    """Return where a group is published: with its name, but for the base and a whole arm.
 
     Args:
         pattern: The group's.
-        kinds: What each group is sent.
+        kind: What it is sent.
     """
-    place, own = COMMANDS[kinds[pattern]][1], "".join(c for c in pattern if c.isalnum() or c == "_")
-    return place if [*kinds.values()].count(kinds[pattern]) == 1 else f"{place}/{own}"
+    own = "".join(c for c in pattern if c.isalnum() or c == "_")
+    return COMMANDS[kind][1] if own in ("", BASE) else f"{COMMANDS[kind][1]}/{own}"
 
 
 def fill(message: Any, point: Any, command: GroupCommand, period: float) -> None:

@@ -216,7 +216,8 @@ class SpeedLimits:
             return _Found(wanted, math.SX(0, 1))
         share, free = math.DM(self._share), math.fabs(cut.nu) <= SPEED_MARGIN
         nu_dot = (wanted - at.model_nu) * share
-        nu_dot, binding = self._jerks(nu_dot, math.if_else(free, rate, 0.0), at)
+        toward = math.if_else(free, rate, 0.0)
+        nu_dot, binding = self._jerks(nu_dot, toward, (at.model_nu, at.model_nu_dot))
         speeds = math.vertsplit(at.model_nu + nu_dot / share)
         for j, (k, *_) in enumerate(self._own):
             held = math.logic_or(cut.binding[j], cut.binding[j + len(self._own)])

@@ -29,7 +29,6 @@ from rpctl.control.output_groups import (
 )
 from rpctl.control.sampling import MeasuredSample
 from rpctl.control.speed_limits import SpeedLimits, SpeedSample
-from rpctl.control.staggered import Staggered
 from rpctl.dynamics.motion import NO_LAG, follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import (
@@ -40,7 +39,7 @@ from rpctl.errors import (
     require_known,
 )
 from rpctl.files.records import POSITIVE, Range, Record, Setting
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -177,8 +176,9 @@ class VelocityOutput(Record):
         """
         robot, period, sample = frame.known.robot, frame.period, frame.sample
         lag = self.lag_of(robot.quasi_velocities)
-        bounds = self.accelerations, self.effort_ratio, self.speeds, self.jerks
-        within = SpeedLimits(robot, period, lag, *bounds)
+        within = SpeedLimits(
+            robot, period, lag, self.accelerations, self.effort_ratio, self.speeds, self.jerks
+        )
         wanted = sample.nu_d + (math.DM(lag) + 0.5 * period) * sample.nu_d_dot
         model = frame.model_nu, frame.model_nu_dot
         at = SpeedSample(sample.q, sample.nu, *(symbols for _, symbols in model))
@@ -237,8 +237,35 @@ def as_output(
         raise UnknownNameError("output", output, dict.fromkeys((*OUTPUTS, *GROUP_KINDS)))
     if output in OUTPUTS:
         return None if output == "effort" else VelocityOutput()
-    whole = {REST: output} if output == POSITION else {BASE: output, REST: RATES}
-    return VelocityOutput(groups=as_groups(whole))
+    return as_output({REST: output} if output == POSITION else {BASE: output, REST: RATES})
+
+
+def same_kinds(one: VelocityOutput, other: VelocityOutput) -> bool:
+    """Return whether two outputs are sent in the same form."""
+    a, b = ({name: g.kind for name, g in each.groups.items()} for each in (one, other))
+    return a == b
+
+
+@dataclass(frozen=True, eq=False)
+class Staggered:
+    """What a robot follows whose arm obeys sooner or later than its base.
+
+    Attributes:
+        reference: What it follows at one time.
+        shifts: How much later each joint is read (n_joints,), s.
+    """
+
+    reference: Reference
+    shifts: Array
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the state of the base at a time (s), and of the joints at their own."""
+        found = self.reference(t)
+        joints = np.array(found[3:6])
+        for shift in {*self.shifts.tolist()} - {0.0}:
+            own, later = self.shifts == shift, self.reference(max(t + shift, 0.0))
+            joints = np.where(own, later[3:6], joints)
+        return ReferenceState(*found[:3], *joints, found.direction)
 
 
 class VelocityController(ReportsNothing):
@@ -279,7 +306,8 @@ class VelocityController(ReportsNothing):
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
         """Return the time at which the base's next command acts, and the state then.
 
-        Each joint of the arm is as it will be when its own acts. Where the steered wheels fix no one motion on the way, the prediction of q ends.
+        Each joint of the arm is as it will be when its own acts. Where the steered wheels fix no
+        one motion on the way, the prediction of q ends.
         """
         self._follow(t, nu)
         sent = self._sent
@@ -291,9 +319,9 @@ class VelocityController(ReportsNothing):
             robot, at = self._dynamics.robot, MeasuredSample(at.t, at.q.copy(), at.nu.copy())
             for name in robot.joint_names:
                 k, entry = robot.quasi_velocities.index(name), robot.entries[name]
-                part = parts[float(self._dead_times[k])]
-                at.nu[k] = part.nu[k]
-                entry.write(at.q, entry.read(part.q))
+                _, own_q, own_nu = parts[float(self._dead_times[k])]
+                at.nu[k] = own_nu[k]
+                entry.write(at.q, entry.read(own_q))
         return at
 
     def _ahead(self, t: float, q: Array, nu: Array, dead_time: float) -> MeasuredSample:
@@ -350,8 +378,7 @@ class VelocityController(ReportsNothing):
         elif t > self._model_time:
             command, passed = self._sent[-1][1], t - self._model_time
             left = np.exp(self._decay * passed)  # of the way to the command, as in `follow`
-            before = self._model_nu
-            self._model_nu = command + (before - command) * left
-            self._model_nu_dot = (self._model_nu - before) / passed
+            self._model_nu_dot = (1.0 - left) * (command - self._model_nu) / passed
+            self._model_nu = command + (self._model_nu - command) * left
         self._model_time, self._running.model_nu[:] = t, self._model_nu
         self._running.model_nu_dot[:] = self._model_nu_dot

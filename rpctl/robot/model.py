@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from rpctl.description.frozen_tree import FrozenTree
 from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
-from rpctl.errors import Finding, RpctlError, UnknownNameError, require_known
+from rpctl.errors import Finding, RpctlError, require_known
 from rpctl.robot.coordinates import (
     BASE_NQ,
     ROOT_JOINT,
@@ -268,15 +269,20 @@ class Robot:
             UnknownNameError: A joint is not known.
         """
         speeds, rates = self.drive.base_speeds, rates or {}
-        if len(pose) == 3 and twist_frame != "body":
-            twist = self._in_body(pose[2], twist, twist_frame)
         if len(pose) != 3:
             raise RpctlError(f"the pose {tuple(pose)} has to be x, y in m and a heading in rad")
-        if len(twist) not in (0, len(speeds)):
+        given = len(speeds) + (twist_frame == "world" and "vy" not in speeds)
+        if len(twist) not in (0, given):
             raise RpctlError(
                 f"the twist {tuple(twist)} has to be {', '.join(speeds) or 'empty'} of {self.name}"
             )
         require_known("joint of the arm", rates, self.joint_names)
+        frames = ("body", "world")[: 1 + (self.drive.type != "steered")]
+        require_known(f"twist_frame of {self.drive.type} bases", [twist_frame], frames)
+        if twist_frame == "world" and twist:
+            turned = complex(*twist[:2]) * cmath.rect(1.0, -(pose[2] + self.drive.heading))
+            ahead = (turned.real, turned.imag) if "vy" in speeds else (turned.real,)
+            twist = (*ahead, *twist[2:])
         base = tuple(twist) or (0.0,) * len(speeds)
         nu = np.array([*base, *(rates.get(name, 0.0) for name in self.joint_names)])
         x, y, theta = pose
@@ -284,24 +290,6 @@ class Robot:
         if not (np.isfinite(q).all() and np.isfinite(nu).all()):
             raise RpctlError("the state holds numbers that are not finite; give finite ones")
         return q, nu
-
-    def _in_body(self, heading: float, twist: Sequence[float], frame: str) -> Sequence[float]:
-        """Return the base's quasi-velocities of a twist along a frame's axes.
-
-        Args:
-            heading: Of the root link in that frame, rad.
-            twist: P's velocity along its axes, m/s, then the other quasi-velocities.
-            frame: ``"world"``.
-        """
-        speeds, angle = self.drive.base_speeds, heading + self.drive.heading
-        if frame != "world" or self.drive.type == "steered":
-            known = ("body",) if self.drive.type == "steered" else ("body", "world")
-            raise UnknownNameError(f"twist_frame of {self.drive.type} bases", frame, known)
-        if len(twist) < 2:
-            return twist
-        (x, y, *rest), cos, sin = twist, math.cos(angle), math.sin(angle)
-        ahead, left = cos * x + sin * y, cos * y - sin * x
-        return (ahead, left, *rest) if "vy" in speeds else (ahead, *rest)
 
     def state_of(self, q: Array, nu: Array) -> NamedState:
         """Return the state that q (nq,) and ν (dof,) stand for, by names."""

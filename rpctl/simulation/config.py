@@ -22,7 +22,7 @@ from rpctl.control.registry import (
     kinematic_by_name,
     read_own_laws,
 )
-from rpctl.control.velocity_output import VelocityOutput, as_output
+from rpctl.control.velocity_output import VelocityOutput, as_output, same_kinds
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
 from rpctl.files import toml
@@ -280,9 +280,8 @@ class Config:
             RpctlError: There is no such output, or efforts have no lag and dead time.
         """
         known = self.output if output is None else as_output(read_groups(output))
-        if known is not None and self.output is not None:
-            kinds = ({k: group.kind for k, group in x.groups.items()} for x in (known, self.output))
-            known = self.output if len({str(each) for each in kinds}) == 1 else known
+        if known is not None and self.output is not None and same_kinds(known, self.output):
+            known = self.output
         given = {"lag": lag, "dead_time": dead_time}
         changes: dict[str, Any] = {key: x for key, x in given.items() if x is not None}
         if changes and known is None:

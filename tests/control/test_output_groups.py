@@ -15,8 +15,6 @@ from rpctl.control.output_groups import OutputGroup
 from rpctl.control.sampling import MeasuredSample
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.simulation.merits.summary import summarize
-from rpctl.simulation.plants.plant import Plant
 
 PERIOD = 0.01
 
@@ -176,7 +174,8 @@ def test_two_bounds_of_jerk_hold_on_the_way_to_a_speed_and_none_is_overshot() ->
     for lag, period in ((0.0, 0.05), (0.1, 0.02)):
         output = {"base": OutputGroup("twist", lag, 0.0, *bounds), "*": OutputGroup("velocity")}
         run = rpctl.track(robot, "eight", output=output, initial_error=(0.3, 0.2, 0.4),
-                          control_period=period, duration=16.0, speed=0.2, size=1.0, collisions=False)  # fmt: skip
+                          control_period=period, duration=16.0, speed=0.2, size=1.0,
+                          collisions=False)  # fmt: skip
         a = np.diff(run.nu[:, :3], axis=0) / period
         j = np.diff(a, axis=0, prepend=np.zeros((1, 3))) / period
         largest = (np.abs(x).max(axis=0) for x in (run.nu[:, :3], a, j))
@@ -216,4 +215,4 @@ def test_a_twist_along_the_worlds_axes_is_turned_into_the_bodys() -> None:
     with pytest.raises(RpctlError, match="'map' is not known"):
         robot.state(north, (0.0, 0.0, 0.0), twist_frame="map")
     with pytest.raises(RpctlError, match="'world' is not known"):
-        rpctl.load("swerve").state(north, (0.0, 0.0, 0.0), twist_frame="world")
+        rpctl.load("swerve").state(north, (), twist_frame="world")

@@ -268,7 +268,7 @@ def test_a_car_is_sent_the_angle_of_one_wheel_and_a_swerve_all_of_its_wheels() -
     assert len(found["base"].data) == 8
 
 
-def test_groups_that_are_sent_the_same_have_topics_of_their_own() -> None:
-    kinds = {"base": "twist", "arm_left_*": "position", "arm_right_*": "position"}
-    assert topic("base", kinds) == "~/cmd_vel"
-    assert topic("arm_left_*", kinds) == "~/joint_trajectory/arm_left_"
+def test_groups_have_topics_of_their_own() -> None:
+    assert topic("base", "twist") == "~/cmd_vel"
+    assert topic("*", "position") == "~/joint_trajectory"
+    assert topic("arm_left_*", "position") == "~/joint_trajectory/arm_left_"

@@ -273,7 +273,10 @@ def test_groups_of_an_output_are_words_of_an_option_and_tables_of_a_file(tmp_pat
     config = Config().with_output("base=twist, arm_*=position", lag=0.1)
     assert config.output is not None
     groups = config.output.groups
-    assert {name: group.kind for name, group in groups.items()} == {"base": "twist", "arm_*": "position"}
+    assert {name: group.kind for name, group in groups.items()} == {
+        "base": "twist",
+        "arm_*": "position",
+    }
     assert config.output.lag == 0.1
     group = OutputGroup("twist", 0.2, 0.05, {"v": 0.3}, {}, {"omega": 4.0})
     own = replace(config, output=VelocityOutput(groups={"base": group}))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods, is_whole, whole_periods
 
-MOST_NAMED = 3  # quasi-velocities of one lag
 MOVED_BY = {  # by the plant's kind
     "slipping": "the robot moved on tyres that slip",
     "contact": "MuJoCo moved the robot: its wheels meet the ground in contacts",
@@ -69,18 +68,11 @@ def _speeds_note(known: VelocityOutput, truth: VelocityOutput, contact: bool) ->
 
 def _lateness(output: VelocityOutput) -> str:
     """Return how late speeds are followed, in words."""
-    lags, dead = (_by_value(by) for by in (output.lags, output.dead_times))
-    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s{dead}"
-
-
-def _by_value(times: Mapping[str, float]) -> str:
-    """Return times (s) by name, in words: of many the first."""
-    names = {s: [name for name in times if times[name] == s] for s in times.values()}
-    more = {s: f" and {len(own) - MOST_NAMED} more" for s, own in names.items()}
-    return "".join(
-        f" ({s:g} s of {', '.join(own[:MOST_NAMED])}{more[s] if len(own) > MOST_NAMED else ''})"
-        for s, own in names.items()
+    lags, dead = (
+        "".join(f" ({s:g} s of {', '.join(n for n in by if by[n] == s)})" for s in {*by.values()})
+        for by in (output.lags, output.dead_times)
     )
+    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s{dead}"
 
 
 def end_note(error: BaseException, t: float, duration: float) -> str:

@@ -14,7 +14,6 @@ from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
-from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.periods import delay_periods
 from rpctl.simulation.plants.actuators import Actuators
@@ -135,6 +134,8 @@ def felt(motion: Motion) -> dict[str, Array]:
 class SpeedInterface:
     """A robot that takes speeds, and whose own controllers find the efforts that follow them.
 
+    What is sent positions is moved by these alone: it is to be where it is told, a period later.
+
     Args:
         dynamics: Of the simulated robot, with what the plant adds.
         config: Its plant, and how its controller takes it to follow.
@@ -161,7 +162,8 @@ class SpeedInterface:
             run.control_period,
             run.plant_step,
         )
-        self._followed = FollowedSpeeds(robot, rest.q, run.control_period)
+        self._index = {name: k for k, name in enumerate(names)}
+        self._placed = {n: robot.joint_position(rest.q, n) for n in names if n in robot.entries}
         self.state = PlantState(rest.q, np.zeros(robot.dof), 0.0, 0.0, {})
 
     def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
@@ -171,8 +173,13 @@ class SpeedInterface:
             output: What the controller sends.
             late: How much after the sample they are sent, s; they count from the next sample on.
         """
-        q, nu, *_ = self.state
-        self._held.send(self._t + late, self._followed(output))
+        (q, nu, *_), speeds = self.state, output.speeds.copy()
+        for command in output.commands.values():
+            for name in command.positions.keys() & self._index.keys():
+                place = command.positions[name]
+                speeds[self._index[name]] = (place - self._placed[name]) / self._period
+                self._placed[name] = place
+        self._held.send(self._t + late, speeds)
         self._plant.send(self._held.at(self._t))
         self._t += self._period
         dynamics = self._dynamics
@@ -184,31 +191,6 @@ class SpeedInterface:
         before = self.state
         q, nu, work, lost = self._plant.advance(before.q, before.nu)
         self.state = PlantState(q, nu, before.work + work, before.lost + lost, {})
-
-
-class FollowedSpeeds:
-    """The speeds that commands ask of a robot: of joints that are sent positions, by these alone.
-
-    Args:
-        robot: The simulated robot.
-        q: Where it stands at the start (nq,).
-        period: Control period, s, in which a position is to be reached.
-    """
-
-    def __init__(self, robot: Robot, q: Array, period: float) -> None:
-        self._index = {name: k for k, name in enumerate(robot.quasi_velocities)}
-        self._period = period
-        self._before = {n: robot.joint_position(q, n) for n in self._index if n in robot.entries}
-
-    def __call__(self, output: ControllerOutput) -> Array:
-        """Return commanded quasi-velocities (dof,) of what is sent now."""
-        found = output.speeds.copy()
-        for command in output.commands.values():
-            for name in command.positions.keys() & self._index.keys():
-                place = command.positions[name]
-                found[self._index[name]] = (place - self._before[name]) / self._period
-                self._before[name] = place
-        return found
 
 
 class OwnInterface:

@@ -38,12 +38,12 @@ class ServoInterface(SpeedInterface):
         super().__init__(dynamics, config, rest)
         robot, self._motion, self._ideal = dynamics.robot, motion, np.zeros(dynamics.robot.dof)
         M, B = dynamics.inertia(rest.q), dynamics.actuation(rest.q)
-        inertia = dict(zip(robot.actuators, 1.0 / np.diag(B.T @ np.linalg.solve(M, B)), strict=True))
+        each = 1.0 / np.diag(B.T @ np.linalg.solve(M, B))  # what a motor moves, all others free
         own = dict(zip(robot.quasi_velocities, np.diag(M), strict=True))
-        self._places = {n: robot.joint_position(rest.q, n) for n in own if n in robot.entries}
+        self._places = dict(self._placed)  # where servos of position are to be
         follows = {swivel.joint for swivel in robot.drive.followers}
         placed = np.array([n in self._places or n in follows for n in robot.actuators], dtype=bool)
-        felt_by = np.array([own.get(name, inertia[name]) for name in robot.actuators])
+        felt_by = np.array([own.get(n, x) for n, x in zip(robot.actuators, each, strict=True)])
         stiffness = np.where(placed, STIFFNESS**2 * felt_by, 0.0)
         motion.serve(stiffness, felt_by * np.where(placed, 2.0 * STIFFNESS, 1.0 / WHEEL_TIME))
         self._ahead = np.where(placed, 2.0 / STIFFNESS, 1.0)

@@ -1,4 +1,4 @@
-"""Robots that take speeds and positions: their servos in MuJoCo, and what they make of positions."""
+"""Robots that take speeds and positions: servos in MuJoCo, and what becomes of positions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.vary import set_limits
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.plants.interfaces import FollowedSpeeds, Interface
+from rpctl.simulation.plants.interfaces import Interface
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.starting import rest_at, start_interface
 
@@ -28,21 +28,26 @@ def sent(nu: Array, **positions: float) -> ControllerOutput:
     return ControllerOutput(np.empty(0), nu, Command(nu, 0.0 * nu), commands={"*": command})
 
 
-def in_contact(robot: Robot, groups: dict[str, OutputGroup]) -> Interface:
-    pytest.importorskip("mujoco")
+def in_contact(robot: Robot, groups: dict[str, OutputGroup], kind: str = "contact") -> Interface:
+    if kind == "contact":
+        pytest.importorskip("mujoco")
     run = RunSettings(control_period=PERIOD)
-    config = Config(run=run, plant=Plant(kind="contact"), output=VelocityOutput(groups=groups))
+    config = Config(run=run, plant=Plant(kind=kind), output=VelocityOutput(groups=groups))
     dynamics = ReducedDynamics(robot)
     q = robot.configuration_at(np.zeros(3), robot.home)
     return start_interface(dynamics, config, rest_at(dynamics, config.plant, q))
 
 
 def test_a_joint_that_is_sent_positions_is_moved_by_them_alone(paper: Robot) -> None:
-    """From .2 to .23 rad in 10 ms: 3 rad/s, whatever rate comes along; then it is held."""
-    followed = FollowedSpeeds(paper, paper.state(joints={"arm_revolute_joint": 0.2})[0], PERIOD)
-    nu = np.array([0.1, 0.2, 9.0, 0.4])
-    assert followed(sent(nu, arm_revolute_joint=0.23)) == pytest.approx([0.1, 0.2, 3.0, 0.4])
-    assert followed(sent(nu, arm_revolute_joint=0.23)) == pytest.approx([0.1, 0.2, 0.0, 0.4])
+    """From 0 to .03 rad in 10 ms: 3 rad/s, whatever rate comes along; then it is held."""
+    groups = {"base": OutputGroup("twist"), "*": OutputGroup("position")}
+    plant = in_contact(paper, groups, "rolling")
+    home, nu = float(paper.home[0]), np.array([0.1, 0.2, 9.0, 0.4])
+    for expected in (3.0, 0.0):
+        plant.take(sent(nu, arm_revolute_joint=home + 0.03))
+        plant.advance(PERIOD)
+        assert plant.state.nu == pytest.approx([0.1, 0.2, expected, 0.4])
+    assert paper.joint_positions(plant.state.q)[0] == pytest.approx(home + 0.03)
 
 
 def test_servos_in_contact_wait_for_their_dead_time_and_rise_by_their_lag(paper: Robot) -> None:
@@ -86,7 +91,8 @@ def test_the_arm_begins_without_sag() -> None:
 @pytest.mark.slow
 def test_each_output_tracks_in_contact() -> None:
     for name, output in (
-        ("paper", "wheel-speeds"), ("car", "steering"), ("mecanum", {"base": "twist", "*": "position"}),
+        ("paper", "wheel-speeds"), ("car", "steering"),
+        ("mecanum", {"base": "twist", "*": "position"}),
     ):  # fmt: skip
         run = rpctl.track(rpctl.load(name), "eight", plant="contact", output=output,
                           control_period=PERIOD, duration=8.0, collisions=False)  # fmt: skip
