@@ -21,6 +21,7 @@ import rpctl
 INK, SOFT, LINE = "#1a1d21", "#5c6470", "#e1e4e8"
 DESIRED, BASE, ARM, BOUND = "#6b7480", "#0072b2", "#d55e00", "#b3261e"
 MM = 1e3
+SMALLEST = 0.1  # mm that an axis shows
 UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s"}
 STYLE = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "text.color": INK, "axes.edgecolor": LINE,
@@ -37,12 +38,14 @@ class Story:
     Attributes:
         title: The robot, and what it is sent.
         conditions: Under which it runs, a line each.
+        robot: The robot.
         run: The run.
         other: The same by a controller that does not know how late the robot is, if it is shown.
     """
 
     title: str
     conditions: tuple[str, ...]
+    robot: rpctl.Robot
     run: rpctl.Run
     other: rpctl.Run | None = None
 
@@ -54,19 +57,19 @@ def base_error(run: rpctl.Run) -> Any:
 
 def draw(story: Story, path: Path) -> None:
     """Draw a story and say where it is."""
-    run, count = story.run, len(story.run.robot.drive.base_speeds)
-    arm = len(run.robot.joint_names) > 0
+    run, count = story.run, len(story.robot.drive.base_speeds)
+    arm = len(story.robot.joint_names) > 0
     with plt.rc_context(STYLE):
-        figure = plt.figure(figsize=(10.0, 5.9), layout="constrained")
+        figure = plt.figure(figsize=(10.0, 1.9 + 1.15 * (1 + count + arm)), layout="constrained")
         grid = figure.add_gridspec(1 + count + arm, 2, width_ratios=(1.0, 1.12))
         _draw_path(figure.add_subplot(grid[:, 0]), story)
         first = figure.add_subplot(grid[0, 1])
         _draw_error(first, story)
         rows = [figure.add_subplot(grid[1 + k, 1], sharex=first) for k in range(count + arm)]
         for k, axes in enumerate(rows[:count]):
-            _draw_command(axes, run, k)
+            _draw_command(axes, story, k)
         if arm:
-            _draw_arm(rows[-1], run)
+            _draw_arm(rows[-1], story)
         for axes in [first, *rows[:-1]]:
             axes.tick_params(labelbottom=False)
         rows[-1].set_xlabel("time, s")
@@ -90,7 +93,7 @@ def _draw_path(axes: Any, story: Story) -> None:
         axes.plot(*story.other.q[:, :2].T, color=ARM, lw=1.0, label="lateness not known")
     axes.plot(*run.q[:, :2].T, color=BASE, lw=1.8, label="robot")
     axes.plot(*run.q[0, :2], "o", color=BASE, ms=5)
-    axes.annotate("start", run.q[0, :2], (6, 6), textcoords="offset points", color=SOFT)
+    axes.annotate("start", run.q[0, :2], (-4, -12), textcoords="offset points", color=SOFT)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
@@ -98,17 +101,23 @@ def _draw_path(axes: Any, story: Story) -> None:
 
 
 def _draw_error(axes: Any, story: Story) -> None:
-    settled = story.run.t > 0.5 * story.run.t[-1]
-    rms = MM * np.sqrt(np.mean(base_error(story.run)[settled] ** 2))
-    axes.set_title(f"base off its reference, mm: {rms:.1f} rms over the second half")
-    if story.other is not None:
-        axes.plot(story.other.t, MM * base_error(story.other), color=ARM, lw=1.0)
-    axes.plot(story.run.t, MM * base_error(story.run), color=BASE, lw=1.4)
-    axes.set_ylim(bottom=0.0)
+    runs = [(ARM, 1.0, story.other), (BASE, 1.4, story.run)]
+    rms = []
+    for colour, width, run in runs:
+        if run is not None:
+            error = MM * base_error(run)
+            axes.semilogy(run.t, np.maximum(error, SMALLEST), color=colour, lw=width)
+            rms.append(np.sqrt(np.mean(error[run.t > 0.5 * run.t[-1]] ** 2)))
+    *unaware, own = rms
+    beside = "".join(f", {each:.1f} lateness not known" for each in unaware)
+    axes.set_title(f"base off its reference, mm: {own:.1f} rms over the second half{beside}")
+    axes.set_ylim(bottom=SMALLEST)
+    axes.yaxis.set_major_formatter("{x:g}")
 
 
-def _draw_command(axes: Any, run: rpctl.Run, k: int) -> None:
-    output, name = run.config.output, run.robot.quasi_velocities[k]
+def _draw_command(axes: Any, story: Story, k: int) -> None:
+    run, name = story.run, story.robot.quasi_velocities[k]
+    output = run.config.output
     assert output is not None
     sent, most, unit = run.log.nu_cmd[:, k], output.speeds[name], UNITS.get(name, "rad/s")
     axes.set_title(
@@ -122,8 +131,9 @@ def _draw_command(axes: Any, run: rpctl.Run, k: int) -> None:
     axes.set_ylim(low, 1.25 * most)
 
 
-def _draw_arm(axes: Any, run: rpctl.Run) -> None:
-    output, robot = run.config.output, run.robot
+def _draw_arm(axes: Any, story: Story) -> None:
+    run, robot = story.run, story.robot
+    output = run.config.output
     assert output is not None
     first = len(robot.drive.base_speeds)
     most = np.array([output.speeds[name] for name in robot.joint_names])

@@ -105,9 +105,9 @@ class ControllerNode:
         joints = "sensor_msgs/JointState", settings.joints, self.readings.take_joints
         pose = "nav_msgs/Odometry", settings.odometry, self.readings.take_odometry
         tf = "tf2_msgs/TFMessage", "/tf", self.readings.take_transforms
-        located = settings.frame == NodeOptions.frame  # by odometry alone
-        poses = (tf,) if settings.odometry == "tf" else (pose,) if located else (pose, tf)
-        for kind, place, take in (joints, *poses):
+        own = [tf] if settings.odometry == "tf" else [pose]
+        more = [tf] if settings.frame != NodeOptions.frame and pose in own else []  # a map's
+        for kind, place, take in (joints, *own, *more):
             node.create_subscription(message_type(kind), place, take, QUEUE)
         self.publishers = dict[str, Any]()
         node.create_timer(controller.period, self.step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -114,7 +114,12 @@ class SpeedLimits:
         self._jerks = JerkLimits(period, self._share, *bounds)
         self._most = np.concatenate([effort_ratio * robot.effort_limits, most])
         self._wheels = len(robot.actuators) - len(robot.joint_names)  # actuators of the base
-        kinds = {"lower": own, "upper": own, "velocity": fast, "speed": slow}
+        kinds: dict[str, Sequence[str]] = {
+            "lower": own,
+            "upper": own,
+            "velocity": fast,
+            "speed": slow,
+        }
         kinds |= {"effort": robot.actuators, "acceleration": names}
         kinds["jerk"] = [name for name in names if name in jerks]
         self.labels = tuple(Limit(name, kind) for kind, names in kinds.items() for name in names)

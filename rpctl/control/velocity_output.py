@@ -129,7 +129,7 @@ class VelocityOutput(Record):
         """
         if not self.groups:
             return self
-        said = by_quasi_velocity(self.groups, robot)
+        said: dict[str, Any] = by_quasi_velocity(self.groups, robot)
         return replace(self, **{name: {**getattr(self, name), **of} for name, of in said.items()})
 
     def start(
@@ -265,7 +265,7 @@ class Staggered:
         for shift in {*self.shifts.tolist()} - {0.0}:
             own, later = self.shifts == shift, self.reference(max(t + shift, 0.0))
             joints = np.where(own, later[3:6], joints)
-        return ReferenceState(*found[:3], *joints, found.direction)
+        return ReferenceState(*found[:3], joints[0], joints[1], joints[2], found.direction)
 
 
 class VelocityController(ReportsNothing):

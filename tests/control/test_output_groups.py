@@ -179,8 +179,9 @@ def test_two_bounds_of_jerk_hold_on_the_way_to_a_speed_and_none_is_overshot() ->
         a = np.diff(run.nu[:, :3], axis=0) / period
         j = np.diff(a, axis=0, prepend=np.zeros((1, 3))) / period
         largest = (np.abs(x).max(axis=0) for x in (run.nu[:, :3], a, j))
-        for found, bound in zip(largest, ([0.3, 0.3, 1], [0.3, 0.3, 1], [1, 1, 3]), strict=True):
-            assert (found <= np.multiply(bound, 1.0 + 1e-6)).all(), (lag, found, bound)
+        most = np.array([[0.3, 0.3, 1.0], [0.3, 0.3, 1.0], [1.0, 1.0, 3.0]])
+        for found, bound in zip(largest, most, strict=True):
+            assert (found <= (1.0 + 1e-6) * bound).all(), (lag, found, bound)
         assert (np.abs(j).max(axis=0) > [0.99, 0.99, 2.9]).all()
         assert ("omega", "jerk") in run.bound_limits
         assert np.abs(run.q[-1, :4] - run.q_ref[-1, :4]).max() < 0.02
@@ -195,7 +196,7 @@ def test_a_map_that_jumps_turns_nothing_while_the_rates_are_the_bodys(paper: Rob
     pose, nu, sent = np.array([-0.05, 0.02, 0.5 * math.pi - 0.1]), np.zeros(4), []
     for k in range(400):
         seen = pose + np.array([0.3, 0.0, 0.0]) * (k >= 300)
-        q, measured = paper.state(seen, nu[:2], joints)
+        q, measured = paper.state(seen.tolist(), nu[:2].tolist(), joints)
         sent.append(controller.step(k * PERIOD, q, measured).speeds)
         nu = sent[-1] * [1.0, 1.0, 0.0, 0.0]
         heading = pose[2] + 0.5 * PERIOD * nu[1]

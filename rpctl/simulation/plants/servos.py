@@ -13,7 +13,9 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.plants.contact import MujocoMotion
 from rpctl.simulation.plants.interfaces import PlantState, SpeedInterface, felt
 
-WHEEL_TIME = 0.01  # s in which a wheel's servo comes to its speed, were there no limit of effort
+WHEEL_TIME = (
+    0.002  # s in which a wheel's servo comes to its speed; a slower one droops as it scrubs
+)
 STIFFNESS = 40.0  # rad/s: bandwidth of the servos of arm and steering, critically damped
 
 
