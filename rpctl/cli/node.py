@@ -105,9 +105,8 @@ class ControllerNode:
         joints = "sensor_msgs/JointState", settings.joints, self.readings.take_joints
         pose = "nav_msgs/Odometry", settings.odometry, self.readings.take_odometry
         tf = "tf2_msgs/TFMessage", "/tf", self.readings.take_transforms
-        own = [tf] if settings.odometry == "tf" else [pose]
-        more = [tf] if settings.frame != NodeOptions.frame and pose in own else []  # a map's
-        for kind, place, take in (joints, *own, *more):
+        both = (pose, tf)[: 1 + (settings.frame != NodeOptions.frame)]  # in a map by both
+        for kind, place, take in (joints, *((tf,) if settings.odometry == "tf" else both)):
             node.create_subscription(message_type(kind), place, take, QUEUE)
         self.publishers = dict[str, Any]()
         node.create_timer(controller.period, self.step)

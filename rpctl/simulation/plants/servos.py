@@ -13,10 +13,9 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.plants.contact import MujocoMotion
 from rpctl.simulation.plants.interfaces import PlantState, SpeedInterface, felt
 
-WHEEL_TIME = (
-    0.002  # s in which a wheel's servo comes to its speed; a slower one droops as it scrubs
-)
-STIFFNESS = 40.0  # rad/s: bandwidth of the servos of arm and steering, critically damped
+WHEEL_TIME = 0.01  # s in which a wheel's servo comes to its speed
+BANDWIDTH = 40.0  # rad/s: least one of the servos of arm and steering, damped critically or more
+FIRM = 0.02  # rad or m by which a joint is off where its servo has its whole effort, or less
 
 
 class ServoInterface(SpeedInterface):
@@ -43,12 +42,13 @@ class ServoInterface(SpeedInterface):
         each = 1.0 / np.diag(B.T @ np.linalg.solve(M, B))  # what a motor moves, all others free
         own = dict(zip(robot.quasi_velocities, np.diag(M), strict=True))
         self._places = dict(self._placed)  # where servos of position are to be
-        follows = {swivel.joint for swivel in robot.drive.followers}
-        placed = np.array([n in self._places or n in follows for n in robot.actuators], dtype=bool)
+        servos = {*self._places, *(swivel.joint for swivel in robot.drive.followers)}
+        placed = np.array([name in servos for name in robot.actuators], dtype=bool)
         felt_by = np.array([own.get(n, x) for n, x in zip(robot.actuators, each, strict=True)])
-        stiffness = np.where(placed, STIFFNESS**2 * felt_by, 0.0)
-        motion.serve(stiffness, felt_by * np.where(placed, 2.0 * STIFFNESS, 1.0 / WHEEL_TIME))
-        self._ahead = np.where(placed, 2.0 / STIFFNESS, 1.0)
+        limits = np.where(np.isfinite(robot.effort_limits), robot.effort_limits, 0.0)
+        stiffness = placed * np.maximum(BANDWIDTH**2 * felt_by, limits / FIRM)
+        self._ahead = np.where(placed, 2.0 / BANDWIDTH, 1.0)  # s of a position's rate; or the rate
+        motion.serve(stiffness, np.where(placed, self._ahead * stiffness, felt_by / WHEEL_TIME))
         self._sag = np.where(placed, rest.tau / np.where(placed, stiffness, 1.0), 0.0)
         self._rows = [robot.velocity_index(name) for name in robot.actuators]
         self.state = self.state._replace(q=motion.q, felt=felt(motion))
