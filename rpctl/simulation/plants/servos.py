@@ -7,14 +7,14 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
-from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.config import Config
 from rpctl.simulation.plants.contact import MujocoMotion
 from rpctl.simulation.plants.interfaces import PlantState, SpeedInterface, felt
 
-WHEEL_TIME = 0.01  # s in which a wheel's servo comes to its speed
-BANDWIDTH = 40.0  # rad/s: least one of the servos of arm and steering, damped critically or more
+WHEEL_TIME = 0.01  # s in which a wheel's servo comes to its speed, were there no limit of effort
+WHEEL_REST = 0.05  # s in which it makes up for what resists it
+BANDWIDTH = 40.0  # rad/s: least one of the other servos, damped critically or more
 FIRM = 0.02  # rad or m by which a joint is off where its servo has its whole effort, or less
 
 
@@ -22,9 +22,10 @@ class ServoInterface(SpeedInterface):
     """A robot in MuJoCo whose servos follow what it is sent, within its effort limits.
 
     They are to follow the motion that a robot would have which follows its commands exactly as late
-    as the plant says. A servo of speed turns each driven wheel as a base that rolls would; servos
-    of position hold the joints of arm and steering where their rates lead to. These begin without
-    sag, as those that know the robot's weight at the start.
+    as the plant says. Servos of speed, proportional and integral, turn driven wheels like those of
+    a base that rolls; servos of position hold the joints of arm and steering where their rates lead
+    to. They begin without sag, as those that know the robot's weight at the start, and nothing
+    winds up while an effort is at its limit.
 
     Args:
         motion: The robot in MuJoCo.
@@ -41,15 +42,15 @@ class ServoInterface(SpeedInterface):
         M, B = dynamics.inertia(rest.q), dynamics.actuation(rest.q)
         each = 1.0 / np.diag(B.T @ np.linalg.solve(M, B))  # what a motor moves, all others free
         own = dict(zip(robot.quasi_velocities, np.diag(M), strict=True))
-        self._places = dict(self._placed)  # where servos of position are to be
-        servos = {*self._places, *(swivel.joint for swivel in robot.drive.followers)}
-        placed = np.array([name in servos for name in robot.actuators], dtype=bool)
         felt_by = np.array([own.get(n, x) for n, x in zip(robot.actuators, each, strict=True)])
-        limits = np.where(np.isfinite(robot.effort_limits), robot.effort_limits, 0.0)
-        stiffness = placed * np.maximum(BANDWIDTH**2 * felt_by, limits / FIRM)
-        self._ahead = np.where(placed, 2.0 / BANDWIDTH, 1.0)  # s of a position's rate; or the rate
-        motion.serve(stiffness, np.where(placed, self._ahead * stiffness, felt_by / WHEEL_TIME))
-        self._sag = np.where(placed, rest.tau / np.where(placed, stiffness, 1.0), 0.0)
+        wheels = {wheel.joint for wheel in robot.drive.wheels}
+        rolls, limits = np.array([n in wheels for n in robot.actuators]), robot.effort_limits
+        firm = np.where(np.isfinite(limits), limits / FIRM, 0.0)
+        placing = np.maximum(BANDWIDTH**2 * felt_by, firm)
+        stiffness = np.where(rolls, felt_by / (WHEEL_TIME * WHEEL_REST), placing)
+        self._ahead = np.where(rolls, WHEEL_REST, 2.0 / BANDWIDTH)  # s of a rate
+        motion.serve(stiffness, self._ahead * stiffness)
+        self._at, self._reach = motion.places + rest.tau / stiffness, limits / stiffness
         self._rows = [robot.velocity_index(name) for name in robot.actuators]
         self.state = self.state._replace(q=motion.q, felt=felt(motion))
         self.notes = motion.notes
@@ -64,20 +65,9 @@ class ServoInterface(SpeedInterface):
         work, lost, motion = self.state.work, self.state.lost, self._motion
         self._ideal, stretches = self._plant.follow(self._ideal)
         for dt, nu, _ in stretches:
-            done = motion.advance(self._targets(dt, nu), dt)
+            rates = (self._dynamics.basis(motion.q) @ nu)[self._rows]
+            lead = np.clip(self._at + dt * rates - motion.places, -self._reach, self._reach)
+            self._at = motion.places + lead
+            done = motion.advance(self._at + self._ahead * rates, dt)
             work, lost = work + done.work, lost + done.lost
         self.state = PlantState(motion.q, motion.nu, work, lost, felt(motion))
-
-    def _targets(self, dt: float, nu: Array) -> Array:
-        """Return what the servos are to reach (n_act,): rad/s, or rad and m.
-
-        Args:
-            dt: In how long, s.
-            nu: The mean quasi-velocities until then (dof,).
-        """
-        robot, rates = self._dynamics.robot, self._dynamics.basis(self._motion.q) @ nu
-        moved = dict(zip(robot.quasi_velocities, dt * nu, strict=True))
-        self._places = {name: place + moved[name] for name, place in self._places.items()}
-        places = {**self._places, **follower_positions(robot.drive, self._places)}
-        at = np.array([places.get(name, 0.0) for name in robot.actuators])
-        return np.asarray(at + self._sag + self._ahead * rates[self._rows])
