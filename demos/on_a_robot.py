@@ -140,8 +140,8 @@ def _draw_arm(axes: Any, story: Story) -> None:
     worst = MM * np.abs(run.q - run.q_ref)[run.t > 0.5 * run.t[-1]]
     entries = [robot.entries[name].index for name in robot.joint_names]
     axes.set_title(
-        "rates of the arm's positions, of their bounds: "
-        f"joints at most {worst[:, entries].max():.0f} mrad (mm) off"
+        "arm's rates, as shares of their bounds: "
+        f"joints within {worst[:, entries].max():.0f} mrad, second half"
     )
     axes.step(run.t, run.log.nu_cmd[:, first:] / most, where="post", color=ARM, lw=0.7, alpha=0.8)
     for limit in (1.0, -1.0):
