@@ -107,7 +107,7 @@ def main() -> None:
         "A Husky with a UR5 by twist and joint positions at 50 Hz",
         (
             "MuJoCo: four crowned wheels that scrub in every bend, as on 2.2 times the track; "
-            "the base obeys after 60 ms with a lag of 100 ms, the arm after 20 ms with one of 20 ms.",
+            "the base obeys after 60 ms with a lag of 100 ms, the arm after 20 ms with 20 ms.",
             "Measured: pose with 4 mm and 3 mrad of noise, joints and wheels by encoders of 14 "
             "bits; rates are their differences.",
         ),

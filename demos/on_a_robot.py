@@ -109,10 +109,11 @@ def _draw_error(axes: Any, story: Story) -> None:
             axes.semilogy(run.t, np.maximum(error, SMALLEST), color=colour, lw=width)
             rms.append(np.sqrt(np.mean(error[run.t > 0.5 * run.t[-1]] ** 2)))
     *unaware, own = rms
-    beside = "".join(f", {each:.1f} lateness not known" for each in unaware)
-    axes.set_title(f"base off its reference, mm: {own:.1f} rms over the second half{beside}")
-    axes.set_ylim(bottom=SMALLEST)
-    axes.yaxis.set_major_formatter("{x:g}")
+    beside = "".join(f"; {each:.1f} lateness not known" for each in unaware)
+    axes.set_title(f"base off its reference, mm: {own:.1f} rms, second half{beside}")
+    axes.set_ylim(SMALLEST, 300.0)
+    axes.set_yticks([0.1, 1.0, 10.0, 100.0], ["0.1", "1", "10", "100"])
+    axes.minorticks_off()
 
 
 def _draw_command(axes: Any, story: Story, k: int) -> None:
@@ -140,7 +141,7 @@ def _draw_arm(axes: Any, story: Story) -> None:
     worst = MM * np.abs(run.q - run.q_ref)[run.t > 0.5 * run.t[-1]]
     entries = [robot.entries[name].index for name in robot.joint_names]
     axes.set_title(
-        "arm's rates, as shares of their bounds: "
+        "arm's rates over their bounds: "
         f"joints within {worst[:, entries].max():.0f} mrad, second half"
     )
     axes.step(run.t, run.log.nu_cmd[:, first:] / most, where="post", color=ARM, lw=0.7, alpha=0.8)
