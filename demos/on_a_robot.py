@@ -23,7 +23,7 @@ DESIRED, BASE, ARM, BOUND = "#6b7480", "#0072b2", "#d55e00", "#b3261e"
 MM = 1e3
 SMALLEST = 0.1  # mm that an axis shows
 UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s"}
-STYLE = {
+STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "text.color": INK, "axes.edgecolor": LINE,
     "axes.labelcolor": SOFT, "xtick.color": SOFT, "ytick.color": SOFT, "axes.titlesize": 9.0,
     "axes.titlelocation": "left", "axes.grid": True, "grid.color": LINE, "grid.linewidth": 0.6,
@@ -77,7 +77,8 @@ def draw(story: Story, path: Path) -> None:
         figure.suptitle(
             story.title, x=0.008, ha="left", fontsize=13.0, fontweight="bold", color=INK
         )
-        figure.get_layout_engine().set(rect=(0.0, 0.085, 1.0, 0.915), wspace=0.06)  # type: ignore[union-attr]
+        engine: Any = figure.get_layout_engine()
+        engine.set(rect=(0.0, 0.085, 1.0, 0.915), wspace=0.06)
         figure.text(
             0.008, 0.018, "\n".join(story.conditions), fontsize=8.2, color=SOFT, linespacing=1.5
         )

@@ -129,8 +129,9 @@ class VelocityOutput(Record):
         """
         if not self.groups:
             return self
-        said: dict[str, Any] = by_quasi_velocity(self.groups, robot)
-        return replace(self, **{name: {**getattr(self, name), **of} for name, of in said.items()})
+        said = by_quasi_velocity(self.groups, robot).items()
+        found: dict[str, Any] = {name: {**getattr(self, name), **of} for name, of in said}
+        return replace(self, **found)
 
     def start(
         self,

@@ -154,7 +154,7 @@ def test_what_a_controller_sends_is_told_by_group_also_when_it_stops(paper: Robo
 
 LATE = {
     "base": OutputGroup("twist", lag=0.1, dead_time=0.104),
-    "*": OutputGroup("position", lag=0.05, dead_time=0.015),
+    "*": OutputGroup("position", lag=0.02, dead_time=0.055),
 }
 
 
@@ -163,28 +163,31 @@ def test_base_and_arm_follow_after_dead_times_of_their_own(paper: Robot) -> None
     run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=6.0,
                       collisions=False)  # fmt: skip
     error = np.abs(run.q - run.q_ref)[run.t > 3.0, :6]  # the wheels' angles have no reference
-    assert error.max() < 3e-4
+    assert error[:, :4].max() < 3e-4
+    assert error[:, 4:].max() < 5e-5
 
 
-def test_two_bounds_of_jerk_hold_on_the_way_to_a_speed_and_none_is_overshot() -> None:
-    """Motion of a robot that follows as its model says, from beside its reference."""
+@pytest.mark.parametrize(
+    ("lag", "period", "speed"), [(0.0, 0.05, 0.3), (0.1, 0.02, 0.3), (0.0, 0.05, 0.15)]
+)
+def test_bounds_of_jerk_hold_on_the_way_to_a_speed_and_none_is_overshot(
+    lag: float, period: float, speed: float
+) -> None:
+    """Of the motion, from beside a reference of up to .2 m/s; within .15 m/s it is left behind."""
     robot = rpctl.load("mecanum")
-    speeds, accelerations = {"v?": 0.3, "omega": 1.0}, {"v?": 0.3, "omega": 1.0}
-    bounds = speeds, accelerations, {"v?": 1.0, "omega": 3.0}
-    for lag, period in ((0.0, 0.05), (0.1, 0.02)):
-        output = {"base": OutputGroup("twist", lag, 0.0, *bounds), "*": OutputGroup("velocity")}
-        run = rpctl.track(robot, "eight", output=output, initial_error=(0.3, 0.2, 0.4),
-                          control_period=period, duration=16.0, speed=0.2, size=1.0,
-                          collisions=False)  # fmt: skip
-        a = np.diff(run.nu[:, :3], axis=0) / period
-        j = np.diff(a, axis=0, prepend=np.zeros((1, 3))) / period
-        largest = (np.abs(x).max(axis=0) for x in (run.nu[:, :3], a, j))
-        most = np.array([[0.3, 0.3, 1.0], [0.3, 0.3, 1.0], [1.0, 1.0, 3.0]])
-        for found, bound in zip(largest, most, strict=True):
-            assert (found <= (1.0 + 1e-6) * bound).all(), (lag, found, bound)
-        assert (np.abs(j).max(axis=0) > [0.99, 0.99, 2.9]).all()
-        assert ("omega", "jerk") in run.bound_limits
-        assert np.abs(run.q[-1, :4] - run.q_ref[-1, :4]).max() < 0.02
+    most = np.array([[speed, speed, 1.0], [0.3, 0.3, 1.0], [1.0, 1.0, 3.0]])
+    bounds = ({"v?": row[0], "omega": row[2]} for row in most.tolist())
+    output = {"base": OutputGroup("twist", lag, 0.0, *bounds), "*": OutputGroup("velocity")}
+    run = rpctl.track(robot, "eight", output=output, initial_error=(0.3, 0.2, 0.4),
+                      control_period=period, duration=16.0, speed=0.2, size=1.0,
+                      collisions=False)  # fmt: skip
+    a = np.diff(run.nu[:, :3], axis=0) / period
+    j = np.diff(a, axis=0, prepend=np.zeros((1, 3))) / period
+    largest = [np.abs(x).max(axis=0) for x in (run.nu[:, :3], a, j)]
+    assert (np.array(largest) <= (1.0 + 1e-6) * most).all()
+    assert (largest[2] > [0.99, 0.99, 2.9]).all()
+    assert {("omega", "jerk"), ("vx", "speed")} <= set(run.bound_limits) or speed > 0.2
+    assert np.abs(run.q[-1, :4] - run.q_ref[-1, :4]).max() < 0.02 or speed < 0.2
 
 
 def test_a_map_that_jumps_turns_nothing_while_the_rates_are_the_bodys(paper: Robot) -> None:

@@ -197,7 +197,7 @@ def test_a_pose_in_a_map_is_that_of_the_odometry_moved_by_the_localisation(paper
     readings.take_joints(joint_state(0, [*WHEELS, *ARM], [0.0] * 4, [2.0, 2.0, 0.0, 0.0]))
     readings.take_odometry(odometry(0, (0.5, 0.2, 0.3), (0.3, 0.0, 0.0)))
     assert readings.missing() == ["the pose of base_link in map"]
-    own = transforms(0, (9.0, 9.0, 9.0)).transforms  # of the tree that odometry itself sends
+    own = transforms(MS, (9.0, 9.0, 9.0)).transforms  # of the tree that odometry itself sends
     moved = SimpleNamespace(translation=vector(3.0, 1.0), rotation=heading(0.5 * math.pi))
     map_to_odom = SimpleNamespace(header=header(0, "map"), child_frame_id="odom", transform=moved)
     readings.take_transforms(SimpleNamespace(transforms=[map_to_odom, *own]))
