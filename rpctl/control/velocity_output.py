@@ -20,6 +20,7 @@ from rpctl.control.output_groups import (
     DEAD_TIME,
     GROUP_KINDS,
     LAG,
+    MAX_DEAD_TIME,
     POSITION,
     RATES,
     REST,
@@ -314,7 +315,9 @@ class VelocityController(ReportsNothing):
         sent = self._sent
         while len(sent) > 1 and sent[1][0] <= t + TIME_ROUNDING:
             sent.popleft()
-        parts = {dead: self._ahead(t, q, nu, dead) for dead in self._dead_times.tolist()}
+        parts = {
+            dead: self._ahead(t, q, nu, dead) for dead in dict.fromkeys(self._dead_times.tolist())
+        }
         at, *later = parts.values()
         if later:
             robot, at = self._dynamics.robot, MeasuredSample(at.t, at.q.copy(), at.nu.copy())
@@ -338,7 +341,9 @@ class VelocityController(ReportsNothing):
         commands = np.array([command for _, command in sent[: len(starts)]])
         nu, stretches = follow(nu, commands, durations, self._lag)
         with suppress(SingularBasisError):
-            for stretch in joined(stretches, LONGEST_STEP):
+            # Of joints alone the mean rate is enough.
+            longest = LONGEST_STEP if dead_time == self._dead_times[0] else MAX_DEAD_TIME
+            for stretch in joined(stretches, longest):
                 q = travel(self._dynamics, q, stretch)
         return MeasuredSample(end, q, nu)
 
