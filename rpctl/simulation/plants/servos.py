@@ -25,7 +25,8 @@ class ServoInterface(SpeedInterface):
     as the plant says. Servos of speed, proportional and integral, turn driven wheels like those of
     a base that rolls; servos of position hold the joints of arm and steering where their rates lead
     to. They begin without sag, as those that know the robot's weight at the start, and nothing
-    winds up while an effort is at its limit.
+    winds up while an effort is at its limit. MuJoCo takes their damping implicitly, so that what
+    they do and what is lost cannot be told apart: the work is what the robot's energy gains.
 
     Args:
         motion: The robot in MuJoCo.
@@ -45,9 +46,8 @@ class ServoInterface(SpeedInterface):
         felt_by = np.array([own.get(n, x) for n, x in zip(robot.actuators, each, strict=True)])
         wheels = {wheel.joint for wheel in robot.drive.wheels}
         rolls, limits = np.array([n in wheels for n in robot.actuators]), robot.effort_limits
-        firm = np.where(np.isfinite(limits), limits / FIRM, 0.0)
-        placing = np.maximum(BANDWIDTH**2 * felt_by, firm)
-        stiffness = np.where(rolls, felt_by / (WHEEL_TIME * WHEEL_REST), placing)
+        firm = np.maximum(BANDWIDTH**2 * felt_by, np.where(np.isfinite(limits), limits / FIRM, 0.0))
+        stiffness = np.where(rolls, felt_by / (WHEEL_TIME * WHEEL_REST), firm)
         self._ahead = np.where(rolls, WHEEL_REST, 2.0 / BANDWIDTH)  # s of a rate
         motion.serve(stiffness, self._ahead * stiffness)
         self._at, self._reach = motion.places + rest.tau / stiffness, limits / stiffness
@@ -62,12 +62,12 @@ class ServoInterface(SpeedInterface):
 
     def advance(self, duration: float) -> None:
         """Advance the robot by a control period; see the protocol."""
-        work, lost, motion = self.state.work, self.state.lost, self._motion
+        work, motion = self.state.work, self._motion
         self._ideal, stretches = self._plant.follow(self._ideal)
         for dt, nu, _ in stretches:
             rates = (self._dynamics.basis(motion.q) @ nu)[self._rows]
-            lead = np.clip(self._at + dt * rates - motion.places, -self._reach, self._reach)
-            self._at = motion.places + lead
+            places = motion.places
+            self._at = np.clip(self._at + dt * rates, places - self._reach, places + self._reach)
             done = motion.advance(self._at + self._ahead * rates, dt)
-            work, lost = work + done.work, lost + done.lost
-        self.state = PlantState(motion.q, motion.nu, work, lost, felt(motion))
+            work += done.work - done.lost  # what the energy gains
+        self.state = PlantState(motion.q, motion.nu, work, 0.0, felt(motion))

@@ -62,6 +62,8 @@ def test_servos_in_contact_wait_for_their_dead_time_and_rise_by_their_lag(paper:
     assert np.abs(v[:4]).max() < 2e-3
     assert v[14] == pytest.approx(0.2 * (1.0 - np.exp(-1.0)), abs=0.02)
     assert v[-1] == pytest.approx(0.2, abs=4e-3)
+    motion = 0.5 * paper.mass * v[-1] ** 2  # J, of the base alone
+    assert motion < plant.state.work < 3.0 * motion
     assert joint[19] == pytest.approx(0.3, abs=0.02)
 
 
