@@ -12,6 +12,7 @@ from rpctl.control.end_effector import EndEffector as EndEffector
 from rpctl.control.error import Leash as Leash
 from rpctl.control.error import Tracking as Tracking
 from rpctl.control.feedback_linearization import FeedbackLinearization as FeedbackLinearization
+from rpctl.control.group_commands import GroupCommand as GroupCommand
 from rpctl.control.horizon.law import Horizon as Horizon
 from rpctl.control.integral import IntegralDynamic as IntegralDynamic
 from rpctl.control.kanayama import Kanayama as Kanayama
@@ -23,6 +24,7 @@ from rpctl.control.law import Rest as Rest
 from rpctl.control.law import StatelessLaw as StatelessLaw
 from rpctl.control.obstacles import Disc as Disc
 from rpctl.control.obstacles import HalfPlane as HalfPlane
+from rpctl.control.output_groups import OutputGroup as OutputGroup
 from rpctl.control.safeguards import Guards as Guards
 from rpctl.control.samson import Samson as Samson
 from rpctl.control.twist_law import BaseLaw as BaseLaw

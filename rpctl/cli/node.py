@@ -9,11 +9,13 @@ from typing import Annotated, Any
 import typer
 
 from rpctl.cli.options import FieldOptions, LoadOptions, RobotArgument
-from rpctl.control.controller import Controller, ControllerOutput
-from rpctl.control.ros_messages import COMMANDS, POINT, Readings, fill
+from rpctl.control.controller import Controller
+from rpctl.control.group_commands import GroupCommand
+from rpctl.control.output_groups import OUTPUT_WORDS
+from rpctl.control.ros_messages import COMMANDS, POINT, Readings, commands_of, fill, topic
 from rpctl.errors import RpctlError
 from rpctl.files.records import Plain
-from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.config import Config, RunSettings, read_groups
 
 QUEUE = 10  # messages
 REMINDER = 2.0  # s between two messages on what is missing
@@ -36,9 +38,10 @@ class NodeOptions:
     output: Annotated[
         str,
         typer.Option(
-            metavar="effort|velocity",
-            help="Efforts to ~/efforts, in the order of `rpctl inspect --json`'s actuators; or the "
-            "base's twist to ~/cmd_vel, and positions and rates of the arm to ~/joint_trajectory.",
+            metavar=OUTPUT_WORDS,
+            help="As of `rpctl track`. Efforts go to ~/efforts, in the order of `rpctl inspect "
+            "--json`'s actuators; speeds to ~/speeds, ~/wheel_speeds, ~/cmd_vel or "
+            "~/ackermann_cmd, and positions of an arm to ~/joint_trajectory.",
         ),
     ] = "effort"
     lag: Annotated[
@@ -58,7 +61,11 @@ class NodeOptions:
         ),
     ] = "/odom"
     frame: Annotated[
-        str, typer.Option(metavar="FRAME", help="In which poses and the reference are.")
+        str,
+        typer.Option(
+            metavar="FRAME",
+            help="Of the reference; a map, too, in which /tf has the frame of the odometry.",
+        ),
     ] = "odom"
     base_frame: Annotated[
         str | None, typer.Option(metavar="FRAME", help="That is located; else the root link.")
@@ -78,7 +85,8 @@ def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOp
             "/opt/ros/DISTRO/setup.bash, and run rpctl with the Python of that ROS"
         ) from None
     loaded, laws = options.load(robot), (settings.kinematic, settings.dynamic)
-    sent = Config().with_output(settings.output, settings.lag, settings.dead_time).output
+    output = read_groups(settings.output)
+    sent = Config().with_output(output, settings.lag, settings.dead_time).output
     controller = Controller(
         loaded, settings.reference, *laws, settings.period, sent or "effort", **settings.known
     )
@@ -106,17 +114,15 @@ class ControllerNode:
     def __init__(self, node: Any, controller: Controller, settings: NodeOptions) -> None:
         self.node, self.controller = node, controller
         self.readings = Readings(controller.robot, settings.frame, settings.base_frame)
-        self.sent: ControllerOutput | None = None
+        self.sent: dict[str, GroupCommand] = {}
         self.late = ""  # how late the robot follows its speeds, as far as that was said
         joints = "sensor_msgs/JointState", settings.joints, self.readings.take_joints
         pose = "nav_msgs/Odometry", settings.odometry, self.readings.take_odometry
         tf = "tf2_msgs/TFMessage", "/tf", self.readings.take_transforms
-        for kind, topic, take in (joints, tf if settings.odometry == "tf" else pose):
-            node.create_subscription(message_type(kind), topic, take, QUEUE)
-        self.publishers = {
-            kind: node.create_publisher(message_type(kind), topic, QUEUE)
-            for kind, topic in COMMANDS.items()
-        }
+        both = (pose, tf)[: 1 + (settings.frame != NodeOptions.frame)]  # in a map by both
+        for kind, place, take in (joints, *((tf,) if settings.odometry == "tf" else both)):
+            node.create_subscription(message_type(kind), place, take, QUEUE)
+        self.publishers = dict[str, Any]()
         node.create_timer(controller.period, self.step)
 
     def step(self) -> None:
@@ -127,20 +133,31 @@ class ControllerNode:
             say = self.node.get_logger().warning
             say(f"not read so far: {missing}", throttle_duration_sec=REMINDER)
         else:
-            self.sent = self.controller.step(*sample)
+            self.sent = commands_of(self.controller.step(*sample))
             self.send(self.sent)
             if (late := self.controller.lateness()) != self.late:
                 self.late = late
                 self.node.get_logger().warning(late, throttle_duration_sec=REMINDER)
 
     def leave(self) -> None:
-        """Publish zeros in the place of what was sent last."""
-        if self.sent is not None:
-            efforts, speeds = 0.0 * self.sent.efforts, 0.0 * self.sent.speeds
-            self.send(self.sent._replace(efforts=efforts, speeds=speeds))
+        """Publish zeros in the place of what was sent last; positions stay as they are."""
+        self.send({
+            name: sent._replace(
+                speeds=dict.fromkeys(sent.speeds, 0.0),
+                accelerations=dict.fromkeys(sent.accelerations, 0.0),
+            )
+            for name, sent in self.sent.items()
+        })  # fmt: skip
 
-    def send(self, sent: ControllerOutput) -> None:
-        """Publish efforts, or the base's twist and the arm's next point."""
-        empty = {kind: message_type(kind)() for kind in (*COMMANDS, POINT)}
-        for kind in fill(empty, self.controller, sent, self.readings.q):
-            self.publishers[kind].publish(empty[kind])
+    def send(self, commands: dict[str, GroupCommand]) -> None:
+        """Publish what each group is sent."""
+        for name, sent in commands.items():
+            make = message_type(COMMANDS[sent.kind][0])
+            if name not in self.publishers:
+                place = topic(name, sent.kind)
+                self.publishers[name] = self.node.create_publisher(make, place, QUEUE)
+            message = make()
+            if hasattr(message, "header"):
+                message.header.stamp = self.node.get_clock().now().to_msg()
+            fill(message, message_type(POINT)(), sent, self.controller.period)
+            self.publishers[name].publish(message)

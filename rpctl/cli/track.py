@@ -24,6 +24,7 @@ from rpctl.cli.options import (
 from rpctl.cli.summary import show_reference, show_summary
 from rpctl.cli.terminal import console, escape, progress_bar
 from rpctl.cli.verify import VerifyOptions, certificate_line, certify
+from rpctl.control.output_groups import OUTPUT_WORDS
 from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.errors import RpctlError
@@ -103,9 +104,10 @@ class ConfigOptions:
     output: Annotated[
         str | None,
         typer.Option(
-            metavar="effort|velocity",
-            help="What the robot takes: efforts, or speeds of base and arm, which it follows late; "
-            "efforts if not given.",
+            metavar=OUTPUT_WORDS,
+            help="What the robot takes: efforts; speeds of base and arm, which it follows late; "
+            "the base's twist, wheel speeds or steering beside the arm's rates; positions of an "
+            "arm; or by groups, base=twist,arm_*=position. Efforts if not given.",
         ),
     ] = None
     late: Annotated[

@@ -54,6 +54,7 @@ class BothLaws:
         kernel: Both laws as one; None where one of them is a function of Python's.
         compiled: Whether they run as machine code.
         speeds: The velocity output; None where efforts are sent.
+        ahead: The state that the last answer is of, as predicted; None before.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class BothLaws:
         self._kinematic = LawWithFallback(started_law, unified, partial(require_command, robot))
         self._sending: LawWithFallback[Efforts] | LawWithFallback[Speeds]
         self.speeds: VelocityController | None = None
+        self.ahead: MeasuredSample | None = None
         if isinstance(sent, VelocityOutput):
             self.speeds = sent.start(*started, *own)
             self._sending = LawWithFallback(
@@ -96,7 +98,10 @@ class BothLaws:
         Raises:
             RpctlError: A law does not fit, or answers with something that is no answer of its kind.
         """
-        ahead = sample if self.speeds is None else self.speeds.predict(*sample)
+        ahead = sample
+        if self.speeds is not None:
+            ahead, reference = self.speeds.predict(*sample), self.speeds.followed(reference)
+        self.ahead = ahead
         answer = self._by_kernel(ahead, reference)
         if answer is not None:
             return answer

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -12,6 +14,7 @@ from rpctl.arrays import Array
 from rpctl.control.both_laws import BothLaws
 from rpctl.control.error import tracking_error
 from rpctl.control.estimation import RATES, StateEstimate
+from rpctl.control.group_commands import GroupCommand, GroupCommands
 from rpctl.control.integral import IntegralDynamic
 from rpctl.control.law import (
     Command,
@@ -25,6 +28,7 @@ from rpctl.control.law import (
     Speeds,
     as_law,
 )
+from rpctl.control.output_groups import OutputGroup
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.safeguards import (
     BRAKING_RATE,
@@ -86,6 +90,8 @@ class ControllerOutput(NamedTuple):
             where that lasted too long, and the robot is braked, or where it pauses; "lost" where
             the robot does not do what it is sent, and is braked until it is told to resume.
         reason: Why the status is not "ok".
+        commands: The same speeds as each group of the output takes them, by its pattern; empty
+            where it has no groups, and before the first good sample.
     """
 
     efforts: Array
@@ -94,6 +100,7 @@ class ControllerOutput(NamedTuple):
     limits: tuple[Limit, ...] = ()
     status: Status = "ok"
     reason: str = ""
+    commands: Mapping[str, GroupCommand] = MappingProxyType({})
 
 
 class Controller:
@@ -122,7 +129,10 @@ class Controller:
         period: Time between two samples as planned, s.
         output: ``"effort"``; ``"velocity"`` for a robot that takes speeds and follows them at once,
             or a :class:`~rpctl.control.velocity_output.VelocityOutput` that says how late it
-            follows them. Then there is no dynamic law.
+            follows them. ``"twist"``, ``"wheel-speeds"``, ``"steering"`` or ``"position"``, or a
+            mapping such as ``{"base": "twist", "arm_*": "position"}``, whose values may be
+            :class:`~rpctl.control.output_groups.OutputGroup` with bounds and lateness of their own:
+            ``commands`` of what is sent say it so. Then there is no dynamic law.
         rest: State before the first sample, if it is known. Its efforts are sent as long as there
             was no good sample; without it, zeros are.
         guards: What is done about bad samples, poses that jump and robots that do not follow; None
@@ -146,7 +156,7 @@ class Controller:
         kinematic: str | KinematicLaw | KinematicFunction | None = None,
         dynamic: str | DynamicLaw | DynamicFunction | None = None,
         period: float = PERIOD,
-        output: str | VelocityOutput = "effort",
+        output: str | Mapping[str, str | OutputGroup] | VelocityOutput = "effort",
         rest: Rest | None = None,
         guards: Guards | None = None,
         compiled: bool = True,
@@ -172,6 +182,8 @@ class Controller:
                 f"delay is {delay:g} s; of a robot that takes speeds it is part of the dead time: "
                 "give dead_time of its VelocityOutput, --dead-time"
             )
+        if self._output is not None:
+            self._output = self._output.on(robot)
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
         self._rolls = bool(robot.drive.base_speeds)
         self._in_arm = np.array([name in robot.joint_names for name in robot.actuators])
@@ -215,6 +227,9 @@ class Controller:
         self._safe_until = math.inf  # when the last safe efforts are stale, s
         self._measured: MeasuredSample | None = None  # the last good sample, as the laws get it
         self._braking: Braking | None = None
+        self._groups: GroupCommands | None = None
+        if self._output is not None and self._output.groups:
+            self._groups = GroupCommands(self._output, self._dynamics, self.period)
 
     def step(self, t: float, q: Array, nu: Array, applied: Array | None = None) -> ControllerOutput:
         """Return what to send now. A sample, however bad, raises nothing.
@@ -230,10 +245,14 @@ class Controller:
             RpctlError: A law of the user's answers with something that is no answer of its kind.
         """
         self._counts["samples"] += 1
+        self._both.ahead = None
         sample = self._reader.read(t, q, nu)
         output = sample if isinstance(sample, str) else self._answer(sample, applied)
         if isinstance(output, str):
             output = self._without_answer(self._reader.time, output)
+        if self._groups is not None and self._measured is not None:
+            state = self._measured, self._both.ahead, output.reason == MOTORS_OFF
+            output = output._replace(commands=self._groups(output.speeds, *state))
         self._sent = output
         self._estimate.sent(self._reader.time, output.efforts)
         return output

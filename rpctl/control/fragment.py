@@ -82,6 +82,7 @@ class LawFragment:
         settings: Gets the settings' values, see :func:`settings_of`; they may differ by lane.
         elapsed: Gets the time since the last sample (1,), s; 0 if other efforts were sent since.
         model_nu: Gets, where speeds are sent, what they have led to so far (dof,).
+        model_nu_dot: Gets, where speeds are sent, its mean rate since the last sample (dof,).
         e: Tracking error (3 + n_joints,).
         nu_d: Desired quasi-velocities (dof,).
         nu_d_dot: Their derivatives (dof,).
@@ -103,6 +104,7 @@ class LawFragment:
     settings: Buffer
     elapsed: Buffer
     model_nu: Buffer
+    model_nu_dot: Buffer
     e: Buffer
     nu_d: Buffer
     nu_d_dot: Buffer
@@ -145,6 +147,7 @@ class LawFrame:
         self.reference = new("reference", sum(row_sizes(robot)))
         self.nu_d, self.nu_d_dot = new("nu_d", robot.dof), new("nu_d_dot", robot.dof)
         self.model_nu, self.tau = new("model nu", robot.dof), new("tau", width)
+        self.model_nu_dot = new("model nu_dot", robot.dof)
         self.e, self.failed = new("e", BASE_NV + len(robot.joints)), new("failed", 1)
 
     @property
@@ -159,8 +162,8 @@ class LawFrame:
 
     def fragment(self, limits: Buffer, names: LimitNames) -> LawFragment:
         """Return the fragment of the kinematic law, which sends nothing yet."""
-        first = ("q", "nu", "reference", "settings", "elapsed", "model_nu", "e")
-        places = (*first, "nu_d", "nu_d_dot", "tau", "failed")
+        first = ("q", "nu", "reference", "settings", "elapsed", "model_nu", "model_nu_dot")
+        places = (*first, "e", "nu_d", "nu_d_dot", "tau", "failed")
         found = {name: getattr(self, name)[0] for name in places}
         command = () if self.kinematic is None else (self.kinematic.command(self),)
         return LawFragment(

@@ -187,6 +187,7 @@ class RunningLaws:
     Attributes:
         settings: Of the laws (n,), as the kernel reads them at each sample.
         model_nu: Gets what sent speeds have led to so far (dof,).
+        model_nu_dot: Gets its mean rate since the last sample (dof,).
         error: What is tracked by how much, at the last sample that was answered (3 + n_joints,).
         learns: Whether there is an integral.
         answer: Efforts (n_act,) or speeds (dof,) of the last sample that was answered.
@@ -208,6 +209,7 @@ class RunningLaws:
         self._q, self._nu, self._row, self._nu_d, self._nu_d_dot, self.answer, self._limits = views
         self._failed, self._asks = self._view(law.failed), self._view(kernel.asks)
         self._elapsed, self.model_nu = self._view(law.elapsed), self._view(law.model_nu)
+        self.model_nu_dot = self._view(law.model_nu_dot)
         self.settings = self._view(law.settings)
         self.settings[:], self._elapsed[0] = settings, period
         self.error = self._view(law.e)

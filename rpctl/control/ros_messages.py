@@ -1,32 +1,38 @@
 """Messages of ROS as samples of a robot, and commands as messages; it imports nothing of ROS.
 
 It reads and writes the fields of messages alone: of ``sensor_msgs/JointState``,
-``nav_msgs/Odometry``, ``geometry_msgs/TransformStamped``, ``geometry_msgs/Twist``,
-``std_msgs/Float64MultiArray`` and ``trajectory_msgs/JointTrajectory``.
+``nav_msgs/Odometry``, ``geometry_msgs/TransformStamped``, ``geometry_msgs/TwistStamped``,
+``std_msgs/Float64MultiArray``, ``ackermann_msgs/AckermannDriveStamped`` and
+``trajectory_msgs/JointTrajectory``.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.controller import Controller, ControllerOutput
+from rpctl.control.controller import ControllerOutput
+from rpctl.control.group_commands import GroupCommand
+from rpctl.control.output_groups import BASE, POSITION, RATES, STEERING, TWIST, WHEELS
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
 
 SECOND = 1_000_000_000  # ns
 MAX_AGE = 0.1  # s: older readings make a bad sample
-COMMANDS = {  # kinds of messages, and their topics
-    "std_msgs/Float64MultiArray": "~/efforts",
-    "geometry_msgs/Twist": "~/cmd_vel",
-    "trajectory_msgs/JointTrajectory": "~/joint_trajectory",
+NUMBERS = "std_msgs/Float64MultiArray"
+COMMANDS = {  # by what a group is sent: the kind of message, and its topic
+    "effort": (NUMBERS, "~/efforts"),
+    RATES: (NUMBERS, "~/speeds"),
+    WHEELS: (NUMBERS, "~/wheel_speeds"),
+    TWIST: ("geometry_msgs/TwistStamped", "~/cmd_vel"),
+    STEERING: ("ackermann_msgs/AckermannDriveStamped", "~/ackermann_cmd"),
+    POSITION: ("trajectory_msgs/JointTrajectory", "~/joint_trajectory"),
 }
 POINT = "trajectory_msgs/JointTrajectoryPoint"
 
@@ -44,19 +50,20 @@ class Readings:
 
     Attributes:
         refused: How many readings were not used, by reason.
-        q: The last good configuration (nq,); None before.
 
     Args:
         robot: The robot.
-        frame: In which poses are given, and the reference.
+        frame: In which the reference is, and poses are given; or those of the frame that odometry
+            is in, as a map in which a localisation moves odom.
         base_frame: The frame that is located; None: the root link.
     """
 
     def __init__(self, robot: Robot, frame: str = "odom", base_frame: str | None = None) -> None:
         self.robot, self.refused = robot, Counter[str]()
-        self.q: Array | None = None
         self._dynamics = ReducedDynamics(robot)
-        self._base = _pose_in(frame, base_frame or robot.description.root)
+        self._frame, self._base_frame = frame, base_frame or robot.description.root
+        self._carrier, self._base = frame, _pose_in(frame, self._base_frame)
+        self._poses = {self._base}
         swivels = (*robot.drive.steered, *robot.drive.powered_casters)
         self._needed = {self._base, *robot.joint_names, *(swivel.joint for swivel in swivels)}
         self._known: dict[str, Reading] = {}
@@ -87,13 +94,28 @@ class Readings:
     def _take_pose(self, message: Any, at: Any, turned: Any, twist: Array) -> None:
         x, y, z, w = turned.x, turned.y, turned.z, turned.w
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        name = _pose_in(message.header.frame_id, message.child_frame_id)
+        frame, child = message.header.frame_id, message.child_frame_id
+        name = _pose_in(frame, child)
+        before = self._known.get(name)
+        if before is not None and np.isfinite(before.rate).all() and np.isnan(twist).all():
+            return  # a transform says less than the odometry that it is from
+        if child == self._base_frame:
+            self._carrier = frame
+        if child == self._base_frame or frame == self._frame:
+            self._poses.add(name)
         self._take(name, message, np.array([at.x, at.y, yaw]), twist)
+        below = self._known.get(_pose_in(self._carrier, self._base_frame))
+        above = self._known.get(_pose_in(self._frame, self._carrier))
+        if below is not None and above is not None:
+            (x, y, yaw), (px, py, own) = above.at, below.at
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            place = np.array([x + cos * px - sin * py, y + sin * px + cos * py, yaw + own])
+            self._known[self._base] = Reading(below.stamp, place, below.rate)
 
     def _take(self, name: str, message: Any, at: Any, rate: Any) -> None:
         stamp = int(message.header.stamp.sec) * SECOND + int(message.header.stamp.nanosec)
         before, entry = self._known.get(name), self.robot.entries.get(name)
-        if entry is None and name != self._base:
+        if entry is None and name not in self._poses:
             self.refused[f"{name}: not asked for"] += 1
         elif not np.isfinite(at).all() or (before is not None and stamp <= before.stamp):
             self.refused[f"{name}: not finite, or no newer than before"] += 1
@@ -120,7 +142,7 @@ class Readings:
             return None
         self._origin = now if self._origin is None else self._origin
         t, robot, place = (now - self._origin) / SECOND, self.robot, self._known[self._base]
-        joints = {name: each.at for name, each in self._known.items() if name != self._base}
+        joints = {name: each.at for name, each in self._known.items() if name not in self._poses}
         x, y, theta = place.at
         q, way = robot.configuration(x, y, theta, joints), np.zeros(robot.nv)
         if now - min(self._known[name].stamp for name in self._needed) <= MAX_AGE * SECOND:
@@ -128,8 +150,7 @@ class Readings:
                 nu = self._speeds(S := self._dynamics.basis(q), place.rate)
                 moves = S[:BASE_NV] @ np.nan_to_num(nu)
                 way[:BASE_NV] = moves * max(now - place.stamp, 0) / SECOND
-                self.q = self._dynamics.integrate(q, way)
-                return t, self.q, nu
+                return t, self._dynamics.integrate(q, way), nu
         return t, np.full(robot.nq, math.nan), np.full(robot.dof, math.nan)
 
     def _speeds(self, S: Array, twist: Array) -> Array:
@@ -162,31 +183,50 @@ def _pose_in(frame: str, base_frame: str) -> str:
     return f"the pose of {base_frame} in {frame}"
 
 
-def fill(
-    empty: Mapping[str, Any], controller: Controller, sent: ControllerOutput, q: Array | None
-) -> tuple[str, ...]:
-    """Put commands into messages, and return the kinds of those that are to be published.
+def commands_of(sent: ControllerOutput) -> dict[str, GroupCommand]:
+    """Return what is sent by group; efforts and speeds without groups are one, "" by name."""
+    numbers = dict(enumerate((sent.efforts if sent.efforts.size else sent.speeds).tolist()))
+    kind = "effort" if sent.efforts.size else RATES
+    whole = {"": GroupCommand(kind, {str(k): x for k, x in numbers.items()}, {}, {})}
+    return dict(sent.commands) or whole
 
-    Efforts stand in the order of the robot's actuators. Speeds become the twist of the root link,
-    and positions and rates of the arm a period on.
+
+def topic(pattern: str, kind: str) -> str:
+    """Return where a group is published: with its name, but for the base and a whole arm.
 
     Args:
-        empty: A message of each kind of ``COMMANDS``, and a ``POINT``.
-        controller: The controller.
-        sent: What it sends.
-        q: Configuration (nq,) that was measured last; None before.
+        pattern: The group's.
+        kind: What it is sent.
     """
-    efforts, twist, trajectory = COMMANDS
-    if sent.efforts.size or q is None:
-        empty[efforts].data = sent.efforts.tolist()
-        return (efforts,) if sent.efforts.size else ()
-    robot, base, arm = controller.robot, empty[twist], empty[trajectory]
-    speeds = ReducedDynamics(robot).basis(q)[:BASE_NV] @ sent.speeds
-    base.linear.x, base.linear.y, base.angular.z = speeds.tolist()
-    point, rates = empty[POINT], sent.speeds[len(robot.drive.base_speeds) :]
-    point.positions = (robot.joint_positions(q) + controller.period * rates).tolist()
-    point.velocities = rates.tolist()
-    span = divmod(round(controller.period * SECOND), SECOND)
-    point.time_from_start.sec, point.time_from_start.nanosec = span
-    arm.joint_names, arm.points = list(robot.joint_names), [point]
-    return twist, trajectory
+    own = "".join(c for c in pattern if c.isalnum() or c == "_")
+    return COMMANDS[kind][1] if own in ("", BASE) else f"{COMMANDS[kind][1]}/{own}"
+
+
+def fill(message: Any, point: Any, command: GroupCommand, period: float) -> None:
+    """Put what a group is sent into an empty message of its kind.
+
+    Numbers are efforts in the order of the robot's actuators, speeds in that of its
+    quasi-velocities, or rates of driven wheels, and then angles of what steers.
+
+    Args:
+        point: An empty ``POINT``, for a trajectory.
+        period: Time until a position is to be reached, s.
+    """
+    kind, speeds, positions, accelerations = command
+    if kind == TWIST:
+        linear, turning = message.twist.linear, message.twist.angular
+        linear.x, linear.y = speeds.get("v", speeds.get("vx")), speeds.get("vy", 0.0)
+        turning.z = speeds["omega"]
+    elif kind == STEERING:
+        drive = message.drive
+        drive.speed, drive.acceleration = speeds["v"], accelerations["v"]
+        drive.steering_angle = positions[STEERING]
+        drive.steering_angle_velocity = abs(speeds[STEERING])
+    elif kind == POSITION:
+        message.joint_names, message.points = list(positions), [point]
+        rows = (list(each.values()) for each in (positions, speeds, accelerations))
+        point.positions, point.velocities, point.accelerations = rows
+        span = divmod(round(period * SECOND), SECOND)
+        point.time_from_start.sec, point.time_from_start.nanosec = span
+    else:
+        message.data = [*speeds.values(), *positions.values()]

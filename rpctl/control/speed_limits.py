@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
+from rpctl.control.jerk_limits import JerkLimits
 from rpctl.control.joint_limits import APPROACH_TIME
 from rpctl.control.law import Limit
 from rpctl.dynamics.motion import NO_LAG
@@ -42,6 +43,7 @@ class SpeedSample(NamedTuple):
     q: Any  # (nq, 1)
     nu: Any  # (dof, 1)
     model_nu: Any  # (dof, 1): what the commands so far have led to, by the model
+    model_nu_dot: Any  # (dof, 1): its mean rate since the last sample
 
 
 class _Found(NamedTuple):
@@ -69,6 +71,9 @@ class SpeedLimits:
       the base, with an arm that does not accelerate; then the arm, beside this base. What already
       takes more without acceleration is left out.
 
+    - Jerks, where any are bounded; see :class:`~rpctl.control.jerk_limits.JerkLimits`. A joint that
+      is kept off its stop knows none.
+
     Speeds are limited last once more, so they hold whatever the robot does.
 
     Args:
@@ -76,12 +81,14 @@ class SpeedLimits:
         late: How late the quasi-velocities follow.
         accelerations: Largest |ν̇| by name of the quasi-velocity, m/s² or rad/s².
         effort_ratio: Fraction of the effort limits that accelerations may take.
+        speeds: Largest |ν| by name of the quasi-velocity, m/s or rad/s, besides the URDF's.
+        jerks: Largest rate of ν̇ likewise, m/s³ or rad/s³.
 
     Attributes:
         labels: The limits, in the order of the flags of what binds.
 
     Raises:
-        UnknownNameError: An acceleration is of no quasi-velocity of the robot.
+        UnknownNameError: A bound is of no quasi-velocity of the robot.
     """
 
     def __init__(
@@ -91,13 +98,19 @@ class SpeedLimits:
         late: Lateness,
         accelerations: Mapping[str, float],
         effort_ratio: float,
+        speeds: Mapping[str, float],
+        jerks: Mapping[str, float],
     ) -> None:
-        require_known("quasi-velocity", accelerations, robot.quasi_velocities)
+        names = robot.quasi_velocities
+        require_known("quasi-velocity", [*accelerations, *speeds, *jerks], names)
         self._robot, self._base = robot, len(robot.drive.base_speeds)
         joint = robot.description.joint
         fast = [name for name in robot.moving_joint_names if np.isfinite(joint[name].velocity)]
         self._rows = [robot.velocity_index(name) for name in fast]
         self._fastest = [(1.0 - SPEED_MARGIN) * joint[name].velocity for name in fast]
+        slow = [name for name in names if name in speeds]
+        self._fastest += [(1.0 - SPEED_MARGIN) * speeds[name] for name in slow]
+        self._own_rows = np.eye(robot.dof)[[names.index(name) for name in slow]]
         # Joints whose own rate is a quasi-velocity, the last ones of ν: steered ones and the arm's.
         own = [swivel.joint for swivel in robot.drive.steered] + list(robot.joint_names)
         first = robot.dof - len(own)
@@ -108,26 +121,38 @@ class SpeedLimits:
         ]
         self._time = max(APPROACH_TIME, APPROACH_PERIODS * period)
         self._lag, self._share = late
-        most = [accelerations.get(name, np.inf) for name in robot.quasi_velocities]
+        most = [accelerations.get(name, np.inf) for name in names]
+        bounds = (np.array([of.get(name, np.inf) for name in names]) for of in (jerks, speeds))
+        self._jerks = JerkLimits(period, self._share, *bounds)
         self._most = np.concatenate([effort_ratio * robot.effort_limits, most])
         self._wheels = len(robot.actuators) - len(robot.joint_names)  # actuators of the base
-        kinds = {"lower": own, "upper": own, "velocity": fast, "effort": robot.actuators}
-        kinds["acceleration"] = robot.quasi_velocities
+        kinds: dict[str, Sequence[str]] = {
+            "lower": own,
+            "upper": own,
+            "velocity": fast,
+            "speed": slow,
+        }
+        kinds |= {"effort": robot.actuators, "acceleration": names}
+        kinds["jerk"] = [name for name in names if name in jerks]
         self.labels = tuple(Limit(name, kind) for kind, names in kinds.items() for name in names)
 
-    def __call__(self, dynamics: SymbolicDynamics, wanted: Any, at: SpeedSample) -> tuple[Any, Any]:
+    def __call__(
+        self, dynamics: SymbolicDynamics, wanted: Any, at: SpeedSample, rate: Any
+    ) -> tuple[Any, Any]:
         """Return the speeds to send (dof, 1), and 1 of each limit of ``labels`` that binds.
 
         Args:
             wanted: Speeds without limits (dof, 1).
+            rate: Of those (dof, 1).
         """
-        rows = dynamics.basis(at.q)[self._rows, :]
+        rows = math.vertcat(dynamics.basis(at.q)[self._rows, :], math.DM(self._own_rows))
         kept = self._within_positions(wanted, at)
         slow = self._within_speeds(rows, kept.nu)
         soft = self._within_accelerations(dynamics, slow.nu, at)
-        last = self._within_speeds(rows, soft.nu)
+        calm = self._within_jerks(soft.nu, _Found(slow.nu - wanted, kept.binding), at, rate)
+        last = self._within_speeds(rows, calm.nu)
         fast = [math.logic_or(*pair) for pair in _pairs(slow.binding, last.binding)]
-        return last.nu, math.vertcat(kept.binding, *fast, soft.binding, math.SX(0, 1))
+        return last.nu, math.vertcat(kept.binding, *fast, soft.binding, calm.binding)
 
     def _within_positions(self, wanted: Any, at: SpeedSample) -> _Found:
         """Return speeds that take no joint beyond its position limits."""
@@ -195,6 +220,26 @@ class SpeedLimits:
         shares = math.vertcat(*[share] * base, *[rest] * (self._robot.dof - base))
         binding = [math.logic_or(*pair) for pair in _pairs(first, second)]
         return _Found(wanted - (1.0 - shares) * gap, math.vertcat(*binding))
+
+    def _within_jerks(self, wanted: Any, cut: _Found, at: SpeedSample, rate: Any) -> _Found:
+        """Return speeds that change the accelerations no faster than is bounded.
+
+        Args:
+            wanted: Speeds within all other limits (dof, 1).
+            cut: What positions and speeds took off, and which positions bind.
+            rate: Of what is wanted without limits (dof, 1); none is known of what is limited.
+        """
+        if not np.isfinite(self._jerks.jerks).any():
+            return _Found(wanted, math.SX(0, 1))
+        share, free = math.DM(self._share), math.fabs(cut.nu) <= SPEED_MARGIN
+        nu_dot = (wanted - at.model_nu) * share
+        toward = math.if_else(free, rate, 0.0)
+        nu_dot, binding = self._jerks(nu_dot, toward, (at.model_nu, at.model_nu_dot))
+        speeds = math.vertsplit(at.model_nu + nu_dot / share)
+        for j, (k, *_) in enumerate(self._own):
+            held = math.logic_or(cut.binding[j], cut.binding[j + len(self._own)])
+            speeds[k] = math.if_else(held, wanted[k], speeds[k])
+        return _Found(math.vertcat(*speeds), math.vertcat(*binding))
 
     def _fraction(self, start: Any, change: Any, which: list[int]) -> tuple[Any, Any]:
         """Return the largest fraction, at most 1, of accelerations that the limits allow.

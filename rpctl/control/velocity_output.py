@@ -15,6 +15,19 @@ from rpctl.arrays import Array
 from rpctl.control.fragment import LawFragment, LawFrame
 from rpctl.control.lag_estimate import LagEstimate
 from rpctl.control.law import Command, Rest, Speeds
+from rpctl.control.output_groups import (
+    BASE,
+    DEAD_TIME,
+    GROUP_KINDS,
+    LAG,
+    MAX_DEAD_TIME,
+    POSITION,
+    RATES,
+    REST,
+    OutputGroup,
+    as_groups,
+    by_quasi_velocity,
+)
 from rpctl.control.sampling import MeasuredSample
 from rpctl.control.speed_limits import Lateness, SpeedLimits, SpeedSample
 from rpctl.dynamics.motion import NO_LAG, follow, joined, travel
@@ -27,6 +40,7 @@ from rpctl.errors import (
     require_known,
 )
 from rpctl.files.records import POSITIVE, Range, Record, Setting
+from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -34,10 +48,6 @@ if TYPE_CHECKING:
 
 OUTPUTS = ("effort", "velocity")
 LONGEST_STEP = 0.02  # s, of the predicted motion
-MAX_DEAD_TIME = 2.0  # s: no motion can be foretold for longer
-MAX_LAG = 10.0  # s
-LAG = Range(0.0, MAX_LAG, f"a time in s, from 0 to {MAX_LAG:g}")
-DEAD_TIME = Range(0.0, MAX_DEAD_TIME, f"a time in s, from 0 to {MAX_DEAD_TIME:g}")
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 STOPPING_TIME = 0.3  # s: time constant with which a controlled stop ends the motion
 
@@ -57,9 +67,12 @@ class VelocityOutput(Record):
       is followed as by a robot that takes ν_d at once;
     - :class:`~rpctl.control.speed_limits.SpeedLimits` bounds c.
 
+    Where dead times differ, base and arm are each predicted over their own, and follow what the
+    reference is then. ``groups`` say in what form the speeds are sent.
+
     T and T_d are what was told until measured speeds contradict it, then what these say, see
-    :class:`~rpctl.control.lag_estimate.LagEstimate`. Until then a wrong T leaves a loop that is
-    only less exact, as the measured ν enters the prediction.
+    :class:`~rpctl.control.lag_estimate.LagEstimate`; where told dead times differ, they stay. Until
+    then a wrong T leaves a loop that is only less exact, as the measured ν enters the prediction.
     """
 
     lag: Annotated[
@@ -89,6 +102,39 @@ class VelocityOutput(Record):
         Range(SMALLEST, 1.0, "more than 0, at most 1"),
         Setting("", "", "Fraction of the effort limits that accelerations may take."),
     ] = 0.95
+    dead_times: Annotated[
+        Mapping[str, float],
+        DEAD_TIME,
+        Setting("s", "", "Dead time by name of the quasi-velocity, where it differs."),
+    ] = field(default_factory=dict)
+    speeds: Annotated[
+        Mapping[str, float],
+        POSITIVE,
+        Setting("m/s or rad/s", "", "Largest speeds by name of the quasi-velocity."),
+    ] = field(default_factory=dict)
+    jerks: Annotated[
+        Mapping[str, float],
+        POSITIVE,
+        Setting("m/s³ or rad/s³", "", "Largest jerks by name of the quasi-velocity."),
+    ] = field(default_factory=dict)
+    groups: Annotated[
+        Mapping[str, OutputGroup],
+        Setting(
+            "", "", 'What the robot takes, by "base" and by pattern of joints; its speeds if none.'
+        ),
+    ] = field(default_factory=dict)
+
+    def on(self, robot: Robot) -> VelocityOutput:
+        """Return the same with what its groups say, by name of the quasi-velocity.
+
+        Raises:
+            RpctlError: A group does not fit the robot.
+        """
+        if not self.groups:
+            return self
+        said = by_quasi_velocity(self.groups, robot).items()
+        found: dict[str, Any] = {name: {**getattr(self, name), **of} for name, of in said}
+        return replace(self, **found)
 
     def start(
         self,
@@ -127,7 +173,7 @@ class VelocityOutput(Record):
 
     def structure(self, robot: Robot) -> object:
         """Return what of the settings is compiled in on a robot: all but lags and dead time."""
-        return replace(self, lag=0.0, dead_time=0.0, lags={})
+        return replace(self, lag=0.0, dead_time=0.0, lags={}, dead_times={}, groups={})
 
     def statements(self, frame: LawFrame) -> LawFragment:
         """Return the statements that make speeds of the frame's command.
@@ -136,11 +182,13 @@ class VelocityOutput(Record):
             UnknownNameError: An acceleration is of no quasi-velocity of the robot.
         """
         robot, period, sample, late = frame.known.robot, frame.period, frame.sample, frame.s
-        within = SpeedLimits(robot, period, Lateness(**late), self.accelerations, self.effort_ratio)
+        bounds = self.accelerations, self.effort_ratio, self.speeds, self.jerks
+        within = SpeedLimits(robot, period, Lateness(**late), *bounds)
         wanted = sample.nu_d + (late["lag"] + 0.5 * period) * sample.nu_d_dot
-        at = SpeedSample(sample.q, sample.nu, frame.model_nu[1])
-        nu, binding = within(frame.known, wanted, at)
-        return frame.answered("law_speeds", nu, within.labels, binding, [frame.model_nu])
+        model = frame.model_nu, frame.model_nu_dot
+        at = SpeedSample(sample.q, sample.nu, *(symbols for _, symbols in model))
+        nu, binding = within(frame.known, wanted, at, sample.nu_d_dot)
+        return frame.answered("law_speeds", nu, within.labels, binding, model)
 
     def lag_of(self, quasi_velocities: tuple[str, ...]) -> Array:
         """Return T (dof,) of quasi-velocities by their names, s.
@@ -149,6 +197,14 @@ class VelocityOutput(Record):
             UnknownNameError: A lag is of none of them.
         """
         return lags_by_name(quasi_velocities, self.lag, self.lags)
+
+    def dead_times_of(self, quasi_velocities: tuple[str, ...]) -> Array:
+        """Return T_d (dof,) of quasi-velocities by their names, s.
+
+        Raises:
+            UnknownNameError: A dead time is of none of them.
+        """
+        return lags_by_name(quasi_velocities, self.dead_time, self.dead_times)
 
 
 def lags_by_name(names: tuple[str, ...], lag: float, lags: Mapping[str, float]) -> Array:
@@ -165,20 +221,56 @@ def lags_by_name(names: tuple[str, ...], lag: float, lags: Mapping[str, float]) 
     return np.array([lags.get(name, lag) for name in names])
 
 
-def as_output(output: str | VelocityOutput) -> VelocityOutput | None:
+def as_output(
+    output: str | Mapping[str, str | OutputGroup] | VelocityOutput,
+) -> VelocityOutput | None:
     """Return what makes speeds of a command, or None where efforts are wanted.
 
     Args:
-        output: ``"effort"``, ``"velocity"``, or settings of the latter.
+        output: ``"effort"``, ``"velocity"``, another kind of :class:`OutputGroup` for the base
+            beside the arm's rates (or ``"position"`` for an arm alone), a mapping of ``"base"`` and
+            of patterns of joints to such kinds or groups, or settings.
 
     Raises:
         UnknownNameError: It is none of them.
     """
     if isinstance(output, VelocityOutput):
         return output
-    if output not in OUTPUTS:
-        raise UnknownNameError("output", output, OUTPUTS)
-    return VelocityOutput() if output == "velocity" else None
+    if isinstance(output, Mapping):
+        return VelocityOutput(groups=as_groups(output))
+    if output not in (*OUTPUTS, *GROUP_KINDS):
+        raise UnknownNameError("output", output, dict.fromkeys((*OUTPUTS, *GROUP_KINDS)))
+    if output in OUTPUTS:
+        return None if output == "effort" else VelocityOutput()
+    return as_output({REST: output} if output == POSITION else {BASE: output, REST: RATES})
+
+
+def same_kinds(one: VelocityOutput, other: VelocityOutput) -> bool:
+    """Return whether two outputs are sent in the same form."""
+    a, b = ({name: g.kind for name, g in each.groups.items()} for each in (one, other))
+    return a == b
+
+
+@dataclass(frozen=True, eq=False)
+class Staggered:
+    """What a robot follows whose arm obeys sooner or later than its base.
+
+    Attributes:
+        reference: What it follows at one time.
+        shifts: How much later each joint is read (n_joints,), s.
+    """
+
+    reference: Reference
+    shifts: Array
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the state of the base at a time (s), and of the joints at their own."""
+        found = self.reference(t)
+        joints = np.array(found[3:6])
+        for shift in {*self.shifts.tolist()} - {0.0}:
+            own, later = self.shifts == shift, self.reference(max(t + shift, 0.0))
+            joints = np.where(own, later[3:6], joints)
+        return ReferenceState(*found[:3], joints[0], joints[1], joints[2], found.direction)
 
 
 class VelocityController:
@@ -198,35 +290,74 @@ class VelocityController:
     ) -> None:
         robot, self._period, self._running = dynamics.robot, period, running
         self._dynamics, self._names = dynamics, robot.quasi_velocities
-        self._late = LagEstimate(output.lag_of(self._names), output.dead_time, period)
+        self._dead_times = output.dead_times_of(self._names)
+        self._staggered: Staggered | None = None
+        lag, self._learns = output.lag_of(self._names), not np.ptp(self._dead_times)
+        self._late = LagEstimate(lag, float(self._dead_times[0]), period)
         self._own = running.settings[-2 * robot.dof :]  # the last numbers are the output's
         # Commands, and when they were sent; the first acts already.
         self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
         # What the commands so far have led to by the time the next one acts, and when it is sent.
         self._model_nu, self._model_time = np.zeros(robot.dof), numbers.nan
+        self._model_nu_dot = np.zeros(robot.dof)
+
+    def followed(self, reference: Reference) -> Reference:
+        """Return a reference with its joints after their own dead times, where these differ."""
+        known, joints = self._staggered, len(self._dynamics.robot.joints)
+        if np.ptp(self._dead_times) and (known is None or known.reference is not reference):
+            shifts = self._dead_times[len(self._dead_times) - joints :] - self._dead_times[0]
+            known = self._staggered = Staggered(reference, shifts)
+        return known or reference
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
-        """Return the time at which the next command acts, and the state then.
+        """Return the time at which the base's next command acts, and the state then.
 
-        Where the steered wheels fix no one motion on the way, the prediction of q ends.
+        Each joint of the arm is as it will be when its own acts. Where the steered wheels fix no
+        one motion on the way, the prediction of q ends.
         """
+        if self._learns:
+            self._learn(t, nu)
+        self._follow(t, nu)
+        sent, latest = self._sent, float(self._dead_times.max(initial=0.0))
+        while len(sent) > 1 and sent[1][0] + latest <= t + TIME_ROUNDING:
+            sent.popleft()
+        parts = {
+            dead: self._ahead(t, q, nu, dead) for dead in dict.fromkeys(self._dead_times.tolist())
+        }
+        at, *later = parts.values()
+        if later:
+            robot, at = self._dynamics.robot, MeasuredSample(at.t, at.q.copy(), at.nu.copy())
+            for name in robot.joint_names:
+                k, entry = robot.quasi_velocities.index(name), robot.entries[name]
+                _, own_q, own_nu = parts[float(self._dead_times[k])]
+                at.nu[k] = own_nu[k]
+                entry.write(at.q, entry.read(own_q))
+        return at
+
+    def _learn(self, t: float, nu: Array) -> None:
+        """Take note of measured speeds (dof,) at a time (s), and of how late they are."""
         known = self._late.lag
         self._late.measured(t, nu)
         if self._late.lag is not known:
             self._own[:] = np.ravel(Lateness.of(self._late.lag, self._period))
-        self._follow(t, nu)
-        sent, late = self._sent, self._late.dead_time
-        while len(sent) > 1 and sent[1][0] + late <= t + TIME_ROUNDING:
-            sent.popleft()
-        if late <= TIME_ROUNDING:
+            self._dead_times[:] = self._late.dead_time
+
+    def _ahead(self, t: float, q: Array, nu: Array, dead_time: float) -> MeasuredSample:
+        """Return the state a dead time (s) after a sample, of what has that one."""
+        if dead_time <= TIME_ROUNDING:
             return MeasuredSample(t, q, nu)
-        end, times = t + late, [start + late for start, _ in list(sent)[1:]]
-        starts = [t, *(start for start in times if start < end - TIME_ROUNDING)]
+        end, sent = t + dead_time, list(self._sent)
+        while len(sent) > 1 and sent[1][0] + dead_time <= t + TIME_ROUNDING:
+            del sent[0]
+        acting = [start + dead_time for start, _ in sent[1:]]
+        starts = [t, *(start for start in acting if start < end - TIME_ROUNDING)]
         durations = np.diff([*starts, end])
-        commands = np.array([command for _, command in list(sent)[: len(starts)]])
+        commands = np.array([command for _, command in sent[: len(starts)]])
         nu, stretches = follow(nu, commands, durations, self._late.lag)
         with suppress(SingularBasisError):
-            for stretch in joined(stretches, LONGEST_STEP):
+            # Of joints alone the mean rate is enough.
+            longest = LONGEST_STEP if dead_time == self._dead_times[0] else MAX_DEAD_TIME
+            for stretch in joined(stretches, longest):
                 q = travel(self._dynamics, q, stretch)
         return MeasuredSample(end, q, nu)
 
@@ -280,5 +411,7 @@ class VelocityController:
             command, passed = self._sent[-1][1], t - self._model_time
             lag = np.maximum(self._late.lag, NO_LAG)
             left = np.exp(-passed / lag)  # of the way to the command, as in `follow`
+            self._model_nu_dot = (1.0 - left) * (command - self._model_nu) / passed
             self._model_nu = command + (self._model_nu - command) * left
         self._model_time, self._running.model_nu[:] = t, self._model_nu
+        self._running.model_nu_dot[:] = self._model_nu_dot

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -248,6 +249,7 @@ class Robot:
         twist: Sequence[float] = (),
         joints: Mapping[str, float] | None = None,
         rates: Mapping[str, float] | None = None,
+        twist_frame: str = "body",
     ) -> tuple[Array, Array]:
         """Return q (nq,) and ν (dof,) of a state that is given by names; :meth:`state_of` inverts.
 
@@ -255,11 +257,15 @@ class Robot:
         measures, and estimates. No missing rate is taken for rest.
 
         Args:
-            pose: Of the root link: x, y (m) and heading (rad).
+            pose: Of the root link: x, y (m) and heading (rad), in the frame of the reference, as a
+                map or odom; a localisation may let it jump.
             twist: The base's quasi-velocities in the order of ``drive.base_speeds``, m/s and
-                rad/s; NaN where it is left out.
+                rad/s; NaN where it is left out. They are P's in the base's own axes, whatever the
+                pose's frame: odometry's twist as it comes.
             joints: Positions by joint name, as of :meth:`configuration`; rad or m.
             rates: Rates of the arm's joints by name, rad/s or m/s; NaN for those left out.
+            twist_frame: ``"body"``, or ``"world"`` where the twist begins with P's velocity along
+                the axes of the pose's frame, (v_x, v_y), and goes on as that of the body.
 
         Raises:
             RpctlError: There are too few or too many numbers, or a position is not finite or a
@@ -269,11 +275,18 @@ class Robot:
         speeds, rates = self.drive.base_speeds, rates or {}
         if len(pose) != 3:
             raise RpctlError(f"the pose {tuple(pose)} has to be x, y in m and a heading in rad")
-        if len(twist) not in (0, len(speeds)):
+        given = len(speeds) + (twist_frame == "world" and "vy" not in speeds)
+        if len(twist) not in (0, given):
             raise RpctlError(
                 f"the twist {tuple(twist)} has to be {', '.join(speeds) or 'empty'} of {self.name}"
             )
         require_known("joint of the arm", rates, self.joint_names)
+        frames = ("body", "world")[: 1 + (self.drive.type != "steered")]
+        require_known(f"twist_frame of {self.drive.type} bases", [twist_frame], frames)
+        if twist_frame == "world" and twist:
+            turned = complex(*twist[:2]) * cmath.rect(1.0, -(pose[2] + self.drive.heading))
+            ahead = (turned.real, turned.imag) if "vy" in speeds else (turned.real,)
+            twist = (*ahead, *twist[2:])
         base = tuple(twist) or (math.nan,) * len(speeds)
         nu = np.array([*base, *(rates.get(name, math.nan) for name in self.joint_names)])
         x, y, theta = pose

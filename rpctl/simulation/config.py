@@ -24,7 +24,7 @@ from rpctl.control.registry import (
     read_own_laws,
 )
 from rpctl.control.safeguards import Guards
-from rpctl.control.velocity_output import DEAD_TIME, VelocityOutput, as_output
+from rpctl.control.velocity_output import DEAD_TIME, VelocityOutput, as_output, same_kinds
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
 from rpctl.files import toml
@@ -304,16 +304,16 @@ class Config:
         """Return a configuration with this output.
 
         Args:
-            output: ``"effort"`` or ``"velocity"``, whose settings stay if it is that already; None
-                leaves it as it is.
+            output: ``"effort"``, ``"velocity"``, another kind, or ``"base=twist,arm_*=position"``
+                by groups; what it is already keeps its settings, and None leaves it as it is.
             lag: Of its speeds, s; None leaves it as it is.
             dead_time: Of its speeds, s; None leaves it as it is.
 
         Raises:
             RpctlError: There is no such output, or efforts have no lag and dead time.
         """
-        known = self.output if output is None else as_output(output)
-        if known is not None and self.output is not None:
+        known = self.output if output is None else as_output(read_groups(output))
+        if known is not None and self.output is not None and same_kinds(known, self.output):
             known = self.output
         given = {"lag": lag, "dead_time": dead_time}
         changes: dict[str, Any] = {key: x for key, x in given.items() if x is not None}
@@ -337,6 +337,20 @@ class Config:
         """Return a configuration with these settings of ``run``; those that are None stay."""
         given = {key: value for key, value in settings.items() if value is not None}
         return dataclasses.replace(self, run=dataclasses.replace(self.run, **given))
+
+
+def read_groups(output: str) -> str | dict[str, str]:
+    """Return the kinds of ``PATTERN=KIND,...`` by pattern; one kind alone is itself.
+
+    Raises:
+        RpctlError: A group has no kind.
+    """
+    if "=" not in output:
+        return output
+    pairs = [word.strip().rpartition("=") for word in output.split(",")]
+    if not all(pattern and kind for pattern, _, kind in pairs):
+        raise RpctlError(f"--output {output}: write base=twist,arm_*=position, each with its kind")
+    return {pattern: kind for pattern, _, kind in pairs}
 
 
 LAW_CHOICES = {"kinematic": KINEMATIC_CHOICE, "dynamic": DYNAMIC_CHOICE}

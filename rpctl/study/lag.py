@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from rpctl.arrays import Array, read_only
-from rpctl.control.velocity_output import MAX_LAG, VelocityOutput
+from rpctl.control.output_groups import MAX_LAG
+from rpctl.control.velocity_output import VelocityOutput
 from rpctl.errors import RpctlError, require_known, require_positive
 from rpctl.reference.recorded.table_file import (
     read_rows,

@@ -12,27 +12,25 @@ from typer.testing import CliRunner
 
 from rpctl import Controller, VelocityOutput
 from rpctl.cli.app import app
-from tests.control.test_ros_messages import ARM, MS, WHEELS, joint_state, odometry, transforms
+from tests.control.test_ros_messages import (
+    ARM,
+    MS,
+    WHEELS,
+    Message,
+    joint_state,
+    odometry,
+    transforms,
+)
 
 MESSAGES = {
     "std_msgs": ("Float64MultiArray",),
-    "geometry_msgs": ("Twist",),
+    "geometry_msgs": ("TwistStamped",),
     "sensor_msgs": ("JointState",),
     "nav_msgs": ("Odometry",),
     "tf2_msgs": ("TFMessage",),
+    "ackermann_msgs": ("AckermannDriveStamped",),
     "trajectory_msgs": ("JointTrajectory", "JointTrajectoryPoint"),
 }
-
-
-class Message(SimpleNamespace):
-    """A message whose fields are made as they are written to."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        made = Message()
-        setattr(self, name, made)
-        return made
 
 
 class Ros(ModuleType):
@@ -57,7 +55,9 @@ class Ros(ModuleType):
         def timer(period: float, step: Callable[[], None]) -> None:
             self.period, self.step = period, step
 
-        now = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now))
+        now = SimpleNamespace(
+            now=lambda: SimpleNamespace(nanoseconds=self.now, to_msg=lambda: self.now)
+        )
         logger = SimpleNamespace(warning=lambda text, throttle_duration_sec: self.said.append(text))
         return SimpleNamespace(
             create_publisher=publisher,
@@ -143,9 +143,9 @@ def test_speeds_go_out_as_twist_and_trajectory_and_stop_when_readings_do(
 
     ros = Ros(life)
     installed(ros)
-    words = ["--reference", "line", "--output", "velocity", "--odometry", "tf"]
+    words = ["--reference", "line", "--output", "base=twist,*=position", "--odometry", "tf"]
     assert CliRunner().invoke(app, ["node", "paper", *words]).exit_code == 130
-    twists = [message.linear.x for topic, message in ros.published if topic == "~/cmd_vel"]
+    twists = [message.twist.linear.x for topic, message in ros.published if topic == "~/cmd_vel"]
     names = {tuple(m.joint_names) for topic, m in ros.published if topic == "~/joint_trajectory"}
     assert names == {ARM}
     assert twists[99] > 0.01

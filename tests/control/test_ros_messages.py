@@ -12,7 +12,7 @@ import pytest
 
 import rpctl
 from rpctl import Controller, ReducedDynamics, Robot
-from rpctl.control.ros_messages import COMMANDS, POINT, Readings, fill
+from rpctl.control.ros_messages import Readings, commands_of, fill, topic
 
 WHEELS = "wheel_left_joint", "wheel_right_joint"
 ARM = "arm_revolute_joint", "arm_prismatic_joint"
@@ -112,7 +112,6 @@ def test_rates_that_are_not_told_are_unknown_but_wheels_are_differences(paper: R
     assert second is not None
     assert second[0] == 0.01
     np.testing.assert_allclose(second[2], [20 * 0.15, 0, math.nan, math.nan], atol=1e-9)
-    assert readings.q is second[1]
 
 
 def test_the_bases_twist_stands_in_for_wheels_that_tell_nothing(paper: Robot) -> None:
@@ -160,7 +159,6 @@ def test_old_readings_make_a_bad_sample(paper: Robot) -> None:
     assert bad is not None
     assert np.isfinite(good[1]).all()
     assert np.isnan(bad[1]).all()
-    assert readings.q is good[1]
 
 
 def test_readings_out_of_order_or_not_finite_change_nothing(paper: Robot) -> None:
@@ -194,34 +192,84 @@ def test_steered_wheels_are_needed_and_their_rates_are_quasi_velocities() -> Non
     np.testing.assert_allclose(found[2], nu, atol=1e-12)
 
 
-def empty() -> dict[str, Any]:
-    kinds = [*COMMANDS, POINT]
-    made = {kind: SimpleNamespace() for kind in kinds}
-    made["geometry_msgs/Twist"] = SimpleNamespace(linear=vector(), angular=vector())
-    made[POINT].time_from_start = SimpleNamespace(sec=0, nanosec=0)
-    return made
+def test_a_pose_in_a_map_is_that_of_the_odometry_moved_by_the_localisation(paper: Robot) -> None:
+    """odom lies at (3, 1) in the map, turned by 90°; the base at (.5, .2) of odom, turned by .3."""
+    readings = Readings(paper, "map")
+    readings.take_joints(joint_state(0, [*WHEELS, *ARM], [0.0] * 4, [2.0, 2.0, 0.0, 0.0]))
+    readings.take_odometry(odometry(0, (0.5, 0.2, 0.3), (0.3, 0.0, 0.0)))
+    assert readings.missing() == ["the pose of base_link in map"]
+    own = transforms(MS, (9.0, 9.0, 9.0)).transforms  # of the tree that odometry itself sends
+    moved = SimpleNamespace(translation=vector(3.0, 1.0), rotation=heading(0.5 * math.pi))
+    map_to_odom = SimpleNamespace(header=header(0, "map"), child_frame_id="odom", transform=moved)
+    readings.take_transforms(SimpleNamespace(transforms=[map_to_odom, *own]))
+    found = readings.sample(0)
+    assert found is not None
+    pose = paper.state_of(*found[1:]).pose
+    np.testing.assert_allclose(pose, (2.8, 1.5, 0.3 + 0.5 * math.pi))
+    assert found[2][0] == pytest.approx(0.3)
+    readings.take_odometry(odometry(20 * MS, (0.7, 0.2, 0.3)))
+    found = readings.sample(20 * MS)  # as the map was, with the odometry of now
+    assert found is not None
+    np.testing.assert_allclose(paper.state_of(*found[1:]).pose[:2], (2.8, 1.7))
+
+
+class Message(SimpleNamespace):
+    """A message whose fields are made as they are written to."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name == "header":
+            raise AttributeError(name)
+        made = Message()
+        setattr(self, name, made)
+        return made
+
+
+def published(robot: Robot, output: Any, q: Any, period: float = 0.01) -> dict[str, Any]:
+    """Return what the groups of a first sample are sent."""
+    controller = Controller(robot, "line", period=period, output=output, compiled=False)
+    sent = controller.step(0.0, q, np.zeros(robot.dof))
+    messages = {}
+    for name, command in commands_of(sent).items():
+        messages[name] = Message()
+        fill(messages[name], Message(), command, controller.period)
+    return {"sent": sent, **messages}
 
 
 def test_efforts_stand_in_the_order_of_the_actuators(paper: Robot) -> None:
-    controller = Controller(paper, "line", compiled=False)
-    sent = controller.step(0.0, *paper.state((0.1, -0.2, 0.1)))
-    messages = empty()
-    assert fill(messages, controller, sent, None) == ("std_msgs/Float64MultiArray",)
-    assert messages["std_msgs/Float64MultiArray"].data == sent.efforts.tolist()
+    found = published(paper, "effort", paper.state((0.1, -0.2, 0.1))[0])
+    assert found[""].data == found["sent"].efforts.tolist()
 
 
 def test_speeds_become_a_twist_and_a_point_of_a_trajectory(paper: Robot) -> None:
     """A period of 1.5 s, in which the arm goes 1.5 times its rates."""
-    controller = Controller(paper, "line", period=1.5, output="velocity", compiled=False)
-    sent = controller.step(0.0, *paper.state())
-    sent = sent._replace(speeds=np.array([0.4, -0.3, 0.2, -0.1]))
-    q, messages = paper.state(joints={ARM[0]: 0.5, ARM[1]: 0.3})[0], empty()
-    assert fill(messages, controller, sent, None) == ()
-    twist, trajectory = fill(messages, controller, sent, q)
-    assert vars(messages[twist].linear) == pytest.approx({"x": 0.4, "y": 0.0, "z": 0.0})
-    assert messages[twist].angular.z == pytest.approx(-0.3)
-    assert messages[trajectory].joint_names == list(ARM)
-    (point,) = messages[trajectory].points
-    assert point.positions == pytest.approx([0.5 + 0.3, 0.3 - 0.15])
-    assert point.velocities == pytest.approx([0.2, -0.1])
+    q = paper.state((0.1, -0.2, 0.1), joints={ARM[0]: 0.5, ARM[1]: 0.6})[0]
+    found = published(paper, {"base": "twist", "*": "position"}, q, 1.5)
+    v, omega, one, two = found["sent"].speeds
+    twist = found["base"].twist
+    assert (twist.linear.x, twist.linear.y, twist.angular.z) == (v, 0.0, omega)
+    assert found["*"].joint_names == list(ARM)
+    (point,) = found["*"].points
+    assert point.positions == pytest.approx([0.5 + 1.5 * one, 0.6 + 1.5 * two])
+    assert point.velocities == [one, two]
+    assert point.accelerations == [0.0, 0.0]
     assert (point.time_from_start.sec, point.time_from_start.nanosec) == (1, 500 * MS)
+
+
+def test_a_car_is_sent_the_angle_of_one_wheel_and_a_swerve_all_of_its_wheels() -> None:
+    car = rpctl.load("car")
+    found = published(car, "steering", car.state(joints={"steering_left_joint": 0.3})[0])
+    drive, command = found["base"].drive, found["sent"].commands["base"]
+    assert drive.speed == found["sent"].speeds[0]
+    assert drive.steering_angle == command.positions["steering"]
+    assert drive.steering_angle_velocity == 0.0  # of what was sent before it nothing is known
+    swerve = rpctl.load("swerve")
+    found = published(swerve, "wheel-speeds", swerve.state()[0])
+    command = found["sent"].commands["base"]
+    assert found["base"].data == [*command.speeds.values(), *command.positions.values()]
+    assert len(found["base"].data) == 8
+
+
+def test_groups_have_topics_of_their_own() -> None:
+    assert topic("base", "twist") == "~/cmd_vel"
+    assert topic("*", "position") == "~/joint_trajectory"
+    assert topic("arm_left_*", "position") == "~/joint_trajectory/arm_left_"

@@ -57,7 +57,7 @@ def close(
     """
     dynamics, true = ReducedDynamics(robot), true or output
     lag = true.lag_of(robot.quasi_velocities)
-    plant = VelocityPlant(dynamics, lag, true.dead_time, period, period)
+    plant = VelocityPlant(dynamics, lag, np.full(len(lag), true.dead_time), period, period)
     controller = output.start(dynamics, period)
     kinematic = (law or UnifiedKinematic()).start(dynamics, period)
     state = reference(start)
@@ -254,7 +254,7 @@ def stepped(
     controller = Controller(robot, "circle", "unified", period=period, output=output)
     dynamics = ReducedDynamics(robot)
     lag = settings.lag_of(robot.quasi_velocities)
-    plant = VelocityPlant(dynamics, lag, settings.dead_time, period, period)
+    plant = VelocityPlant(dynamics, lag, np.full(len(lag), settings.dead_time), period, period)
     state = controller.reference(0.0)
     q, nu = robot.configuration_at(state.pose, state.joints), np.zeros(robot.dof)
     answers = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import cycle
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from rpctl import (
 )
 from rpctl.cli.app import app
 from rpctl.control.law import KinematicLaw
+from rpctl.control.output_groups import OutputGroup
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.errors import DescriptionError, UnknownNameError
 from rpctl.files.records import read_record, to_plain
@@ -266,3 +267,22 @@ def test_limits_are_set_by_pattern() -> None:
     assert changed.effort_limits.tolist() == [9.0, 9.0, 3.0, 3.0]
     assert [joint.velocity for joint in changed.joints] == [robot.joints[0].velocity, 0.1]
     assert robot.effort_limits.tolist() == [40.0, 40.0, 60.0, 120.0]
+
+
+def test_groups_of_an_output_are_words_of_an_option_and_tables_of_a_file(tmp_path: Path) -> None:
+    config = Config().with_output("base=twist, arm_*=position", lag=0.1)
+    assert config.output is not None
+    groups = config.output.groups
+    assert {name: group.kind for name, group in groups.items()} == {
+        "base": "twist",
+        "arm_*": "position",
+    }
+    assert config.output.lag == 0.1
+    group = OutputGroup("twist", 0.2, 0.05, {"v": 0.3}, {}, {"omega": 4.0})
+    own = replace(config, output=VelocityOutput(groups={"base": group}))
+    read = read_config(write_config(own, tmp_path / "own.toml"))
+    assert read == own
+    assert read.with_output("base=twist").output == own.output  # what it is keeps its settings
+    assert read.with_output("velocity").output == VelocityOutput()
+    with pytest.raises(RpctlError, match="each with its kind"):
+        config.with_output("base=twist,arm_*")

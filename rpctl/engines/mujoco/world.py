@@ -86,11 +86,31 @@ class MujocoWorld(MujocoBody):
         data = self.data
         steps = max(1, math.ceil(dt / self._timestep - STEP_ROUNDING))
         self.mjm.opt.timestep = dt / steps
-        before = data.qpos[self.mjm.jnt_qposadr[self._motors]]
+        before = self.places
         data.ctrl[:], self._settled = tau, None
         self._step(steps)
-        moved = data.qpos[self.mjm.jnt_qposadr[self._motors]] - before
-        return float(data.actuator_force @ moved)
+        return float(data.actuator_force @ (self.places - before))
+
+    @property
+    def places(self) -> Array:
+        """Where the actuators' joints are (n_act,), rad or m."""
+        return np.array(self.data.qpos[self.mjm.jnt_qposadr[self._motors]])
+
+    def serve(self, stiffness: Array, damping: Array) -> None:
+        """Give the joints servos in the place of motors, with the motors' limits.
+
+        From then on :meth:`run` takes where they are to be (n_act,), rad or m.
+
+        Args:
+            stiffness: Of each actuator (n_act,), N·m/rad or N/m.
+            damping: Likewise, N·m s/rad or N s/m.
+        """
+        model, limits = self.mjm, self.robot.effort_limits
+        model.actuator_ctrllimited[:], model.actuator_forcelimited[:] = 0, np.isfinite(limits)
+        model.actuator_forcerange[:] = np.where(np.isfinite(limits), limits, 0.0)[:, None] * [-1, 1]
+        model.actuator_biastype[:] = int(self.mujoco.mjtBias.mjBIAS_AFFINE)
+        model.actuator_gainprm[:, 0] = stiffness
+        model.actuator_biasprm[:, 1:3] = -np.stack([stiffness, damping], axis=1)
 
     def push(self, link: str, force: Sequence[float], moment: Sequence[float]) -> None:
         """Push a link until :meth:`release`; pushes add up.

@@ -40,7 +40,8 @@ def _notes(config: Config, whole: bool) -> Iterator[str]:
             f"{periods * period:g} s are simulated"
         )
     if config.output is not None:
-        yield _speeds_note(config.output, plant.velocity_interface(config.output))
+        truth = plant.velocity_interface(config.output)
+        yield _speeds_note(config.output, truth, plant.kind == "contact")
     every = run.log_every or 1
     if every > 1:
         yield (
@@ -53,11 +54,12 @@ def _notes(config: Config, whole: bool) -> Iterator[str]:
         yield f"{MOVED_BY[plant.kind]}, friction {run.friction:g}"
 
 
-def _speeds_note(known: VelocityOutput, truth: VelocityOutput) -> str:
+def _speeds_note(known: VelocityOutput, truth: VelocityOutput, contact: bool) -> str:
     """Return the note that a robot takes speeds, and how it follows them."""
+    forms = ", ".join(f"{name} {group.kind}" for name, group in known.groups.items())
     note = (
-        f"the controller sends speeds, which the robot follows {_lateness(truth)}; the efforts are "
-        "those that this motion takes"
+        f"the controller sends {forms or 'speeds'}, which the robot follows {_lateness(truth)}"
+        f"{'' if contact else '; the efforts are those that this motion takes'}"
     )
     if truth == known:
         return note
@@ -66,8 +68,11 @@ def _speeds_note(known: VelocityOutput, truth: VelocityOutput) -> str:
 
 def _lateness(output: VelocityOutput) -> str:
     """Return how late speeds are followed, in words."""
-    lags = "".join(f" ({lag:g} s of {name})" for name, lag in output.lags.items())
-    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s"
+    lags, dead = (
+        "".join(f" ({s:g} s of {', '.join(n for n in by if by[n] == s)})" for s in {*by.values()})
+        for by in (output.lags, output.dead_times)
+    )
+    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s{dead}"
 
 
 def end_note(error: BaseException, t: float, duration: float) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypedDict
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 from rpctl.arrays import Array
 from rpctl.control.controller import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
+from rpctl.control.output_groups import OutputGroup
 from rpctl.control.registry import law_sentences
 from rpctl.control.safeguards import require_callable
 from rpctl.control.velocity_output import VelocityOutput, as_output
@@ -63,7 +64,7 @@ class TrackSettings(TypedDict, total=False):
     kinematic: KinematicLaw | KinematicFunction | None
     dynamic: DynamicLaw | DynamicFunction | None
     plant: str | Plant | PlantModel | None
-    output: str | VelocityOutput | None
+    output: str | Mapping[str, str | OutputGroup] | VelocityOutput | None
     limits: LimitOverrides
     run: RunSettings
     duration: float | None
@@ -229,6 +230,8 @@ def _made(robot: Robot, config: Config, reference: Reference, options: SimulateO
     """Return a run that has not begun."""
     steps = require_affordable(robot, config, reference).periods
     config = config.with_run(log_every=config.run.log_step(steps))
+    if config.output is not None:
+        config = replace(config, output=config.output.on(robot))
     loop = Loop(ReducedDynamics(robot), config, reference, steps)
     if (watch := options.get("watch")) is not None:
         loop.watch = Watching("what watched the simulation", watch)

@@ -112,7 +112,8 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
         initial_error=(0.0, 0.0, 0.0),
         log_every=max(1, round(SAMPLE_S / period)),
     )
-    plant, lag_ratio = _later(perturbed_plant(known), config.output)
+    output = None if config.output is None else config.output.on(known)
+    plant, lag_ratio = _later(perturbed_plant(known), output)
     plant = replace(plant, delay=settings.delay + plant.delay)  # later than it is told
     config = replace(config, plant=plant, run=brief)
     delay = delay_periods(plant.delay, period) * period

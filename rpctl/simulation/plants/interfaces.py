@@ -134,6 +134,8 @@ def felt(motion: Motion) -> dict[str, Array]:
 class SpeedInterface:
     """A robot that takes speeds, and whose own controllers find the efforts that follow them.
 
+    What is sent positions is moved by these alone: it is to be where it is told, a period later.
+
     Args:
         dynamics: Of the simulated robot, with what the plant adds.
         config: Its plant, and how its controller takes it to follow.
@@ -146,7 +148,8 @@ class SpeedInterface:
         robot, plant, run = dynamics.robot, config.plant, config.run
         if config.output is None:
             raise RpctlError("the controller sends efforts, not speeds")
-        truth = plant.velocity_interface(config.output)
+        known = config.output.on(robot)
+        truth, names = plant.velocity_interface(known), robot.quasi_velocities
         late = delay_periods(config.delay, run.control_period) * run.control_period
         self._dynamics = dynamics
         self._bias = plant.bias(robot)
@@ -154,11 +157,13 @@ class SpeedInterface:
         self._period = run.control_period
         self._plant = VelocityPlant(
             dynamics,
-            truth.lag_of(robot.quasi_velocities),
-            truth.dead_time + late,
+            truth.lag_of(names),
+            truth.dead_times_of(names) + late,
             run.control_period,
             run.plant_step,
         )
+        self._index = {name: k for k, name in enumerate(names)}
+        self._placed = {n: robot.joint_position(rest.q, n) for n in names if n in robot.entries}
         self.state = PlantState(rest.q, np.zeros(robot.dof), 0.0, 0.0, {})
 
     def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
@@ -168,8 +173,13 @@ class SpeedInterface:
             output: What the controller sends.
             late: How much after the sample they are sent, s; they count from the next sample on.
         """
-        q, nu, *_ = self.state
-        self._held.send(self._t + late, output.speeds)
+        (q, nu, *_), speeds = self.state, output.speeds.copy()
+        for command in output.commands.values():
+            for name in command.positions.keys() & self._index.keys():
+                place = command.positions[name]
+                speeds[self._index[name]] = (place - self._placed[name]) / self._period
+                self._placed[name] = place
+        self._held.send(self._t + late, speeds)
         self._plant.send(self._held.at(self._t))
         self._t += self._period
         dynamics = self._dynamics

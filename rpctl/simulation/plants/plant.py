@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.control.velocity_output import DEAD_TIME, LAG, VelocityOutput
+from rpctl.control.output_groups import DEAD_TIME, LAG
+from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.errors import LARGEST, RpctlError, UnknownNameError
@@ -204,14 +205,15 @@ class Plant(Variation):
         """Return how the simulated robot follows speeds.
 
         Args:
-            output: How the controller knows it.
+            output: How the controller knows it, with what its groups say on the robot.
         """
-        lags = self.lags if self.lag is not None or self.lags else output.lags
+        lag, dead = self.lag, self.dead_time
         return replace(
             output,
-            lag=output.lag if self.lag is None else self.lag,
-            lags=lags,
-            dead_time=output.dead_time if self.dead_time is None else self.dead_time,
+            lag=output.lag if lag is None else lag,
+            lags={**(output.lags if lag is None else {}), **self.lags},
+            dead_time=output.dead_time if dead is None else dead,
+            dead_times=output.dead_times if dead is None else {},
         )
 
     def bias(self, robot: Robot) -> Array:

@@ -119,25 +119,33 @@ class VelocityPlant:
     Args:
         dynamics: Of the simulated robot.
         lag: T of each quasi-velocity (dof,), s.
-        dead_time: T_d, s.
+        dead_times: T_d likewise, or one of all, s.
         period: Control period, s.
         longest: Longest step in which the configuration is integrated, s.
     """
 
     def __init__(
-        self, dynamics: ReducedDynamics, lag: Array, dead_time: float, period: float, longest: float
+        self,
+        dynamics: ReducedDynamics,
+        lag: Array,
+        dead_times: Array | float,
+        period: float,
+        longest: float,
     ) -> None:
         self._dynamics, self._lag, self._period = dynamics, lag, period
         self._stops = Stops(dynamics.robot)
-        whole = math.floor(dead_time / period + ROUNDING)
-        rest = max(dead_time - whole * period, 0.0)
-        self._rest = rest if rest > ROUNDING * period else 0.0
-        # The first acts for the rest of the dead time, then the second.
-        self._sent = deque([np.zeros(dynamics.robot.dof)] * (whole + 2), maxlen=whole + 2)
-        parts = [part for part in (self._rest, period - self._rest) if part > 0.0]
-        counts = [substeps(part, longest) for part in parts]
-        self._durations = np.repeat(np.divide(parts, counts), counts)
-        self._counts = counts
+        dead_times = np.broadcast_to(dead_times, lag.shape)
+        whole = np.floor(dead_times / period + ROUNDING)
+        rests = np.maximum(dead_times - whole * period, 0.0)
+        rests = np.where(rests > ROUNDING * period, rests, 0.0)
+        starts = np.unique([0.0, *rests])
+        # What was sent a whole dead time ago acts once its rest is over, before it the one before.
+        self._ago = np.array([whole + (start < rests) for start in starts], dtype=np.intp)
+        count = int(whole.max(initial=0.0)) + 2
+        self._sent = deque([np.zeros(dynamics.robot.dof)] * count, maxlen=count)
+        parts = np.diff([*starts, period])
+        self._counts = [substeps(part, longest) for part in parts]
+        self._durations = np.repeat(np.divide(parts, self._counts), self._counts)
 
     def send(self, speeds: Array) -> None:
         """Send commanded speeds (dof,) at the beginning of a control period."""
@@ -216,8 +224,3 @@ class VelocityPlant:
             )
         )
         return float(-stretch.duration / 6.0 * (first + 4.0 * middle + last))
-
-    def _commands(self) -> Array:
-        """Return the commands (n, dof) that act in the stretches of the coming period."""
-        acting = [self._sent[0], self._sent[1]] if self._rest else [self._sent[1]]
-        return np.repeat(acting, self._counts, axis=0)

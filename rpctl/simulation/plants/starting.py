@@ -25,6 +25,7 @@ from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.protocol import Motion, PlantSample
 from rpctl.simulation.plants.rolling import RollingMotion
 from rpctl.simulation.plants.sensors import Measurement
+from rpctl.simulation.plants.servos import ServoInterface
 from rpctl.simulation.plants.slipping import SlippingMotion
 
 PLANTS = ("ideal", "perturbed", "slipping", "contact")
@@ -95,10 +96,10 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
         running = plant.own.start(dynamics.robot, rest)
         return OwnInterface(running, rest, dynamics.robot.dof)
     if config.output is not None:
-        if plant.kind != "rolling":
+        if plant.kind not in ("rolling", "contact"):
             raise RpctlError(
-                f"the {plant.kind} plant takes efforts; leave out --output velocity, or take the "
-                "plant ideal or perturbed"
+                f"the {plant.kind} plant takes efforts; leave out --output, or take the plant "
+                "ideal, perturbed or contact"
             )
         for name in OF_EFFORTS:
             if getattr(plant, name) != getattr(Plant(), name):
@@ -106,6 +107,9 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
                     f"{name} of the plant is of robots that take efforts; this one follows the "
                     "speeds that it is sent, whatever that takes: leave out --output velocity"
                 )
+        if plant.kind == "contact":
+            motion = MujocoMotion(dynamics.robot, plant.contact, config.run.friction, rest.q)
+            return ServoInterface(motion, dynamics, config, rest)
         return SpeedInterface(dynamics, config, rest)
     if plant.lag is not None or plant.lags or plant.dead_time is not None:
         raise RpctlError(

@@ -30,7 +30,7 @@ from tests.grids import cells
 def test_a_step_arrives_late_and_bends_as_it_should(paper: Robot) -> None:
     """ν = c (1 − e^(−(t − T_d)/T)); the dead time is no whole number of periods."""
     lag, dead, period = np.array([0.1, 0.3, 0.0, 0.05]), 0.034, 0.01
-    plant = VelocityPlant(ReducedDynamics(paper), lag, dead, period, 0.002)
+    plant = VelocityPlant(ReducedDynamics(paper), lag, np.full(len(lag), dead), period, 0.002)
     q, nu = paper.configuration_at(np.zeros(3), paper.home), np.zeros(4)
     command, rows = np.array([0.5, 0.4, -0.3, 0.2]), []
     for _ in range(20):
@@ -69,6 +69,19 @@ def test_a_joint_stops_at_its_limit_and_leaves_it_late() -> None:
     left = 8 * period
     assert nu[1] == pytest.approx(-(1.0 - np.exp(-left / lag)))
     assert angles[-1] == pytest.approx(1.4 - (left - lag * (1.0 - np.exp(-left / lag))))
+
+
+def test_each_quasi_velocity_begins_after_its_own_dead_time(paper: Robot) -> None:
+    """At 10 ms a period dead times of 0, 5, 12 and 30 ms, without a lag."""
+    dead, period = np.array([0.0, 0.005, 0.012, 0.03]), 0.01
+    plant = VelocityPlant(ReducedDynamics(paper), np.zeros(4), dead, period, 0.002)
+    q, nu, rows = paper.configuration_at(np.zeros(3), paper.home), np.zeros(4), []
+    for k in range(5):
+        plant.send(np.full(4, 0.1 * (k + 1)))
+        q, nu, *_ = plant.advance(q, nu)
+        rows.append(10.0 * nu)
+    np.testing.assert_allclose(np.transpose(rows)[:3], [[1, 2, 3, 4, 5]] * 2 + [[0, 1, 2, 3, 4]])
+    np.testing.assert_allclose(np.transpose(rows)[3], [0, 0, 0, 1, 2])
 
 
 @pytest.mark.parametrize("kept", [False, True])

@@ -54,6 +54,14 @@ def test_a_robot_that_takes_speeds_lags_more(paper: Robot) -> None:
     assert found.base_path.rms > 2.0 * sharp.base_path.rms
 
 
+def test_the_lag_of_a_group_counts_as_one(paper: Robot) -> None:
+    groups = {"base": rpctl.OutputGroup("twist", 0.1), "*": rpctl.OutputGroup("velocity")}
+    output = rpctl.VelocityOutput(groups=groups)
+    found = expect(paper, Config(run=RunSettings(control_period=0.05), output=output))
+    assert found is not None
+    assert found.lag_ratio == 1.25
+
+
 def test_it_is_the_run_with_that_plant(paper: Robot, expected: Expectation) -> None:
     """Four of twelve seconds, from the reference's start; every second sample is kept."""
     run = track(paper, "eight", duration=4.0, control_period=0.005, plant_step=0.005,
