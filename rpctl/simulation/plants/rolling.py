@@ -202,6 +202,12 @@ class VelocityPlant:
             found.append(stretch)
         return nu, found
 
+    def _commands(self) -> Array:
+        """Return the commands (n, dof) that act in the stretches of the coming period."""
+        sent = np.array(self._sent)
+        acting = sent[len(sent) - 1 - self._ago, np.arange(sent.shape[1])]
+        return np.repeat(acting, self._counts, axis=0)
+
     def _loss(self, start: Array, end: Array, stretch: Stretch) -> float:
         """Return what losses take in a stretch (J), by Simpson's rule.
 
