@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import tomli_w
 
-from rpctl.control.bandwidth import at_bandwidth
+from rpctl.control.bandwidth import at_bandwidth, knowing_delay
 from rpctl.control.controller import default_laws
 from rpctl.control.estimation import RATES
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
@@ -207,17 +207,18 @@ class RunSettings(Record):
         ),
     ] = None
     delay: Annotated[
-        float,
+        float | None,
         DEAD_TIME,
         Setting(
             "s",
             "Delay that the controller knows",
             "Time from a measurement to the efforts it leads to, s, that the robot has and the "
-            "controller knows: it foretells the state. The plant's own delay, if not 0, is "
-            "simulated in its place; 0 if not given.",
+            "controller knows: it foretells the state, and joints are quicker. The plant's own "
+            "delay, if not 0, is simulated in its place; none, and gains that withstand 50 ms, if "
+            "not given.",
             "S",
         ),
-    ] = 0.0
+    ] = None
     allow_sag: Annotated[
         bool,
         Setting(
@@ -282,7 +283,7 @@ class Config:
     @property
     def delay(self) -> float:
         """Time from a measurement to the efforts it leads to, as it is simulated, s."""
-        return self.plant.delay or self.run.delay
+        return self.plant.delay or self.run.delay or 0.0
 
     def with_laws(self, kinematic: str | None, dynamic: str | None) -> Config:
         """Return a configuration with these laws, by name; those that it has keep their settings.
@@ -331,6 +332,12 @@ class Config:
         if bandwidth is None:
             return self
         laws = {key: at_bandwidth(getattr(self, key), bandwidth) for key in LAW_CHOICES}
+        return dataclasses.replace(self, **laws)
+
+    def with_known_delay(self) -> Config:
+        """Return a configuration with the gains that a delay leaves which the controller knows."""
+        told = self.run.control_period, self.run.delay
+        laws = {key: knowing_delay(getattr(self, key), *told) for key in LAW_CHOICES}
         return dataclasses.replace(self, **laws)
 
     def with_run(self, **settings: Any) -> Config:

@@ -18,7 +18,7 @@ from rpctl import (
     Robot,
     UnifiedKinematic,
 )
-from rpctl.control.bandwidth import at_bandwidth, gains_of, usual_gains
+from rpctl.control.bandwidth import at_bandwidth, gains_of, knowing_delay, usual_gains
 from rpctl.control.registry import law_sentences
 
 PERIODS = [0.001, 0.002, 0.01, 0.05, 0.2]
@@ -110,3 +110,17 @@ def test_the_gains_are_told_and_what_a_law_ignores(paper: Robot) -> None:
     assert "limits of efforts, rates and positions" in ignored
     assert "held for a period" in ignored
     assert "held" not in law_sentences(dynamics, law, PaperDynamic(midpoint=True), 0.002)[0]
+
+
+def test_joints_are_quicker_where_a_delay_is_told() -> None:
+    """Ω is .8 over half a period, 16 ms and .3 of the delay: 47.1, and 25 1/s at 50 ms."""
+    law = IntegralDynamic(inner=BoundedDynamic(joint_horizon_dyn=0.1))
+    assert knowing_delay(law, 0.002, None) is law
+    found = knowing_delay(law, 0.002, 0.0)
+    assert found.joint_gain == pytest.approx(0.8 / 0.017 * 6.0 / 11.0)
+    assert (found.gain, found.inner.joint_horizon_dyn) == (None, 0.1)
+    asked = knowing_delay(UnifiedKinematic(), 0.002, 0.05)
+    assert asked.joint_horizon == pytest.approx(11.0 / 25.0)
+    assert asked.horizon is None
+    end = knowing_delay(EndEffector(base=UnifiedKinematic()), 0.002, 0.05)
+    assert end.base.joint_horizon == asked.joint_horizon

@@ -118,7 +118,7 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
     reasons = {
         "every sample is watched when it is computed": watched,
         "the rate of efforts is limited": config.guards.effort_rate is not None,
-        "the controller foretells a delay": config.run.delay > 0.0,
+        "the controller foretells a delay": bool(config.run.delay),
         "rates are estimated": config.run.rates == "estimated",
         "the robot takes speeds": config.output is not None,
         "a simulator of the user's moves the robot": plant.own is not None,

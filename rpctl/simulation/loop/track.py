@@ -229,7 +229,7 @@ def simulate(
 def _made(robot: Robot, config: Config, reference: Reference, options: SimulateOptions) -> _Made:
     """Return a run that has not begun."""
     steps = require_affordable(robot, config, reference).periods
-    config = config.with_run(log_every=config.run.log_step(steps))
+    config = config.with_run(log_every=config.run.log_step(steps)).with_known_delay()
     if config.output is not None:
         config = replace(config, output=config.output.on(robot))
     loop = Loop(ReducedDynamics(robot), config, reference, steps)

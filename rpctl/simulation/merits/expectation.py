@@ -114,7 +114,7 @@ def expect(robot: Robot, config: Config, reference: Reference | None = None) -> 
     )
     output = None if config.output is None else config.output.on(known)
     plant, lag_ratio = _later(perturbed_plant(known), output)
-    plant = replace(plant, delay=settings.delay + plant.delay)  # later than it is told
+    plant = replace(plant, delay=(settings.delay or 0.0) + plant.delay)  # later than it is told
     config = replace(config, plant=plant, run=brief)
     delay = delay_periods(plant.delay, period) * period
     facts = (MASS_RATIO, plant.joint_friction, delay, steps * period)

@@ -21,9 +21,12 @@ pytest.importorskip("mujoco")
 CONTACT = Plant(kind="contact", contact=ContactSettings(wheel_width=0.03))
 
 
-def settled(robot: Robot, plant: Plant, duration: float = 20.0) -> tuple[float, float]:
+def settled(
+    robot: Robot, plant: Plant, duration: float = 20.0, delay: float | None = None
+) -> tuple[float, float]:
     """Return the rms errors of base and end effector over the second half of a run, mm."""
-    log = rpctl.track(robot, "eight", duration=duration, plant=plant, collisions=False).log
+    options = {"duration": duration, "plant": plant, "delay": delay, "collisions": False}
+    log = rpctl.track(robot, "eight", **options).log
     half = slice(len(log.t) // 2, None)
     base = np.hypot(*log.e[half, :2].T)
     tip = np.linalg.norm(log.ee[half] - log.ee_ref[half], axis=1)
@@ -44,6 +47,15 @@ def test_with_the_losses_of_the_file(tiago: Robot, known: bool) -> None:
     assert base < 6.0
     # Friction that nobody tells stands against stiffness, which falls with the bandwidth's square.
     assert tip < (8.0 if known else 35.0)
+
+
+@pytest.mark.slow
+def test_a_delay_that_is_told_to_be_none_makes_joints_stiff(tiago: Robot) -> None:
+    """Friction that nobody tells leaves 16 mm; with gains for 50 ms that nobody tells, 28."""
+    plant = replace(CONTACT, controller_model=without_losses(tiago))
+    base, tip = settled(tiago, plant, 8.0, delay=0.0)
+    assert base < 8.0
+    assert tip < 20.0
 
 
 @pytest.mark.thorough
