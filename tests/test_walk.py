@@ -103,7 +103,7 @@ def test_a_robot_walks_from_its_description_to_its_report(name: str, tmp_path: P
     sprung = SPRUNG.get(name, set())
     summary = json_of("track", name, *words, code=1 if sprung else 0)
     assert {limit["joint"] for limit in summary["limits_violated"]} == sprung
-    assert all(note.startswith("joints: ") for note in summary["notes"])
+    assert all(note.startswith("gains: ") for note in summary["notes"])
     assert summary["final_base_error"] < SHRUNK
     follows = drive == "fixed" and name != "pr2"
     assert not follows or summary["final_end_effector_error"] < FOLLOWED
