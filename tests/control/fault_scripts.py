@@ -41,7 +41,7 @@ NEAR = 0.02  # m or rad: back on the reference
 MOST_JUMP = 0.3  # of an effort's limit, from a sample to the next
 BEYOND = 0.1  # of a joint's limit of speed; of its range where it has one
 SETTLED = 10  # samples after which the start's own jump is over
-LASTING = 5.0  # s more, in which a wheel that stays dead shows
+LASTING = 15.0  # s more at most, in which a wheel that stays dead shows on a bend of its eight
 BRAKES = 0.95  # of the speeds is left after a sample with the brakes on
 KINDS = "delay", "loss", "jump", "dead", "nan", "clock", "stop"
 
@@ -191,6 +191,7 @@ def run_faults(robot: Robot, faults: list[Fault], rng: np.random.Generator) -> T
     jumped = dict.fromkeys(range(len(faults)), False)
     pivots: dict[int, Array] = {}
     off, stops, before, output = False, False, rest.tau, None
+    lost = 0  # samples
     for k in range(round((last + RECOVERED_IN) / PERIOD)):
         t = k * PERIOD
         given, q, nu, late, arrives, dead = t, plant.q.copy(), plant.nu.copy(), 0, True, []
@@ -225,6 +226,9 @@ def run_faults(robot: Robot, faults: list[Fault], rng: np.random.Generator) -> T
         before = output.efforts
         if not exempt and change > told.jump:
             told.jump, told.jumped_at = change, t
+        lost += output.status == "lost"
+        if lost * PERIOD > RECOVERED_IN:
+            break
         acting, moves = sent[-1 - min(late, len(sent) - 1)]
         acting = np.where(np.isin(np.arange(len(acting)), dead), 0.0, acting)
         if not moves:  # brakes take the place of motors
