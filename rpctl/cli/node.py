@@ -15,7 +15,7 @@ from rpctl.control.output_groups import OUTPUT_WORDS
 from rpctl.control.ros_messages import COMMANDS, POINT, Readings, commands_of, fill, topic
 from rpctl.errors import RpctlError
 from rpctl.files.records import Plain
-from rpctl.simulation.config import Config, RunSettings, read_groups
+from rpctl.simulation.config import Config, RunSettings
 
 QUEUE = 10  # messages
 REMINDER = 2.0  # s between two messages on what is missing
@@ -85,8 +85,7 @@ def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOp
             "/opt/ros/DISTRO/setup.bash, and run rpctl with the Python of that ROS"
         ) from None
     loaded, laws = options.load(robot), (settings.kinematic, settings.dynamic)
-    output = read_groups(settings.output)
-    sent = Config().with_output(output, settings.lag, settings.dead_time).output
+    sent = Config().with_output(settings.output, settings.lag, settings.dead_time).output
     controller = Controller(
         loaded, settings.reference, *laws, settings.period, sent or "effort", **settings.known
     )

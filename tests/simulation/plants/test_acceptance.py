@@ -15,6 +15,7 @@ from rpctl import Plant, Robot
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.robot.variation import CarriedLoad
 from rpctl.robot.vary import without_losses
+from rpctl.simulation.config import Config, RunSettings
 from tests.grids import cells
 
 pytest.importorskip("mujoco")
@@ -25,8 +26,8 @@ def settled(
     robot: Robot, plant: Plant, duration: float = 20.0, delay: float | None = None
 ) -> tuple[float, float]:
     """Return the rms errors of base and end effector over the second half of a run, mm."""
-    options = {"duration": duration, "plant": plant, "delay": delay, "collisions": False}
-    log = rpctl.track(robot, "eight", **options).log
+    config = Config(run=RunSettings(delay=delay))
+    log = rpctl.track(robot, "eight", config, duration=duration, plant=plant, collisions=False).log
     half = slice(len(log.t) // 2, None)
     base = np.hypot(*log.e[half, :2].T)
     tip = np.linalg.norm(log.ee[half] - log.ee_ref[half], axis=1)
