@@ -29,7 +29,7 @@ from rpctl.control.law import (
     Speeds,
     as_law,
 )
-from rpctl.control.output_groups import OutputGroup
+from rpctl.control.output_groups import MAX_DEAD_TIME, OutputGroup
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.safeguards import (
     BRAKING_RATE,
@@ -44,7 +44,6 @@ from rpctl.control.sampling import JumpWatch, MeasuredSample, SampleReader
 from rpctl.control.transition import Following
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.control.velocity_output import (
-    MAX_DEAD_TIME,
     TIME_ROUNDING,
     VelocityOutput,
     as_output,

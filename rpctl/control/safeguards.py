@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.control.law import (
@@ -327,7 +328,7 @@ class Watchdog:
             self._since, self._least = t, error
         return t - self._since > self._patience
 
-    def first_lost(self, t: Array, at_limit: Array, errors: Array) -> int | None:
+    def first_lost(self, t: Array, at_limit: NDArray[np.bool_], errors: Array) -> int | None:
         """Return the number of the first sample at which the robot is lost; None: at none.
 
         Args:

@@ -16,6 +16,7 @@ from rpctl.control.bandwidth import at_bandwidth, knowing_delay
 from rpctl.control.controller import default_laws
 from rpctl.control.estimation import RATES
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
+from rpctl.control.output_groups import DEAD_TIME
 from rpctl.control.registry import (
     DYNAMIC_CHOICE,
     KINEMATIC_CHOICE,
@@ -24,7 +25,7 @@ from rpctl.control.registry import (
     read_own_laws,
 )
 from rpctl.control.safeguards import Guards
-from rpctl.control.velocity_output import DEAD_TIME, VelocityOutput, as_output, same_kinds
+from rpctl.control.velocity_output import VelocityOutput, as_output, same_kinds
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import RpctlError
 from rpctl.files import toml

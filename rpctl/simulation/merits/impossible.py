@@ -141,7 +141,7 @@ def _lost(run: Run) -> Outcome | None:
         at_limit = log.active_limits[:, efforts].any(axis=1)
     else:
         at_limit = falls_short(log.nu, log.nu_cmd)
-    at = Watchdog(guards.lost_after).first_lost(run.t, at_limit, log.e)
+    at = Watchdog(guards.lost_after).first_lost(run.t, np.asarray(at_limit), log.e)
     if at is None:
         return None
     return Outcome(
