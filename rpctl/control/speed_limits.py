@@ -231,7 +231,7 @@ class SpeedLimits:
         """
         if not np.isfinite(self._jerks.jerks).any():
             return _Found(wanted, math.SX(0, 1))
-        share, free = math.DM(self._share), math.fabs(cut.nu) <= SPEED_MARGIN
+        share, free = self._share, math.fabs(cut.nu) <= SPEED_MARGIN
         nu_dot = (wanted - at.model_nu) * share
         toward = math.if_else(free, rate, 0.0)
         nu_dot, binding = self._jerks(nu_dot, toward, (at.model_nu, at.model_nu_dot))

@@ -63,7 +63,10 @@ def test_bounds_and_times_are_those_of_the_group(paper: Robot) -> None:
 
 def test_wheels_turn_by_the_bases_speeds(paper: Robot) -> None:
     """v = .3 m/s and ω = .2 rad/s on wheels of .15 m, .75 m off: (.3 ∓ .15)/.15 = 1 and 3 rad/s."""
-    make, sample = commands(paper, "wheel-speeds"), MeasuredSample(0.0, *paper.state())
+    make, sample = (
+        commands(paper, "wheel-speeds"),
+        MeasuredSample(0.0, paper.configuration(), np.zeros(paper.dof)),
+    )
     nu = np.array([0.3, 0.2, 0.5, -0.1])
     make(0.0 * nu, sample, sample, False)
     base, arm = make(nu, sample, sample, False).values()
@@ -83,7 +86,7 @@ def test_one_angle_steers_a_car_and_each_wheel_has_its_own() -> None:
     robot = rpctl.load("car")
     left, right = (s for s in robot.drive.swivels)
     make = commands(robot, "steering")
-    sample = MeasuredSample(0.0, *robot.state(joints={left.joint: 0.3}))
+    sample = MeasuredSample(0.0, robot.configuration(joints={left.joint: 0.3}), np.zeros(robot.dof))
     nu = np.zeros(robot.dof)
     nu[:2] = 0.5, 0.8
     found = make(nu, sample, sample, False)["base"]
@@ -130,7 +133,7 @@ def test_positions_stay_within_the_limits_of_a_joint(paper: Robot) -> None:
     name = "arm_prismatic_joint"
     upper = paper.description.joint[name].upper
     make = commands(paper, {"base": "twist", "*": "position"})
-    sample = MeasuredSample(0.0, *paper.state(joints={name: upper}))
+    sample = MeasuredSample(0.0, paper.configuration(joints={name: upper}), np.zeros(paper.dof))
     found = make(np.array([0.0, 0.0, 0.0, 5.0]), sample, sample, False)
     assert found["*"].positions[name] == upper
 
