@@ -14,6 +14,7 @@ import rpctl
 BASE, MARGIN = 0.27, 0.03  # m: radius of TIAGo's base, and how far it keeps clear besides
 X, Y, RADIUS = 1.0, 1.1, 0.15  # m: the pillar
 WALL = -0.95  # m: it stands at this y
+DURATION = 29.5  # s: a lap, and on until the wall is behind it
 
 
 def main() -> None:
@@ -23,7 +24,7 @@ def main() -> None:
         law = rpctl.Horizon(
             base_obstacles=around, base_radius=BASE + MARGIN, body_clearance=clearance
         )
-        run = rpctl.track(robot, "eight", kinematic=law, dynamic=rpctl.IntegralDynamic())
+        run = rpctl.track(robot, "eight", kinematic=law, duration=DURATION)
         summary = rpctl.summarize(run)
         print(f"{name:5} keep clear: {summary.outcome}, {len(summary.collisions)} collisions")
         for near in summary.clearances:

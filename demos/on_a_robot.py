@@ -40,7 +40,7 @@ class Story:
         conditions: Under which it runs, a line each.
         robot: The robot.
         run: The run.
-        other: The same by a controller that does not know how late the robot is, if it is shown.
+        other: The same by a controller that learns how late the robot is, if it is shown.
     """
 
     title: str
@@ -90,9 +90,9 @@ def draw(story: Story, path: Path) -> None:
 def _draw_path(axes: Any, story: Story) -> None:
     run = story.run
     axes.plot(*run.q_ref[:, :2].T, color=DESIRED, lw=1.4, ls=(0, (4, 3)), label="reference")
-    if story.other is not None:
-        axes.plot(*story.other.q[:, :2].T, color=ARM, lw=1.0, label="lateness not known")
     axes.plot(*run.q[:, :2].T, color=BASE, lw=1.8, label="robot")
+    if story.other is not None:
+        axes.plot(*story.other.q[:, :2].T, color=ARM, lw=0.9, label="lateness learnt")
     axes.plot(*run.q[0, :2], "o", color=BASE, ms=5)
     axes.annotate("start", run.q[0, :2], (-4, -12), textcoords="offset points", color=SOFT)
     axes.set_aspect("equal", adjustable="datalim")
@@ -102,15 +102,15 @@ def _draw_path(axes: Any, story: Story) -> None:
 
 
 def _draw_error(axes: Any, story: Story) -> None:
-    runs = [(ARM, 1.0, story.other), (BASE, 1.4, story.run)]
+    runs = [(BASE, 1.8, story.run), (ARM, 0.9, story.other)]
     rms = []
     for colour, width, run in runs:
         if run is not None:
             error = MM * base_error(run)
             axes.semilogy(run.t, np.maximum(error, SMALLEST), color=colour, lw=width)
             rms.append(np.sqrt(np.mean(error[run.t > 0.5 * run.t[-1]] ** 2)))
-    *unaware, own = rms
-    beside = "".join(f"; {each:.1f} lateness not known" for each in unaware)
+    own, *learnt = rms
+    beside = "".join(f"; {each:.1f} learnt" for each in learnt)
     axes.set_title(f"base off its reference, mm: {own:.1f} rms, second half{beside}")
     axes.set_ylim(SMALLEST, 300.0)
     axes.set_yticks([0.1, 1.0, 10.0, 100.0], ["0.1", "1", "10", "100"])

@@ -10,7 +10,7 @@ import rpctl
 from rpctl.view.film import require_browser, write_still
 
 SIZE = (960, 540)
-TIMES = {"tiago": 13.0, "paper": 16.0, "mecanum": 13.0, "tiago_pro": 13.0}  # s
+TIMES = {"tiago": 18.4, "paper": 20.0, "mecanum": 13.0, "tiago_pro": 70.0}  # s
 
 
 def main(folder: Path) -> None:
@@ -21,7 +21,8 @@ def main(folder: Path) -> None:
         return
     folder.mkdir(parents=True, exist_ok=True)
     for name, time in TIMES.items():
-        run = rpctl.track(rpctl.load(name), "eight", initial_error=(0.1, -0.1, 0.1))
+        robot, off = rpctl.load(name), (0.1, -0.1, 0.1)  # m, m, rad
+        run = rpctl.track(robot, "eight", initial_error=off, collisions=False)
         picture = write_still(run, folder / f"{name}.png", size=SIZE, time=time)
         print(f"wrote {picture}")
 

@@ -40,9 +40,9 @@ for name, value in zip(runs.names, runs.parameters[worst], strict=True):
 print(f"replay it: rpctl track paper --config {OUT / 'worst.toml'}")
 
 figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
-for label, outer in (("all runs", 0.5), ("the middle half", 0.25)):
+for label, outer, colour in (("all runs", 0.5, "#c7dcec"), ("the middle half", 0.25, "#8ebbda")):
     low, high = np.nanquantile(runs.base_error, (0.5 - outer, 0.5 + outer), axis=0)
-    axes.fill_between(runs.t, low, high, color="tab:blue", alpha=0.25, linewidth=0, label=label)
+    axes.fill_between(runs.t, low, high, color=colour, linewidth=0, label=label)
 axes.plot(runs.t, np.nanmedian(runs.base_error, axis=0), color="tab:blue", label="median")
 axes.plot(runs.t, runs.base_error[worst], color="tab:red", label=f"run {worst}, the worst")
 axes.set(xlabel="time, s", ylabel="distance from the reference, m", yscale="log", ylim=(1e-5, None))

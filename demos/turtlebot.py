@@ -83,7 +83,7 @@ def main() -> None:
             "MuJoCo: crowned wheels roll by friction, driven by servos of speed within 1.5 N·m; a "
             "dead time of 100 ms, then a lag of 60 ms.",
             "Measured: pose with 3 mm and 5 mrad of noise, speeds from encoders of 12 bits, at "
-            "20 Hz. Orange: a controller that takes the robot to obey at once.",
+            "20 Hz. Orange: a controller that is told of no lateness, and learns it as it drives.",
         ),
         robot,
         *runs,

@@ -14,10 +14,11 @@ def main() -> None:
         except rpctl.RpctlError as error:
             print(f"{name:16} not modelled: {str(error).partition('.urdf: ')[2] or error}")
             continue
-        worst = certificate.worst
-        verdict = "verified" if certificate.passed else "NOT verified"
+        checks, worst = certificate.checks, certificate.worst
+        failed = [f"{check.name} against {check.against}" for check in checks if not check.passed]
+        verdict = f"NOT verified: {', '.join(failed)}" if failed else "verified"
         print(
-            f"{name:16} {verdict}, {len(certificate.checks)} checks; nearest to its limit: "
+            f"{name:16} {verdict}; {len(checks)} checks; nearest to its limit: "
             f"{worst.name} against {worst.against}, {worst.residual:.0e} of {worst.limit:.0e}"
         )
     print(f"{time.perf_counter() - start:.0f} s")

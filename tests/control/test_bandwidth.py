@@ -118,7 +118,8 @@ def test_joints_are_quicker_where_a_delay_is_told() -> None:
     assert knowing_delay(law, 0.002, None) is law
     found = knowing_delay(law, 0.002, 0.0)
     assert found.joint_gain == pytest.approx(0.8 / 0.017 * 6.0 / 11.0)
-    assert (found.gain, found.inner.joint_horizon_dyn) == (None, 0.1)
+    assert (found.gain, found.inner.joint_horizon_dyn, found.inner.horizon_dyn) == (15.0, 0.1, None)
+    assert knowing_delay(law, 0.002, 0.1).gain == pytest.approx(0.8 / 0.047 * 6.0 / 11.0)
     asked = knowing_delay(UnifiedKinematic(), 0.002, 0.05)
     assert asked.joint_horizon == pytest.approx(11.0 / 25.0)
     assert asked.horizon is None
