@@ -137,10 +137,6 @@ class BothLaws:
         self._kinematic.sampled_after(elapsed)
         self._sending.sampled_after(elapsed)
 
-    def prepare(self, sample: MeasuredSample, after: float) -> None:
-        """Let the kinematic law compute ahead for a sample that comes ``after`` this one (s)."""
-        self._kinematic.prepare(*sample, after)
-
     def kinematic_report(self) -> dict[str, float]:
         """Return what the kinematic law counts, by name."""
         return self._kinematic.report()

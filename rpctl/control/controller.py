@@ -298,15 +298,6 @@ class Controller:
         if self._waits:
             self._following.now = stop
 
-    def prepare(self) -> None:
-        """Compute ahead what can be before the next sample; call it once what to send is sent.
-
-        It is never needed, and of use to laws that prepare (``Horizon(prepare=True)``): the next
-        step is then quicker. It raises nothing.
-        """
-        if self._measured is not None and self._measured.t == self._reader.time:
-            self._both.prepare(self._measured, self.period)
-
     def report(self) -> dict[str, float]:
         """Return what happened so far, by name.
 

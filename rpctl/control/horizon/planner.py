@@ -21,7 +21,7 @@ from rpctl.control.horizon.constraints import (
     contact_radius,
     every_nth_stage,
 )
-from rpctl.control.horizon.cost import Cost, wrap_angles
+from rpctl.control.horizon.cost import Cost
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.plan import Feedback, Follower, HorizonPlan, Planned
 from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion
@@ -30,7 +30,6 @@ from rpctl.control.horizon.qp import (
     CondensedStructure,
     Linearisation,
     LinearRows,
-    StateDifference,
 )
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.horizon.target import (
@@ -66,8 +65,8 @@ class Asked(NamedTuple):
     sees: bool = True  # whether what is measured corrects what is commanded
 
 
-class Prepared(NamedTuple):
-    """A QP that waits for the measured state at a time."""
+class Problem(NamedTuple):
+    """A QP, linearised about a motion from a time on."""
 
     t: float  # s
     motion: PredictedMotion
@@ -101,7 +100,7 @@ class Planner:
         self.cost = Cost(law.weights, self.model, len(end_effector_stages))
         self.structure = CondensedStructure(self.model, self.cost.hessian, self.cost.cross)
         self._largest = law.bounds.accelerations(self.model)
-        self._prepared: Prepared  # the QP of the last plan
+        self._problem: Problem  # the QP of the last plan
         self._active: Indices = np.empty(0, dtype=np.intp)  # bounds that held the last solution
 
     def plan(
@@ -147,37 +146,11 @@ class Planner:
         """Return how much later than at its time (s) the reference is read, s."""
         return t - self._time_scaler.reference_time(t)
 
-    def prepare(
-        self, reference: Reference, t: float, q: Array, nu: Array, last: HorizonPlan
-    ) -> Prepared | None:
-        """Return the QP about the motion from a predicted state on; None where there is none.
-
-        Args:
-            last: The plan that leads there.
-        """
-        try:
-            return self._about(t, q, nu, last.shifted(t), self._target(reference, t, q))
-        except SingularBasisError:
-            return None
-
-    def _about(self, t: float, q: Array, nu: Array, nu_dot: Array, target: Target) -> Prepared:
+    def _about(self, t: float, q: Array, nu: Array, nu_dot: Array, target: Target) -> Problem:
         """Return the QP about the motion from a state on, under given accelerations."""
         motion = self.model.predict(q, nu, nu_dot)
         values = self.linearise(motion, target)
-        return Prepared(t, motion, values, CondensedQp(self.structure, values))
-
-    def feed_back(self, prepared: Prepared, q: Array, nu: Array, last: HorizonPlan) -> Planned:
-        """Return the plan from a measured state on, by a QP prepared for it.
-
-        Args:
-            prepared: The QP, about the motion from the state that was expected.
-        """
-        model, motion = self.model, prepared.motion
-        off = model.robot.base_pose(q) - motion.pose[0]
-        off[2:] = wrap_angles(off[2:])
-        joints = model.joint_positions(q) - motion.joints[0]
-        nu = last.start_of_next(prepared.t, nu) - motion.nu[0]
-        return self._solved(prepared, StateDifference(off[:, None], joints[:, None], nu[:, None]))
+        return Problem(t, motion, values, CondensedQp(self.structure, values))
 
     def feedback(self, plan: HorizonPlan, beside: Array) -> Feedback | None:
         """Return where the last plan leads, and what keeps a robot on it.
@@ -185,8 +158,8 @@ class Planner:
         Args:
             beside: By how much ν_d is off the plan before at its start (dof,).
         """
-        model, prepared = self.model, self._prepared
-        q = prepared.motion.start
+        model, problem = self.model, self._problem
+        q = problem.motion.start
         try:
             motion = model.predict(q, plan.nu, plan.nu_dot)
             vx, vy, omega = model.dynamics.twist(q, plan.nu)
@@ -204,7 +177,7 @@ class Planner:
             [bends, 0.5 * joints, np.zeros_like(plan.nu_dot)],
         )
         along = np.stack([np.hstack(each) for each in coefficients])
-        gain = prepared.qp.gain(prepared.values, self._active)
+        gain = problem.qp.gain(problem.values, self._active)
         return Feedback(along, gain, self._largest, beside)
 
     def advanced(self, q: Array, nu: Array, nu_dot: Array, duration: float) -> tuple[Array, Array]:
@@ -249,18 +222,17 @@ class Planner:
         self._forces.update(q)  # the scaler looked at those of the reference's postures
         return look_ahead(model, self._preview, time_scaling, model.joint_positions(q))
 
-    def _solved(self, prepared: Prepared, start: StateDifference | None = None) -> Planned:
-        """Return the plan of a QP, from its motion's start or from beside it."""
-        found, self._prepared = prepared.qp.solve(prepared.values, self._active, start), prepared
+    def _solved(self, problem: Problem) -> Planned:
+        """Return the plan of a QP, from its motion's start on."""
+        found, self._problem = problem.qp.solve(problem.values, self._active), problem
         self._active, x, lag = found.active, found.x, self._time_scaler.largest_lag
         if not found.solved or not np.isfinite(x).all():
             return Planned(None, 0.0, lag)
-        motion, structure = prepared.motion, self.structure
-        nu = motion.nu[0] if start is None else motion.nu[0] + start.nu[:, 0]
+        motion, structure = problem.motion, self.structure
         nu_dot = motion.nu_dot + x[structure.indices.nu_dot]
         slack = float(x[structure.deviations :].max(initial=0.0))
-        plan = HorizonPlan(prepared.t, self.model.dt, nu, nu_dot)
-        return Planned(plan, slack, lag, self.lag(prepared.t))
+        plan = HorizonPlan(problem.t, self.model.dt, motion.nu[0], nu_dot)
+        return Planned(plan, slack, lag, self.lag(problem.t))
 
 
 class Planning:

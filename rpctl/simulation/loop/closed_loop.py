@@ -142,7 +142,6 @@ def close_loop(loop: Loop, take: Callable[[LoopSample], object]) -> None:
                 started_at += time.perf_counter() - shown
             if k < steps:
                 interface.advance(times[k + 1] - t if plant.jitter else period)
-                computing.controller.prepare()
             if loop.progress is not None:
                 loop.progress(k, steps)
     finally:
