@@ -1,7 +1,7 @@
 """Planning in a process of its own, which holds up no sample: it is asked, and polled for answers.
 
-Threads would not do: while one of them plans, Python lets no other run for milliseconds. The
-process gets numbers alone, so a reference may be any function. It has no terminal and ends with its
+Threads would not do: while one of them plans, Python lets no other run for milliseconds. It gets the
+reference as numbers, so that may be any function. The process has no terminal and ends with its
 parent, however that ends: its pipe closes, and where another process has kept that open, its
 parent's number changes.
 """
@@ -9,7 +9,6 @@ parent's number changes.
 from __future__ import annotations
 
 import io
-import math
 import os
 import pickle
 import select
@@ -19,27 +18,22 @@ import sys
 import weakref
 from contextlib import suppress
 from dataclasses import fields
-from typing import Any
 
-import numpy as np
-
-from rpctl.arrays import Array
-from rpctl.control.horizon.ahead import NumbersAhead, ReadAhead, Rows
-from rpctl.control.horizon.plan import Feedback, HorizonPlan, Planned
+from rpctl.control.horizon.ahead import NumbersAhead, ReadAhead
+from rpctl.control.horizon.plan import Planned
 from rpctl.control.horizon.planner import Asked, Planner, Planning
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.files.worker import LENGTH, ONE_THREAD, Channel
 from rpctl.reference.motion import Reference
-from rpctl.robot.model import BASE_NV, Robot
+from rpctl.robot.model import Robot
 
 BOOT = "import sys; sys.path[:] = {}; from rpctl.control.horizon.process import main; main({})"
 START_S = 120.0  # s that a process may take to load and to make its planner; 2 are usual
 PARENT_S = 1.0  # s between two looks at whether the parent lives
 LONG = 2**30  # bytes: no message is longer
 PIECE = 2**16  # bytes that a pipe takes at once
-PLAN, FAILED = b"plan    ", b"failed  "  # how a message begins; 8 bytes, as a number has
 HUNG = 5.0  # horizons without an answer: a busy machine may take more than one
 KEPT_S = 1.0  # s of the past that a reference is kept for
 
@@ -154,8 +148,6 @@ class PlanningProcess:
         except Exception as error:  # whatever somebody's own obstacle raises
             raise _unsendable(error) from None
         self._horizon, self._reach = law.steps * law.dt, (law.steps + 2) * law.dt
-        joints, dof = len(robot.drive.steered) + len(robot.joints), robot.dof
-        self._steps, self._sizes = law.steps, (BASE_NV + joints + dof, dof)
         self._ahead = ReadAhead(robot, law.dt)
         self.restarts, self.fault = 0, ""
         self._process: Process | None = None
@@ -208,7 +200,7 @@ class PlanningProcess:
         self._asked = asked
         try:
             assert self._process is not None
-            self._process.send(asked_bytes(asked, self._ahead.taken()))
+            self._process.send(pickle.dumps((asked, self._ahead.taken())))
         except Ended:
             self._lost()
 
@@ -229,12 +221,13 @@ class PlanningProcess:
             return None
         if message is None:
             return None
-        if not self._ready:  # the first message: nothing, or why it cannot plan
-            self.fault = message.decode()
+        found: Planned = pickle.loads(message)
+        if not self._ready:  # the first message: no plan, or why it cannot make any
+            self.fault = found.fault
             self._ready = not self.fault
             return None
         self._asked = None
-        return planned_of(message, self._steps, self._sizes)
+        return found
 
     def _alive(self) -> bool:
         """Return whether there is a process; one that was forked starts its own."""
@@ -270,6 +263,10 @@ def _unsendable(error: Exception) -> RpctlError:
     )
 
 
+def _failed(error: Exception) -> Planned:
+    return Planned(None, fault=f"{type(error).__name__}: {error}")
+
+
 def main(parent: int) -> None:
     """Be the process: make a planner of the first message, then a plan of each.
 
@@ -281,87 +278,35 @@ def main(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(AttributeError, OSError):  # the parent may run before all others; plans do not
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    channel = Channel(io.BufferedReader(io.FileIO(incoming)), _writer(outgoing))
+    channel = Channel(
+        io.BufferedReader(io.FileIO(incoming)), io.BufferedWriter(io.FileIO(outgoing, "w"))
+    )
     with suppress(EOFError, BrokenPipeError):
-        planning, robot = _planning(channel)
+        planning = _planning(channel)
         rows, number, lag = NumbersAhead(0, 1.0), -1, 0.0
         while True:
             while not select.select([incoming], [], [], PARENT_S)[0]:
                 if os.getppid() != parent:
                     return
-            asked, more = asked_of(channel.receive(LONG), robot)
+            asked, more = pickle.loads(channel.receive(LONG))
             if more.number != number:
                 rows, number = NumbersAhead(more.first, planning.dt), more.number
             rows.add(more.rows, asked.t - lag - KEPT_S)
             try:
                 found = planning(rows, asked)
             except Exception as error:  # this one; the next may do
-                found = Planned(None, fault=f"{type(error).__name__}: {error}")
+                found = _failed(error)
             lag = found.lag if found.plan else lag
-            channel.send(planned_bytes(found))
+            channel.send(pickle.dumps(found))
 
 
-def _writer(number: int) -> Any:
-    return io.BufferedWriter(io.FileIO(number, "w"))
-
-
-def _planning(channel: Channel) -> tuple[Planning, Robot]:
-    """Return what plans, and for whom, and tell that it does."""
+def _planning(channel: Channel) -> Planning:
+    """Return what plans, and tell that it does."""
     try:
         law, robot = pickle.loads(channel.receive(LONG))
         planning = Planning(Planner(law, ReducedDynamics(robot)))
     except Exception as error:  # as of a class that the parent alone knows
-        channel.send(f"{type(error).__name__}: {error}".encode())
+        channel.send(pickle.dumps(_failed(error)))
         raise EOFError from None
-    channel.send(b"")
-    return planning, robot
-
-
-def asked_bytes(asked: Asked, rows: Rows) -> bytes:
-    """Return what is asked for, and more of the reference, as numbers: a pickle takes longer."""
-    numbers = [asked.t, asked.delay, asked.sees, rows.number, rows.first, len(rows.rows)]
-    parts = numbers, asked.q, asked.nu, asked.beside, rows.rows.ravel()
-    return np.concatenate(parts, dtype=float).tobytes()
-
-
-def asked_of(message: bytes, robot: Robot) -> tuple[Asked, Rows]:
-    """Return what :func:`asked_bytes` has packed."""
-    (t, delay, sees, *counts), q, nu, beside, rows = np.split(
-        np.frombuffer(message), np.cumsum([6, robot.nq, robot.dof, robot.dof])
-    )
-    number, first, count = map(int, counts)
-    asked = Asked(float(t), q, nu, float(delay), beside, bool(sees))
-    return asked, Rows(number, first, rows.reshape(count, -1) if count else rows)
-
-
-def planned_bytes(planned: Planned) -> bytes:
-    """Return a plan as numbers, or why there is none."""
-    plan, slack, largest_lag, lag, fault = planned
-    if plan is None:
-        return FAILED + fault.encode()
-    t, dt, nu, nu_dot, feedback = plan
-    parts = [[t, dt, slack, largest_lag, lag], nu, nu_dot, *(feedback or ())]
-    return PLAN + np.concatenate([np.ravel(part) for part in parts]).tobytes()
-
-
-def planned_of(message: bytes, steps: int, sizes: tuple[int, int]) -> Planned:
-    """Return what :func:`planned_bytes` has packed.
-
-    Args:
-        steps: N.
-        sizes: Numbers of the state (3 + n_joints + dof) and of ν.
-    """
-    if message.startswith(FAILED):
-        return Planned(None, fault=message[len(FAILED) :].decode())
-    states, dof = sizes
-    shapes = (5,), (dof,), (steps, dof), (3, steps, states), (dof, states), (dof,), (dof,)
-    numbers, parts, at = np.frombuffer(message, offset=len(PLAN)), list[Array](), 0
-    for shape in shapes:
-        parts.append(numbers[at : at + math.prod(shape)])
-        at += len(parts[-1])
-    (t, dt, slack, largest_lag, lag), nu, nu_dot, *rest = parts
-    feedback = None
-    if len(rest[0]):
-        feedback = Feedback(*(part.reshape(s) for part, s in zip(rest, shapes[3:], strict=True)))
-    plan = HorizonPlan(float(t), float(dt), nu, nu_dot.reshape(steps, dof), feedback)
-    return Planned(plan, float(slack), float(largest_lag), float(lag))
+    channel.send(pickle.dumps(Planned(None)))
+    return planning
