@@ -12,10 +12,10 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.both_laws import BothLaws
+from rpctl.control.bounded import IntegralDynamic
 from rpctl.control.error import tracking_error
 from rpctl.control.estimation import RATES, StateEstimate
 from rpctl.control.group_commands import GroupCommand, GroupCommands
-from rpctl.control.integral import IntegralDynamic
 from rpctl.control.law import (
     Command,
     DynamicFunction,

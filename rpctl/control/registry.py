@@ -11,17 +11,14 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 
 from rpctl.control.bandwidth import LATENESS_S, Gains, usual_gains
-from rpctl.control.bounded import BoundedDynamic
+from rpctl.control.baselines import FeedbackLinearization, Kanayama, Samson
+from rpctl.control.bounded import BoundedDynamic, IntegralDynamic
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.end_effector import EndEffector
-from rpctl.control.feedback_linearization import FeedbackLinearization
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.integral import IntegralDynamic
-from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.obstacles import OBSTACLES, Obstacle
-from rpctl.control.samson import Samson
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics

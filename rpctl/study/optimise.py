@@ -18,9 +18,8 @@ from rpctl.files.writing import make_folder, to_json, write_atomically
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
-from rpctl.study.design import Design
 from rpctl.study.executor import Executor
-from rpctl.study.experiment import Progress, RunTable, join_tables
+from rpctl.study.experiment import Design, Progress, RunTable, join_tables
 from rpctl.study.merits import merit_unit, merit_words, merits_for, number, unit_of
 from rpctl.study.runner import Runner, run_rows
 from rpctl.study.scatter import Scatter, settings_at, with_values

@@ -33,8 +33,7 @@ from rpctl.files.writing import make_folder, write_atomically, writing
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.loop.budget import in_bytes
-from rpctl.study.design import Design, extra
-from rpctl.study.experiment import Experiment, RunTable
+from rpctl.study.experiment import Design, Experiment, RunTable, extra
 from rpctl.study.scatter import Scatter, distribution_table
 
 DIGEST = "sha256"  # of the rest of a line, or of all rows

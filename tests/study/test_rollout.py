@@ -15,8 +15,7 @@ from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled import rollouts as compiled_rollouts
 from rpctl.simulation.config import Config, RunSettings, read_config, write_config
 from rpctl.simulation.loop.track import simulate
-from rpctl.study.design import Design
-from rpctl.study.experiment import Experiment
+from rpctl.study.experiment import Design, Experiment
 from rpctl.study.merits import run_merits
 from rpctl.study.rollout import Rollouts, rollout
 from rpctl.study.runner import Runner

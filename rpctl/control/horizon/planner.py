@@ -12,6 +12,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.control.horizon.body_clearance import body_clearance
 from rpctl.control.horizon.constraints import (
+    Cost,
     ForceBounds,
     HardBounds,
     SoftBound,
@@ -21,7 +22,6 @@ from rpctl.control.horizon.constraints import (
     contact_radius,
     every_nth_stage,
 )
-from rpctl.control.horizon.cost import Cost
 from rpctl.control.horizon.forces import ForceModel
 from rpctl.control.horizon.plan import Feedback, Follower, HorizonPlan, Planned
 from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion

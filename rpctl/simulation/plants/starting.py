@@ -13,7 +13,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.plants.contact import MujocoMotion
+from rpctl.simulation.plants.contact import MujocoMotion, ServoInterface
 from rpctl.simulation.plants.interfaces import (
     EffortInterface,
     Interface,
@@ -25,7 +25,6 @@ from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.protocol import Motion, PlantSample
 from rpctl.simulation.plants.rolling import RollingMotion
 from rpctl.simulation.plants.sensors import Measurement
-from rpctl.simulation.plants.servos import ServoInterface
 from rpctl.simulation.plants.slipping import SlippingMotion
 
 PLANTS = ("ideal", "perturbed", "slipping", "contact")

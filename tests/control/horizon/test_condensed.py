@@ -10,7 +10,7 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.cost import wrap_angles
+from rpctl.control.horizon.constraints import wrap_angles
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.planner import Planner
 from rpctl.control.horizon.prediction import PredictedMotion, StageValues

@@ -9,8 +9,7 @@ import pytest
 import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, Run, summarize
 from rpctl.arrays import Array
-from rpctl.control.horizon.beside import Delays
-from rpctl.control.horizon.law import Horizon
+from rpctl.control.horizon.law import Delays, Horizon
 from rpctl.control.horizon.plan import Follower, HorizonPlan
 from rpctl.control.horizon.planner import Asked, Planner, Planning
 from rpctl.control.obstacles import Disc

@@ -18,11 +18,10 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
-from rpctl.control.horizon.ahead import NumbersAhead, ReadAhead
 from rpctl.control.horizon.law import Horizon, HorizonLaw
 from rpctl.control.horizon.plan import Planned
 from rpctl.control.horizon.planner import Asked, Planner, Planning
-from rpctl.control.horizon.process import PlanningProcess
+from rpctl.control.horizon.process import NumbersAhead, PlanningProcess, ReadAhead
 from rpctl.control.law import Command
 from rpctl.control.obstacles import Disc, LinearBounds
 from rpctl.reference.motion import Reference, ReferenceState
