@@ -8,8 +8,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.closed_form import no_machine_code, unsupported
-from rpctl.control.dynamic import PaperDynamic, PaperDynamicController
+from rpctl.control.closed_form import (
+    PaperDynamic,
+    PaperDynamicController,
+    no_machine_code,
+    unsupported,
+)
 from rpctl.control.law import Command, DynamicLaw, Efforts, KinematicLaw, Limit, Rest, Speeds
 from rpctl.control.safeguards import (
     FAILURES,

@@ -24,7 +24,7 @@ from rpctl.control.error import (
     joint_errors,
     omnidirectional_twist,
 )
-from rpctl.control.fragment import ANSWERED, NO_COMMAND, REFUSED, LawFrame, is_fine
+from rpctl.control.fragment import ANSWERED, NO_COMMAND, REFUSED, LawFrame, is_fine, structure
 from rpctl.control.law import Command, Rest, TrackingController
 from rpctl.control.steering import (
     Measured,
@@ -39,7 +39,6 @@ from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.kernels.program import Call, statement
 from rpctl.kernels.sheet import Sheet
-from rpctl.kernels.structure import structure
 from rpctl.reference.motion import Reference, ReferenceState, row_sizes, row_symbols
 from rpctl.robot.model import BASE_NV, Robot
 

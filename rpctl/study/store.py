@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.control.registry import own_digests
 from rpctl.errors import RpctlError, one_line
-from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import open_input, read_input
+from rpctl.files.caps import cap, how_to_raise, open_input, read_input
 from rpctl.files.records import to_plain
 from rpctl.files.strict_json import read_json
 from rpctl.files.writing import make_folder, write_atomically, writing

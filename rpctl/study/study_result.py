@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.errors import RpctlError
-from rpctl.files.opening import read_text
+from rpctl.files.caps import read_text
 from rpctl.files.strict_json import read_json
 from rpctl.study.experiment import Design, RunTable
 from rpctl.study.optimise import OPTIMUM_FILE

@@ -15,8 +15,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
-from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.loop.periods import CONTROL_PERIOD
+from rpctl.simulation.config import CONTROL_PERIOD, Config, RunSettings
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.starting import DELAY_S, MASS_RATIO
 from rpctl.study.cells import References, Row

@@ -10,7 +10,7 @@ from os.path import commonprefix
 from pathlib import Path
 
 from rpctl.errors import printable
-from rpctl.files.opening import open_input
+from rpctl.files.caps import open_input
 
 SEPARATORS = "_/.: -"
 SUFFIX = "_joint"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.errors import RpctlError
-from rpctl.files.opening import is_file, is_folder
+from rpctl.files.caps import is_file, is_folder
 from rpctl.files.writing import make_folder, to_json, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.summary import Summary, summarize

@@ -13,8 +13,7 @@ from typing import Annotated, Protocol
 
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach, ApproachStage
-from rpctl.control.horizon.plan import Follower, HorizonPlan, Planned
-from rpctl.control.horizon.planner import Asked, Planner, Planning
+from rpctl.control.horizon.planner import Asked, Follower, HorizonPlan, Planned, Planner, Planning
 from rpctl.control.horizon.process import PlanningProcess
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law

@@ -28,8 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.plan import Planned
-from rpctl.control.horizon.planner import Asked, Planner, Planning
+from rpctl.control.horizon.planner import Asked, Planned, Planner, Planning
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError

@@ -28,8 +28,7 @@ from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.lanes import Lanes, same_inputs
 from rpctl.simulation.compiled.loop import CompiledLoop, LoopProgram, LoopShape, loop_program
-from rpctl.simulation.config import Config
-from rpctl.simulation.loop.periods import delay_periods
+from rpctl.simulation.config import Config, delay_periods
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.rolling import advance
 

@@ -19,8 +19,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.run.facts import other_joints, reference_wheels, steered_joints
 from rpctl.simulation.run.log import Log
-from rpctl.simulation.run.machine_states import MachineStates
-from rpctl.simulation.run.states import PinocchioStates, StateColumns
+from rpctl.simulation.run.states import MachineStates, PinocchioStates, StateColumns
 
 TURN = 2.0 * math.pi
 PLACES = ("base", "joints", "steering", "others", "e", "q_ref")

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.errors import InputError, RpctlError, RunFileError, UnknownNameError, one_line
-from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import open_input
+from rpctl.files.caps import cap, how_to_raise, open_input
 from rpctl.files.records import read_record, to_plain
 from rpctl.files.strict_json import read_json
 from rpctl.files.writing import writing

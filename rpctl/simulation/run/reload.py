@@ -13,7 +13,7 @@ from rpctl.description.packages import require_folders
 from rpctl.description.records import Description
 from rpctl.description.urdf.reader import parse
 from rpctl.errors import RpctlError, RunFileError
-from rpctl.files.opening import read_source
+from rpctl.files.caps import read_source
 from rpctl.robot.load import assemble
 from rpctl.robot.load_settings import LoadSettings
 from rpctl.robot.model import Robot

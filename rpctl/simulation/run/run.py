@@ -10,7 +10,7 @@ from typing import Any
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, RunFileError
-from rpctl.files.opening import is_folder
+from rpctl.files.caps import is_folder
 from rpctl.files.writing import writing
 from rpctl.libraries import library
 from rpctl.robot.model import Robot

@@ -19,8 +19,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.plan import Planned
-from rpctl.control.horizon.planner import Asked, Planner, Planning
+from rpctl.control.horizon.planner import Asked, Planned, Planner, Planning
 from rpctl.control.horizon.process import NumbersAhead, PlanningProcess, ReadAhead
 from rpctl.control.law import Command
 from rpctl.control.obstacles import Disc, LinearBounds
