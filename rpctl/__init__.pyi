@@ -35,7 +35,7 @@ from rpctl.drive.drive import Drive as Drive
 from rpctl.drive.drive import Wheel as Wheel
 from rpctl.dynamics.derivatives import linearize as linearize
 from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
-from rpctl.engines.mujoco.sensors import MjcfRobot as MjcfRobot
+from rpctl.engines.mujoco.bodies import MjcfRobot as MjcfRobot
 from rpctl.engines.mujoco.settings import ContactSettings as ContactSettings
 from rpctl.equivalence.state import draw_state as draw_state
 from rpctl.equivalence.verify import Certificate as Certificate

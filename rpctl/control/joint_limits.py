@@ -8,8 +8,7 @@ import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
-from rpctl.kernels.linear import reciprocal
-from rpctl.kernels.scalars import clipped
+from rpctl.kernels.scalars import clipped, reciprocal
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:

@@ -21,8 +21,7 @@ from rpctl.control.law import LawSample
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import require_known
 from rpctl.kernels.least_squares import COMPLIANCE, BoundedRows
-from rpctl.kernels.linear import factored
-from rpctl.kernels.scalars import any_true, clipped
+from rpctl.kernels.scalars import any_true, clipped, factored
 from rpctl.robot.model import BASE_NV
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.body_clearance import body_clearance
 from rpctl.control.horizon.constraints import (
     Cost,
     ForceBounds,
@@ -19,6 +18,7 @@ from rpctl.control.horizon.constraints import (
     WheelSpeeds,
     arm_clearance,
     base_clearance,
+    body_clearance,
     contact_radius,
     every_nth_stage,
 )

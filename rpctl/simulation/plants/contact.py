@@ -16,9 +16,8 @@ from rpctl.control.law import Rest
 from rpctl.dynamics.motion import Step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import find_rolling, selection
-from rpctl.engines.mujoco.build import build
 from rpctl.engines.mujoco.settings import ContactSettings
-from rpctl.engines.mujoco.world import MujocoWorld
+from rpctl.engines.mujoco.world import MujocoWorld, build
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config

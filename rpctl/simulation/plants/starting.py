@@ -23,9 +23,8 @@ from rpctl.simulation.plants.interfaces import (
 )
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.protocol import Motion, PlantSample
-from rpctl.simulation.plants.rolling import RollingMotion
+from rpctl.simulation.plants.rolling import RollingMotion, SlippingMotion
 from rpctl.simulation.plants.sensors import Measurement
-from rpctl.simulation.plants.slipping import SlippingMotion
 
 PLANTS = ("ideal", "perturbed", "slipping", "contact")
 MASS_RATIO = 1.1  # of what the controller takes the masses for: a battery, a tool, a payload

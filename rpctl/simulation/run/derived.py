@@ -10,8 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.grip import find_ranges
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reactions
-from rpctl.dynamics.pushes import outside_at
-from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
+from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics, outside_at
 from rpctl.dynamics.rolling import constraint
 from rpctl.errors import DivergedError
 from rpctl.reference.motion import configurations

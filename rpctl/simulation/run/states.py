@@ -13,8 +13,8 @@ from rpctl.dynamics.ground_reaction import Contacts, contact_points
 from rpctl.dynamics.reduced import OutsideForce, Reactions, ReducedDynamics
 from rpctl.dynamics.symbols.basis import SINGULAR
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.kernels.machine_code import RowFunction
 from rpctl.kernels.program import dense_function
-from rpctl.kernels.rows import RowFunction
 from rpctl.robot.inspection import robot_identity
 
 # s: what a state takes here, where S is constant and where it turns, and what machine code takes to
