@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from rpctl.control.closed_form import (
     unsupported,
 )
 from rpctl.control.law import Command, DynamicLaw, Efforts, KinematicLaw, Limit, Rest, Speeds
+from rpctl.control.law_kernel import RunningLaws, running_laws
 from rpctl.control.safeguards import (
     FAILURES,
     LawWithFallback,
@@ -28,9 +29,6 @@ from rpctl.control.velocity_output import VelocityController, VelocityOutput
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DiffersError
 from rpctl.reference.motion import Reference, WrongAnswerError
-
-if TYPE_CHECKING:
-    from rpctl.control.law_kernel import RunningLaws
 
 
 class Answer(NamedTuple):
@@ -175,8 +173,6 @@ def _kernel(
     (kinematic, sent), (dynamics, period, rest) = laws, started
     if unsupported(kinematic, PaperDynamic() if isinstance(sent, VelocityOutput) else sent):
         return None, compiled
-    from rpctl.control.law_kernel import running_laws
-
     compiled = compiled and no_machine_code(kinematic, dynamics.robot) is None
     try:
         return running_laws(kinematic, sent, dynamics, period, rest, compiled), compiled

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from rpctl import math
 from rpctl.arrays import Array
@@ -13,16 +13,14 @@ from rpctl.control.bandwidth import USUAL_PERIOD, by_velocity
 from rpctl.control.error import Leash
 from rpctl.control.fragment import LawFragment, LawFrame, effort_labels, structure
 from rpctl.control.law import Command, EffortController, Efforts, LawSample, ReportsNothing, Rest
+from rpctl.control.law_kernel import LimitedLaw, RunningLaws, running_laws
 from rpctl.control.twist_law import BaseLaw, formula
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.robot.model import Robot
 
-if TYPE_CHECKING:
-    from rpctl.control.law_kernel import RunningLaws
-    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
-
-    Dynamics = ReducedDynamics | SymbolicDynamics
+Dynamics = ReducedDynamics | SymbolicDynamics
 
 
 class ClosedFormDynamic(Record, ABC):
@@ -48,8 +46,6 @@ class ClosedFormDynamic(Record, ABC):
         Raises:
             RpctlError: A setting does not fit the robot or the period.
         """
-        from rpctl.control.law_kernel import LimitedLaw, running_laws
-
         return LimitedLaw(running or running_laws(None, self, dynamics, period, rest))
 
     def structure(self, robot: Robot) -> object:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,13 +13,10 @@ from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.law import LawSample, Limit
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Place, Statement, statement, symbolic
 from rpctl.reference.motion import row_sizes
 from rpctl.robot.model import BASE_NV, Robot
-
-if TYPE_CHECKING:
-    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
-
 
 # What has no answer at a sample: nothing, the kinematic or the dynamic law, or the kinematic one
 # for such a reference ever.

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Annotated, Protocol
+from typing import Annotated
 
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach, ApproachStage
@@ -82,7 +82,7 @@ class Horizon(PlannerSettings):
             RpctlError: The process that plans cannot be started.
         """
         process = None
-        if self.asynchronous and simulated_time() is None:
+        if self.asynchronous and _simulated.get() is None:
             process = PlanningProcess(self, dynamics.robot)  # it starts while this one goes on
         fallback = as_law(self.fallback).start(dynamics, period, rest)
         if process is not None:
@@ -110,8 +110,8 @@ class HorizonLaw:
         process: PlanningProcess | None = None,
     ) -> None:
         self._law, self._fallback, self._dynamics = law, fallback, dynamics
-        self._beside: Beside | None = process
-        self.process, simulated = process, simulated_time()
+        self._beside: PlanningProcess | SimulatedPlanning | None = process
+        self.process, simulated = process, _simulated.get()
         if process is None:
             self.planner = Planner(law, dynamics)
             if law.asynchronous and simulated is not None:
@@ -212,7 +212,12 @@ class HorizonLaw:
         self._fault = self._fault or found.fault
 
     def _plan_beside(
-        self, beside: Beside, reference: Reference, t: float, q: Array, nu: Array
+        self,
+        beside: PlanningProcess | SimulatedPlanning,
+        reference: Reference,
+        t: float,
+        q: Array,
+        nu: Array,
     ) -> None:
         """Take over the plan that is there by now; ask for the next if it is time for one."""
         self._collect(beside, t)
@@ -229,7 +234,7 @@ class HorizonLaw:
         beside.begin(read, asked)
         self._collect(beside, t)
 
-    def _collect(self, beside: Beside, t: float) -> None:
+    def _collect(self, beside: PlanningProcess | SimulatedPlanning, t: float) -> None:
         """Take over the plan that was asked for once it is there and its time has come."""
         found = beside.result(t)
         if self._asked is None:
@@ -284,11 +289,6 @@ def in_simulated_time(simulated: SimulatedTime) -> Iterator[None]:
         _simulated.reset(token)
 
 
-def simulated_time() -> SimulatedTime | None:
-    """Return the simulated time in which laws are started, or None."""
-    return _simulated.get()
-
-
 class Delays:
     """How long plans took, s.
 
@@ -313,25 +313,8 @@ class Delays:
         return sorted(self._last)[EXPECTED_RANK * len(self._last) // REMEMBERED_DELAYS]
 
 
-class Beside(Protocol):
-    """Makes one plan at a time beside the samples; times are those of the samples, s."""
-
-    @property
-    def busy(self) -> bool:
-        """Whether it owes a plan."""
-
-    def can_begin(self, reference: Reference, t: float, lag: float, delay: float) -> bool:
-        """Return whether a plan can be asked for."""
-
-    def begin(self, reference: Reference, asked: Asked) -> None:
-        """Ask for a plan."""
-
-    def result(self, t: float) -> Planned | None:
-        """Return the plan that is there at a time, once."""
-
-
 class SimulatedPlanning:
-    """Plans in simulated time."""
+    """What :class:`PlanningProcess` does, in simulated time."""
 
     def __init__(self, planning: Planning, simulated: SimulatedTime) -> None:
         self._planning, self._simulated = planning, simulated

@@ -153,7 +153,10 @@ class PlanningProcess:
         try:
             self._made_of = pickle.dumps((PlannerSettings(**named), robot))
         except Exception as error:  # whatever somebody's own obstacle raises
-            raise _unsendable(error) from None
+            raise RpctlError(
+                f"the horizon law's settings cannot be sent to the process that plans ({error}); "
+                "give obstacles of a class of an importable module, or Horizon(asynchronous=False)"
+            ) from None
         self._horizon, self._reach = law.steps * law.dt, (law.steps + 2) * law.dt
         self._ahead = ReadAhead(robot, law.dt)
         self.restarts, self.fault = 0, ""
@@ -261,13 +264,6 @@ class PlanningProcess:
             self._start()
         except (RpctlError, Ended) as error:
             self.fault, self._process = str(error), None
-
-
-def _unsendable(error: Exception) -> RpctlError:
-    return RpctlError(
-        f"the horizon law's settings cannot be sent to the process that plans ({error}); give "
-        "obstacles of a class of an importable module, or Horizon(asynchronous=False)"
-    )
 
 
 def _failed(error: Exception) -> Planned:
