@@ -160,7 +160,7 @@ class ServoInterface(SpeedInterface):
     def advance(self, duration: float) -> None:
         """Advance the robot by a control period; see the protocol."""
         work, motion = self.state.work, self._motion
-        self._ideal, stretches = self._plant.follow(self._ideal)
+        self._ideal, stretches = self._plant.course(motion.q, self._ideal)
         for dt, nu, _ in stretches:
             rates = (self._dynamics.basis(motion.q) @ nu)[self._rows]
             places = motion.places

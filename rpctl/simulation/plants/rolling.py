@@ -158,7 +158,7 @@ class VelocityPlant:
 
     def acceleration(self, q: Array, nu: Array) -> Array:
         """Return the mean ν̇ (dof,) of the coming control period, from q (nq,) and ν (dof,) on."""
-        return np.asarray((self._course(q, nu)[0] - nu) / self._period)
+        return np.asarray((self.course(q, nu)[0] - nu) / self._period)
 
     def advance(self, q: Array, nu: Array) -> Step:
         """Advance the robot by a control period.
@@ -174,7 +174,7 @@ class VelocityPlant:
             DivergedError: The state left the finite numbers.
         """
         before, lost = self._dynamics.energy(q, nu), 0.0
-        after, stretches = self._course(q, nu)
+        after, stretches = self.course(q, nu)
         try:
             for stretch in stretches:
                 start, q = q, travel(self._dynamics, q, stretch)
@@ -185,7 +185,7 @@ class VelocityPlant:
             raise DivergedError("the motion diverged; give longer horizons, or the true lag")
         return Step(q, after, self._dynamics.energy(q, after) - before + lost, lost)
 
-    def _course(self, q: Array, nu: Array) -> tuple[Array, list[Stretch]]:
+    def course(self, q: Array, nu: Array) -> tuple[Array, list[Stretch]]:
         """Return ν (dof,) after the coming period, and the stretches on the way there.
 
         Args:
