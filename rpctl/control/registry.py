@@ -22,7 +22,7 @@ from rpctl.control.obstacles import OBSTACLES, Obstacle
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.files.own_code import MARK, own_file, own_thing
 from rpctl.files.records import CHOICES, Choice, fields_of, read_record
 from rpctl.robot.model import Robot
@@ -121,8 +121,7 @@ def dynamic_by_name(name: str) -> DynamicLaw:
 
 
 def _by_name(kind: str, name: str, laws: Mapping[str, Callable[[], Made]]) -> Made:
-    if name not in laws:
-        raise UnknownNameError(kind, name, laws)
+    require_known(kind, [name], laws)
     return laws[name]()
 
 

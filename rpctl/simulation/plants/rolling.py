@@ -347,9 +347,7 @@ class SlippingMotion:
 def leading_wheels(robot: Robot) -> tuple[int, ...]:
     """Return the wheels whose rolling is the first quasi-velocity, where no axle fixes P."""
     drive = robot.drive
-    if drive.has_axle or not drive.steered:
-        return ()
-    return drive.carried(drive.steered[0])
+    return () if drive.has_axle or not drive.steered else drive.carried(drive.steered[0])
 
 
 def _assumptions(robot: Robot, contacts: Contacts | None) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.contact import MujocoMotion, ServoInterface
@@ -51,8 +51,7 @@ def plant_by_name(name: str, robot: Robot, given: Plant | None = None) -> Plant:
     if name == "perturbed":
         rolling = replace(given, kind="rolling")
         return perturbed_plant(robot) if rolling == Plant() else rolling
-    if name not in PLANTS:
-        raise UnknownNameError("plant", name, PLANTS)
+    require_known("plant", [name], PLANTS)
     return replace(given, kind=name)
 
 
