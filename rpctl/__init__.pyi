@@ -4,18 +4,19 @@
 from typing import Any
 
 from rpctl.control.approach import Approach as Approach
+from rpctl.control.baselines import FeedbackLinearization as FeedbackLinearization
+from rpctl.control.baselines import Kanayama as Kanayama
+from rpctl.control.baselines import Samson as Samson
 from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
+from rpctl.control.bounded import IntegralDynamic as IntegralDynamic
+from rpctl.control.closed_form import PaperDynamic as PaperDynamic
 from rpctl.control.controller import Controller as Controller
 from rpctl.control.controller import ControllerOutput as ControllerOutput
-from rpctl.control.dynamic import PaperDynamic as PaperDynamic
 from rpctl.control.end_effector import EndEffector as EndEffector
 from rpctl.control.error import Leash as Leash
 from rpctl.control.error import Tracking as Tracking
-from rpctl.control.feedback_linearization import FeedbackLinearization as FeedbackLinearization
 from rpctl.control.group_commands import GroupCommand as GroupCommand
 from rpctl.control.horizon.law import Horizon as Horizon
-from rpctl.control.integral import IntegralDynamic as IntegralDynamic
-from rpctl.control.kanayama import Kanayama as Kanayama
 from rpctl.control.kinematic import PaperKinematic as PaperKinematic
 from rpctl.control.law import Command as Command
 from rpctl.control.law import Efforts as Efforts
@@ -26,7 +27,6 @@ from rpctl.control.obstacles import Disc as Disc
 from rpctl.control.obstacles import HalfPlane as HalfPlane
 from rpctl.control.output_groups import OutputGroup as OutputGroup
 from rpctl.control.safeguards import Guards as Guards
-from rpctl.control.samson import Samson as Samson
 from rpctl.control.twist_law import BaseLaw as BaseLaw
 from rpctl.control.unified import UnifiedKinematic as UnifiedKinematic
 from rpctl.control.velocity_output import VelocityOutput as VelocityOutput
@@ -35,7 +35,7 @@ from rpctl.drive.drive import Drive as Drive
 from rpctl.drive.drive import Wheel as Wheel
 from rpctl.dynamics.derivatives import linearize as linearize
 from rpctl.dynamics.reduced import ReducedDynamics as ReducedDynamics
-from rpctl.engines.mujoco.sensors import MjcfRobot as MjcfRobot
+from rpctl.engines.mujoco.bodies import MjcfRobot as MjcfRobot
 from rpctl.engines.mujoco.settings import ContactSettings as ContactSettings
 from rpctl.equivalence.state import draw_state as draw_state
 from rpctl.equivalence.verify import Certificate as Certificate

@@ -20,7 +20,7 @@ from rpctl.errors import RunFileError
 from rpctl.simulation.config import read_config
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.run.part import PART_FOLDER, chunk_files
-from rpctl.view.marks import digest, mark_of
+from rpctl.view.labels import digest, mark_of
 from rpctl.view.run_folder import find_faults
 
 # Every kill is at another moment of the command, from its start to behind its end.

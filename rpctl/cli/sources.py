@@ -10,7 +10,7 @@ from rpctl.cli.options import JsonOption, ReadOptions, read_settings
 from rpctl.cli.terminal import console, escape, new_table, print_document, print_json, say
 from rpctl.description.xacro.expansion import expand
 from rpctl.errors import format_finding
-from rpctl.files.opening import read_source
+from rpctl.files.caps import read_source
 from rpctl.robot.catalog import ENTRIES, Entry
 from rpctl.robot.sources import PACKAGE, PublicRobot, cache_folder, find_source, list_robots
 

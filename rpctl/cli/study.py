@@ -31,8 +31,8 @@ from rpctl.libraries import library
 from rpctl.robot.model import Robot
 from rpctl.simulation.loop.backend import BACKENDS
 from rpctl.study.cluster import DaskExecutor
-from rpctl.study.design import extra
 from rpctl.study.executor import Executor, executor_for
+from rpctl.study.experiment import extra
 from rpctl.study.merits import (
     REFUSED,
     Unit,

@@ -34,10 +34,9 @@ from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
 from rpctl.reference.sizing import read_smoothing
 from rpctl.robot.model import Robot
-from rpctl.simulation.config import Config, RunSettings, read_config, write_config
+from rpctl.simulation.config import Config, RunSettings, read_config, whole_periods, write_config
 from rpctl.simulation.loop.backend import BACKENDS, require_backend
 from rpctl.simulation.loop.budget import Budget
-from rpctl.simulation.loop.periods import whole_periods
 from rpctl.simulation.loop.track import (
     default_duration,
     require_affordable,

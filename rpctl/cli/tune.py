@@ -19,7 +19,7 @@ from rpctl.simulation.config import RunSettings
 from rpctl.study.cells import CellRunner, References, run_cells
 from rpctl.study.executor import Executor
 from rpctl.study.lag import MAX_DEAD_TIME, ActuatorLag, lag_from
-from rpctl.study.tuning import SECONDS, row_dict, tune_cells, tuning_bandwidths
+from rpctl.study.optimise import SECONDS, row_dict, tune_cells, tuning_bandwidths
 
 
 def tune_command(

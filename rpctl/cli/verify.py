@@ -230,9 +230,7 @@ def onset_label(onset: Onset) -> str:
 
 def _predicted(onset: Onset) -> str:
     value = _amount(onset.equal, onset.unit)
-    if onset.single:
-        return value
-    return f"{value} ({onset.could:.3g} to {onset.would:.3g})"
+    return value if onset.single else f"{value} ({onset.could:.3g} to {onset.would:.3g})"
 
 
 def _amount(value: float, unit: str) -> str:

@@ -13,7 +13,7 @@ import typer
 from rpctl.cli.options import JsonOption, LoadOptions, split_names, tell
 from rpctl.cli.terminal import progress_bar, say
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.files.opening import is_folder
+from rpctl.files.caps import is_folder
 from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.charts import PANELS

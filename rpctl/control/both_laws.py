@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.closed_form import no_machine_code, unsupported
-from rpctl.control.dynamic import PaperDynamic, PaperDynamicController
+from rpctl.control.closed_form import (
+    PaperDynamic,
+    PaperDynamicController,
+    no_machine_code,
+    unsupported,
+)
 from rpctl.control.law import Command, DynamicLaw, Efforts, KinematicLaw, Limit, Rest, Speeds
+from rpctl.control.law_kernel import RunningLaws, running_laws
 from rpctl.control.safeguards import (
     FAILURES,
     LawWithFallback,
@@ -24,9 +29,6 @@ from rpctl.control.velocity_output import VelocityController, VelocityOutput
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DiffersError
 from rpctl.reference.motion import Reference, WrongAnswerError
-
-if TYPE_CHECKING:
-    from rpctl.control.law_kernel import RunningLaws
 
 
 class Answer(NamedTuple):
@@ -137,10 +139,6 @@ class BothLaws:
         self._kinematic.sampled_after(elapsed)
         self._sending.sampled_after(elapsed)
 
-    def prepare(self, sample: MeasuredSample, after: float) -> None:
-        """Let the kinematic law compute ahead for a sample that comes ``after`` this one (s)."""
-        self._kinematic.prepare(*sample, after)
-
     def kinematic_report(self) -> dict[str, float]:
         """Return what the kinematic law counts, by name."""
         return self._kinematic.report()
@@ -175,8 +173,6 @@ def _kernel(
     (kinematic, sent), (dynamics, period, rest) = laws, started
     if unsupported(kinematic, PaperDynamic() if isinstance(sent, VelocityOutput) else sent):
         return None, compiled
-    from rpctl.control.law_kernel import running_laws
-
     compiled = compiled and no_machine_code(kinematic, dynamics.robot) is None
     try:
         return running_laws(kinematic, sent, dynamics, period, rest, compiled), compiled

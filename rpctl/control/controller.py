@@ -13,10 +13,10 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import knowing_delay
 from rpctl.control.both_laws import BothLaws
+from rpctl.control.bounded import IntegralDynamic
 from rpctl.control.error import tracking_error
 from rpctl.control.estimation import RATES, StateEstimate
 from rpctl.control.group_commands import GroupCommand, GroupCommands
-from rpctl.control.integral import IntegralDynamic
 from rpctl.control.law import (
     Command,
     DynamicFunction,
@@ -301,15 +301,6 @@ class Controller:
         self._following.change(self._reference, max(self._reader.time, 0.0), self._measured)
         if self._waits:
             self._following.now = stop
-
-    def prepare(self) -> None:
-        """Compute ahead what can be before the next sample; call it once what to send is sent.
-
-        It is never needed, and of use to laws that prepare (``Horizon(prepare=True)``): the next
-        step is then quicker. It raises nothing.
-        """
-        if self._measured is not None and self._measured.t == self._reader.time:
-            self._both.prepare(self._measured, self.period)
 
     def report(self) -> dict[str, float]:
         """Return what happened so far, by name.

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.law import Command, KinematicController, KinematicLaw, Preparing, Rest, as_law
+from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, SolverError
@@ -260,7 +260,6 @@ class EndEffectorLaw:
 
     def __init__(self, law: EndEffector, base: KinematicController, robot: Robot) -> None:
         self._law, self._base, self._formulas = law, base, EndEffectorFormulas(law, robot)
-        self._preparing = base if isinstance(base, Preparing) else None
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -282,15 +281,6 @@ class EndEffectorLaw:
         nu_d, nu_d_dot, full = base.nu_d.copy(), base.nu_d_dot.copy(), formulas.full
         nu_d[-n:], nu_d_dot[-n:] = full * found.z, full * rate
         return Command(nu_d, nu_d_dot)
-
-    def prepare(self, t: float, q: Array, nu: Array, after: float) -> None:
-        """Let the base's controller compute ahead; see :class:`rpctl.control.law.Preparing`.
-
-        Args:
-            after: Time until the next sample, s.
-        """
-        if self._preparing is not None:
-            self._preparing.prepare(t, q, nu, after)
 
     def report(self) -> dict[str, float]:
         """Return the report of the base's controller."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math as numbers
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ NOTHING = np.empty(0)
 SEED, INSTANT, ROUGHLY = 20210601, 1e-8, 1e-3  # s: a motion that short tells the acceleration
 LONGEST_STEP = 0.005  # s, of the model's motion
 TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
+MOST_KEPT = 8  # kernels of a process
 RIDGE = 1e-9  # of what base speeds do to the pose: less is no motion
 
 WINDOW, STRIDE = 32, 8  # samples that are looked at, and how often
@@ -82,6 +84,11 @@ def moved(known: SymbolicDynamics, q: Any, nu: Any, force: Any, d: Any, dt: Any)
 class StateKernel:
     """The formulas of the estimate on one robot: what moves it, and what a sample corrects.
 
+    Args:
+        robot: The robot.
+        efforts: Whether efforts move it, or only the disturbance.
+        compiled: Whether it is machine code.
+
     Attributes:
         run: Moves q, ν and the way by ``dt`` under ``tau`` where ``moving`` is not 0; takes the
             sample ``measured`` in where ``correcting`` is not 0.
@@ -129,22 +136,7 @@ class StateKernel:
             raise DiffersError(f"machine code moves {robot.name} otherwise than Pinocchio")
 
 
-_kept: deque[tuple[Robot, tuple[bool, bool], StateKernel]] = deque(maxlen=8)
-
-
-def state_kernel(robot: Robot, efforts: bool, compiled: bool) -> StateKernel:
-    """Return the kernel of a robot; it may have been built before.
-
-    Args:
-        efforts: Whether efforts move it, or only the disturbance.
-        compiled: Whether it is machine code.
-    """
-    for known, key, kernel in _kept:
-        if known is robot and key == (efforts, compiled):
-            return kernel
-    found = StateKernel(robot, efforts, compiled)
-    _kept.append((robot, (efforts, compiled), found))
-    return found
+state_kernel = lru_cache(MOST_KEPT)(StateKernel)  # of a robot, which may have one
 
 
 def _statements(
@@ -357,7 +349,7 @@ class StateEstimate:
         try:
             kernel = state_kernel(self._dynamics.robot, efforts, self._compiled)
         except DiffersError:
-            kernel = state_kernel(self._dynamics.robot, efforts, compiled=False)
+            kernel = state_kernel(self._dynamics.robot, efforts, False)
         self._at, self._run = kernel.places()
 
     def __call__(

@@ -1,10 +1,11 @@
-"""What the statements of all laws have in common: places, settings, and names of limits."""
+"""What the statements of all laws have in common: structure, places, settings, names of limits."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +13,10 @@ from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.law import LawSample, Limit
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Place, Statement, statement, symbolic
 from rpctl.reference.motion import row_sizes
 from rpctl.robot.model import BASE_NV, Robot
-
-if TYPE_CHECKING:
-    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 
 # What has no answer at a sample: nothing, the kinematic or the dynamic law, or the kinematic one
 # for such a reference ever.
@@ -245,3 +244,17 @@ def law_fragment(kinematic: Any, sent: Any, known: SymbolicDynamics, period: flo
         return frame.fragment(Buffer("law limits", 0), LimitNames(()))
     found: LawFragment = sent.statements(frame)
     return found
+
+
+def structure(setting: Any) -> object:
+    """Return what is compiled in of a law: its numbers are inputs, all but whether one is 0.
+
+    None in the place of a number stands for one that is found elsewhere.
+    """
+    if isinstance(setting, tuple):
+        return [structure(each) for each in setting]
+    if dataclasses.is_dataclass(setting):
+        return type(setting).__name__, {k: structure(x) for k, x in vars(setting).items()}
+    if setting is None or isinstance(setting, float | int):
+        return setting is None or bool(setting)
+    return () if isinstance(setting, Mapping) else setting

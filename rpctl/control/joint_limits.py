@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
-from rpctl.kernels.linear import reciprocal
-from rpctl.kernels.scalars import clipped
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.kernels.scalars import clipped, reciprocal
 from rpctl.robot.model import Robot
-
-if TYPE_CHECKING:
-    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 
 APPROACH_TIME = (
     0.06  # s: time constant with which a rate, or a joint at a position limit, comes to its bound

@@ -96,18 +96,6 @@ class Timed(Protocol):
         """
 
 
-@runtime_checkable
-class Preparing(Protocol):
-    """A controller that can compute ahead between two samples."""
-
-    def prepare(self, t: float, q: Array, nu: Array, after: float) -> None:
-        """Compute ahead for the next sample.
-
-        Args:
-            after: Time until the next sample, s.
-        """
-
-
 class KinematicController(KinematicFunction, Reporting, Protocol):
     """A kinematic law on one robot in one run."""
 

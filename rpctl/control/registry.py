@@ -11,21 +11,18 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 
 from rpctl.control.bandwidth import LATENESS_S, Gains, usual_gains
-from rpctl.control.bounded import BoundedDynamic
-from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.baselines import FeedbackLinearization, Kanayama, Samson
+from rpctl.control.bounded import BoundedDynamic, IntegralDynamic
+from rpctl.control.closed_form import PaperDynamic
 from rpctl.control.end_effector import EndEffector
-from rpctl.control.feedback_linearization import FeedbackLinearization
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.integral import IntegralDynamic
-from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.obstacles import OBSTACLES, Obstacle
-from rpctl.control.samson import Samson
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.files.own_code import MARK, own_file, own_thing
 from rpctl.files.records import CHOICES, Choice, fields_of, read_record
 from rpctl.robot.model import Robot
@@ -124,8 +121,7 @@ def dynamic_by_name(name: str) -> DynamicLaw:
 
 
 def _by_name(kind: str, name: str, laws: Mapping[str, Callable[[], Made]]) -> Made:
-    if name not in laws:
-        raise UnknownNameError(kind, name, laws)
+    require_known(kind, [name], laws)
     return laws[name]()
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
@@ -15,7 +14,6 @@ from rpctl.arrays import Array
 from rpctl.control.law import (
     Command,
     Efforts,
-    Preparing,
     Speeds,
     Timed,
     as_controller,
@@ -153,7 +151,6 @@ class LawWithFallback(Generic[Answer]):
         self._controller: Any = as_controller(controller)
         # A protocol takes long to look for, and a controller keeps its methods: once is enough.
         self._is_timed = isinstance(self._controller, Timed)
-        self._prepares = isinstance(self._controller, Preparing)
         self._check = check
         self._substitute = substitute
         self.failures, self.reason, self._answered = 0, "", False
@@ -187,18 +184,6 @@ class LawWithFallback(Generic[Answer]):
         """
         if self._is_timed:
             self._controller.sampled_after(None if self.reason else elapsed)
-
-    def prepare(self, t: float, q: Array, nu: Array, after: float) -> None:
-        """Let the law compute ahead, if it can; see :class:`rpctl.control.law.Preparing`.
-
-        What fails here shows at the next sample.
-
-        Args:
-            after: Time until the next sample, s.
-        """
-        if self._prepares:
-            with suppress(*FAILURES):
-                self._controller.prepare(t, q, nu, after)
 
     def report(self) -> dict[str, float]:
         """Return the report of the law."""

@@ -12,19 +12,18 @@ from rpctl.control.error import joint_errors
 from rpctl.control.sampling import MeasuredSample
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import Reference, ReferenceState
+from rpctl.reference.paths import smooth_step
 
 PACE_TIME = 1.0  # s in which a reference comes to its pace, and a robot that pauses to a stop
 STEEPEST = 15.0 / 8.0  # of the way that C² steps take, over its mean
 
 
-def smooth_step(t: float, duration: float) -> tuple[float, float, float]:
+def step_within(t: float, duration: float) -> tuple[float, float, float]:
     """Return a step from 0 to 1 within a duration (s), and its first two derivatives, at t (s)."""
     if t >= duration:
         return 1.0, 0.0, 0.0
-    u = max(t / duration, 0.0)
-    first = 30.0 * u**2 * (1.0 - u) ** 2
-    second = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
-    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), first / duration, second / duration**2
+    rise = smooth_step(max(t / duration, 0.0))
+    return rise.value, rise.slope / duration, rise.bend / duration**2
 
 
 def smooth_pace(t: float, first: float, last: float) -> tuple[float, float, float]:
@@ -34,9 +33,9 @@ def smooth_pace(t: float, first: float, last: float) -> tuple[float, float, floa
         first: Pace at t = 0 and before.
         last: Pace from ``PACE_TIME`` on.
     """
-    share, rate, _ = smooth_step(t, PACE_TIME)
-    u = min(max(t / PACE_TIME, 0.0), 1.0)
-    passed = PACE_TIME * u**4 * (2.5 - 3.0 * u + u**2) + max(t - PACE_TIME, 0.0)
+    share, rate, _ = step_within(t, PACE_TIME)
+    area = smooth_step(min(max(t / PACE_TIME, 0.0), 1.0)).area
+    passed = PACE_TIME * area + max(t - PACE_TIME, 0.0)
     change = last - first
     return first * t + change * passed, first + change * share, change * rate
 
@@ -74,7 +73,7 @@ class Transition:
 
     def left(self, t: float) -> tuple[Array, Array, Array]:
         """Return the offset at a time (s) and its first two derivatives, each (3 + n_joints,)."""
-        share, *rates = smooth_step(t - self.since, self.fading)
+        share, *rates = step_within(t - self.since, self.fading)
         rate, acceleration = (-each * self.offset for each in rates)
         return (1.0 - share) * self.offset, rate, acceleration
 

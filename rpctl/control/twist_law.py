@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,9 @@ from rpctl.control.error import (
     joint_errors,
     omnidirectional_twist,
 )
-from rpctl.control.fragment import ANSWERED, NO_COMMAND, REFUSED, LawFrame, is_fine
+from rpctl.control.fragment import ANSWERED, NO_COMMAND, REFUSED, LawFrame, is_fine, structure
 from rpctl.control.law import Command, Rest, TrackingController
+from rpctl.control.law_kernel import CommandLaw, RunningLaws, running_laws
 from rpctl.control.steering import (
     Measured,
     Rolling,
@@ -35,17 +36,13 @@ from rpctl.control.steering import (
     reference_direction,
 )
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.kernels.program import Call, statement
 from rpctl.kernels.sheet import Sheet
-from rpctl.kernels.structure import structure
 from rpctl.reference.motion import Reference, ReferenceState, row_sizes, row_symbols
 from rpctl.robot.model import BASE_NV, Robot
-
-if TYPE_CHECKING:
-    from rpctl.control.law_kernel import RunningLaws
-    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 
 NUMBERS = (int, float, np.float64)  # types of settings that formulas take for scalars
 
@@ -112,8 +109,6 @@ class BaseLaw(Record, ABC):
             rest: Not used.
             running: Its kernel, if it is part of one that has a dynamic law as well.
         """
-        from rpctl.control.law_kernel import CommandLaw, running_laws
-
         running = running or running_laws(self, None, dynamics, period, None)
         controller = CommandLaw(running, self.refusal, dynamics.robot)
         return controller if self.approach is None else self.approach.start(dynamics, controller)

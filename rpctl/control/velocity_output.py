@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from rpctl.arrays import Array
 from rpctl.control.fragment import LawFragment, LawFrame
 from rpctl.control.lag_estimate import LagEstimate
 from rpctl.control.law import Command, Rest, Speeds
+from rpctl.control.law_kernel import RunningLaws, running_laws
 from rpctl.control.output_groups import (
     BASE,
     DEAD_TIME,
@@ -42,9 +43,6 @@ from rpctl.errors import (
 from rpctl.files.records import POSITIVE, Range, Record, Setting
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
-
-if TYPE_CHECKING:
-    from rpctl.control.law_kernel import RunningLaws
 
 OUTPUTS = ("effort", "velocity")
 LONGEST_STEP = 0.02  # s, of the predicted motion
@@ -154,8 +152,6 @@ class VelocityOutput(Record):
         Raises:
             UnknownNameError: A lag or an acceleration is of no quasi-velocity of the robot.
         """
-        from rpctl.control.law_kernel import running_laws
-
         running = running or running_laws(None, self, dynamics, period, None)
         return VelocityController(self, dynamics, period, running)
 

@@ -8,25 +8,22 @@ The program is solved by :mod:`rpctl.kernels.least_squares`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import by_velocity, usual_gains
-from rpctl.control.dynamic import desired_acceleration, midpoint, paper_efforts
+from rpctl.control.closed_form import desired_acceleration, midpoint, paper_efforts
 from rpctl.control.joint_limits import JointBounds, JointLimits, largest_accelerations
 from rpctl.control.law import LawSample
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import require_known
 from rpctl.kernels.least_squares import COMPLIANCE, BoundedRows
-from rpctl.kernels.linear import factored
-from rpctl.kernels.scalars import any_true, clipped
+from rpctl.kernels.scalars import any_true, clipped, factored
 from rpctl.robot.model import BASE_NV
-
-if TYPE_CHECKING:
-    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 
 NULLSPACE_EFFORT_WEIGHT = 1e-6  # weight of efforts that move nothing, relative to their limits
 REST_SPEED_FRACTION = 1e-3  # of the full speed; a slower base has no direction to keep
@@ -52,34 +49,20 @@ class BoundSample(NamedTuple):
     binds: Any  # whether a limit binds (1, 1)
 
 
-class LimitSettings(Protocol):
-    """Settings of a law within limits, see :class:`rpctl.control.bounded.BoundedDynamic`."""
-
-    @property
-    def horizon_dyn(self) -> float | None: ...
-    @property
-    def along(self) -> float: ...
-    @property
-    def weights(self) -> Mapping[str, float]: ...
-    @property
-    def joint_horizon_dyn(self) -> float | None: ...
-    @property
-    def midpoint(self) -> bool: ...
-
-
 class BoundedLaw:
     """The law within limits on one robot at one control period: its formulas over scalars.
 
     What they take by name, ``s``, are the law's :meth:`numbers`.
 
     Args:
+        law: Its settings, a :class:`rpctl.control.bounded.BoundedDynamic`.
         period: Control period, s.
 
     Raises:
         UnknownNameError: A weight is of no quasi-velocity of the robot.
     """
 
-    def __init__(self, law: LimitSettings, dynamics: ReducedDynamics, period: float) -> None:
+    def __init__(self, law: Any, dynamics: ReducedDynamics, period: float) -> None:
         self.robot = robot = dynamics.robot
         require_known("quasi-velocity", law.weights, robot.quasi_velocities)
         self._law = law

@@ -12,8 +12,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 
 from rpctl.errors import InputError, RpctlError
-from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import at_home, is_folder, open_input
+from rpctl.files.caps import at_home, cap, how_to_raise, is_folder, open_input
 
 DECLARE = "declare a folder above it with --package-dir or in ROS_PACKAGE_PATH"
 MANIFEST = "package.xml"

@@ -11,7 +11,7 @@ from rpctl.description.urdf.document import Refusal, parse_document
 from rpctl.description.urdf.findings import Findings, excerpt
 from rpctl.description.xacro.expansion import expand, is_xacro, list_arguments
 from rpctl.errors import DescriptionError, fault_at
-from rpctl.files.opening import read_input
+from rpctl.files.caps import read_input
 
 SAME_POSITION = 1e-9  # rad or m; two groups may both state a joint that they share
 

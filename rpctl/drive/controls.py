@@ -17,7 +17,7 @@ from rpctl.description.records import Description
 from rpctl.description.urdf.joints import positive_number
 from rpctl.drive.drive import Drive
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files.opening import read_text
+from rpctl.files.caps import read_text
 
 PLANAR = "planar"  # moves the base any way, whatever its wheels: weak evidence
 KINDS = (  # words of a plugin's file or name, or of a controller's type, without _ and -

@@ -29,9 +29,8 @@ from rpctl import math  # CasADi is imported when a function is asked for
 from rpctl.arrays import Array
 from rpctl.dynamics.motion import Outside, Step, step
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.kernels.linear import solve_positive
 from rpctl.kernels.program import dense_function
-from rpctl.kernels.scalars import column, entries
+from rpctl.kernels.scalars import column, entries, solve_positive
 from rpctl.robot.model import Robot
 
 TOUCHING = 1e-9  # rad or m from its stop, a joint is at it

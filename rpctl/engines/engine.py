@@ -14,7 +14,7 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
 from rpctl.equivalence.contact.mujoco_body import planar, tilt
 from rpctl.equivalence.contact.plan import DrivenRobot
-from rpctl.errors import DivergedError, EngineMissing, RpctlError, UnknownNameError
+from rpctl.errors import DivergedError, EngineMissing, RpctlError, require_known
 from rpctl.robot.model import Robot
 
 ENGINES = {  # by the name that users give
@@ -64,8 +64,7 @@ class Switch:
 
     def __post_init__(self) -> None:
         """Refuse a name that is none of them."""
-        if self.name not in SWITCHES:
-            raise UnknownNameError("switch", self.name, SWITCHES)
+        require_known("switch", [self.name], SWITCHES)
 
 
 def in_order(switches: Iterable[Switch]) -> tuple[Switch, ...]:
@@ -225,9 +224,8 @@ def installed_engines(names: Sequence[str] = ()) -> tuple[list[Engine], list[str
     """
     found: list[Engine] = []
     missing: list[str] = []
+    require_known("engine", names, ENGINES)
     for name in names or tuple(ENGINES):
-        if name not in ENGINES:
-            raise UnknownNameError("engine", name, ENGINES)
         module, _, kind = ENGINES[name].partition(":")
         try:
             engine = cast("Engine", getattr(import_module(module), kind)())

@@ -14,7 +14,7 @@ from traceback import extract_tb
 from typing import Any
 
 from rpctl.errors import UnknownNameError, fault_at
-from rpctl.files.opening import read_text
+from rpctl.files.caps import read_text
 
 MARK = ".py:"  # between the file, without its suffix, and the class
 

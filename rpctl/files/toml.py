@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rpctl.errors import DescriptionError, Finding, fault_at
-from rpctl.files.opening import read_text
+from rpctl.files.caps import read_text
 
 if sys.version_info >= (3, 11):
     import tomllib

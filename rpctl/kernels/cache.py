@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 
 from rpctl.errors import RpctlError
-from rpctl.files.opening import at_home
+from rpctl.files.caps import at_home
 from rpctl.files.writing import write_atomically
 
 FOLDER_VARIABLE = "RPCTL_CACHE_DIR"

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rpctl import math
-from rpctl.kernels.linear import reciprocal
+from rpctl.kernels.scalars import reciprocal
 
 COMPLIANCE = 1e-4  # of x: the square that breaking a soft bound by one is worth; well conditioned
 PRIMAL_TOLERANCE = 1e-9  # of a bound

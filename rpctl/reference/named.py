@@ -12,7 +12,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.drive.steering import turning_radius
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.reference import paths
 from rpctl.reference.fitting import (
     Usage,
@@ -83,8 +83,7 @@ def reference_by_name(
         collisions: Whether the arm swings less where links would come too near to each other or
             to the ground.
     """
-    if name not in BASE_PATHS:
-        raise UnknownNameError("reference", name, BASE_PATHS)
+    require_known("reference", [name], BASE_PATHS)
     shape, wish = BASE_PATHS[name], wish or SizingRequest()
     _require_sense(robot, name, wish)
     dynamics, length = ReducedDynamics(robot), robot_length(robot)

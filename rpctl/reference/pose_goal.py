@@ -12,7 +12,7 @@ import numpy as np
 
 from rpctl import math as casadi
 from rpctl.arrays import Array
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.reference.formula import Along, Columns
 from rpctl.reference.motion import RowReference
 from rpctl.reference.path_reference import TimedPath, still
@@ -286,9 +286,8 @@ def _end_posture(robot: Robot, joints: Mapping[str, float], posture: Array) -> A
         RpctlError: A position is beyond its limits.
     """
     there = posture.astype(float)
+    require_known("joint of the arm", joints, robot.joint_names)
     for name, position in joints.items():
-        if name not in robot.joint_names:
-            raise UnknownNameError("joint of the arm", name, robot.joint_names)
         number = robot.joint_names.index(name)
         joint, unit = robot.joints[number], robot.joints[number].kind == "prismatic"
         if not (math.isfinite(position) and joint.lower <= position <= joint.upper):

@@ -18,7 +18,7 @@ from typing import Any
 from rpctl.description.packages import require_folders
 from rpctl.description.records import ReadSettings
 from rpctl.errors import DescriptionError, RpctlError, UnknownNameError
-from rpctl.files.opening import at_home, is_file, read_text
+from rpctl.files.caps import at_home, is_file, read_text
 from rpctl.robot import catalog
 from rpctl.robot.load_settings import LoadSettings
 

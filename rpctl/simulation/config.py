@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +28,7 @@ from rpctl.control.registry import (
 from rpctl.control.safeguards import Guards
 from rpctl.control.velocity_output import VelocityOutput, as_output, same_kinds
 from rpctl.dynamics.ground_reaction import FRICTION
-from rpctl.errors import RpctlError
+from rpctl.errors import RpctlError, require_positive
 from rpctl.files import toml
 from rpctl.files.records import (
     POSITIVE,
@@ -48,8 +49,10 @@ from rpctl.reference.pose_goal import MAX_DISTANCE
 from rpctl.reference.sizing import require_smoothing
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import set_limits
-from rpctl.simulation.loop.periods import CONTROL_PERIOD
 from rpctl.simulation.plants.plant import Plant
+
+CONTROL_PERIOD = 0.002  # s, where none is asked for
+WHOLE_PERIOD_TOLERANCE = 1e-6  # of a period: a quotient this near to a whole number counts as one
 
 MAX_LOGGED = 25_000  # samples: 50 s at 2 ms; an hour of TIAGo then takes under 400 MB of memory
 MAX_LOG_EVERY = 2**63 - 1  # a file's largest whole number
@@ -421,3 +424,24 @@ def write_config(config: Config, path: str | Path, schema: bool = False) -> Path
         raise RpctlError(
             f"{path}: TOML is UTF-8, and a name in the configuration is not; rename its file"
         ) from None
+
+
+def whole_periods(duration: float, control_period: float) -> int:
+    """Return how many control periods (s) lie within a duration (s); one at least.
+
+    Raises:
+        RpctlError: One of them is not positive.
+    """
+    require_positive("duration", duration)
+    require_positive("control_period", control_period)
+    return max(1, math.floor(duration / control_period + WHOLE_PERIOD_TOLERANCE))
+
+
+def delay_periods(delay: float, control_period: float) -> int:
+    """Return the number of control periods (s) nearest to a delay (s); halves count up."""
+    return math.floor(delay / control_period + 0.5 + WHOLE_PERIOD_TOLERANCE)
+
+
+def is_whole(time: float, control_period: float, periods: int) -> bool:
+    """Return whether a time (s) is that many control periods (s)."""
+    return abs(time / control_period - periods) <= WHOLE_PERIOD_TOLERANCE

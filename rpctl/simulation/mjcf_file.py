@@ -17,7 +17,7 @@ from rpctl.files.records import read_record, to_plain
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.facts import RobotFacts, robot_facts
 from rpctl.simulation.run.header import require_plain
-from rpctl.simulation.run.reload import load_robot
+from rpctl.simulation.run.run import load_robot
 
 
 def export_mjcf(

@@ -65,7 +65,6 @@ from urllib.parse import urlsplit
 
 from rpctl.errors import RpctlError
 from rpctl.libraries import library
-from rpctl.study.design import extra
 from rpctl.study.executor import (
     Chunk,
     Executor,
@@ -75,6 +74,7 @@ from rpctl.study.executor import (
     pickled,
     run_pickled,
 )
+from rpctl.study.experiment import extra
 from rpctl.study.store import CODE, installed
 
 CONNECT_S = 10.0  # s in which a scheduler has to answer

@@ -18,8 +18,7 @@ from rpctl.errors import RpctlError, require_known
 from rpctl.reference.motion import Reference, configuration_along
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
-from rpctl.simulation.config import Config, LimitOverrides, RunSettings
-from rpctl.simulation.loop.periods import whole_periods
+from rpctl.simulation.config import Config, LimitOverrides, RunSettings, whole_periods
 from rpctl.simulation.loop.track import default_duration
 from rpctl.simulation.plants.plant import Plant
 from rpctl.study.cells import References, Row

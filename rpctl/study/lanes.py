@@ -21,12 +21,11 @@ from rpctl.errors import RpctlError
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 from rpctl.robot.variation import PERTURBATIONS, BuiltNumbers
+from rpctl.simulation.compiled.build import LaneResults, LaneRunner
 from rpctl.simulation.compiled.lanes import LaneInputs
 from rpctl.simulation.compiled.loop import DIVERGED, NO_TROUBLE
-from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
-from rpctl.simulation.config import Config
+from rpctl.simulation.config import Config, delay_periods
 from rpctl.simulation.loop.closed_loop import diverged_at, start_configuration
-from rpctl.simulation.loop.periods import delay_periods
 from rpctl.simulation.loop.track import late
 from rpctl.simulation.merits.measures import SampleMeasures, Totals, merits_of
 from rpctl.simulation.merits.outcome import DIVERGING

@@ -16,8 +16,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.track import TrackSettings, configured
 from rpctl.simulation.merits.outcome import TRACKED
-from rpctl.study.design import Design
-from rpctl.study.experiment import Experiment, RunTable
+from rpctl.study.experiment import Design, Experiment, RunTable
 from rpctl.study.runner import Runner
 from rpctl.study.scatter import Scatter, scatter_of, settings_at
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.errors import DiffersError, DivergedError, RpctlError
-from rpctl.files.opening import read_input
+from rpctl.files.caps import read_input
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.loop.backend import pays, plant_refusal, refusal

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.libraries import library
-from rpctl.study.design import MORRIS_LEVELS, Design, extra, unit_problem
+from rpctl.study.experiment import MORRIS_LEVELS, Design, extra, unit_problem
 
 CONFIDENCE = 0.95
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the quantiles that are told

@@ -25,16 +25,14 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.control.registry import own_digests
 from rpctl.errors import RpctlError, one_line
-from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import open_input, read_input
+from rpctl.files.caps import cap, how_to_raise, open_input, read_input
 from rpctl.files.records import to_plain
 from rpctl.files.strict_json import read_json
 from rpctl.files.writing import make_folder, write_atomically, writing
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.loop.budget import in_bytes
-from rpctl.study.design import Design, extra
-from rpctl.study.experiment import Experiment, RunTable
+from rpctl.study.experiment import Design, Experiment, RunTable, extra
 from rpctl.study.scatter import Scatter, distribution_table
 
 DIGEST = "sha256"  # of the rest of a line, or of all rows

@@ -172,14 +172,14 @@ class StressReport:
 
         Those of which every run was refused have none.
         """
-
-        def badness(row: StressRow) -> tuple[int, float]:
-            return VERDICTS.index(row.verdict.name), row.figures.late_error
-
         ran = [
             [r for r in self._rows_of(*pair) if r.verdict.name != REFUSED] for pair in self.pairs()
         ]
-        return [max(rows, key=badness) for rows in ran if rows]
+        return [
+            max(rows, key=lambda row: (VERDICTS.index(row.verdict.name), row.figures.late_error))
+            for rows in ran
+            if rows
+        ]
 
     def reaches(self) -> list[dict[str, Any]]:
         """Return how far each law holds on each plant along each ladder, as JSON says it.

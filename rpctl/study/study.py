@@ -21,9 +21,17 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, write_config
 from rpctl.simulation.loop.track import require_affordable
 from rpctl.simulation.merits.outcome import ON_PATH_M, TRACKED
-from rpctl.study.design import DESIGNS, Design, extra, whole
 from rpctl.study.executor import Executor
-from rpctl.study.experiment import Experiment, Progress, RunTable, join_tables
+from rpctl.study.experiment import (
+    DESIGNS,
+    Design,
+    Experiment,
+    Progress,
+    RunTable,
+    extra,
+    join_tables,
+    whole,
+)
 from rpctl.study.merits import MERITS, merits_for
 from rpctl.study.runner import Runner, run_rows
 from rpctl.study.scatter import Scatter, settings_at

@@ -13,7 +13,7 @@ import numpy as np
 
 from rpctl.errors import DescriptionError, Finding, RpctlError
 from rpctl.files import toml
-from rpctl.files.opening import read_text
+from rpctl.files.caps import read_text
 from rpctl.files.records import fields_of, read_record
 from rpctl.files.toml import Table
 from rpctl.robot.model import Robot

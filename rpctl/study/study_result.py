@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.errors import RpctlError
-from rpctl.files.opening import read_text
+from rpctl.files.caps import read_text
 from rpctl.files.strict_json import read_json
-from rpctl.study.design import Design
-from rpctl.study.experiment import RunTable
+from rpctl.study.experiment import Design, RunTable
 from rpctl.study.optimise import OPTIMUM_FILE
 from rpctl.study.statistics import (
     Interval,

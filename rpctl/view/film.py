@@ -20,7 +20,7 @@ from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.run import Run
-from rpctl.view.marks import MARK, comment
+from rpctl.view.labels import MARK, comment
 from rpctl.view.pages.page import asset, embed, render, render_page, stand_in_entry
 from rpctl.view.pages.report import robot_of
 from rpctl.view.pages.third_party import licences, meshcat_script

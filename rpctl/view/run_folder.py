@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from rpctl.errors import RpctlError
-from rpctl.files.opening import is_file, is_folder
+from rpctl.files.caps import is_file, is_folder
 from rpctl.files.writing import make_folder, to_json, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.summary import Summary, summarize
 from rpctl.simulation.run.part import PART_FOLDER, is_part
 from rpctl.simulation.run.run import Run
-from rpctl.view.marks import JSON_KEY, digest, mark_of
+from rpctl.view.labels import JSON_KEY, digest, mark_of
 from rpctl.view.pages.report import comparison_page, report_page, robot_of
 from rpctl.view.plots.figures import tracking_image
 from rpctl.view.scene.robot_meshes import MAX_TRIANGLES

@@ -17,8 +17,7 @@ import rpctl
 from rpctl.control.controller import default_laws
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.merits.outcome import TRACKED
-from rpctl.study.design import Design
-from rpctl.study.experiment import Experiment
+from rpctl.study.experiment import Design, Experiment
 from rpctl.study.runner import Runner
 from rpctl.study.scatter import scatter_of, settings_at
 from tests.bench.sections.rollouts import SCATTER, SECONDS

@@ -12,7 +12,7 @@ import pytest
 import rpctl
 from rpctl import EndEffector, Horizon, PaperKinematic, ReducedDynamics, Robot, Run
 from rpctl.arrays import Array
-from rpctl.control.horizon.plan import Planned
+from rpctl.control.horizon.planner import Planned
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, Unregistered, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw

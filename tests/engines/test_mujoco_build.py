@@ -14,9 +14,9 @@ from PIL import Image
 import rpctl
 from rpctl import Robot, RpctlError
 from rpctl.drive.steering import follower_positions
-from rpctl.engines.mujoco.build import Built, build
 from rpctl.engines.mujoco.ground import GROUND
 from rpctl.engines.mujoco.settings import ContactSettings, read_heights
+from rpctl.engines.mujoco.world import Built, build
 from rpctl.equivalence.contact.mujoco_body import mujoco_library
 from tests import urdf
 from tests.robots import SET_A, ball, free_caster, platform, write

@@ -11,7 +11,7 @@ import pytest
 
 from rpctl import ReducedDynamics, Robot
 from rpctl.dynamics.ground_reaction import Contacts, find_contacts, ground_reaction
-from rpctl.dynamics.pushes import push_at, pushed_efforts
+from rpctl.dynamics.reduced import push_at, pushed_efforts
 from rpctl.equivalence.onset.prediction import (
     SLIPS,
     TIPS,

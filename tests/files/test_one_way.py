@@ -20,7 +20,7 @@ WORDS = re.compile(  # without one of them a module is not worth parsing
     "|".join(rf"\b{word}\b" for word in (*OPENING, *{name for _, name in OF_MODULES}))
 )
 ELSEWHERE = {  # what opens no input, and why
-    "files/opening.py": "it is the one way",
+    "files/caps.py": "it is the one way",
     "files/writing.py": "opens what it writes",
     "files/worker.py": "opens the null device, for what a worker prints",
     "simulation/run/file.py": "opens entries of an archive that the one way opened",
@@ -48,7 +48,7 @@ def calls(text: str) -> list[int]:
     own |= {
         alias.name
         for node in nodes
-        if isinstance(node, ast.ImportFrom) and str(node.module) == "rpctl.files.opening"
+        if isinstance(node, ast.ImportFrom) and str(node.module) == "rpctl.files.caps"
         for alias in node.names
     }
     for node in nodes:
@@ -85,7 +85,7 @@ def test_another_way_is_found(text: str) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "from rpctl.files.opening import read_text\nread_text(path, cap, kind)",
+        "from rpctl.files.caps import read_text\nread_text(path, cap, kind)",
         "def read_text(file): pass\nread_text(1)", "tomllib.loads(text)", "opened(path)",
     ],
 )  # fmt: skip

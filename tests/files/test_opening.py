@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rpctl.errors import InputError
-from rpctl.files.opening import open_input, read_input
+from rpctl.files.caps import open_input, read_input
 
 PATIENCE = 2.0  # s; a pipe that nobody writes to would hold the process for ever
 
@@ -76,7 +76,7 @@ def test_a_pipe_put_in_a_file_s_place_is_refused_by_the_open_file(
     os.mkfifo(tmp_path / "input")
     before = Path(__file__).stat()
     with monkeypatch.context() as patch:
-        patch.setattr("rpctl.files.opening.os.stat", lambda path: before)
+        patch.setattr("rpctl.files.caps.os.stat", lambda path: before)
         with pytest.raises(InputError, match="a pipe, not a regular file"):
             open_input(tmp_path / "input", "MAX_BYTES", "a drive file")
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.kernels.linear import BlockSolver, least, solve_positive
-from rpctl.kernels.scalars import column
+from rpctl.kernels.scalars import BlockSolver, column, least, solve_positive
 
 
 def symbols(matrix: Array) -> tuple[Any, list[list[Any]]]:

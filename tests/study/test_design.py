@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl import RpctlError
-from rpctl.study.design import DESIGNS, Design
+from rpctl.study.experiment import DESIGNS, Design
 
 SIZES = {"monte-carlo": 60, "grid": 27, "latin-hypercube": 60, "sobol": 40, "morris": 60}
 

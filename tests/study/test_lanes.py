@@ -13,8 +13,8 @@ from rpctl import ReducedDynamics, Robot, UnifiedKinematic
 from rpctl.arrays import Array
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.robot.variation import CarriedLoad
+from rpctl.simulation.compiled.build import holding
 from rpctl.simulation.compiled.lanes import LaneInputs
-from rpctl.simulation.compiled.rollouts import holding
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.closed_loop import start_configuration
 from rpctl.simulation.plants.plant import Plant

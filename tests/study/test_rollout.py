@@ -12,11 +12,10 @@ import pytest
 
 from rpctl import PaperDynamic, Robot, RpctlError
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
-from rpctl.simulation.compiled import rollouts as compiled_rollouts
+from rpctl.simulation.compiled import build
 from rpctl.simulation.config import Config, RunSettings, read_config, write_config
 from rpctl.simulation.loop.track import simulate
-from rpctl.study.design import Design
-from rpctl.study.experiment import Experiment
+from rpctl.study.experiment import Design, Experiment
 from rpctl.study.merits import run_merits
 from rpctl.study.rollout import Rollouts, rollout
 from rpctl.study.runner import Runner
@@ -217,8 +216,8 @@ def test_a_rollout_whose_loop_is_kept_builds_no_graph(
 
     monkeypatch.setattr(SymbolicDynamics, "p", property(refused))
     monkeypatch.setattr(SymbolicDynamics, "_known", property(refused))
-    for kept in (compiled_rollouts._kept, {}):
-        monkeypatch.setattr(compiled_rollouts, "_kept", kept)
+    for kept in (build._kept_runs, {}):
+        monkeypatch.setattr(build, "_kept_runs", kept)
         again = rollout(paper, "eight", scatter, 8, **settings)
         np.testing.assert_array_equal(again.base_error, first.base_error)
     with pytest.raises(AssertionError, match="a graph is built"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl.arrays import Array
-from rpctl.study.design import Design
+from rpctl.study.experiment import Design
 from rpctl.study.statistics import Sensitivity, parameter_map, rank_correlation, sensitivity
 
 NAMES = ("x1", "x2", "x3")

@@ -18,8 +18,8 @@ from rpctl.arrays import Array
 from rpctl.simulation.config import read_config
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.summary import summarize
-from rpctl.study.design import DESIGNS
 from rpctl.study.executor import Executor
+from rpctl.study.experiment import DESIGNS
 from rpctl.study.runner import chunk_size
 from rpctl.study.store import installed, read_runs
 from rpctl.study.study import Study, run_study

@@ -18,7 +18,7 @@ from rpctl.cli.app import app
 from rpctl.control.bandwidth import gains_of
 from rpctl.simulation.config import RunSettings
 from rpctl.study.cells import CellRunner, References, Row
-from rpctl.study.tuning import RATIOS, row_dict, tune_cells, tuning_bandwidths
+from rpctl.study.optimise import RATIOS, row_dict, tune_cells, tuning_bandwidths
 
 
 def tuned(robot: Robot, bandwidth: float, seconds: float) -> dict[str, Any]:

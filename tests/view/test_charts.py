@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 
 from rpctl import Run
-from rpctl.simulation.merits.collision_facts import (
-    GROUND,
-    SELF,
-    CollisionFacts,
-    LinkClearance,
-)
+from rpctl.simulation.merits.collision_facts import GROUND, SELF, CollisionFacts, LinkClearance
 from rpctl.view.charts import Chart, charts, grip_top
 from rpctl.view.pages.motion_data import (
     MAX_POINTS,

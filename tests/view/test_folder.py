@@ -24,7 +24,7 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.run.part import PartWriter
 from rpctl.view import run_folder
-from rpctl.view.marks import JSON_KEY, mark_of
+from rpctl.view.labels import JSON_KEY, mark_of
 from rpctl.view.run_folder import (
     BYTES_PER_MB,
     MADE_FILES,

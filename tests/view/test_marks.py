@@ -12,7 +12,7 @@ from PIL import Image
 from rpctl import Run
 from rpctl.errors import RpctlError
 from rpctl.view import film
-from rpctl.view.marks import ENDS, comment, digest, mark_of
+from rpctl.view.labels import ENDS, comment, digest, mark_of
 from rpctl.view.plots.figures import to_pdf, to_png, tracking_figure
 
 RUN = "0123456789abcdef" * 4

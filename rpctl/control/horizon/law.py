@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import math
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Annotated
 
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach, ApproachStage
-from rpctl.control.horizon.beside import (
-    TIME_ROUNDING,
-    Beside,
-    Delays,
-    SimulatedPlanning,
-    simulated_time,
-)
-from rpctl.control.horizon.plan import Follower, HorizonPlan, Planned
-from rpctl.control.horizon.planner import Asked, Planner, Planning, Prepared
+from rpctl.control.horizon.planner import Asked, Follower, HorizonPlan, Planned, Planner, Planning
 from rpctl.control.horizon.process import PlanningProcess
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, SingularBasisError
+from rpctl.errors import SingularBasisError
 from rpctl.files.records import Setting
 from rpctl.reference.motion import Reference
 
@@ -49,28 +46,16 @@ class Horizon(PlannerSettings):
     fallback: Annotated[KinematicLaw, Setting("", "", "Law of the samples without a plan.")] = (
         field(default_factory=UnifiedKinematic)
     )
-    prepare: Annotated[
-        bool,
-        Setting(
-            "",
-            "",
-            "Whether a QP is linearised ahead, about the state expected at the next "
-            "solve, so that only the QP itself is left to do once that is measured. It "
-            "needs someone who calls HorizonLaw.prepare between the samples; "
-            "rpctl.Controller does.",
-        ),
-    ] = False
     asynchronous: Annotated[
-        bool | None,
+        bool,
         Setting(
             "",
             "",
             "Whether solves run beside the samples, on a robot in a process of their own. A plan "
             "then starts from the state that is expected when it will be there; the law never "
-            "waits. If not given: unless prepare is on. Give false where you simulate the samples "
-            "yourself, faster than time.",
+            "waits. Give false where you simulate the samples yourself, faster than time.",
         ),
-    ] = None
+    ] = True
     approach: Annotated[
         Approach | None,
         Setting(
@@ -80,17 +65,6 @@ class Horizon(PlannerSettings):
             "It knows of no obstacles: there is none where base_obstacles are given.",
         ),
     ] = field(default_factory=Approach, kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Refuse settings that predict nothing."""
-        super().__post_init__()
-        if self.prepare and self.asynchronous:
-            raise RpctlError("prepare and asynchronous exclude each other; choose one")
-
-    @property
-    def beside(self) -> bool:
-        """Whether solves run beside the samples."""
-        return not self.prepare if self.asynchronous is None else self.asynchronous
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
@@ -108,7 +82,7 @@ class Horizon(PlannerSettings):
             RpctlError: The process that plans cannot be started.
         """
         process = None
-        if self.beside and simulated_time() is None:
+        if self.asynchronous and _simulated.get() is None:
             process = PlanningProcess(self, dynamics.robot)  # it starts while this one goes on
         fallback = as_law(self.fallback).start(dynamics, period, rest)
         if process is not None:
@@ -136,37 +110,35 @@ class HorizonLaw:
         process: PlanningProcess | None = None,
     ) -> None:
         self._law, self._fallback, self._dynamics = law, fallback, dynamics
-        self._beside: Beside | None = process
-        self.process, simulated = process, simulated_time()
+        self._beside: PlanningProcess | SimulatedPlanning | None = process
+        self.process, simulated = process, _simulated.get()
         if process is None:
             self.planner = Planner(law, dynamics)
-            if law.beside and simulated is not None:
+            if law.asynchronous and simulated is not None:
                 self._beside = SimulatedPlanning(Planning(self.planner), simulated)
         self._plan: HorizonPlan | None = None
         self._asked: tuple[Asked, Reference] | None = None
         self._next: Planned | None = None  # the answer, until it begins
         self._made_for: Reference | None = None  # what the plan leads to
-        self._prepared: Prepared | None = None
-        self._reference: Reference | None = None
         self._stage: ApproachStage | None = None
         if law.approach is not None and not law.base_obstacles:
             self._stage = law.approach.stage(dynamics)
         self._follower, self._delays = Follower(dynamics.robot), Delays()
         self.solved_at = self._measured_at = -math.inf  # when it planned last, and its plan's state
         self._lag, self._fault = 0.0, ""
-        self.solves = self.fallbacks = self.softened = self.prepared = self.unplanned = 0
+        self.solves = self.fallbacks = self.softened = self.unplanned = 0
         self.largest_lag = self.largest_age = 0.0
 
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
         """Return the command, from a new plan if it is time for one."""
-        self._reference = reference
         if self._beside is not None:
             self._plan_beside(self._beside, reference, t, q, nu)
         elif self._due(t):
             self.solved_at = self._measured_at = t
-            self._take(self._new_plan(reference, t, q, nu))
+            read = self._approach(reference, t, q, nu)
+            self._take(self.planner.plan(read, t, q, nu, self._plan))
         plan = self._plan
         if plan is None or t > plan.ends:
             self.unplanned += 1
@@ -175,54 +147,20 @@ class HorizonLaw:
         # What is followed may have jumped along with a measured pose: then the plan is none of it.
         return self._follower(plan, t, q if self._made_for is reference else None)
 
-    def _new_plan(self, reference: Reference, t: float, q: Array, nu: Array) -> Planned:
-        """Return a plan from a measured state on, by the QP that was prepared if there is one."""
-        prepared, self._prepared = self._prepared, None
-        before, read = self._reading(reference), self._approach(reference, t, q, nu)
-        if (
-            prepared is None
-            or self._plan is None
-            or abs(prepared.t - t) > self._law.period
-            or read is not before  # what was prepared leads elsewhere
-        ):
-            return self.planner.plan(read, t, q, nu, self._plan)
-        self.prepared += 1
-        q, nu = self.planner.advanced(q, nu, self._plan.command(t).nu_d_dot, prepared.t - t)
-        return self.planner.feed_back(prepared, q, nu, self._plan)
-
-    def prepare(self, t: float, q: Array, nu: Array, after: float) -> None:
-        """Linearise ahead if the next sample is one to solve at; call it after a command is sent.
-
-        Args:
-            after: Time until the next sample, s.
-        """
-        plan = self._plan
-        if not self._law.prepare or plan is None or self._reference is None:
-            return
-        if self._due(t + after):
-            nu_dot = plan.command(t).nu_d_dot
-            q, nu = self.planner.advanced(q, nu, nu_dot, after)
-            start = plan.start_of_next(t + after, nu)
-            read = self._reading(self._reference)
-            self._prepared = self.planner.prepare(read, t + after, q, start, plan)
-
     def report(self) -> dict[str, float]:
         """Return the numbers of solves, of failed ones, and of those that softened a bound.
 
         ``unplanned`` samples had no plan, and the fallback answered. ``largest_lag`` (s) is how far
         the scaled reference time fell behind, ``largest_age`` (s) how long ago the state was
-        measured that a plan in use was made from. With ``prepare``, ``prepared`` is the number of
-        solves that were; where plans are made beside the samples, ``largest_delay`` (s) is the
-        longest that one took, and ``restarts`` how often their process ended or did not answer.
-        ``approaches`` is how many ways up to the reference there were, of a base that has that
-        stage.
+        measured that a plan in use was made from. Where plans are made beside the samples,
+        ``largest_delay`` (s) is the longest that one took, and ``restarts`` how often their process
+        ended or did not answer. ``approaches`` is how many ways up to the reference there were, of
+        a base that has that stage.
         """
         names = "solves", "fallbacks", "softened", "unplanned", "largest_lag", "largest_age"
         report: dict[str, float] = {name: getattr(self, name) for name in names}
         if self._stage is not None:
             report["approaches"] = self._stage.approaches
-        if self._law.prepare:
-            report["prepared"] = self.prepared
         if self._beside is not None:
             report["largest_delay"] = self._delays.largest
         if self.process is not None:
@@ -274,7 +212,12 @@ class HorizonLaw:
         self._fault = self._fault or found.fault
 
     def _plan_beside(
-        self, beside: Beside, reference: Reference, t: float, q: Array, nu: Array
+        self,
+        beside: PlanningProcess | SimulatedPlanning,
+        reference: Reference,
+        t: float,
+        q: Array,
+        nu: Array,
     ) -> None:
         """Take over the plan that is there by now; ask for the next if it is time for one."""
         self._collect(beside, t)
@@ -291,7 +234,7 @@ class HorizonLaw:
         beside.begin(read, asked)
         self._collect(beside, t)
 
-    def _collect(self, beside: Beside, t: float) -> None:
+    def _collect(self, beside: PlanningProcess | SimulatedPlanning, t: float) -> None:
         """Take over the plan that was asked for once it is there and its time has come."""
         found = beside.result(t)
         if self._asked is None:
@@ -312,3 +255,92 @@ class HorizonLaw:
             self._made_for, self._measured_at = reference, asked.t
             self._take(self._next)
             self._asked = self._next = None
+
+
+ComputingTime = float | str  # s, or "measured"
+REMEMBERED_DELAYS = 20
+EXPECTED_RANK = 15  # of them, in ascending order: the delay to expect; few come later
+TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
+
+
+@dataclass
+class SimulatedTime:
+    """What computing takes in a simulation, in the place of what it takes on this machine.
+
+    Attributes:
+        computing_time: Of a computation, s, or "measured": its processor time.
+        spent_in_background: Processor time of what was computed beside the samples, s.
+    """
+
+    computing_time: ComputingTime = 0.0
+    spent_in_background: float = 0.0
+
+
+_simulated: ContextVar[SimulatedTime | None] = ContextVar("simulated", default=None)
+
+
+@contextmanager
+def in_simulated_time(simulated: SimulatedTime) -> Iterator[None]:
+    """Let the laws that are started meanwhile compute in simulated time."""
+    token = _simulated.set(simulated)
+    try:
+        yield
+    finally:
+        _simulated.reset(token)
+
+
+class Delays:
+    """How long plans took, s.
+
+    Attributes:
+        largest: The longest.
+    """
+
+    def __init__(self) -> None:
+        self._last = deque[float](maxlen=REMEMBERED_DELAYS)
+        self.largest = 0.0
+
+    def add(self, delay: float) -> None:
+        """Take note of another, s."""
+        self._last.append(delay)
+        self.largest = max(self.largest, delay)
+
+    @property
+    def expected(self) -> float:
+        """What the next is not expected to exceed, s; 0 before the first."""
+        if not self._last:
+            return 0.0
+        return sorted(self._last)[EXPECTED_RANK * len(self._last) // REMEMBERED_DELAYS]
+
+
+class SimulatedPlanning:
+    """What :class:`PlanningProcess` does, in simulated time."""
+
+    def __init__(self, planning: Planning, simulated: SimulatedTime) -> None:
+        self._planning, self._simulated = planning, simulated
+        self._found: Planned | None = None
+        self._due = 0.0
+
+    @property
+    def busy(self) -> bool:
+        """Whether it owes a plan."""
+        return self._found is not None
+
+    def can_begin(self, reference: Reference, t: float, lag: float, delay: float) -> bool:
+        """Return whether no plan is on its way."""
+        return not self.busy
+
+    def begin(self, reference: Reference, asked: Asked) -> None:
+        """Compute a plan, and hold it back."""
+        began = time.thread_time()
+        self._found = self._planning(reference, asked)
+        spent, stated = time.thread_time() - began, self._simulated.computing_time
+        self._due = asked.t + (spent if isinstance(stated, str) else stated)
+        self._simulated.spent_in_background += spent
+
+    def result(self, t: float) -> Planned | None:
+        """Return the plan that is there at a time, once."""
+        if self._found is None or t < self._due - TIME_ROUNDING:
+            return None
+        found, self._found = self._found, None
+        return found

@@ -1,4 +1,4 @@
-"""Plans of the horizon law: from a state and its reference to accelerations of N steps."""
+"""Plans of the horizon law: accelerations of N steps, who makes them, and who follows them."""
 
 from __future__ import annotations
 
@@ -10,27 +10,25 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.body_clearance import body_clearance
 from rpctl.control.horizon.constraints import (
+    Cost,
     ForceBounds,
     HardBounds,
     SoftBound,
     WheelSpeeds,
     arm_clearance,
     base_clearance,
+    body_clearance,
     contact_radius,
     every_nth_stage,
 )
-from rpctl.control.horizon.cost import Cost, wrap_angles
 from rpctl.control.horizon.forces import ForceModel
-from rpctl.control.horizon.plan import Feedback, Follower, HorizonPlan, Planned
 from rpctl.control.horizon.prediction import Indices, Model, PredictedMotion
 from rpctl.control.horizon.qp import (
     CondensedQp,
     CondensedStructure,
     Linearisation,
     LinearRows,
-    StateDifference,
 )
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.horizon.target import (
@@ -44,10 +42,12 @@ from rpctl.control.horizon.target import (
     base_detour,
     look_ahead,
 )
+from rpctl.control.law import Command
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError
 from rpctl.reference.motion import Reference
+from rpctl.robot.model import Robot
 
 END_EFFECTOR_STRIDE = 5  # steps between the stages with a cost of the end effector
 NEAR_STAGES = 3  # first stages that also have it among obstacles
@@ -66,8 +66,8 @@ class Asked(NamedTuple):
     sees: bool = True  # whether what is measured corrects what is commanded
 
 
-class Prepared(NamedTuple):
-    """A QP that waits for the measured state at a time."""
+class Problem(NamedTuple):
+    """A QP, linearised about a motion from a time on."""
 
     t: float  # s
     motion: PredictedMotion
@@ -101,7 +101,7 @@ class Planner:
         self.cost = Cost(law.weights, self.model, len(end_effector_stages))
         self.structure = CondensedStructure(self.model, self.cost.hessian, self.cost.cross)
         self._largest = law.bounds.accelerations(self.model)
-        self._prepared: Prepared  # the QP of the last plan
+        self._problem: Problem  # the QP of the last plan
         self._active: Indices = np.empty(0, dtype=np.intp)  # bounds that held the last solution
 
     def plan(
@@ -147,37 +147,11 @@ class Planner:
         """Return how much later than at its time (s) the reference is read, s."""
         return t - self._time_scaler.reference_time(t)
 
-    def prepare(
-        self, reference: Reference, t: float, q: Array, nu: Array, last: HorizonPlan
-    ) -> Prepared | None:
-        """Return the QP about the motion from a predicted state on; None where there is none.
-
-        Args:
-            last: The plan that leads there.
-        """
-        try:
-            return self._about(t, q, nu, last.shifted(t), self._target(reference, t, q))
-        except SingularBasisError:
-            return None
-
-    def _about(self, t: float, q: Array, nu: Array, nu_dot: Array, target: Target) -> Prepared:
+    def _about(self, t: float, q: Array, nu: Array, nu_dot: Array, target: Target) -> Problem:
         """Return the QP about the motion from a state on, under given accelerations."""
         motion = self.model.predict(q, nu, nu_dot)
         values = self.linearise(motion, target)
-        return Prepared(t, motion, values, CondensedQp(self.structure, values))
-
-    def feed_back(self, prepared: Prepared, q: Array, nu: Array, last: HorizonPlan) -> Planned:
-        """Return the plan from a measured state on, by a QP prepared for it.
-
-        Args:
-            prepared: The QP, about the motion from the state that was expected.
-        """
-        model, motion = self.model, prepared.motion
-        off = model.robot.base_pose(q) - motion.pose[0]
-        off[2:] = wrap_angles(off[2:])
-        joints = model.joint_positions(q) - motion.joints[0]
-        nu = last.start_of_next(prepared.t, nu) - motion.nu[0]
-        return self._solved(prepared, StateDifference(off[:, None], joints[:, None], nu[:, None]))
+        return Problem(t, motion, values, CondensedQp(self.structure, values))
 
     def feedback(self, plan: HorizonPlan, beside: Array) -> Feedback | None:
         """Return where the last plan leads, and what keeps a robot on it.
@@ -185,8 +159,8 @@ class Planner:
         Args:
             beside: By how much ν_d is off the plan before at its start (dof,).
         """
-        model, prepared = self.model, self._prepared
-        q = prepared.motion.start
+        model, problem = self.model, self._problem
+        q = problem.motion.start
         try:
             motion = model.predict(q, plan.nu, plan.nu_dot)
             vx, vy, omega = model.dynamics.twist(q, plan.nu)
@@ -204,7 +178,7 @@ class Planner:
             [bends, 0.5 * joints, np.zeros_like(plan.nu_dot)],
         )
         along = np.stack([np.hstack(each) for each in coefficients])
-        gain = prepared.qp.gain(prepared.values, self._active)
+        gain = problem.qp.gain(problem.values, self._active)
         return Feedback(along, gain, self._largest, beside)
 
     def advanced(self, q: Array, nu: Array, nu_dot: Array, duration: float) -> tuple[Array, Array]:
@@ -249,18 +223,17 @@ class Planner:
         self._forces.update(q)  # the scaler looked at those of the reference's postures
         return look_ahead(model, self._preview, time_scaling, model.joint_positions(q))
 
-    def _solved(self, prepared: Prepared, start: StateDifference | None = None) -> Planned:
-        """Return the plan of a QP, from its motion's start or from beside it."""
-        found, self._prepared = prepared.qp.solve(prepared.values, self._active, start), prepared
+    def _solved(self, problem: Problem) -> Planned:
+        """Return the plan of a QP, from its motion's start on."""
+        found, self._problem = problem.qp.solve(problem.values, self._active), problem
         self._active, x, lag = found.active, found.x, self._time_scaler.largest_lag
         if not found.solved or not np.isfinite(x).all():
             return Planned(None, 0.0, lag)
-        motion, structure = prepared.motion, self.structure
-        nu = motion.nu[0] if start is None else motion.nu[0] + start.nu[:, 0]
+        motion, structure = problem.motion, self.structure
         nu_dot = motion.nu_dot + x[structure.indices.nu_dot]
         slack = float(x[structure.deviations :].max(initial=0.0))
-        plan = HorizonPlan(prepared.t, self.model.dt, nu, nu_dot)
-        return Planned(plan, slack, lag, self.lag(prepared.t))
+        plan = HorizonPlan(problem.t, self.model.dt, motion.nu[0], nu_dot)
+        return Planned(plan, slack, lag, self.lag(problem.t))
 
 
 class Planning:
@@ -298,3 +271,129 @@ def _soft_bounds(
         obstacles = law.base_obstacles, law.end_effector_obstacles
         found += body_clearance(model, law.body_clearance, *obstacles)
     return found
+
+
+PLAN_BLEND_TIME = 0.08  # s: time constant with which plans follow the measured ν
+SOFTENED_SLACK = 1e-3  # of a limit, or m: slack from which a bound counts as softened
+
+
+class Feedback(NamedTuple):
+    """Where a plan leads, and how its first ν̇ would differ had it begun beside its start.
+
+    The state x is pose, joints and ν (3 + n_joints + dof,): x = c₀ + c₁ s + c₂ s² at s (s) after
+    the start of a step.
+    """
+
+    motion: Array  # (3, N, 3 + n_joints + dof): c₀, c₁ and c₂ of each step
+    gain: Array  # (dof, 3 + n_joints + dof)
+    largest: Array  # (dof,) |ν̇|
+    beside: Array  # (dof,) ν_d less that of the plan before, as foreseen at the start
+
+
+class HorizonPlan(NamedTuple):
+    """Accelerations, constant in each step, from time ``t`` and ``nu`` on."""
+
+    t: float  # s
+    dt: float  # length of a step, s
+    nu: Array  # (dof,)
+    nu_dot: Array  # (N, dof)
+    feedback: Feedback | None = None
+
+    @property
+    def ends(self) -> float:
+        """When nothing is planned any more, s."""
+        return self.t + len(self.nu_dot) * self.dt
+
+    def step(self, t: float) -> tuple[int, float]:
+        """Return the step at a time (s), and for how long it has lasted; the first before that."""
+        step = min(max(int((t - self.t) / self.dt), 0), len(self.nu_dot) - 1)
+        return step, t - self.t - step * self.dt
+
+    def command(self, t: float) -> Command:
+        """Return ν and ν̇ of the plan at a time (s); before it begins, those of its first step."""
+        step, since = self.step(t)
+        before = self.dt * self.nu_dot[:step].sum(axis=0)
+        nu_dot = self.nu_dot[step]
+        return Command(self.nu + before + since * nu_dot, nu_dot)
+
+    def start_of_next(self, t: float, nu: Array) -> Array:
+        """Return the initial ν (dof,) of a plan from ``t`` on: this one's, drawn to the measured.
+
+        Planning from the measured ν alone would accept every deviation, and only the far end of the
+        horizon would correct it: light joints drift off once efforts arrive 20 ms late.
+        """
+        planned = self.command(t).nu_d
+        return np.asarray(planned + min((t - self.t) / PLAN_BLEND_TIME, 1.0) * (nu - planned))
+
+    def shifted(self, t: float) -> Array:
+        """Return the accelerations (N, dof), shifted to steps from ``t`` on; then zeros."""
+        shifted = np.zeros_like(self.nu_dot)
+        whole, part = divmod(max(t - self.t, 0.0) / self.dt, 1.0)
+        ahead = self.nu_dot[int(whole) :]
+        shifted[: len(ahead)] += (1.0 - part) * ahead
+        shifted[: len(ahead[1:])] += part * ahead[1:]
+        return shifted
+
+
+class Planned(NamedTuple):
+    """What became of a solve."""
+
+    plan: HorizonPlan | None  # None if a QP was not solved
+    slack: float = 0.0  # the largest, of a limit or m
+    largest_lag: float = 0.0  # of the scaled reference time so far, s
+    lag: float = 0.0  # of it at the plan's start, s
+    fault: str = ""  # what stopped it
+
+    @property
+    def softened(self) -> bool:
+        """Whether a bound gave way."""
+        return self.slack > SOFTENED_SLACK
+
+
+class Follower:
+    """Keeps a robot on its plan: ν̇ = ν̇_plan + K δ, with ν_d its integral.
+
+    δ is what pose, joints and ν_d are off the plan by, and K the derivative of the QP's solution by
+    the state that it starts from, with the bounds held that hold it: what a solve at each sample
+    would make of δ, to first order.
+
+    Attributes:
+        beside: By how much ν_d is off the plan's (dof,).
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        steered = [swivel.joint for swivel in robot.drive.steered]
+        self._joints = [*steered, *robot.joint_names]
+        self.beside = np.zeros(robot.dof)
+        self._t = 0.0  # s, of the last sample
+
+    def begin(self, t: float, beside: Array) -> None:
+        """Follow another plan from a time (s) on.
+
+        Args:
+            beside: By how much it is foreseen that ν_d is off the plan before (dof,).
+        """
+        self.beside, self._t = self.beside - beside, t
+
+    def __call__(self, plan: HorizonPlan, t: float, q: Array | None) -> Command:
+        """Return the command at a time (s).
+
+        Args:
+            q: Configuration (nq,); None where it tells nothing of the plan.
+        """
+        at, elapsed, self._t = plan.feedback, min(t - self._t, plan.dt), t
+        if at is None or q is None:
+            nu, nu_dot = plan.command(t)
+            return Command(nu + self.beside, nu_dot)
+        k, since = plan.step(t)
+        first, rate, bend = at.motion[:, k]
+        planned, own, robot = first + since * (rate + since * bend), -len(plan.nu), self._robot
+        joints = [robot.joint_position(q, name) for name in self._joints]
+        off = np.array([*robot.base_pose(q), *joints]) - planned[:own]
+        off[2:] -= math.tau * np.rint(off[2:] / math.tau)  # a joint that moves in m is never so far
+        nu_dot = rate[own:] + at.gain @ np.concatenate([off, self.beside])
+        nu_dot = np.maximum(np.minimum(nu_dot, at.largest), -at.largest)
+        command = Command(planned[own:] + self.beside, nu_dot)
+        self.beside = self.beside + elapsed * (nu_dot - rate[own:])
+        return command

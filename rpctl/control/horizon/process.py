@@ -1,9 +1,11 @@
 """Planning in a process of its own, which holds up no sample: it is asked, and polled for answers.
 
 Threads would not do: while one of them plans, Python lets no other run for milliseconds. The
-process gets numbers alone, so a reference may be any function. It has no terminal and ends with its
-parent, however that ends: its pipe closes, and where another process has kept that open, its
-parent's number changes.
+process has no terminal and ends with its parent, however that ends: its pipe closes, and where
+another process has kept that open, its parent's number changes.
+
+Who plans there has no use for a function of this process. It gets a reference's rows at multiples
+of a quarter of a step; between them, the second derivatives that a row holds go on.
 """
 
 from __future__ import annotations
@@ -16,30 +18,29 @@ import select
 import signal
 import subprocess
 import sys
+import time
 import weakref
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.ahead import NumbersAhead, ReadAhead, Rows
-from rpctl.control.horizon.plan import Feedback, HorizonPlan, Planned
-from rpctl.control.horizon.planner import Asked, Planner, Planning
+from rpctl.control.horizon.planner import Asked, Planned, Planner, Planning
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.files.worker import LENGTH, ONE_THREAD, Channel
-from rpctl.reference.motion import Reference
-from rpctl.robot.model import BASE_NV, Robot
+from rpctl.reference.motion import Reference, ReferenceState, row_reader, state_of
+from rpctl.robot.model import Robot
 
 BOOT = "import sys; sys.path[:] = {}; from rpctl.control.horizon.process import main; main({})"
 START_S = 120.0  # s that a process may take to load and to make its planner; 2 are usual
 PARENT_S = 1.0  # s between two looks at whether the parent lives
 LONG = 2**30  # bytes: no message is longer
 PIECE = 2**16  # bytes that a pipe takes at once
-PLAN, FAILED = b"plan    ", b"failed  "  # how a message begins; 8 bytes, as a number has
 HUNG = 5.0  # horizons without an answer: a busy machine may take more than one
 KEPT_S = 1.0  # s of the past that a reference is kept for
 
@@ -152,10 +153,11 @@ class PlanningProcess:
         try:
             self._made_of = pickle.dumps((PlannerSettings(**named), robot))
         except Exception as error:  # whatever somebody's own obstacle raises
-            raise _unsendable(error) from None
+            raise RpctlError(
+                f"the horizon law's settings cannot be sent to the process that plans ({error}); "
+                "give obstacles of a class of an importable module, or Horizon(asynchronous=False)"
+            ) from None
         self._horizon, self._reach = law.steps * law.dt, (law.steps + 2) * law.dt
-        joints, dof = len(robot.drive.steered) + len(robot.joints), robot.dof
-        self._steps, self._sizes = law.steps, (BASE_NV + joints + dof, dof)
         self._ahead = ReadAhead(robot, law.dt)
         self.restarts, self.fault = 0, ""
         self._process: Process | None = None
@@ -208,7 +210,7 @@ class PlanningProcess:
         self._asked = asked
         try:
             assert self._process is not None
-            self._process.send(asked_bytes(asked, self._ahead.taken()))
+            self._process.send(pickle.dumps((asked, self._ahead.taken())))
         except Ended:
             self._lost()
 
@@ -229,12 +231,13 @@ class PlanningProcess:
             return None
         if message is None:
             return None
-        if not self._ready:  # the first message: nothing, or why it cannot plan
-            self.fault = message.decode()
+        found: Planned = pickle.loads(message)
+        if not self._ready:  # the first message: no plan, or why it cannot make any
+            self.fault = found.fault
             self._ready = not self.fault
             return None
         self._asked = None
-        return planned_of(message, self._steps, self._sizes)
+        return found
 
     def _alive(self) -> bool:
         """Return whether there is a process; one that was forked starts its own."""
@@ -263,11 +266,8 @@ class PlanningProcess:
             self.fault, self._process = str(error), None
 
 
-def _unsendable(error: Exception) -> RpctlError:
-    return RpctlError(
-        f"the horizon law's settings cannot be sent to the process that plans ({error}); give "
-        "obstacles of a class of an importable module, or Horizon(asynchronous=False)"
-    )
+def _failed(error: Exception) -> Planned:
+    return Planned(None, fault=f"{type(error).__name__}: {error}")
 
 
 def main(parent: int) -> None:
@@ -281,87 +281,120 @@ def main(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(AttributeError, OSError):  # the parent may run before all others; plans do not
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    channel = Channel(io.BufferedReader(io.FileIO(incoming)), _writer(outgoing))
+    channel = Channel(
+        io.BufferedReader(io.FileIO(incoming)), io.BufferedWriter(io.FileIO(outgoing, "w"))
+    )
     with suppress(EOFError, BrokenPipeError):
-        planning, robot = _planning(channel)
+        planning = _planning(channel)
         rows, number, lag = NumbersAhead(0, 1.0), -1, 0.0
         while True:
             while not select.select([incoming], [], [], PARENT_S)[0]:
                 if os.getppid() != parent:
                     return
-            asked, more = asked_of(channel.receive(LONG), robot)
+            asked, more = pickle.loads(channel.receive(LONG))
             if more.number != number:
                 rows, number = NumbersAhead(more.first, planning.dt), more.number
             rows.add(more.rows, asked.t - lag - KEPT_S)
             try:
                 found = planning(rows, asked)
             except Exception as error:  # this one; the next may do
-                found = Planned(None, fault=f"{type(error).__name__}: {error}")
+                found = _failed(error)
             lag = found.lag if found.plan else lag
-            channel.send(planned_bytes(found))
+            channel.send(pickle.dumps(found))
 
 
-def _writer(number: int) -> Any:
-    return io.BufferedWriter(io.FileIO(number, "w"))
-
-
-def _planning(channel: Channel) -> tuple[Planning, Robot]:
-    """Return what plans, and for whom, and tell that it does."""
+def _planning(channel: Channel) -> Planning:
+    """Return what plans, and tell that it does."""
     try:
         law, robot = pickle.loads(channel.receive(LONG))
         planning = Planning(Planner(law, ReducedDynamics(robot)))
     except Exception as error:  # as of a class that the parent alone knows
-        channel.send(f"{type(error).__name__}: {error}".encode())
+        channel.send(pickle.dumps(_failed(error)))
         raise EOFError from None
-    channel.send(b"")
-    return planning, robot
+    channel.send(pickle.dumps(Planned(None)))
+    return planning
 
 
-def asked_bytes(asked: Asked, rows: Rows) -> bytes:
-    """Return what is asked for, and more of the reference, as numbers: a pickle takes longer."""
-    numbers = [asked.t, asked.delay, asked.sees, rows.number, rows.first, len(rows.rows)]
-    parts = numbers, asked.q, asked.nu, asked.beside, rows.rows.ravel()
-    return np.concatenate(parts, dtype=float).tobytes()
+ROWS_PER_STEP = 4
+READING_S = 50e-6  # s that a sample may spend on reading ahead; a row takes 5 to 30 µs
 
 
-def asked_of(message: bytes, robot: Robot) -> tuple[Asked, Rows]:
-    """Return what :func:`asked_bytes` has packed."""
-    (t, delay, sees, *counts), q, nu, beside, rows = np.split(
-        np.frombuffer(message), np.cumsum([6, robot.nq, robot.dof, robot.dof])
-    )
-    number, first, count = map(int, counts)
-    asked = Asked(float(t), q, nu, float(delay), beside, bool(sees))
-    return asked, Rows(number, first, rows.reshape(count, -1) if count else rows)
+class Rows(NamedTuple):
+    """Rows of a reference, one after the other."""
+
+    number: int  # of the reference, counted: another one makes all rows before worthless
+    first: int  # multiple of the stride
+    rows: Array  # (K, 9 + 3 n_joints + 9)
 
 
-def planned_bytes(planned: Planned) -> bytes:
-    """Return a plan as numbers, or why there is none."""
-    plan, slack, largest_lag, lag, fault = planned
-    if plan is None:
-        return FAILED + fault.encode()
-    t, dt, nu, nu_dot, feedback = plan
-    parts = [[t, dt, slack, largest_lag, lag], nu, nu_dot, *(feedback or ())]
-    return PLAN + np.concatenate([np.ravel(part) for part in parts]).tobytes()
+class ReadAhead:
+    """Reads references ahead, a few rows at a time."""
+
+    def __init__(self, robot: Robot, dt: float) -> None:
+        self._robot, self._stride = robot, dt / ROWS_PER_STEP
+        self._reference: Reference | None = None
+        self._number = 0
+        self._row: Callable[[float], Array]
+        self._first, self._rows = 0, list[Array]()
+
+    def reaches(self, reference: Reference, begin: float, end: float) -> bool:
+        """Return whether a reference has been read from one time (s) to another."""
+        if reference is not self._reference:
+            self._number, self._reference = self._number + 1, reference
+            self._row = row_reader(self._robot, reference)
+            self._first, self._rows = math.floor(begin / self._stride), []
+        until = time.perf_counter() + READING_S
+        while True:
+            at = self._first + len(self._rows)
+            if (at - 1) * self._stride >= end:
+                return True
+            self._rows.append(self._row(at * self._stride).copy())
+            if time.perf_counter() > until:
+                return False
+
+    def taken(self) -> Rows:
+        """Return the rows that were read since the last call."""
+        first, rows = self._first, self._rows
+        self._first, self._rows = first + len(rows), []
+        width = len(rows[0]) if rows else 0
+        return Rows(self._number, first, np.reshape(rows, (len(rows), width)))
+
+    def forget(self) -> None:
+        """Read everything again: who had the rows is gone."""
+        self._reference = None
 
 
-def planned_of(message: bytes, steps: int, sizes: tuple[int, int]) -> Planned:
-    """Return what :func:`planned_bytes` has packed.
+class NumbersAhead:
+    """A reference made of its rows; before the first and after the last, it goes on from there."""
 
-    Args:
-        steps: N.
-        sizes: Numbers of the state (3 + n_joints + dof) and of ν.
-    """
-    if message.startswith(FAILED):
-        return Planned(None, fault=message[len(FAILED) :].decode())
-    states, dof = sizes
-    shapes = (5,), (dof,), (steps, dof), (3, steps, states), (dof, states), (dof,), (dof,)
-    numbers, parts, at = np.frombuffer(message, offset=len(PLAN)), list[Array](), 0
-    for shape in shapes:
-        parts.append(numbers[at : at + math.prod(shape)])
-        at += len(parts[-1])
-    (t, dt, slack, largest_lag, lag), nu, nu_dot, *rest = parts
-    feedback = None
-    if len(rest[0]):
-        feedback = Feedback(*(part.reshape(s) for part, s in zip(rest, shapes[3:], strict=True)))
-    plan = HorizonPlan(float(t), float(dt), nu, nu_dot.reshape(steps, dof), feedback)
-    return Planned(plan, float(slack), float(largest_lag), float(lag))
+    def __init__(self, first: int, dt: float) -> None:
+        self._first, self._stride = first, dt / ROWS_PER_STEP
+        self._rows = list[Array]()
+
+    def add(self, rows: Array, read_from: float) -> None:
+        """Add the rows that follow, and forget those before a time (s)."""
+        self._rows += list(rows)
+        old = min(max(math.floor(read_from / self._stride) - self._first, 0), len(self._rows) - 1)
+        self._first, self._rows = self._first + old, self._rows[old:]
+
+    def __call__(self, t: float) -> ReferenceState:
+        """Return the state at a time (s)."""
+        at = min(max(round(t / self._stride) - self._first, 0), len(self._rows) - 1)
+        state, since = state_of(self._rows[at]), t - (self._first + at) * self._stride
+        since = min(max(since, -self._stride), self._stride)
+        vx, vy, omega = state.twist.tolist()
+        bent = state.twist_dot + np.array([-omega * vy, omega * vx, 0.0])
+        x, y, turned = (since * (state.twist + 0.5 * since * bent)).tolist()
+        cos, sin = math.cos(state.pose[2]), math.sin(state.pose[2])
+        pose = state.pose + np.array([cos * x - sin * y, sin * x + cos * y, turned])
+        toward = np.asarray(state.direction)
+        return ReferenceState(
+            pose,
+            state.twist + since * state.twist_dot,
+            state.twist_dot,
+            state.joints + since * (state.joint_rates + 0.5 * since * state.joint_accelerations),
+            state.joint_rates + since * state.joint_accelerations,
+            state.joint_accelerations,
+            np.array([toward[0] + since * (toward[1] + 0.5 * since * toward[2]),
+                      toward[1] + since * toward[2], toward[2]]),
+        )  # fmt: skip

@@ -3,7 +3,7 @@
 Deviations x from a predicted motion are those of ν̇ of step k and of pose, joints and ν after it,
 stage by stage. The accelerations' own deviations u fix them all, x = x₀ + Γ u, so that u and the
 slacks of the soft constraints are the unknowns; x₀ is what another initial state leads to under the
-predicted accelerations ([DBS05], initial value embedding).
+predicted accelerations ([DBS05], initial value embedding): its derivative makes the feedback.
 """
 
 from __future__ import annotations
@@ -236,26 +236,20 @@ class CondensedQp:
         found = self._untied(right)
         return np.asarray(found - self._tied @ (self._capacitance @ (self._extra @ found)))
 
-    def solve(
-        self, values: Linearisation, guess: Indices, start: StateDifference | None = None
-    ) -> CondensedSolution:
+    def solve(self, values: Linearisation, guess: Indices) -> CondensedSolution:
         """Return the solution.
 
         Args:
             values: Errors, values and bounds; derivatives are those factored.
             guess: Numbers of bounds that may be active: lower bounds of the deviations, upper ones,
                 then the soft rows.
-            start: Initial state less that of the motion; None: none.
         """
         structure = self._structure
-        x0 = np.zeros(structure.deviations)
-        if start is not None:
-            x0 = structure.embedded(values.jacobian, start)[:, 0]
-        errors = structure.weigh((values.errors.flat() + x0)[:, None])
+        errors = structure.weigh(values.errors.flat()[:, None])
         slopes = structure.gathered(errors, self._poses)[0]
-        slopes += self._extra.T @ _rows_at(x0, values.extra)
+        slopes += self._extra.T @ _rows_at(np.zeros(structure.deviations), values.extra)
         free = -self._solved(slopes[:, None])[:, 0]
-        x, excess = self._after(values, x0, free)
+        x, excess = self._after(values, free)
         above, slacks = excess, self._slacks
         candidates, active = guess[:0], guess[:0]
         for rounds in range(MAX_ROUNDS):
@@ -267,7 +261,7 @@ class CondensedQp:
             if found is None:
                 break
             u, slacks, active = found
-            x, above = self._after(values, x0, u)
+            x, above = self._after(values, u)
             above[2 * len(x) :] -= slacks[self._slack_of_rows]
         return CondensedSolution(np.concatenate([x, slacks]), guess[:0], False, rounds)
 
@@ -295,9 +289,9 @@ class CondensedQp:
             found -= pull @ np.linalg.lstsq(A @ pull, A @ found + beside, rcond=None)[0]
         return np.asarray(found[:: model.steps])
 
-    def _after(self, values: Linearisation, x0: Array, u: Array) -> tuple[Array, Array]:
+    def _after(self, values: Linearisation, u: Array) -> tuple[Array, Array]:
         """Return x, and by how much it exceeds each of the bounds."""
-        x = x0 + self._structure.spread(u, self._poses)
+        x = self._structure.spread(u, self._poses)
         rows = _rows_at(x, values.soft)
         return x, np.concatenate([values.lower.flat() - x, x - values.upper.flat(), rows])
 

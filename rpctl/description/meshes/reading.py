@@ -22,8 +22,7 @@ from rpctl.description.meshes.jobs import MAX_COORDINATE, make_primitive
 from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.meshes.service import StalledMeshError, ask
 from rpctl.errors import InputError
-from rpctl.files.caps import cap
-from rpctl.files.opening import read_input
+from rpctl.files.caps import cap, read_input
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # how a file not yet fetched begins
 MATERIAL = re.compile(rb"mtllib([^\n]{1,1024})")  # of an OBJ

@@ -25,8 +25,7 @@ from rpctl.description.urdf.joints import (
 from rpctl.description.urdf.links import read_colour, read_link
 from rpctl.description.xacro.expansion import expand, explanation, is_xacro
 from rpctl.errors import DescriptionError, fault_at
-from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import read_source
+from rpctl.files.caps import cap, how_to_raise, read_source
 
 ENGINES_READ = {  # what dynamics need; engines refuse robots for faults in the rest
     "robot": {"link", "joint", "transmission"},

@@ -25,9 +25,8 @@ from rpctl.description.xacro.messages import (
     refuse_faults,
 )
 from rpctl.errors import MAX_SHOWN, DescriptionError, Finding
-from rpctl.files.caps import cap, how_to_raise
+from rpctl.files.caps import cap, how_to_raise, read_source
 from rpctl.files.confinement import open_ways
-from rpctl.files.opening import read_source
 from rpctl.files.worker import Worker, WorkerError
 
 INSTALL = "pip install 'rpctl[xacro]', or run `xacro FILE > robot.urdf` elsewhere and give that"

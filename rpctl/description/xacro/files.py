@@ -19,8 +19,7 @@ from typing import Any
 from rpctl.description.packages import DECLARE, Packages, has_manifest, inside
 from rpctl.description.xacro.hooks import GONE, READ
 from rpctl.errors import InputError
-from rpctl.files.caps import cap
-from rpctl.files.opening import read_input
+from rpctl.files.caps import cap, read_input
 
 OUTSIDE = f"refused: it lies outside the folders that the file may use; {DECLARE}"
 HIDDEN = "refused: it lies in a hidden folder, or is hidden; move what the robot needs out of it"

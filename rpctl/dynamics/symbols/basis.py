@@ -11,8 +11,8 @@ import numpy as np
 from rpctl import math as casadi  # imported when a function is asked for
 from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projector
-from rpctl.kernels.linear import BlockSolver, solve_positive
 from rpctl.kernels.scalars import (
+    BlockSolver,
     Scalar,
     Vector,
     column,
@@ -21,6 +21,7 @@ from rpctl.kernels.scalars import (
     exact,
     matrix,
     product,
+    solve_positive,
     times,
     total,
     transposed,

@@ -32,7 +32,6 @@ from rpctl.dynamics.symbols.rigid_body import (
     rnea,
 )
 from rpctl.errors import UnknownNameError
-from rpctl.kernels.linear import solve_positive
 from rpctl.kernels.scalars import (
     Scalar,
     as_scalar,
@@ -43,6 +42,7 @@ from rpctl.kernels.scalars import (
     matrix,
     plus,
     product,
+    solve_positive,
     times,
     total,
     transposed,

@@ -19,11 +19,10 @@ from rpctl.engines.engine import (
     joint_losses,
     wheel_slips,
 )
-from rpctl.engines.mujoco.build import build
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.switches import mend, mujoco_switches
 from rpctl.engines.mujoco.user_load import PREFIX, compiled, load_as_user
-from rpctl.engines.mujoco.world import MujocoWorld
+from rpctl.engines.mujoco.world import MujocoWorld, build
 from rpctl.equivalence.contact.mujoco_body import MujocoBody, RollingBody, Touching, mujoco_library
 from rpctl.robot.model import Robot
 

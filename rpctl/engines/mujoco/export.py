@@ -18,17 +18,16 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from rpctl.engines.mujoco.bodies import body_name
-from rpctl.engines.mujoco.build import Built, build
+from rpctl.engines.mujoco.bodies import FREE, HOME, HOW, body_name, sensor_parts
 from rpctl.engines.mujoco.certificate import MjcfCertificate
 from rpctl.engines.mujoco.check import compare_tables
 from rpctl.engines.mujoco.equations import Witness, compare_with_witness, take_witness
 from rpctl.engines.mujoco.ground import has_rollers
 from rpctl.engines.mujoco.mjcf_reader import StrictMjcf, parse_mjcf, tabulate
 from rpctl.engines.mujoco.mjcf_writer import Drawn, draw, numbers, to_bytes, write_model
-from rpctl.engines.mujoco.sensors import FREE, HOME, HOW, sensor_parts
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.trial import run_on_ground, settle
+from rpctl.engines.mujoco.world import Built, build
 from rpctl.equivalence.certificate import Check, Skipped
 from rpctl.equivalence.contact.model import SOLIMP
 from rpctl.equivalence.contact.mujoco_body import mujoco_library

@@ -21,8 +21,7 @@ from lxml import etree
 from rpctl.arrays import Array
 from rpctl.equivalence.contact.mujoco_body import mujoco_library, muted
 from rpctl.errors import DescriptionError, Finding, RpctlError, one_line
-from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import read_input
+from rpctl.files.caps import cap, how_to_raise, read_input
 
 Value = str | list[float | str]  # of a field: a word, or numbers and names
 Fields = dict[str, Value]

@@ -11,7 +11,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.errors import InputError, RpctlError
-from rpctl.files.opening import read_input
+from rpctl.files.caps import read_input
 from rpctl.files.records import NOT_NEGATIVE, POSITIVE, OneOf, Record, Setting
 from rpctl.libraries import library
 

@@ -19,8 +19,8 @@ from rpctl.engines.mujoco.bodies import (
     link_fault,
     place_in_body,
 )
-from rpctl.engines.mujoco.build import tie_polynomials
 from rpctl.engines.mujoco.user_load import GROUND, PREFIX
+from rpctl.engines.mujoco.world import tie_polynomials
 from rpctl.equivalence.contact.model import (
     IMPRATIO,
     SOLIMP,

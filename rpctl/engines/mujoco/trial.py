@@ -16,8 +16,8 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.engines.mujoco.bodies import HOME
 from rpctl.engines.mujoco.ground import has_rollers
-from rpctl.engines.mujoco.sensors import HOME
 from rpctl.equivalence.certificate import Skipped
 from rpctl.equivalence.contact.mujoco_body import (
     MujocoBody,

@@ -2,7 +2,7 @@
 
 One harness for whoever lets a robot roll in MuJoCo. For the proof only the builder of the model is
 independent: :mod:`rpctl.equivalence.contact.model` reads the file's raw bytes and asks neither
-Pinocchio nor :mod:`rpctl.engines.mujoco.build`.
+Pinocchio nor :mod:`rpctl.engines.mujoco.world`.
 """
 
 from __future__ import annotations

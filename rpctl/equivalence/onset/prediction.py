@@ -25,8 +25,7 @@ from rpctl.drive.drive import BASE_SPEEDS
 from rpctl.drive.steering import heading_radius
 from rpctl.dynamics.grip import WheelForces, missing_grip, wheel_forces
 from rpctl.dynamics.ground_reaction import Contacts, GroundReaction, ground_reactions, stance_at
-from rpctl.dynamics.pushes import push_at, pushed_efforts
-from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
+from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics, push_at, pushed_efforts
 from rpctl.equivalence.contact.plan import AHEAD, start
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot

@@ -161,9 +161,7 @@ class Goal:
 
     def rotation(self, s: float) -> Array | None:
         """Return the orientation (3, 3) at s, or None where it is open."""
-        if self.turn is None:
-            return None
-        return Rotation.from_quat(self.turn(s)).as_matrix()
+        return None if self.turn is None else Rotation.from_quat(self.turn(s)).as_matrix()
 
     def error(self, found: pin.SE3, s: float) -> Array:
         """Return how far an end effector is from it at s (3 or 6,), m."""

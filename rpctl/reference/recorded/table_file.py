@@ -17,8 +17,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.description.urdf.findings import Fault, excerpt, parse_numbers
 from rpctl.errors import DescriptionError, Finding
-from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import read_text
+from rpctl.files.caps import cap, how_to_raise, read_text
 
 MAX_LINE = 20_000  # characters of a row: a hundred for each of as many columns as there may be
 TRANSLATIONS = {  # by separator: its name, and what makes commas of it and points of decimal commas

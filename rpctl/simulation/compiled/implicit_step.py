@@ -13,9 +13,16 @@ import casadi
 
 from rpctl.dynamics.motion import CONVERGED, DELTA, GAMMA, NEWTON_STEPS, OVERSHOOT, SURE_STEPS
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
-from rpctl.kernels.linear import PositiveFactors, factored, solve_factored
 from rpctl.kernels.program import Buffer, Place, Statement, Until, When, statement, symbolic
-from rpctl.kernels.scalars import Layout, Scalar, column, entries
+from rpctl.kernels.scalars import (
+    Layout,
+    PositiveFactors,
+    Scalar,
+    column,
+    entries,
+    factored,
+    solve_factored,
+)
 from rpctl.robot.losses import SLIDING_RATE, TURNING_RATE
 from rpctl.robot.model import Robot
 

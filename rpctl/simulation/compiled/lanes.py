@@ -18,8 +18,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.kernels.program import Buffer, Rows, RowStream
 from rpctl.reference.motion import Reference, tabulate
 from rpctl.simulation.compiled.loop import CompiledLoop
-from rpctl.simulation.config import Config
-from rpctl.simulation.loop.periods import delay_periods
+from rpctl.simulation.config import Config, delay_periods
 from rpctl.simulation.plants.sensors import Sensors, random_stream
 
 CHUNK = 1024  # samples that are computed at a time

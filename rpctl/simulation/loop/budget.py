@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from rpctl.errors import RpctlError
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.model import Robot
-from rpctl.simulation.config import RunSettings
-from rpctl.simulation.loop.periods import whole_periods
+from rpctl.simulation.config import RunSettings, whole_periods
 from rpctl.simulation.plants.rolling import substeps
 
 # The least that a step of each kind takes, s, on a processor of today: laws and reference, the

@@ -13,7 +13,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import Controller, ControllerOutput
 from rpctl.control.error import tracking_error
-from rpctl.control.horizon.beside import SimulatedTime, in_simulated_time
+from rpctl.control.horizon.law import SimulatedTime, in_simulated_time
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
@@ -142,7 +142,6 @@ def close_loop(loop: Loop, take: Callable[[LoopSample], object]) -> None:
                 started_at += time.perf_counter() - shown
             if k < steps:
                 interface.advance(times[k + 1] - t if plant.jitter else period)
-                computing.controller.prepare()
             if loop.progress is not None:
                 loop.progress(k, steps)
     finally:

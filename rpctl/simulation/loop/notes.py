@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rpctl.control.velocity_output import VelocityOutput
-from rpctl.simulation.config import Config
-from rpctl.simulation.loop.periods import delay_periods, is_whole, whole_periods
+from rpctl.simulation.config import Config, delay_periods, is_whole, whole_periods
 
 MOVED_BY = {  # by the plant's kind
     "slipping": "the robot moved on tyres that slip",

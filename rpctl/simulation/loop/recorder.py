@@ -14,8 +14,8 @@ from rpctl.arrays import Array
 from rpctl.control.law import Limit
 from rpctl.dynamics.symbols.basis import SINGULAR
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.kernels.machine_code import RowFunction
 from rpctl.kernels.program import dense_function
-from rpctl.kernels.rows import RowFunction
 from rpctl.reference.motion import (
     ReferenceState,
     ReferenceTable,

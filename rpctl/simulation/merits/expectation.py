@@ -13,8 +13,7 @@ from typing import Any
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
-from rpctl.simulation.config import Config
-from rpctl.simulation.loop.periods import delay_periods, whole_periods
+from rpctl.simulation.config import Config, delay_periods, whole_periods
 from rpctl.simulation.loop.track import default_duration, simulate
 from rpctl.simulation.merits.outcome import DIVERGING, STUCK, SUCCESSES
 from rpctl.simulation.merits.path_error import PathFigures, lag, length

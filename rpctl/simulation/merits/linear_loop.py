@@ -11,10 +11,9 @@ from scipy.linalg import expm
 
 from rpctl import math as casadi
 from rpctl.arrays import Array
-from rpctl.control.bounded import BoundedDynamic
-from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.bounded import BoundedDynamic, IntegralDynamic
+from rpctl.control.closed_form import PaperDynamic
 from rpctl.control.fragment import LawFragment, law_fragment, settings_of
-from rpctl.control.integral import IntegralDynamic
 from rpctl.control.registry import name_of
 from rpctl.control.twist_law import BaseLaw
 from rpctl.dynamics.derivatives import linear_dynamics

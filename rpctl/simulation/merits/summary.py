@@ -11,11 +11,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.reference.sizing import Sizing
-from rpctl.simulation.merits.collision_facts import (
-    NO_COLLISIONS,
-    Collision,
-    LinkClearance,
-)
+from rpctl.simulation.merits.collision_facts import NO_COLLISIONS, Collision, LinkClearance
 from rpctl.simulation.merits.ground import FeltGround, GroundFigures, felt_ground, ground
 from rpctl.simulation.merits.impossible import chatter, impossible, joint_speeds
 from rpctl.simulation.merits.obstacles import BASE, TIP, run_obstacles

@@ -20,8 +20,7 @@ import pinocchio as pin
 from rpctl.arrays import Array
 from rpctl.drive.steering import follower_positions
 from rpctl.dynamics.ground_reaction import Contacts, contact_points
-from rpctl.dynamics.pushes import outside_at
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.reduced import ReducedDynamics, outside_at
 from rpctl.dynamics.rolling import basis, square_inverse
 from rpctl.dynamics.stance import LoadSplit, make_split
 from rpctl.robot.coordinates import ROOT_JOINT

@@ -14,8 +14,7 @@ from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
-from rpctl.simulation.config import Config
-from rpctl.simulation.loop.periods import delay_periods
+from rpctl.simulation.config import Config, delay_periods
 from rpctl.simulation.plants.actuators import Actuators
 from rpctl.simulation.plants.protocol import Motion, RunningPlant
 from rpctl.simulation.plants.rolling import RollingMotion, VelocityPlant

@@ -10,10 +10,10 @@ from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, UnknownNameError
+from rpctl.errors import RpctlError, require_known
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.plants.contact import MujocoMotion
+from rpctl.simulation.plants.contact import MujocoMotion, ServoInterface
 from rpctl.simulation.plants.interfaces import (
     EffortInterface,
     Interface,
@@ -23,10 +23,8 @@ from rpctl.simulation.plants.interfaces import (
 )
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.protocol import Motion, PlantSample
-from rpctl.simulation.plants.rolling import RollingMotion
+from rpctl.simulation.plants.rolling import RollingMotion, SlippingMotion
 from rpctl.simulation.plants.sensors import Measurement
-from rpctl.simulation.plants.servos import ServoInterface
-from rpctl.simulation.plants.slipping import SlippingMotion
 
 PLANTS = ("ideal", "perturbed", "slipping", "contact")
 MASS_RATIO = 1.1  # of what the controller takes the masses for: a battery, a tool, a payload
@@ -53,8 +51,7 @@ def plant_by_name(name: str, robot: Robot, given: Plant | None = None) -> Plant:
     if name == "perturbed":
         rolling = replace(given, kind="rolling")
         return perturbed_plant(robot) if rolling == Plant() else rolling
-    if name not in PLANTS:
-        raise UnknownNameError("plant", name, PLANTS)
+    require_known("plant", [name], PLANTS)
     return replace(given, kind=name)
 
 

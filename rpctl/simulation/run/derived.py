@@ -10,8 +10,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.dynamics.grip import find_ranges
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reactions
-from rpctl.dynamics.pushes import outside_at
-from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics
+from rpctl.dynamics.reduced import OutsideForce, ReducedDynamics, outside_at
 from rpctl.dynamics.rolling import constraint
 from rpctl.errors import DivergedError
 from rpctl.reference.motion import configurations
@@ -19,8 +18,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.run.facts import other_joints, reference_wheels, steered_joints
 from rpctl.simulation.run.log import Log
-from rpctl.simulation.run.machine_states import MachineStates
-from rpctl.simulation.run.states import PinocchioStates, StateColumns
+from rpctl.simulation.run.states import MachineStates, PinocchioStates, StateColumns
 
 TURN = 2.0 * math.pi
 PLACES = ("base", "joints", "steering", "others", "e", "q_ref")

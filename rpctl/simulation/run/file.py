@@ -27,9 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpctl.arrays import Array
-from rpctl.errors import InputError, RpctlError, RunFileError, UnknownNameError, one_line
-from rpctl.files.caps import cap, how_to_raise
-from rpctl.files.opening import open_input
+from rpctl.errors import InputError, RpctlError, RunFileError, one_line, require_known
+from rpctl.files.caps import cap, how_to_raise, open_input
 from rpctl.files.records import read_record, to_plain
 from rpctl.files.strict_json import read_json
 from rpctl.files.writing import writing
@@ -91,8 +90,7 @@ def write_run(path: str | Path, header: Header, log: Log, precision: str = "doub
     Raises:
         RpctlError: The file cannot be written, or a number does not fit single precision.
     """
-    if precision not in PRECISIONS:
-        raise UnknownNameError("precision", precision, PRECISIONS)
+    require_known("precision", [precision], PRECISIONS)
     single = precision == "single"
     told = np.frombuffer(json.dumps(header_as_plain(header)).encode(), np.uint8)
     with writing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:

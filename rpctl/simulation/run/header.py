@@ -13,8 +13,7 @@ from rpctl.control.registry import DYNAMIC_CHOICE, KINEMATIC_CHOICE, from_json, 
 from rpctl.errors import RpctlError
 from rpctl.files.records import CHOICES, Choice, choice_to_plain
 from rpctl.reference.sizing import Sizing
-from rpctl.simulation.config import Config
-from rpctl.simulation.loop.periods import delay_periods
+from rpctl.simulation.config import Config, delay_periods
 from rpctl.simulation.merits.collision_facts import CollisionFacts
 from rpctl.simulation.run.facts import GroundFacts, RobotFacts
 

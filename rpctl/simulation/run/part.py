@@ -26,7 +26,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, RunFileError
-from rpctl.files.opening import is_file, read_input
+from rpctl.files.caps import is_file, read_input
 from rpctl.files.writing import make_folder, write_atomically
 from rpctl.simulation.merits.collision_facts import NOT_LOOKED_FOR
 from rpctl.simulation.run.file import (

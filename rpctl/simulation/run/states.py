@@ -1,14 +1,21 @@
-"""What a robot's model says of many states, one after the other, by Pinocchio."""
+"""What the model says of many states, by Pinocchio and by machine code that agrees with it."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rpctl import math as casadi  # imported when a function is asked for
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts, contact_points
 from rpctl.dynamics.reduced import OutsideForce, Reactions, ReducedDynamics
+from rpctl.dynamics.symbols.basis import SINGULAR
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.kernels.machine_code import RowFunction
+from rpctl.kernels.program import dense_function
+from rpctl.robot.inspection import robot_identity
 
 # s: what a state takes here, where S is constant and where it turns, and what machine code takes to
 # build, by the square of the quasi-velocities. Half of that counts: the next run finds it on disk.
@@ -76,3 +83,103 @@ class PinocchioStates:
         dof = self.dynamics.robot.dof
         each = STATE_S if self.dynamics.constant else TURNING_STATE_S
         return dof <= MOST_DOF and each * count >= 0.5 * BUILD_S * dof**2
+
+
+EQUAL = 1e-9  # of a quantity's largest entry, or of 1: rounding leaves 1e-12
+PLACEMENT = 12  # numbers: three rows of axes, each with an entry of the origin
+
+
+class MachineStates:
+    """Computes what :class:`PinocchioStates` does, of all states in one call.
+
+    Args:
+        pinocchio: Is asked where the steering is as good as singular.
+    """
+
+    def __init__(self, pinocchio: PinocchioStates) -> None:
+        self._pinocchio = pinocchio
+        self._dynamics = dynamics = pinocchio.dynamics
+        self._robot = robot = dynamics.robot
+        moving = pinocchio.moving
+        rows, n = len(dynamics.rolling.matrix.constant), len(moving.names) if moving else 0
+        placement = PLACEMENT * (robot.end_effector is not None)
+        inputs = robot.nq, robot.dof, robot.nv, robot.nq
+        outputs = robot.nv, robot.nv, 6, 1, rows, 1, 2 * n, placement, placement
+        self._columns = dynamics.columns
+        self._rows = RowFunction(
+            (inputs, outputs),
+            ("states", robot_identity(robot), None if moving is None else moving.supports),
+            lambda: self._function(inputs),
+        )
+
+    def _function(self, inputs: tuple[int, ...]) -> Any:
+        dynamics, robot = SymbolicDynamics(self._robot), self._robot
+        q, nu, push, wanted = symbols = [
+            casadi.SX.sym(f"x{k}", size) for k, size in enumerate(inputs)
+        ]
+        reaction, moving = dynamics.reaction(q, nu, push), self._pinocchio.moving
+        at = dynamics.at(q)
+        found = [*reaction, at.multipliers(reaction.residual), at.margin]
+        places = [] if moving is None else self._places(dynamics, moving, q)
+        found.append(casadi.vertcat(casadi.SX(0, 1), *places))
+        for each in (q, wanted):
+            placement = casadi.SX(0, 1)
+            if robot.end_effector is not None:
+                R, p = dynamics.placement(each, robot.end_effector)
+                placement = casadi.vec(casadi.horzcat(R, p).T)
+            found.append(placement)
+        return dense_function("states", symbols, found)
+
+    def _places(self, dynamics: SymbolicDynamics, contacts: Contacts, q: Any) -> list[Any]:
+        """Return where contacts are, x and y (2, 1) each in the root link's frame."""
+        joint = self._robot.model.getJointId
+        found = [(joint(w.joint), w.offset * np.array(w.axis)) for w in self._robot.drive.wheels]
+        found += [(part.joint, np.array(part.point)) for part in contacts.supports.parts]
+        return [dynamics.place(q, *each)[:2] for each in found]
+
+    def __call__(
+        self, q: Array, nu: Array, tau: Array, wanted: Array, outside: OutsideForce | None = None
+    ) -> StateColumns:
+        """Return what :class:`PinocchioStates` does."""
+        push = tau @ self._columns.T
+        if outside is not None:
+            push = push + outside.push
+        v, residual, wrench, energy, multipliers, margin, *rest = self._rows(q, nu, push, wanted)
+        if outside is not None:
+            wrench = wrench - outside.wrench
+        reactions = Reactions(v, residual, wrench, energy[:, 0], multipliers)
+        points, *poses = rest
+        found = StateColumns(
+            reactions,
+            points.reshape(len(q), -1, 2) if points.shape[1] else None,
+            *(_pose(each) if each.shape[1] else None for each in poses),
+        )
+        near = np.flatnonzero(~(margin[:, 0] > SINGULAR))
+        if len(near):
+            pushed = None if outside is None else OutsideForce(*(each[near] for each in outside))
+            _put(found, near, self._pinocchio(q[near], nu[near], tau[near], wanted[near], pushed))
+        return found
+
+    def agrees(self, q: Array, nu: Array, tau: Array, wanted: Array) -> bool:
+        """Return whether Pinocchio finds the same of these states."""
+        states = q, nu, tau, wanted
+        pairs = zip(_flat(self(*states)), _flat(self._pinocchio(*states)), strict=True)
+        return all(
+            np.abs(x - y).max(initial=0.0) <= EQUAL * np.abs(y).max(initial=1.0) for x, y in pairs
+        )
+
+
+def _pose(rows: Array) -> Array:
+    """Return poses (K, 4, 4) of their first three rows (K, 12)."""
+    poses = np.zeros((len(rows), 4, 4))
+    poses[:, :3], poses[:, 3, 3] = rows.reshape(-1, 3, 4), 1.0
+    return poses
+
+
+def _flat(columns: StateColumns) -> list[Array]:
+    return [each for each in (*columns.reactions, *columns[1:]) if each is not None]
+
+
+def _put(columns: StateColumns, rows: NDArray[np.intp], found: StateColumns) -> None:
+    for into, values in zip(_flat(columns), _flat(found), strict=True):
+        into[rows] = values

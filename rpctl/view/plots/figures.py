@@ -42,7 +42,7 @@ from rpctl.view.charts import (
     decades,
     has_base,
 )
-from rpctl.view.marks import MARK, comment
+from rpctl.view.labels import MARK, comment
 from rpctl.view.plots import style
 from rpctl.view.plots.style import (
     LEGEND_ROW_IN,

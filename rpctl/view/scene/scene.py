@@ -16,8 +16,7 @@ from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 from rpctl.simulation.merits.obstacles import AvoidedObstacle, run_obstacles
-from rpctl.simulation.run.reload import has_surroundings
-from rpctl.simulation.run.run import Run
+from rpctl.simulation.run.run import Run, has_surroundings
 from rpctl.view.scene import threejs, trails
 from rpctl.view.scene.robot_meshes import (
     GHOST_OPACITY,

@@ -25,22 +25,14 @@ PARTS = {
 }
 ROBOTS = "tiago", "car"
 SHARES = {"median": 50.0, "99 %": 99.0, "99.9 %": 99.9, "longest": 100.0}
-AHEAD = {"prepared ahead": "prepare", "left after a measurement": "feed_back"}
 
 
 def section(quick: bool) -> Section:
     """Return medians over a closed loop of TIAGo, ms."""
     robot, duration = rpctl.load("tiago"), 3.0 if quick else 12.0
     found = part_seconds(robot, Horizon(), PARTS, duration)
-    found |= part_seconds(robot, Horizon(prepare=True), AHEAD, duration)
     median = {name: 1e3 * float(np.median(seconds[1:])) for name, seconds in found.items()}
-    whole = next(iter(PARTS))
-    rows = tuple(
-        Row(name, each, "ms", COMMAND)
-        if name != "left after a measurement"
-        else Row(name, each, "ms", COMMAND, whole, median[whole])
-        for name, each in median.items()
-    )
+    rows = tuple(Row(name, each, "ms", COMMAND) for name, each in median.items())
     rows += tuple(row for name in ROBOTS for row in paced_rows(name, duration))
     note = (
         f"TIAGo, 20 steps ahead, medians over {duration:g} s of a figure-eight that starts where "

@@ -10,7 +10,7 @@ import pytest
 import rpctl
 from rpctl import BoundedDynamic, Disc, HalfPlane, Horizon, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.body_clearance import (
+from rpctl.control.horizon.constraints import (
     FAR,
     RANGE_M,
     TIE_M,

@@ -10,10 +10,10 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.arrays import Array
-from rpctl.control.horizon.cost import wrap_angles
+from rpctl.control.horizon.constraints import wrap_angles
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.planner import Planner
-from rpctl.control.horizon.prediction import PredictedMotion
+from rpctl.control.horizon.prediction import PredictedMotion, StageValues
 from rpctl.control.horizon.qp import CondensedQp, Linearisation, StateDifference
 from rpctl.control.horizon.target import (
     EndEffectorKinematics,
@@ -50,6 +50,26 @@ def linearised(
     q = model.configuration(joints, target.pose[0] + (off if model.base else 0.0))
     motion = model.predict(q, target.nu[0], 0.1 * rng.normal(size=(law.steps, robot.dof)))
     return planner, planner.linearise(motion, target), motion, target
+
+
+def embedded(planner: Planner, values: Linearisation, start: StateDifference) -> Linearisation:
+    """Return the values of a QP whose motion starts elsewhere: all of them move by x₀."""
+    x0 = planner.structure.embedded(values.jacobian, start)[:, 0]
+    moved = StageValues(*(x0[index] for index in planner.structure.indices))
+    errors, lower, upper = (
+        StageValues(*(part + sign * own for part, own in zip(parts, moved, strict=True)))
+        for parts, sign in ((values.errors, 1.0), (values.lower, -1.0), (values.upper, -1.0))
+    )
+    extra, soft = (
+        [
+            each._replace(
+                value=each.value + np.einsum("kij,kj->ki", each.jacobian, x0[each.unknowns])
+            )
+            for each in rows
+        ]
+        for rows in (values.extra, values.soft)
+    )
+    return Linearisation(values.jacobian, errors, extra, soft, lower, upper)
 
 
 def sources(tmp_path: Path) -> dict[str, Robot]:
@@ -109,7 +129,7 @@ def test_another_initial_state_is_embedded(
     sizes = (3, 0.02), (len(model.joints), 0.02), (model.robot.dof, 0.05)
     start = StateDifference(*(scale * rng.normal(size=(count, 1)) for count, scale in sizes))
     qp, none = CondensedQp(planner.structure, values), np.empty(0, dtype=np.intp)
-    found = qp.solve(values, none, start)
+    found = qp.solve(embedded(planner, values, start), none)
     assert found.solved
     off = [part[:, 0] for part in start]
     angles, rates = off[1][: model.steered], off[2][: model.base_columns]
@@ -144,7 +164,7 @@ def test_the_gain_is_the_solutions_derivative(
         sides = []
         for size in (step, -step):
             start = StateDifference(*np.split(size * one, [3, 3 + joints]))
-            beside = qp.solve(values, found.active, start)
+            beside = qp.solve(embedded(planner, values, start), found.active)
             assert set(beside.active) == set(found.active)
             sides.append(beside.x[first])
         differences.append((sides[0] - sides[1]) / (2.0 * step))

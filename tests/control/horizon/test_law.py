@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math as numbers
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -149,64 +148,6 @@ def test_a_failed_solve_falls_back_and_is_counted(
     assert len(called) == 6
 
 
-def test_a_heading_may_turn_over_between_what_was_expected_and_what_came(paper: Robot) -> None:
-    """Facing back its angle leaps by a whole turn, and the command is that of another heading."""
-    dynamics, found = ReducedDynamics(paper), []
-    for turn in (0.5, numbers.pi):
-        cos, sin = numbers.cos(turn), numbers.sin(turn)
-
-        def ahead(t: float, place: tuple[float, float, float] = (cos, sin, turn)) -> Any:
-            return 0.3 * t * place[0], 0.3 * t * place[1], place[2]
-
-        reference = rpctl.as_reference(ahead, joints=paper.home)
-        law = Horizon(prepare=True).start(dynamics, 0.02)
-        for t, off in ((0.0, -1e-3), (0.02, 1e-3)):
-            still = dict.fromkeys(paper.joint_names, 0.0)
-            pose = 0.3 * t * cos, 0.3 * t * sin, turn + off
-            q, nu = paper.state(pose, (0.3, 0.0), rates=still)
-            command = law(dynamics, reference, t, q, nu)
-            law.prepare(t, q, nu, 0.02)
-        found.append(command.nu_d_dot)
-    np.testing.assert_allclose(found[1], found[0], atol=1e-5)
-
-
-def test_a_prepared_plan_is_the_plan(paper: Robot) -> None:
-    """Where the state is as expected; elsewhere it is that of the QP linearised close by."""
-    dynamics, reference = ReducedDynamics(paper), reference_by_name(paper, "eight")
-    q, nu = paper.configuration_at(reference(2.0).pose, reference(2.0).joints), np.zeros(paper.dof)
-    laws = [
-        Horizon(prepare=ahead, asynchronous=False).start(dynamics, 0.02) for ahead in (False, True)
-    ]
-    for law in laws:
-        command = law(dynamics, reference, 2.0, q, nu)
-        law.prepare(2.0, q, nu, 0.02)
-    expected = laws[0].planner.advanced(q, nu, command.nu_d_dot, 0.02)
-    usual, prepared = (law(dynamics, reference, 2.02, *expected).nu_d_dot for law in laws)
-    np.testing.assert_allclose(prepared, usual, atol=1e-7)
-    assert laws[1].report()["prepared"] == 1
-    for law in laws:  # half a millimetre, a milliradian, and a push beside what was expected
-        law.prepare(2.02, *expected, 0.02)
-    ahead = laws[0].planner.advanced(*expected, usual, 0.02)
-    ahead[0][:2] += 5e-4
-    pushed = ahead[0], ahead[1] + 5e-3
-    usual, prepared = (law(dynamics, reference, 2.04, *pushed).nu_d_dot for law in laws)
-    np.testing.assert_allclose(prepared, usual, atol=2e-3)
-    unmoved = laws[1].planner.plan(reference, 2.04, *ahead, None).plan
-    assert unmoved is not None
-    assert laws[1].report()["prepared"] == 2
-
-
-def test_laws_prepare_in_closed_loop(paper: Robot) -> None:
-    """Also that of the base within the end-effector law; errors stay what they are."""
-    runs = [
-        track(paper, "eight", 0.4, EndEffector(Horizon(prepare=ahead)), (0.05, 0.0, 0.0))
-        for ahead in (False, True)
-    ]
-    usual, prepared = (summarize(run) for run in runs)
-    assert prepared.kinematic_report["prepared"] == prepared.kinematic_report["solves"] - 1 > 10
-    assert prepared.rms_base_error == pytest.approx(usual.rms_base_error, rel=0.01)
-
-
 def test_command_and_rate_agree(paper: Robot) -> None:
     reference, dynamics = reference_by_name(paper, "eight"), ReducedDynamics(paper)
     law = Horizon(asynchronous=False).start(dynamics, PERIOD)
@@ -253,5 +194,3 @@ def test_settings_that_predict_nothing_are_refused() -> None:
         Horizon(steps=1)
     with pytest.raises(RpctlError, match=r"period 0.2 s is longer than a step; give at most 0.1 s"):
         Horizon(period=0.2)
-    with pytest.raises(RpctlError, match="prepare and asynchronous exclude each other"):
-        Horizon(prepare=True, asynchronous=True)

@@ -18,17 +18,9 @@ import pytest
 import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
-from rpctl.control.horizon.ahead import NumbersAhead, ReadAhead
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.plan import Feedback, HorizonPlan, Planned
-from rpctl.control.horizon.planner import Asked, Planner, Planning
-from rpctl.control.horizon.process import (
-    PlanningProcess,
-    asked_bytes,
-    asked_of,
-    planned_bytes,
-    planned_of,
-)
+from rpctl.control.horizon.planner import Asked, Planned, Planner, Planning
+from rpctl.control.horizon.process import NumbersAhead, PlanningProcess, ReadAhead
 from rpctl.control.law import Command
 from rpctl.control.obstacles import Disc, LinearBounds
 from rpctl.reference.motion import Reference, ReferenceState
@@ -115,33 +107,6 @@ def test_numbers_of_a_reference_are_the_reference(paper: Robot) -> None:
     until(lambda: ahead.reaches(EIGHT, 3.0, 4.0))
     another = ahead.taken()
     assert (another.number, another.first) == (2, 120)
-
-
-def test_messages_hold_what_was_sent(paper: Robot) -> None:
-    rng = np.random.default_rng(3)
-    asked = Asked(
-        1.5, rng.normal(size=paper.nq), rng.normal(size=4), 0.02, rng.normal(size=4), False
-    )
-    ahead = ReadAhead(paper, 0.1)
-    until(lambda: ahead.reaches(EIGHT, 0.0, 1.0))
-    rows = ahead.taken()
-    found = asked_of(asked_bytes(asked, rows), paper)
-    for one, other in zip((*asked, *rows), (*found[0], *found[1]), strict=True):
-        np.testing.assert_array_equal(one, other)
-    sizes = (3, 5, 9), (4, 9), (4,), (4,)
-    feedback = Feedback(*(rng.normal(size=size) for size in sizes))
-    plan = HorizonPlan(2.0, 0.1, rng.normal(size=4), rng.normal(size=(5, 4)), feedback)
-    for each in (plan, plan._replace(feedback=None)):
-        planned = Planned(each, 0.3, 0.2, 0.1)
-        got = planned_of(planned_bytes(planned), 5, (9, 4))
-        assert got[1:] == planned[1:]
-        assert got.plan is not None
-        for one, other in zip(got.plan[:4], each[:4], strict=True):
-            np.testing.assert_array_equal(one, other)
-        assert (got.plan.feedback is None) == (each.feedback is None)
-        for one, other in zip(got.plan.feedback or (), feedback, strict=False):
-            np.testing.assert_array_equal(one, other)
-    assert planned_of(planned_bytes(Planned(None, fault="gave up")), 5, (9, 4)).fault == "gave up"
 
 
 def test_a_plan_from_a_process_is_the_plan(paper: Robot) -> None:

@@ -11,11 +11,9 @@ import pytest
 
 import rpctl
 from rpctl import ReducedDynamics, Robot
-from rpctl.control.horizon.constraints import HardBounds, WheelSpeeds, contact_radius
-from rpctl.control.horizon.cost import Cost
+from rpctl.control.horizon.constraints import Cost, HardBounds, WheelSpeeds, contact_radius
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.plan import HorizonPlan
-from rpctl.control.horizon.planner import Planner
+from rpctl.control.horizon.planner import HorizonPlan, Planner
 from rpctl.control.horizon.prediction import Model
 from rpctl.control.horizon.settings import Bounds, Weights
 from rpctl.control.horizon.target import PaceLimit, Preview, Sample, Target, TimeScaler

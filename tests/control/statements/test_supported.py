@@ -22,9 +22,9 @@ from rpctl import (
     math,
 )
 from rpctl.control.approach import Approach
+from rpctl.control.baselines import Kanayama
 from rpctl.control.closed_form import no_machine_code, unsupported
 from rpctl.control.fragment import LawFragment, law_fragment, settings_of
-from rpctl.control.kanayama import Kanayama
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import FunctionLaw
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS

@@ -9,7 +9,7 @@ import trimesh
 from rpctl.description.meshes import reading as mesh_files
 from rpctl.description.meshes.paths import MeshError, MeshPaths
 from rpctl.description.meshes.reading import read_mesh
-from rpctl.files.opening import read_input
+from rpctl.files.caps import read_input
 
 TEAPOT = """<?xml version="1.0"?>{doctype}
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">

@@ -13,9 +13,9 @@ from rpctl.control.fragment import settings_of
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import native_lanes
 from rpctl.robot.model import Robot
+from rpctl.simulation.compiled.build import LaneResults, LaneRunner
 from rpctl.simulation.compiled.lanes import LaneInputs
 from rpctl.simulation.compiled.loop import FAR
-from rpctl.simulation.compiled.rollouts import LaneResults, LaneRunner
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.closed_loop import start_configuration
 from rpctl.simulation.loop.track import simulate
@@ -94,7 +94,7 @@ def test_a_run_is_the_same_on_every_processor(
 ) -> None:
     given = inputs(paper, config, [(0.1, 0.0, 0.0), (0.4, 0.3, -0.5), (-0.2, 0.1, 0.3)])
     expected = runner(paper, config).run(given, STRIDE)
-    monkeypatch.setattr("rpctl.simulation.compiled.rollouts.native_lanes", lambda: lanes)
+    monkeypatch.setattr("rpctl.simulation.compiled.build.native_lanes", lambda: lanes)
     assert equal(expected, runner(paper, config).run(given, STRIDE), range(3))
 
 

@@ -10,9 +10,8 @@ import pytest
 
 import rpctl
 from rpctl import Horizon, PaperKinematic, Plant, ReducedDynamics, Robot, RpctlError, Run
-from rpctl.control.horizon.beside import SimulatedTime, in_simulated_time
-from rpctl.control.horizon.law import HorizonLaw
-from rpctl.control.horizon.plan import Planned
+from rpctl.control.horizon.law import HorizonLaw, SimulatedTime, in_simulated_time
+from rpctl.control.horizon.planner import Planned
 from rpctl.control.law import KinematicLaw
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation.plants.interfaces import HeldCommands

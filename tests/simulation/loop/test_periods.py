@@ -8,9 +8,8 @@ from fractions import Fraction
 import pytest
 
 from rpctl import Plant, RpctlError
-from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.config import Config, RunSettings, delay_periods, is_whole, whole_periods
 from rpctl.simulation.loop.notes import run_notes
-from rpctl.simulation.loop.periods import delay_periods, is_whole, whole_periods
 
 PERIODS = ("0.001", "0.002", "0.003", "0.005", "0.01", "0.7")
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rpctl import Robot
-from rpctl.control.horizon import cost
+from rpctl.control.horizon import constraints
 from rpctl.control.horizon.settings import Bounds, Weights
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.errors import RpctlError, SolverError
@@ -106,6 +106,6 @@ def test_what_the_solver_of_the_cost_refuses_names_the_weights(
     def fails(*_: object) -> None:
         raise ValueError("bad value")
 
-    monkeypatch.setattr(cost, "solve_discrete_are", fails)
+    monkeypatch.setattr(constraints, "solve_discrete_are", fails)
     with pytest.raises(SolverError, match=r"weights of 300 for positions, 2 for rates and 0\.05"):
-        cost._cost_to_go(300.0, Weights(), 0.1)
+        constraints._cost_to_go(300.0, Weights(), 0.1)

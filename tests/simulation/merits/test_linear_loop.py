@@ -21,8 +21,7 @@ from rpctl import (
     UnifiedKinematic,
 )
 from rpctl.arrays import Array
-from rpctl.control.bounded import BoundedDynamic
-from rpctl.control.integral import IntegralDynamic
+from rpctl.control.bounded import BoundedDynamic, IntegralDynamic
 from rpctl.control.twist_law import BaseLaw
 from rpctl.dynamics.motion import rk4_step
 from rpctl.errors import RpctlError

@@ -11,12 +11,11 @@ import pytest
 import rpctl
 from rpctl import PaperDynamic, Plant, ReducedDynamics, Robot, RpctlError, summarize, track
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
-from rpctl.dynamics.pushes import outside_at
+from rpctl.dynamics.reduced import outside_at
 from rpctl.errors import UnknownNameError
 from rpctl.simulation.plants.interfaces import pushes
-from rpctl.simulation.plants.rolling import RollingMotion
+from rpctl.simulation.plants.rolling import RollingMotion, SlippingMotion
 from rpctl.simulation.plants.settings import Slipping, Wrench
-from rpctl.simulation.plants.slipping import SlippingMotion
 from tests.robots import SET_A, add_losses, ball, platform, write
 
 MASS = SET_A["m_c"] + 2.0 * SET_A["m_w"]

@@ -22,8 +22,8 @@ from rpctl.dynamics.motion import step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError
 from rpctl.robot.load import load
+from rpctl.simulation.plants.rolling import SlippingMotion
 from rpctl.simulation.plants.settings import Slipping, Wrench
-from rpctl.simulation.plants.slipping import SlippingMotion
 from tests import urdf
 from tests.grids import cells
 from tests.robots import SET_A, add_losses, ball, cargo, platform, wheel, write

@@ -15,8 +15,7 @@ from rpctl.dynamics.reduced import OutsideForce
 from rpctl.errors import SingularBasisError
 from rpctl.robot.variation import Variation, vary
 from rpctl.robot.vary import scale_masses
-from rpctl.simulation.run.machine_states import MachineStates
-from rpctl.simulation.run.states import PinocchioStates, StateColumns
+from rpctl.simulation.run.states import MachineStates, PinocchioStates, StateColumns
 from tests.robots import write
 from tests.vehicles import vehicle
 

@@ -13,7 +13,7 @@ from rpctl import Robot, Run
 from rpctl.description.xacro import expansion
 from rpctl.errors import RunFileError
 from rpctl.robot.model import BASE_NV
-from rpctl.simulation.run.reload import NOWHERE, has_surroundings, load_robot
+from rpctl.simulation.run.run import NOWHERE, has_surroundings, load_robot
 from rpctl.view.scene.robot_meshes import build_bodies
 from tests.robots import SET_A, platform, write
 from tests.runs import vary

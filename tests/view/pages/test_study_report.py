@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 
 import rpctl
 from rpctl.arrays import Array
-from rpctl.study.design import Design
-from rpctl.study.experiment import RunTable
+from rpctl.study.experiment import Design, RunTable
 from rpctl.study.merits import Unit, number
 from rpctl.study.optimise import BETTER, UNCLEAR, WORSE, optimum_sentence
 from rpctl.study.statistics import (

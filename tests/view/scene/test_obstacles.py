@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 
 from rpctl import Disc, HalfPlane, Robot, Run
-from rpctl.simulation.merits.obstacles import (
-    BASE,
-    TIP,
-    AvoidedObstacle,
-)
+from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle
 from rpctl.view.scene.scene import build_scene
 from rpctl.view.scene.stage import (
     OBSTACLES_PATH,
