@@ -9,9 +9,9 @@ from rpctl.control.baselines import Kanayama as Kanayama
 from rpctl.control.baselines import Samson as Samson
 from rpctl.control.bounded import BoundedDynamic as BoundedDynamic
 from rpctl.control.bounded import IntegralDynamic as IntegralDynamic
-from rpctl.control.closed_form import PaperDynamic as PaperDynamic
 from rpctl.control.controller import Controller as Controller
 from rpctl.control.controller import ControllerOutput as ControllerOutput
+from rpctl.control.dynamic import PaperDynamic as PaperDynamic
 from rpctl.control.end_effector import EndEffector as EndEffector
 from rpctl.control.error import Leash as Leash
 from rpctl.control.error import Tracking as Tracking

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.closed_form import (
+from rpctl.control.dynamic import (
     PaperDynamic,
     PaperDynamicController,
     no_machine_code,

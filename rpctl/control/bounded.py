@@ -11,7 +11,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import by_velocity, usual_gains
 from rpctl.control.bounded_statements import BoundedStatements
-from rpctl.control.closed_form import ClosedFormDynamic, paper_efforts
+from rpctl.control.dynamic import ClosedFormDynamic, paper_efforts
 from rpctl.control.fragment import LawFragment, LawFrame
 from rpctl.control.law import LawSample, Rest
 from rpctl.control.within_limits import BoundedLaw
@@ -55,7 +55,7 @@ class BoundedDynamic(ClosedFormDynamic):
     among its joints, the others move for the one that weighs more.
 
     Efforts are held for a period, so M and h are those of its middle, see
-    :func:`~rpctl.control.closed_form.midpoint`.
+    :func:`~rpctl.control.dynamic.midpoint`.
     """
 
     horizon_dyn: Annotated[

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from rpctl import math
-from rpctl.control.closed_form import desired_acceleration, midpoint
+from rpctl.control.dynamic import desired_acceleration, midpoint
 from rpctl.control.fragment import (
     DISTURBANCE,
     EXPECTED,

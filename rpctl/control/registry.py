@@ -13,7 +13,7 @@ import numpy as np
 from rpctl.control.bandwidth import LATENESS_S, Gains, usual_gains
 from rpctl.control.baselines import FeedbackLinearization, Kanayama, Samson
 from rpctl.control.bounded import BoundedDynamic, IntegralDynamic
-from rpctl.control.closed_form import PaperDynamic
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.kinematic import PaperKinematic

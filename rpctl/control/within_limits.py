@@ -15,7 +15,7 @@ import numpy as np
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import by_velocity, usual_gains
-from rpctl.control.closed_form import desired_acceleration, midpoint, paper_efforts
+from rpctl.control.dynamic import desired_acceleration, midpoint, paper_efforts
 from rpctl.control.joint_limits import JointBounds, JointLimits, largest_accelerations
 from rpctl.control.law import LawSample
 from rpctl.dynamics.reduced import ReducedDynamics

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import casadi
 
 from rpctl.control.bandwidth import USUAL_PERIOD
-from rpctl.control.closed_form import PaperDynamic
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.steering import Measured, Rolling
 from rpctl.control.twist_law import BaseLaw, desired
 from rpctl.derive.program import (

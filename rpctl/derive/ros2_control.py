@@ -17,8 +17,8 @@ import numpy as np
 from rpctl import __version__
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import USUAL_PERIOD
-from rpctl.control.closed_form import PaperDynamic
 from rpctl.control.controller import Controller, ControllerOutput
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.velocity_output import OUTPUTS

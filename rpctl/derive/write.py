@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl.control.bandwidth import USUAL_PERIOD
-from rpctl.control.closed_form import PaperDynamic
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.derive.closed_form import ClosedForm, closed_form

@@ -112,7 +112,7 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
         config: Laws and plant.
         watched: Whether somebody sees every sample when it is computed.
     """
-    from rpctl.control.closed_form import no_machine_code, unsupported
+    from rpctl.control.dynamic import no_machine_code, unsupported
 
     plant = config.plant
     reasons = {

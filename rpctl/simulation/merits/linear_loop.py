@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from rpctl import math as casadi
 from rpctl.arrays import Array
 from rpctl.control.bounded import BoundedDynamic, IntegralDynamic
-from rpctl.control.closed_form import PaperDynamic
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.fragment import LawFragment, law_fragment, settings_of
 from rpctl.control.registry import name_of
 from rpctl.control.twist_law import BaseLaw

@@ -23,7 +23,7 @@ from rpctl import (
 )
 from rpctl.control.approach import Approach
 from rpctl.control.baselines import Kanayama
-from rpctl.control.closed_form import no_machine_code, unsupported
+from rpctl.control.dynamic import no_machine_code, unsupported
 from rpctl.control.fragment import LawFragment, law_fragment, settings_of
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import FunctionLaw

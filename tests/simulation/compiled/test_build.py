@@ -12,7 +12,7 @@ import pytest
 
 import rpctl
 from rpctl import Leash
-from rpctl.control.closed_form import PaperDynamic
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.fragment import LimitNames
 from rpctl.control.law import Limit
 from rpctl.control.unified import UnifiedKinematic

@@ -12,7 +12,7 @@ import rpctl
 from rpctl.control import law_kernel
 from rpctl.control.baselines import Kanayama
 from rpctl.control.bounded import BoundedDynamic
-from rpctl.control.closed_form import PaperDynamic
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import DivergedError, UnknownNameError

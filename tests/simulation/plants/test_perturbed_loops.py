@@ -10,7 +10,7 @@ import pytest
 import rpctl
 from rpctl import Plant, Robot, RpctlError, summarize, track
 from rpctl.arrays import Array
-from rpctl.control.closed_form import PaperDynamic
+from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.law import Command
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.robot.variation import CarriedLoad
