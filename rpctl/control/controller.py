@@ -177,9 +177,10 @@ class Controller:
         if isinstance(dynamic, str):
             dynamic = dynamic_by_name(dynamic)
         self._reference, usual = self._read(reference), default_laws(robot)
-        kinematic, dynamic = (knowing_delay(law or default, period, delay) for law, default in
-                              zip((kinematic, dynamic), usual, strict=True))  # fmt: skip
-        self._laws = as_law(kinematic), as_law(dynamic)
+        self._laws = (
+            as_law(knowing_delay(kinematic or usual[0], period, delay)),
+            as_law(knowing_delay(dynamic or usual[1], period, delay)),
+        )
         self._rest, self._output = rest, as_output(output)
         if delay and self._output is not None:
             raise RpctlError(

@@ -37,7 +37,7 @@ from rpctl.simulation.plants.starting import rest_at
 ROBOTS = "paper", "tiago", "car", "mecanum"
 PERIOD = 0.002  # s
 BEGINS, RECOVERED_IN = 2.0, 5.0  # s: when the first fault comes; after the last one
-NEAR = 0.02  # m or rad: back on the reference
+NEAR = 0.03  # m or rad: back on the reference
 MOST_JUMP = 0.3  # of an effort's limit, from a sample to the next
 BEYOND = 0.1  # of a joint's limit of speed; of its range where it has one
 SETTLED = 10  # samples after which the start's own jump is over

@@ -256,7 +256,7 @@ def test_saturated_wheels_keep_the_curvature(tiago: Robot, paper: Robot) -> None
     kept = curvature_error(
         track(weak, "circle", duration=1.0, initial_error=(0.5, 0.3, 0.5), dynamic=BoundedDynamic())
     )
-    assert kept < 0.05 * plain
+    assert kept < 0.07 * plain  # of a law that h1 = .175 s makes ask for less, .05 at .15 s
 
 
 @pytest.mark.slow
@@ -272,7 +272,8 @@ def test_a_joint_that_cannot_be_held_leaves_the_base_alone() -> None:
     )
     assert told.limits_violated == ()
     assert ("arm_2_joint", "effort") in {(each.joint, each.limit) for each in told.limits_bound}
-    assert told.rms_base_error == pytest.approx(free.rms_base_error, rel=5e-2)
+    # On its way from afar a wheel is at its half effort, too.
+    assert told.rms_base_error == pytest.approx(free.rms_base_error, rel=0.25)
     plain = track(
         half, "eight", duration=0.5, initial_error=OFF, dynamic=PaperDynamic(), allow_sag=True
     )

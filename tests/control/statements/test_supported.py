@@ -116,7 +116,9 @@ def changed(law: Any) -> Any:
     "laws",
     [
         (UnifiedKinematic(0.65), IntegralDynamic(15.0)),
-        pytest.param((Kanayama(leash=None), BoundedDynamic()), marks=pytest.mark.slow),
+        pytest.param(
+            (Kanayama(horizon=0.65, leash=None), BoundedDynamic(0.15)), marks=pytest.mark.slow
+        ),
         (PaperKinematic(smoothing=0.1), PaperDynamic()),
     ],
 )

@@ -41,7 +41,7 @@ def test_the_plant_is_what_is_told(paper: Robot) -> None:
 
 @pytest.mark.slow
 def test_a_robot_that_takes_speeds_lags_more(paper: Robot) -> None:
-    """A quarter more lag and a delay: a hundredth of a second of the way, some millimetres."""
+    """A quarter more lag costs the way until it is learnt: some hundredths of a millimetre."""
     coarse = replace(COARSE, control_period=0.02, plant_step=0.02)
     sharp, found = (
         expect(paper, Config(run=coarse, output=rpctl.VelocityOutput(lag))) for lag in (0.0, 0.1)
@@ -50,7 +50,7 @@ def test_a_robot_that_takes_speeds_lags_more(paper: Robot) -> None:
     assert (sharp.lag_ratio, found.lag_ratio) == (None, 1.25)
     assert "friction and 25 % more lag" in found.sentence
     assert sharp.base_path is not None and found.base_path is not None
-    assert 1e-4 < found.base_path.rms < 0.02
+    assert 1e-5 < found.base_path.rms < 1e-3
     assert found.base_path.rms > 2.0 * sharp.base_path.rms
 
 
