@@ -354,7 +354,8 @@ class Controller:
         self._counts["late"] += late
         self._ramps = self._ramps or late or not own or self._watchdog.suspects(sample.t)
         if before is not None:
-            self._tell(before, sample.t, applied, own and not gap)
+            told = self._arrived if applied is None else arrived
+            self._tell(before, sample.t, told, own and not gap)
         answer = self._both.answer(sample, self._following.now)
         if isinstance(answer, str):
             return answer
@@ -376,25 +377,23 @@ class Controller:
             if self._brakes or before is None:
                 self._following.stop(sample)
             return
-        with suppress(*FAILURES):  # of the reference: the laws find them as well
-            if self._brakes:
+        if self._brakes or gap:
+            with suppress(*FAILURES):  # of the reference: the laws find them as well
                 self._following.go_on(sample.t, sample)
-            elif gap:
-                self._following.rejoin(sample)
 
     @property
     def _brakes(self) -> bool:
         """Whether the robot was braked at the last sample for want of good ones."""
         return self._sent.status == "stopped" and self._sent.reason not in (PAUSED, MOTORS_OFF)
 
-    def _tell(self, before: MeasuredSample, t: float, applied: Array | None, learns: bool) -> None:
+    def _tell(self, before: MeasuredSample, t: float, arrived: Array | None, learns: bool) -> None:
         """Tell the laws how long ago the last sample was (s), and what arrived since.
 
         Args:
+            arrived: Efforts (n_act,); None where what was told are no such numbers.
             learns: Whether what the robot did since is the laws' doing.
         """
         elapsed = self._since(before.t, t) if learns else None
-        arrived = self._arrived if applied is None else self._efforts_of(applied)
         if arrived is not None and self._estimate.astray is not None:
             arrived = self._arrived + self._estimate.astray
         if arrived is not self._asked and elapsed is not None and self._output is None:
@@ -436,10 +435,11 @@ class Controller:
 
     def _watched(self, sample: MeasuredSample, output: ControllerOutput) -> ControllerOutput:
         """Return what is sent, or what brakes a robot that is lost."""
-        if self._output is None:
-            at_limit = any(limit.kind == "effort" for limit in output.limits)
-        else:
-            at_limit = bool(falls_short(sample.nu, output.speeds))
+        at_limit = (
+            any(limit.kind == "effort" for limit in output.limits)
+            if self._output is None
+            else bool(falls_short(sample.nu, output.speeds))
+        )
         error = self._error(sample)
         if not self._watchdog.lost(sample.t, at_limit, error):
             return output
@@ -482,8 +482,9 @@ class Controller:
         self._counts["paused"] += 1
         if self._both.speeds is not None:
             self._both.speeds.sent(t, self._unknown.speeds)
-        nothing = np.zeros_like(self._unknown.efforts)
-        return self._unknown._replace(efforts=nothing, status="stopped", reason=MOTORS_OFF)
+        return self._unknown._replace(
+            efforts=np.zeros_like(self._unknown.efforts), status="stopped", reason=MOTORS_OFF
+        )
 
     def _since(self, before: float, t: float) -> float:
         """Return the time between samples, s: the period where no more than rounding differs."""

@@ -163,20 +163,15 @@ class Following:
         self.now = Stop(t, robot.base_pose(q), self._twist(sample), robot.joint_positions(q), rates)
 
     def go_on(self, t: float, sample: MeasuredSample | None) -> None:
-        """Let the reference's time pass again from a time (s) on, about as fast as the robot is.
+        """Go on from where the robot is, about as fast, from the time at which the reference is.
 
         Args:
+            t: Time, s.
             sample: Where the robot is, if that is known.
         """
-        at = self._stands_at
+        at, _ = self._time(t)
         pace = 0.0 if sample is None else self._pace(at, sample)
         self._go(t, at, (pace, 1.0), self._gap(at, sample))
-
-    def rejoin(self, sample: MeasuredSample) -> None:
-        """Come back from where the robot is: nobody knows what it did since the last sample."""
-        time, _ = self._time(sample.t)
-        paces = self._pace(time, sample), 1.0
-        self._go(sample.t, time, paces, self._gap(time, sample))
 
     def change(self, reference: Reference, t: float, sample: MeasuredSample | None) -> None:
         """Follow another reference from its time 0 on, about as fast as the robot is.
