@@ -298,10 +298,7 @@ class Controller:
             RpctlError: It does not fit the robot.
         """
         self._reference = self._read(reference)
-        stop = self._following.now
         self._following.change(self._reference, max(self._reader.time, 0.0), self._measured)
-        if self._waits:
-            self._following.now = stop
 
     def report(self) -> dict[str, float]:
         """Return what happened so far, by name.

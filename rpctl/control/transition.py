@@ -176,15 +176,17 @@ class Following:
     def change(self, reference: Reference, t: float, sample: MeasuredSample | None) -> None:
         """Follow another reference from its time 0 on, about as fast as the robot is.
 
+        Where the reference stands, the other one waits at its time 0.
+
         Args:
             reference: What is to be followed in the end.
             t: Time, s.
             sample: Where the robot is, if that is known.
         """
-        self.reference, self._stands_at, pace = reference, 0.0, 1.0
-        if sample is not None and not isinstance(self.now, Stop):
-            pace = self._pace(0.0, sample)
-        self._go(t, 0.0, (pace, 1.0), self._gap(0.0, sample))
+        self.reference, self._stands_at = reference, 0.0
+        if not self._stands:
+            pace = 1.0 if sample is None else self._pace(0.0, sample)
+            self._go(t, 0.0, (pace, 1.0), self._gap(0.0, sample))
 
     def jumped(self, before: MeasuredSample, after: MeasuredSample) -> None:
         """Let what is followed jump along with a measured pose, and come back."""

@@ -140,6 +140,11 @@ def test_another_reference_is_come_to_smoothly(paper: Robot) -> None:
     robot.run(1.5)
     assert (robot.outputs[-1].status, robot.outputs[-1].reason) == ("stopped", "paused")
     assert np.abs(robot.nu).max() < 2e-3
+    robot.controller.resume()
+    robot.run(2.0)
+    way = robot.controller._following.now
+    assert isinstance(way, Transition)
+    assert way.time(robot.t)[0] == pytest.approx(2.0 - 0.5, abs=0.01)  # of the circle, from 0 on
 
 
 def test_a_pose_that_jumps_is_let_in_slowly(paper: Robot) -> None:
