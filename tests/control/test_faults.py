@@ -144,7 +144,8 @@ def test_another_reference_is_come_to_smoothly(paper: Robot) -> None:
     robot.run(2.0)
     way = robot.controller._following.now
     assert isinstance(way, Transition)
-    assert way.time(robot.t)[0] == pytest.approx(2.0 - 0.5, abs=0.01)  # of the circle, from 0 on
+    # Of the circle, which starts softly itself, from its time 0 on.
+    assert way.time(robot.t)[0] == pytest.approx(2.0, abs=0.01)
 
 
 def test_a_pose_that_jumps_is_let_in_slowly(paper: Robot) -> None:
