@@ -20,6 +20,7 @@ import rpctl
 from rpctl import Controller, Robot
 from rpctl.arrays import Array
 from rpctl.control.error import tracking_error
+from rpctl.control.safeguards import LOST_ERROR
 from rpctl.control.transition import Following, Stop, Transition
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
@@ -152,14 +153,18 @@ class Told:
     report: dict[str, float] = field(default_factory=dict)
 
     def wrong(self) -> Iterator[str]:
-        """Yield what is not as it is to be, in words."""
+        """Yield what is not as it is to be, in words.
+
+        A robot whose wheel stays dead may go on with the others, as near as no lost one is.
+        """
         if self.speed_ratio > 1.0 + BEYOND:
             yield f"a joint at {self.speed_ratio:.0%} of its speed"
         if self.beyond > BEYOND:
             yield f"a joint beyond its range by {self.beyond:.0%}"
         if self.jump > MOST_JUMP:
             yield f"an effort jumps by {self.jump:.0%} at {self.jumped_at:.3f} s"
-        if not self.error < NEAR and self.status != "lost":
+        stays = any(f.kind == "dead" and math.isinf(f.end) for f in self.faults)
+        if not self.error < (LOST_ERROR if stays else NEAR) and self.status != "lost":
             yield f"{self.error:.3g} m or rad off, {self.status}"
 
 
