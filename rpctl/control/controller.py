@@ -40,11 +40,10 @@ from rpctl.control.safeguards import (
     falls_short,
     require_callable,
 )
-from rpctl.control.sampling import JumpWatch, MeasuredSample, SampleReader
+from rpctl.control.sampling import TIME_ROUNDING, JumpWatch, MeasuredSample, SampleReader
 from rpctl.control.transition import Following
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.control.velocity_output import (
-    TIME_ROUNDING,
     VelocityOutput,
     as_output,
 )
@@ -437,7 +436,7 @@ class Controller:
             if self._output is None
             else bool(falls_short(sample.nu, output.speeds))
         )
-        error = self._error(sample)
+        error = self._error(sample) if at_limit or self._watchdog.bound else 0.0
         if not self._watchdog.lost(sample.t, at_limit, error):
             return output
         self._following.stand(sample.t)

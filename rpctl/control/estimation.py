@@ -15,7 +15,7 @@ import numpy as np
 
 from rpctl import math
 from rpctl.arrays import Array
-from rpctl.control.sampling import LONGEST_SILENCE, MeasuredSample
+from rpctl.control.sampling import LONGEST_SILENCE, TIME_ROUNDING, MeasuredSample
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import DiffersError
@@ -33,7 +33,6 @@ LEARNING = 5.0  # 1/s, of a disturbance by rates that are measured: over a delay
 NOTHING = np.empty(0)
 SEED, INSTANT, ROUGHLY = 20210601, 1e-8, 1e-3  # s: a motion that short tells the acceleration
 LONGEST_STEP = 0.005  # s, of the model's motion
-TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 MOST_KEPT = 8  # kernels of a process
 RIDGE = 1e-9  # of what base speeds do to the pose: less is no motion
 

@@ -292,6 +292,11 @@ class Watchdog:
         self._since, self._least = math.inf, math.inf  # s; m or rad
         self._bound_at, self._bound_since = -math.inf, math.inf  # s; at limits, but for moments
 
+    @property
+    def bound(self) -> bool:
+        """Whether the robot is at its limits, but for moments; only then its error matters."""
+        return math.isfinite(self._bound_since)
+
     def suspects(self, t: float) -> bool:
         """Return whether the robot may be lost at a time (s): efforts are to come slowly then."""
         return t - self._bound_since > SUSPICION
@@ -321,7 +326,7 @@ class Watchdog:
             at_limit: Whether limits keep it from what its law wants (K,).
             errors: Of what is tracked (K, n), m or rad.
         """
-        if not at_limit.any() and math.isinf(self._bound_since):
+        if not (at_limit.any() or self.bound):
             return None
         largest = np.abs(errors).max(axis=1, initial=0.0)
         rows = zip(t.tolist(), at_limit.tolist(), largest.tolist(), strict=True)

@@ -15,6 +15,7 @@ MAX_TIME = 1e10  # s: doubles beyond it do not tell one sample from the next
 MAX_SPEED = 1e6  # m/s or rad/s: nothing moves so
 MAX_NORM_ERROR = 1e-3  # of cos² + sin²: rounding of single precision is far below
 LONGEST_SILENCE = 1.0  # s between two samples; a clock that advances by more was set
+TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 CONSISTENT = 3  # samples in a row that go on from a clock that was set: it is taken anew
 JUMP = 0.05  # m or rad, beyond what the motion so far explains: the pose's frame has moved
 FASTEST_CHANGE = 10.0  # m/s² or rad/s², of a base

@@ -29,7 +29,7 @@ from rpctl.control.output_groups import (
     as_groups,
     by_quasi_velocity,
 )
-from rpctl.control.sampling import MeasuredSample
+from rpctl.control.sampling import TIME_ROUNDING, MeasuredSample
 from rpctl.control.speed_limits import Lateness, SpeedLimits, SpeedSample
 from rpctl.dynamics.motion import NO_LAG, follow, joined, travel
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -46,7 +46,6 @@ from rpctl.robot.model import Robot
 
 OUTPUTS = ("effort", "velocity")
 LONGEST_STEP = 0.02  # s, of the predicted motion
-TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 STOPPING_TIME = 0.3  # s: time constant with which a controlled stop ends the motion
 
 

@@ -14,6 +14,7 @@ from rpctl.control.sampling import JumpWatch, SampleReader
 from rpctl.control.transition import Stop, Transition
 from rpctl.errors import RpctlError
 from rpctl.reference.load import load_reference
+from rpctl.reference.motion import configuration_along
 from tests.control.simulated import PERIOD, Simulated
 
 RIGHT = 1  # number of the right wheel's motor
@@ -291,3 +292,14 @@ def test_a_limit_that_binds_no_more_for_a_moment_saves_no_robot() -> None:
     assert told.index(True) == 21
     watchdog = Watchdog(2.0)
     assert not any(watchdog.lost(0.1 * k, k % 5 < 2, 0.5) for k in range(30))
+
+
+def test_a_lost_base_is_braked_and_the_laws_have_the_arm(paper: Robot) -> None:
+    """A robot that is held needs no effort to brake its base, and its arm resists what holds it."""
+    controller = Controller(paper, "eight", period=0.01)
+    state = controller.reference(0.0)
+    q, nu = configuration_along(paper, state, np.asarray(state.pose)), np.zeros(paper.dof)
+    outputs = [controller.step(0.01 * k, q, nu) for k in range(1500)]
+    assert outputs[-1].status == "lost"
+    np.testing.assert_allclose(outputs[-1].efforts[:2], 0.0, atol=1e-9)
+    assert np.abs(outputs[-1].efforts[2:] / paper.effort_limits[2:]).min() > 1e-3

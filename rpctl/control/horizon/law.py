@@ -17,6 +17,7 @@ from rpctl.control.horizon.planner import Asked, Follower, HorizonPlan, Planned,
 from rpctl.control.horizon.process import PlanningProcess
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
+from rpctl.control.sampling import TIME_ROUNDING
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError
@@ -260,7 +261,6 @@ class HorizonLaw:
 ComputingTime = float | str  # s, or "measured"
 REMEMBERED_DELAYS = 20
 EXPECTED_RANK = 15  # of them, in ascending order: the delay to expect; few come later
-TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 
 
 @dataclass

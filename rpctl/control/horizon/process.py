@@ -106,7 +106,7 @@ class Process:
             raise Ended
         self._received += data
         size = LENGTH + int.from_bytes(self._received[:LENGTH], "big")
-        if len(self._received) < max(size, LENGTH):
+        if len(self._received) < size:
             return None
         message, self._received = self._received[LENGTH:size], self._received[size:]
         return message

@@ -15,6 +15,7 @@ from rpctl.control.controller import Controller, ControllerOutput
 from rpctl.control.error import tracking_error
 from rpctl.control.horizon.law import SimulatedTime, in_simulated_time
 from rpctl.control.law import Rest
+from rpctl.control.sampling import TIME_ROUNDING
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference, ReferenceState, configuration_along, require_state
@@ -22,7 +23,6 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.recorder import LoopSample
 from rpctl.simulation.plants.sensors import Measurement, sample_times
-from rpctl.simulation.plants.settings import TIME_ROUNDING
 from rpctl.simulation.plants.starting import rest_at, start_interface
 
 DIVERGED_SPEED = 1e6  # m/s or rad/s: no robot moves so; the loop has diverged

@@ -12,13 +12,14 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
+from rpctl.control.sampling import TIME_ROUNDING
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config, delay_periods
 from rpctl.simulation.plants.actuators import Actuators
 from rpctl.simulation.plants.protocol import Motion, RunningPlant
 from rpctl.simulation.plants.rolling import RollingMotion, VelocityPlant
-from rpctl.simulation.plants.settings import TIME_ROUNDING, Wrench
+from rpctl.simulation.plants.settings import Wrench
 
 CLOCK_S = 1e-6  # s: of a user's simulator, rounding of its clock
 

@@ -6,10 +6,10 @@ import math
 from dataclasses import astuple, dataclass
 from typing import Annotated
 
+from rpctl.control.sampling import TIME_ROUNDING
 from rpctl.errors import RpctlError, require_within
 from rpctl.files.records import POSITIVE, WITHIN, Range, Record, Setting
 
-TIME_ROUNDING = 1e-9  # s: rounding of a sample's time
 Vector = tuple[float, float, float]
 MAX_BITS = 32  # of an encoder
 
