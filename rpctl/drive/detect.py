@@ -8,8 +8,9 @@ from dataclasses import replace
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.drive.assemble import assemble
 from rpctl.drive.controls import PLANAR, BaseControl, plugin_controls
-from rpctl.drive.drive import FIXED_BASE, POWERED_CASTERS, Drive, DriveSpec
+from rpctl.drive.drive import FIXED_BASE, LEANING, POWERED_CASTERS, Drive, DriveSpec
 from rpctl.drive.evidence import Evidence, gather_evidence
+from rpctl.drive.leaning import find_leaning
 from rpctl.drive.leftovers import explain_leftovers, lock_option
 from rpctl.drive.no_drive import (
     drive_file_draft,
@@ -33,6 +34,10 @@ MADE_FOR = {  # type of the drive that a control is made for: that of parallel w
     "differential": SKID_STEER,
 }
 MECANUM_ROBOTS = ("youbot",)  # whose files give neither rollers nor a word of them
+NO_LEANING = (
+    "no robot that leans: on a free root two wheels stand alone on the ground, on one axle, at the "
+    "ends of legs, or one behind the other with a joint that steers"
+)
 CHOICE = "say --drive skid-steer or --drive mecanum"
 
 
@@ -41,6 +46,7 @@ def detect(
     spec: DriveSpec | None = None,
     controls: tuple[BaseControl, ...] | None = None,
     free: Collection[str] = (),
+    root: str | None = None,
 ) -> Drive:
     """Find the drive of a robot.
 
@@ -51,6 +57,7 @@ def detect(
     Args:
         tree: The robot, with its locked joints.
         controls: Plugins and controllers of the base; the file's plugins if None.
+        root: ``"planar"`` keeps the root link level, ``"free"`` lets it lean; None: as it stands.
 
     Raises:
         DriveError: No wheels fit, or nothing tells which drive they are; every candidate is named.
@@ -59,6 +66,14 @@ def detect(
     spec = spec or DriveSpec()
     if spec.type == "fixed":
         return FIXED_BASE
+    leaning = spec.type in LEANING if spec.type else root != "planar"
+    if leaning:
+        drive = find_leaning(tree, spec)
+        if drive is not None and spec.type in (None, drive.type):
+            return drive
+        if spec.type or root == "free":
+            found = f"it is a {drive.type} robot" if drive else NO_LEANING
+            raise DriveError(f"{tree.description.path}: {found}; say --root planar, or leave --root out")
     controls = plugin_controls(tree.description) if controls is None else controls
     evidence = gather_evidence(tree, spec, controls, free)
     if spec.type is None and _is_arm(evidence):

@@ -22,6 +22,8 @@ from rpctl.files.records import (
 )
 
 POWERED_CASTERS = "powered-casters"  # all wheels trail upright joints; motors drive them
+SELF_BALANCING, WHEEL_LEGS, LEANING_BICYCLE = "self-balancing", "wheel-legs", "leaning-bicycle"
+LEANING = SELF_BALANCING, WHEEL_LEGS, LEANING_BICYCLE  # they pitch or roll on two wheels
 # The base's own speeds by the drive's type; each independently steered joint's rate follows them.
 BASE_SPEEDS = {
     "differential": ("v", "omega"),
@@ -34,9 +36,14 @@ BASE_SPEEDS = {
     "omni": ("vx", "vy", "omega"),
     "mecanum": ("vx", "vy", "omega"),
     POWERED_CASTERS: ("vx", "vy", "omega"),
+    SELF_BALANCING: ("v", "omega", "pitch_rate"),
+    WHEEL_LEGS: ("v", "omega", "pitch_rate"),
+    LEANING_BICYCLE: ("v", "roll_rate"),
     "fixed": (),
 }
-TYPES_WITH_AXLE = ("differential", "skid-steer", "car-like", "tricycle", "articulated", "bicycle")
+TYPES_WITH_AXLE = (
+    "differential", "skid-steer", "car-like", "tricycle", "articulated", "bicycle", *LEANING,
+)  # fmt: skip
 
 TRAILING = ("caster", "trailer")  # roles of swivels whose rates follow from the base's motion
 
@@ -62,6 +69,7 @@ class Wheel:
         shift: Distance of its contact to the left of its centre, m: half the difference between
             the effective track of a skid-steer drive and the wheels' own.
         slides: Whether it may slide sideways: a ball, or a wheel off a differential's axle.
+        tyre: Radius of its tyre's section, m, of a wheel that leans: a torus; 0 of a thin disc.
         why: Why it is a wheel, in words.
     """
 
@@ -76,6 +84,7 @@ class Wheel:
     lateral: float = 0.0
     shift: float = 0.0
     slides: bool = False
+    tyre: float = 0.0
     why: str = ""
 
 
@@ -210,6 +219,11 @@ class Drive:
         return tuple(s for s in self.swivels if s.trails and s not in idle)
 
     @property
+    def leans(self) -> bool:
+        """Whether the root link pitches, rolls and rises: it is on a free-flyer."""
+        return self.type in LEANING
+
+    @property
     def has_axle(self) -> bool:
         """Whether P moves along the heading only."""
         return self.type in TYPES_WITH_AXLE
@@ -254,6 +268,9 @@ class WheelSpec(Record):
         Setting("deg", "roller", "Angle from the heading to the roller on the ground (mecanum)."),
     ] = None
     driven: Annotated[bool | None, Setting("", "driven", "Whether a motor turns it.")] = None
+    tyre: Annotated[
+        float | None, POSITIVE, Setting("m", "tyre", "Radius of its section, of one that leans.")
+    ] = None
 
     @property
     def roller(self) -> float | None:

@@ -108,15 +108,18 @@ def find_candidates(tree: FrozenTree, specs: Mapping[str, WheelSpec]) -> list[Wh
             held[joint.name] = above
     carrying = {above[-1].name for above in held.values() if above}
     return [
-        _candidate(tree, tree.description.joint[name], specs.get(name, WheelSpec(name)))
+        as_candidate(tree, tree.description.joint[name], specs.get(name))
         for name, above in held.items()
         if all(each.name in carrying for each in above)
     ]
 
 
-def _candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec) -> WheelCandidate:
+def as_candidate(
+    tree: FrozenTree, joint: Joint, spec: WheelSpec | None = None
+) -> WheelCandidate:
+    """Return a joint with what its shapes, or the user, tell of it as a wheel's."""
     size = wheel_size(tree, joint)
-    if spec.radius is not None:
+    if spec is not None and spec.radius is not None:
         size = size._replace(radius=spec.radius, source="drive file", uneven="", unread="")
     parts = round_parts(tree, joint)
     return WheelCandidate(
@@ -204,7 +207,7 @@ def wheel_like(tree: FrozenTree, joint: Joint) -> WheelCandidate | None:
         return None
     if abs(float(tree.axis(joint)[2])) > (MAX_CAMBER_SINE if named else MAX_TILT_SINE):
         return None
-    return _candidate(tree, joint, WheelSpec(joint.name))
+    return as_candidate(tree, joint)
 
 
 def is_called(joint: Joint, words: Iterable[str]) -> bool:

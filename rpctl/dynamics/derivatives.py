@@ -5,10 +5,15 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+import pinocchio as pin
+
 from rpctl import math as casadi
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.dynamics.symbols.leaning import LeaningEquations
+from rpctl.robot.leaning import FREE_NV, LeaningRobot
 from rpctl.robot.model import Robot
 
 KEPT_ROBOTS = 4  # whose formulas are kept
@@ -74,10 +79,42 @@ class LinearDynamics:
         return LinearModel(*(found.full() for found in self._function(q, nu, tau)))
 
 
+class LeaningLinearDynamics:
+    """The linear models of a robot that leans, as :class:`LinearDynamics`; the bracket is SE(3)'s.
+
+    Args:
+        robot: The robot.
+    """
+
+    def __init__(self, robot: LeaningRobot) -> None:
+        self._robot, self._reduced = robot, ReducedDynamics(robot)
+        self._equations = LeaningEquations(robot)
+
+    def __call__(self, q: Array, nu: Array, tau: Array) -> LinearModel:
+        """Return the linear model about a motion that passes (q, ν) under τ.
+
+        Raises:
+            RpctlError: M is not positive definite at q, or the state is not finite.
+            SingularBasisError: At q the wheels fix no one motion.
+        """
+        dynamics, nv, dof = self._reduced, self._robot.nv, self._robot.dof
+        nu_dot, at = dynamics.forward(q, nu, tau), dynamics.at(q)
+        v = at.S @ nu
+        force, _ = dynamics.reaction(q, nu, tau)
+        z = np.concatenate([v, at.S @ nu_dot + at.drift(nu), nu_dot, at.multipliers @ force])
+        by = self._equations.derivatives(q, nu, tau, z)
+        rates = np.vstack([by[:nv], by[2 * nv : 2 * nv + dof]])
+        linear, angular = pin.skew(v[:3]), pin.skew(v[3:FREE_NV])
+        rates[:3, :3] -= angular
+        rates[:3, 3:FREE_NV] -= linear
+        rates[3:FREE_NV, 3:FREE_NV] -= angular
+        return LinearModel(rates[:, : nv + dof], rates[:, nv + dof :])
+
+
 @lru_cache(maxsize=KEPT_ROBOTS)
-def linear_dynamics(robot: Robot) -> LinearDynamics:
+def linear_dynamics(robot: Robot) -> LinearDynamics | LeaningLinearDynamics:
     """Return the linear models of a robot; those of the last robots are kept."""
-    return LinearDynamics(robot)
+    return LeaningLinearDynamics(robot) if isinstance(robot, LeaningRobot) else LinearDynamics(robot)
 
 
 def linearize(robot: Robot, q: Array, nu: Array, tau: Array) -> LinearModel:

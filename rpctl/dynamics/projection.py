@@ -9,9 +9,10 @@ twist and the rates of swivels that follow others, are solved at each q.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from rpctl.dynamics.rolling import (
     square_inverse,
 )
 from rpctl.errors import ActuationError, SingularBasisError
-from rpctl.robot.model import Robot
+from rpctl.robot.model import BASE_NV, Robot
 
 ROW_MARGIN = 1e-9  # of the largest singular value of B: below it nothing drives that direction
 
@@ -87,7 +88,7 @@ def rows_to_solve(A: TurningMatrix, W: Array) -> NDArray[np.intp]:
 
 
 @dataclass(frozen=True, eq=False)
-class Projection:
+class Projection(ABC):
     """What rolling makes of velocities and efforts at one configuration q.
 
     Attributes:
@@ -96,16 +97,21 @@ class Projection:
     """
 
     S: Array
-    projector: Projector = field(repr=False)
-    _u: Array = field(repr=False)
-    _core: tuple[Array, Array, Array] | None = field(repr=False)  # M's LU factors, pivots, X
+    projector: Any = field(repr=False)
 
-    @cached_property
+    @property
+    @abstractmethod
     def A(self) -> Array:
         """Constraint matrix (rows, nv): A v = 0."""
-        A = self.projector.rolling.matrix.at(self._u)
-        A.setflags(write=False)
-        return A
+
+    @abstractmethod
+    def drift(self, nu: Array) -> Array:
+        """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡν that the motion itself brings."""
+
+    @property
+    @abstractmethod
+    def twist(self) -> Array:
+        """Map (3, dof) from ν to P's speed ahead and to the left (m/s), and the turning rate."""
 
     @cached_property
     def B(self) -> Array:
@@ -125,13 +131,34 @@ class Projection:
     def multipliers(self) -> Array:
         """Map (rows, nv) from Aᵀλ to the λ of least norm; no λ is of a wheel that glides."""
         found = np.asarray(np.linalg.pinv(self.A.T, rcond=RANK_MARGIN), dtype=float)
-        found[list(self.projector.rolling.gliding)] = 0.0
+        found[list(self.projector.gliding)] = 0.0
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class LevelProjection(Projection):
+    """The projection of a robot whose root link stays level."""
+
+    _u: Array = field(repr=False)
+    _core: tuple[Array, Array, Array] | None = field(repr=False)  # M's LU factors, pivots, X
+
+    @cached_property
+    def A(self) -> Array:
+        """Constraint matrix (rows, nv): A v = 0."""
+        A = self.projector.rolling.matrix.at(self._u)
+        A.setflags(write=False)
+        return np.asarray(A)
+
+    @cached_property
+    def twist(self) -> Array:
+        """Map (3, dof) from ν to P's speed ahead and to the left (m/s), and the turning rate."""
+        return np.asarray(self.projector.robot.point_velocity @ self.S[:BASE_NV])
 
     def drift(self, nu: Array) -> Array:
         """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡν that the motion itself brings."""
         if self._core is None:
-            return self.projector.still
+            still: Array = self.projector.still
+            return still
         return self._solve(self._core, -self.projector.rolling.drift(self._u, self.S.dot(nu)))
 
     def _solve(self, core: tuple[Array, Array, Array], right: Array) -> Array:
@@ -153,24 +180,27 @@ class Projector:
     """
 
     def __init__(self, robot: Robot, rolling: RollingConstraints) -> None:
-        self.robot, self.rolling = robot, rolling
-        self.columns = np.zeros((robot.nv, len(robot.actuators)))
-        for column, name in enumerate(robot.actuators):
-            self.columns[robot.velocity_index(name), column] = 1.0
+        self.robot, self.rolling, self.gliding = robot, rolling, rolling.gliding
+        self.rows = len(rolling.matrix.constant)
+        self.columns = effort_columns(robot)
         self.still = np.zeros(robot.nv)
         self.still.setflags(write=False)
         self.selection = selection(robot, rolling)  # W
-        self._last: tuple[bytes, Projection] | None = None
+        self._last: tuple[bytes, LevelProjection] | None = None
         # Where nothing turns, A is the same in the base's axes at every q: so is S, and Ṡ = 0.
-        self.constant: Projection | None = None
+        self.constant: LevelProjection | None = None
         if not rolling.matrix.harmonics.any():
             S = basis(rolling.matrix.constant, self.selection)
             S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
             S.setflags(write=False)
             u = np.zeros(len(rolling.matrix.harmonics))
-            self.constant = Projection(S, self, u, None)
+            self.constant = LevelProjection(S, self, u, None)
 
-    def at(self, q: Array) -> Projection:
+    def settle(self, q: Array) -> Array:
+        """Return q (nq,) as it is: a planar root keeps its wheels on the ground."""
+        return q
+
+    def at(self, q: Array) -> LevelProjection:
         """Return the projection at q (nq,).
 
         Raises:
@@ -184,7 +214,7 @@ class Projector:
             last = self._last = key, self._project(q)
         return last[1]
 
-    def _project(self, q: Array) -> Projection:
+    def _project(self, q: Array) -> LevelProjection:
         try:
             core, _, _, R, C = self.equations
             u = self.rolling.turn(q)
@@ -198,7 +228,7 @@ class Projector:
         S = X.dot(Y)
         S += C
         S.setflags(write=False)
-        return Projection(S, self, u, (lu, pivots, X))
+        return LevelProjection(S, self, u, (lu, pivots, X))
 
     @cached_property
     def equations(self) -> Elimination:
@@ -214,6 +244,14 @@ class Projector:
         joints = [swivel.joint for swivel in self.robot.drive.swivels]
         angles = (math.degrees(self.robot.joint_position(q, name)) for name in joints)
         return ", ".join(f"{n} at {a:.3g}°" for n, a in zip(joints, angles, strict=True))
+
+
+def effort_columns(robot: Robot) -> Array:
+    """Return the map (nv, n_act) from the actuators' efforts to their generalised force."""
+    columns = np.zeros((robot.nv, len(robot.actuators)))
+    for column, name in enumerate(robot.actuators):
+        columns[robot.velocity_index(name), column] = 1.0
+    return columns
 
 
 def _allocation(robot: Robot, B: Array) -> Array:

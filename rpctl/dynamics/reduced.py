@@ -14,12 +14,14 @@ import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from rpctl.arrays import Array
+from rpctl.dynamics.leaning import LeaningProjector
 from rpctl.dynamics.projection import Projection, Projector
-from rpctl.dynamics.rolling import find_rolling
+from rpctl.dynamics.rolling import RollingConstraints, find_rolling
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT, Workspace
 from rpctl.robot.losses import Losses
-from rpctl.robot.model import BASE_NV, Robot
+from rpctl.robot.leaning import LeaningRobot
+from rpctl.robot.model import Robot
 
 
 class OutsideForce(NamedTuple):
@@ -61,10 +63,20 @@ class ReducedDynamics:
         self.robot = robot
         self._model = robot.model
         self._workspace = Workspace(robot.model)
-        self.rolling = find_rolling(robot, gliding)
-        self._projector = Projector(robot, self.rolling)
+        self._projector = find_projector(robot, gliding)
         self._columns = self._projector.columns
         self._losses = robot.losses
+
+    @property
+    def rolling(self) -> RollingConstraints:
+        """The rolling constraints of a robot whose root link stays level.
+
+        Raises:
+            RpctlError: It leans.
+        """
+        if isinstance(self._projector, LeaningProjector):
+            raise RpctlError(f"{self.robot.name} leans; this is made for robots that stay level")
+        return self._projector.rolling
 
     @property
     def constant(self) -> bool:
@@ -106,12 +118,13 @@ class ReducedDynamics:
         return self.at(q).B
 
     def integrate(self, q: Array, v: Array) -> Array:
-        """Return q (nq,) moved along v (nv,) for a time of 1."""
-        return np.asarray(pin.integrate(self._model, q, v))
+        """Return q (nq,) moved along v (nv,) for a time of 1, its wheels on the ground."""
+        moved = np.asarray(pin.integrate(self._model, q, v))
+        return self._projector.settle(moved)
 
     def twist(self, q: Array, nu: Array) -> Array:
         """Return the base's twist (3,) at ν: P's speed forward and left (m/s), turning rate."""
-        return self.robot.point_velocity @ (self.basis(q)[:BASE_NV] @ nu)
+        return np.asarray(self.at(q).twist @ nu)
 
     def inertia(self, q: Array) -> Array:
         """Return M(q) (dof, dof), symmetric positive definite."""
@@ -294,7 +307,7 @@ class ReducedDynamics:
             tau: Actuator efforts (K, n_act), N·m or N.
             outside: What pushes the robot besides, (K, nv) and (K, 6); None: nothing.
         """
-        rows = len(self.rolling.matrix.constant)
+        rows = self._projector.rows
         sizes = ((self.robot.nv,), (self.robot.nv,), (6,), (), (rows,))
         found = Reactions(*(np.empty((len(q), *size)) for size in sizes))
         for k, state in enumerate(zip(q, nu, tau, strict=True)):
@@ -321,6 +334,13 @@ class ReducedDynamics:
             ActuationError: B lacks full row rank; the undriven quasi-velocities are named.
         """
         return np.asarray(self.at(q).allocation @ quasi_force)
+
+
+def find_projector(robot: Robot, gliding: Collection[str] = ()) -> Projector | LeaningProjector:
+    """Return what makes the projections of a robot, some of whose swivels may glide."""
+    if isinstance(robot, LeaningRobot):
+        return LeaningProjector(robot)
+    return Projector(robot, find_rolling(robot, gliding))
 
 
 class LinkWrench(Protocol):

@@ -72,7 +72,7 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstrai
     rows = drive_rows(drive, gliding)
     names = [swivel.joint for swivel in drive.swivels]
     index = np.array([robot.velocity_index(name) for name in names], dtype=np.intp)
-    above = [_mimic_rows(robot), np.eye(BASE_NV if drive.type == "fixed" else 0, robot.nv)]
+    above = [mimic_rows(robot), np.eye(BASE_NV if drive.type == "fixed" else 0, robot.nv)]
     first = sum(map(len, above))
 
     def whole(part: Array) -> Array:
@@ -145,7 +145,7 @@ def _wheel_row(robot: Robot, data: pin.Data, wheel: Wheel) -> Array:
     return np.asarray(row)
 
 
-def _mimic_rows(robot: Robot) -> Array:
+def mimic_rows(robot: Robot) -> Array:
     """Return one row a mimic joint: its rate less the multiplier times the followed one's."""
     rows = np.zeros((len(robot.mimics), robot.nv))
     for row, joint in zip(rows, robot.mimics, strict=True):

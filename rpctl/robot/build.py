@@ -49,11 +49,12 @@ def check(tree: FrozenTree) -> None:
     _require_mass(tree)
 
 
-def build(tree: FrozenTree) -> pin.Model:
-    """Return the model with a planar root and the locked joints frozen.
+def build(tree: FrozenTree, leans: bool = False) -> pin.Model:
+    """Return the model with a planar root, or a free-flyer, and the locked joints frozen.
 
     Args:
         tree: The robot, with its locked joints; :func:`check` has accepted it.
+        leans: Whether the root link pitches, rolls and rises.
 
     Raises:
         DescriptionError: Its inertia matrix is not positive definite, or Pinocchio refuses it.
@@ -61,7 +62,8 @@ def build(tree: FrozenTree) -> pin.Model:
     description = tree.description
     with _captured_stderr() as captured:
         try:
-            model = _model(tree)
+            root = pin.JointModelFreeFlyer() if leans else pin.JointModelPlanar()
+            model = _model(tree, root)
         except Exception as error:  # whatever the engine raises, the file is to blame
             reason = f"{error} {captured()}".strip()[:MAX_ENGINE_MESSAGE]
             raise fault_at(
@@ -80,12 +82,12 @@ def build(tree: FrozenTree) -> pin.Model:
     return model
 
 
-def _model(tree: FrozenTree) -> pin.Model:
+def _model(tree: FrozenTree, root: pin.JointModel) -> pin.Model:
     description, locked = tree.description, tree.locked
     if locked and description.joint.keys() & description.link.keys():
         # buildReducedModel refuses a link and a joint of one name; the file may have them.
-        return pin.buildModelFromXML(_frozen_text(tree), pin.JointModelPlanar())
-    full = pin.buildModelFromXML(description.xml, pin.JointModelPlanar())
+        return pin.buildModelFromXML(_frozen_text(tree), root)
+    full = pin.buildModelFromXML(description.xml, root)
     if not locked:
         return full
     at = pin.neutral(full)

@@ -26,6 +26,7 @@ from rpctl.errors import DescriptionError, Finding, require_known, require_withi
 from rpctl.robot.build import build, check, set_armature
 from rpctl.robot.grippers import Gripper, find_end_effector, find_grippers, freeze_grippers
 from rpctl.robot.home import with_home
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.link_boxes import link_boxes
 from rpctl.robot.load_settings import LoadKeywords, LoadSettings
 from rpctl.robot.losses import find_losses
@@ -70,6 +71,8 @@ def load(
         free: Name patterns of joints that are to move though they are frozen by default: those of
             grippers, suspensions and the catalogue; and of wheels that are an arm's joints.
         losses: Whether damping and friction of the file count; False is the ideal robot of [MS21].
+        root: ``"free"`` lets the root link pitch, roll and rise, on two wheels; ``"planar"`` keeps
+            it level. None: as the robot stands; where it stands on two wheels alone, it leans.
         armature: Whether the rotors of the file's transmissions count (I n² on M's diagonal), or
             ``{pattern: I n²}`` (kg·m², or kg where the joint slides) for the others.
 
@@ -102,7 +105,7 @@ def assemble(source: Source, description: Description, settings: LoadSettings) -
         description = fill(description, settings.density)
     tree, drive, grippers, findings = _body(source, description, settings)
     description, joints = tree.description, _arm_joints(tree, drive)
-    model = build(tree)
+    model = build(tree, drive.leans)
     set_armature(description, model, settings.rotors)
     end_effector = settings.end_effector
     if end_effector is None:
@@ -110,7 +113,7 @@ def assemble(source: Source, description: Description, settings: LoadSettings) -
         findings += choice
     else:
         require_known("link", [end_effector], description.link)
-    robot = Robot(
+    robot = (LeaningRobot if drive.leans else Robot)(
         name=source.name or description.name,
         source=source.name or str(source.path.resolve()),
         description=description,
@@ -158,7 +161,7 @@ def _body(
     if isinstance(given, Drive):
         found = replace(given, declared=("drive",))
     else:
-        found = detect(tree, given, controls, released)
+        found = detect(tree, given, controls, released, settings.root)
         doubts = [Finding("warning", None, doubt) for doubt in found.doubts]
         _refuse_doubts(source.path, doubts, settings)
     tree, idle = _with_motors(tree, found)

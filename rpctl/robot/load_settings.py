@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict
 
 from rpctl.description.records import as_xacro
 from rpctl.drive.drive import DRIVE_TYPES, Drive
-from rpctl.files.records import Setting
+from rpctl.files.records import OneOf, Setting
 
 if TYPE_CHECKING:
     from typing import Unpack  # of Python 3.11; never imported when it runs
@@ -23,6 +23,10 @@ class Payload(NamedTuple):
     mass: float  # kg
     com: tuple[float, ...]  # (3,) in the link's frame, m
     inertia: tuple[tuple[float, ...], ...]  # (3, 3) about com, along the link's axes, kg·m²
+
+
+PLANAR, FREE = "planar", "free"
+ROOTS = PLANAR, FREE  # what the root link may do: stay level, or pitch, roll and rise
 
 
 class LoadKeywords(TypedDict, total=False):
@@ -39,6 +43,7 @@ class LoadKeywords(TypedDict, total=False):
     free: Iterable[str]
     losses: bool
     armature: bool | Mapping[str, float]
+    root: str | None
 
 
 @dataclass(frozen=True)
@@ -128,6 +133,15 @@ class LoadSettings:
             metavar="file|NAME=KG_M2",
         ),
     ] = False
+    root: Annotated[
+        str | None,
+        OneOf(ROOTS),
+        Setting(
+            help="Whether the root link stays level (planar) or pitches, rolls and rises (free); "
+            "by default as the robot stands.",
+            metavar="planar|free",
+        ),
+    ] = None
     payloads: tuple[Payload, ...] = ()  # that it carries besides, in the order they were put on
 
     @staticmethod

@@ -158,6 +158,13 @@ def _read_limits(findings: Findings, element: Any, name: str, kind: str) -> tupl
 
 
 def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[float, float]:
+    if kind == "revolute" and not {"lower", "upper"} & set(limit.attrib):
+        findings.warn(
+            limit,
+            f'joint "{name}" cannot move: its <limit> has no lower and upper, which count as 0; it '
+            'is taken as unlimited, give them, or make it type="continuous"',
+        )
+        return -math.inf, math.inf
     lower, upper = (_extended(findings, limit, key, "0") for key in ("lower", "upper"))
     if lower > upper:
         findings.error(limit, f'joint "{name}" has lower {lower:g} > upper {upper:g}; swap the two')

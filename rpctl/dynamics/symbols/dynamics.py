@@ -24,6 +24,7 @@ from rpctl.dynamics.symbols.basis import (
 from rpctl.dynamics.symbols.bodies import felt, inertias_of, moving_bodies
 from rpctl.dynamics.symbols.numbers import RobotNumbers
 from rpctl.dynamics.symbols.rigid_body import (
+    PLANAR_ROOT,
     MovingTree,
     crba,
     first_moment,
@@ -142,7 +143,8 @@ class SymbolicDynamics:
             at = SymbolicConfiguration(q)
             basis = SymbolicBasis(self._projector, self._known, at, self._swivels)
             projection = SymbolicProjection(self._projector, basis)
-            tree = moving_tree(self._bodies, self._known["inertia"], self._known["lift"], at)
+            known = self._known["inertia"], self._known["lift"]
+            tree = moving_tree(self._bodies, *known, at, PLANAR_ROOT)
             self._last = _AtConfiguration(at, projection, tree)
         return self._last
 
@@ -382,7 +384,7 @@ class SymbolicDynamics:
         pose = np.linalg.inv(self._bodies[body].frame) @ pose
         R, p = cleaned(pose[:3, :3].T).tolist(), cleaned(pose[:3, 3]).tolist()
         tree = MovingTree(
-            joint_motions(self._bodies, self._at(q).configuration), (), (0.0, 0.0, 0.0)
+            joint_motions(self._bodies, self._at(q).configuration), (), (0.0, 0.0, 0.0), PLANAR_ROOT
         )
         for each in tree.before(tree.joints[body - 1]) if body else ():
             R, p = [each.inwards(x) for x in R], plus(each.inwards(p), each.p)

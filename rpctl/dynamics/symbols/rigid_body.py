@@ -1,4 +1,4 @@
-"""crba and rnea over scalars, in body axes ([F08, Ch. 5, 6]), on a planar root.
+"""crba and rnea over scalars, in body axes ([F08, Ch. 5, 6]), on a planar root or a free-flyer.
 
 Each joint is along the z axis of the body behind it. Velocities and accelerations are those of
 the origins of the bodies' frames, classical ones; a body's inertia is taken about its origin.
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from rpctl.dynamics.symbols.basis import SymbolicConfiguration
 from rpctl.dynamics.symbols.bodies import MX, MZ, XX, XY, XZ, YY, YZ, ZZ, M, MovingBody
@@ -129,11 +129,13 @@ class MovingTree:
         joints: BodyMotion across the joint of each body but the first.
         numbers: The ten numbers of each body.
         lift: What gravity takes of the first body's acceleration (3,), in its axes, m/s².
+        root: How the first body moves.
     """
 
     joints: tuple[JointMotion, ...]
     numbers: Sequence[Vector]
     lift: Vector
+    root: Root
 
     def before(self, joint: JointMotion) -> Iterator[JointMotion]:
         """Yield a joint and those that carry it, inwards."""
@@ -149,6 +151,7 @@ def moving_tree(
     numbers: Sequence[Vector],
     lift: Vector,
     at: SymbolicConfiguration,
+    root: Root,
 ) -> MovingTree:
     """Return bodies at a configuration.
 
@@ -157,15 +160,14 @@ def moving_tree(
         numbers: The ten numbers of each, those that are felt.
         lift: Acceleration (3,) against gravity along the axes of the ground, m/s².
         at: The configuration.
+        root: How the first body moves.
     """
     carriers = {body.parent for body in bodies}
     joints = list(joint_motions(bodies, at))
     for k, body in enumerate(bodies[1:], start=1):
         if k not in carriers and not body.slides and _is_round(numbers[k]):
             joints[k - 1] = JointMotion(body, 1.0, 0.0, body.p.tolist())  # any angle will do
-    (x, y, z), (cos, sin) = lift, at.values[2:4]
-    turned = [total((times(cos, x), times(sin, y))), total((times(cos, y), times(-sin, x))), z]
-    return MovingTree(tuple(joints), numbers, turned)
+    return MovingTree(tuple(joints), numbers, root.inwards(at, lift), root)
 
 
 def joint_motions(
@@ -206,10 +208,7 @@ def crba(tree: MovingTree) -> dict[Pair, Scalar]:
         found[body.index, body.index] = total((own, body.armature))
         for other, value in _asked(tree, joint, force, moment):
             found[body.index, other] = found[other, body.index] = value
-    root = whole[0]
-    (x, y, _), turning = root.mc, total((root.second[0][0], root.second[1][1]))
-    found |= {(0, 0): root.m, (1, 1): root.m, (2, 2): turning}
-    for (i, j), value in {(0, 2): -y, (1, 2): x}.items():
+    for (i, j), value in tree.root.inertia(whole[0]).items():
         found[i, j] = found[j, i] = value
     return found
 
@@ -234,7 +233,7 @@ def _asked(
         if each.body.parent:
             carrier = tree.joints[each.body.parent - 1].body
             yield carrier.index, force[2] if carrier.slides else moment[2]
-    yield from ((0, force[0]), (1, force[1]), (2, moment[2]))
+    yield from enumerate(tree.root.felt(force, moment))
 
 
 class BodyMotion(NamedTuple):
@@ -287,9 +286,7 @@ def rnea(tree: MovingTree, v: Vector, a: Vector) -> tuple[list[Scalar], Vector]:
         v: Velocities (nv,).
         a: Accelerations (nv,), Pinocchio's v̇.
     """
-    ahead, left, up = tree.lift
-    lift = [total((a[0], times(-v[2], v[1]), ahead)), total((a[1], times(v[2], v[0]), left)), up]
-    motions = [_motion([0.0, 0.0, v[2]], [0.0, 0.0, a[2]], lift)]
+    motions = [tree.root.motion(v, a, tree.lift)]
     for joint in tree.joints:
         rate, change = v[joint.body.index], a[joint.body.index]
         motions.append(_next(joint, motions[joint.body.parent], rate, change))
@@ -304,8 +301,86 @@ def rnea(tree: MovingTree, v: Vector, a: Vector) -> tuple[list[Scalar], Vector]:
         before = wrenches[body.parent]
         wrenches[body.parent] = plus(before[0], force), plus(before[1], moment)
     force, moment = wrenches[0]
-    forces[:3] = force[0], force[1], moment[2]
+    own = tree.root.felt(force, moment)
+    forces[: len(own)] = own
     return forces, [*force, *moment]
+
+
+class Root(Protocol):
+    """How the first body moves: what of v, forces and inertia is its own."""
+
+    def inwards(self, at: SymbolicConfiguration, vector: Vector) -> Vector:
+        """Return a vector (3,) of the world's axes in the body's."""
+
+    def motion(self, v: Vector, a: Vector, lift: Vector) -> BodyMotion:
+        """Return the body's motion at v and v̇ (nv,), ``lift`` (3,) against gravity, its axes."""
+
+    def felt(self, force: Vector, moment: Vector) -> Vector:
+        """Return what of a wrench on the body is in the generalised force."""
+
+    def inertia(self, whole: ScalarInertia) -> dict[Pair, Scalar]:
+        """Return the entries of the inertia matrix that are its alone, each pair once."""
+
+
+class PlanarRoot:
+    """A root that stays level: v begins with its velocity (x, y) and its turning rate."""
+
+    def inwards(self, at: SymbolicConfiguration, vector: Vector) -> Vector:
+        """Return a vector (3,) of the world's axes in the body's."""
+        (x, y, z), (cos, sin) = vector, at.values[2:4]
+        return [total((times(cos, x), times(sin, y))), total((times(cos, y), times(-sin, x))), z]
+
+    def motion(self, v: Vector, a: Vector, lift: Vector) -> BodyMotion:
+        """Return the body's motion."""
+        ahead, left, up = lift
+        lifted = [
+            total((a[0], times(-v[2], v[1]), ahead)), total((a[1], times(v[2], v[0]), left)), up,
+        ]  # fmt: skip
+        return _motion([0.0, 0.0, v[2]], [0.0, 0.0, a[2]], lifted)
+
+    def felt(self, force: Vector, moment: Vector) -> Vector:
+        """Return force ahead and to the left, and the moment about the vertical."""
+        return [force[0], force[1], moment[2]]
+
+    def inertia(self, whole: ScalarInertia) -> dict[Pair, Scalar]:
+        """Return its entries of the inertia matrix."""
+        (x, y, _), turning = whole.mc, total((whole.second[0][0], whole.second[1][1]))
+        mass = {(0, 0): whole.m, (1, 1): whole.m, (2, 2): turning}
+        return mass | {(0, 2): -y, (1, 2): x}
+
+
+class FreeRoot:
+    """A free-flyer: v begins with its linear and its angular velocity, in its own axes."""
+
+    def inwards(self, at: SymbolicConfiguration, vector: Vector) -> Vector:
+        """Return a vector (3,) of the world's axes in the body's."""
+        x, y, z, w = at.values[3:7]
+        axis, twice = [-x, -y, -z], cross([-x, -y, -z], vector)  # v + 2 w a × v + 2 a × (a × v)
+        twice = [2.0 * each for each in twice]
+        return plus(vector, [times(w, each) for each in twice], cross(axis, twice))
+
+    def motion(self, v: Vector, a: Vector, lift: Vector) -> BodyMotion:
+        """Return the body's motion."""
+        speed, spin = v[:3], v[3:6]
+        return _motion(spin, a[3:6], plus(a[:3], cross(spin, speed), lift))
+
+    def felt(self, force: Vector, moment: Vector) -> Vector:
+        """Return the whole wrench."""
+        return [*force, *moment]
+
+    def inertia(self, whole: ScalarInertia) -> dict[Pair, Scalar]:
+        """Return its entries of the inertia matrix."""
+        (x, y, z), second = whole.mc, whole.second
+        found: dict[Pair, Scalar] = {(i, i): whole.m for i in range(3)}
+        found |= {(0, 4): z, (0, 5): -y, (1, 3): -z, (1, 5): x, (2, 3): y, (2, 4): -x}
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            found[3 + i, 3 + i] = total((second[j][j], second[k][k]))
+            found[3 + i, 3 + j] = -second[i][j]
+        return found
+
+
+PLANAR_ROOT, FREE_ROOT = PlanarRoot(), FreeRoot()
 
 
 def _next(joint: JointMotion, before: BodyMotion, rate: Scalar, change: Scalar) -> BodyMotion:

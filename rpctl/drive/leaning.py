@@ -1,0 +1,171 @@
+"""Drives of robots that lean: two wheels on the ground, and nothing else that stands there.
+
+The wheels are at the ends of whatever joints: of none (a self-balancing base), of a steering axis
+(a bicycle), of legs.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rpctl.description.frozen_tree import FrozenTree
+from rpctl.description.records import Joint
+from rpctl.drive.drive import (
+    LEANING_BICYCLE,
+    SELF_BALANCING,
+    WHEEL_LEGS,
+    Drive,
+    DriveSpec,
+    Wheel,
+)
+from rpctl.drive.rows import unit_ahead
+from rpctl.drive.wheels import (
+    WheelCandidate,
+    as_candidate,
+    coaxial,
+    ground_tolerance,
+    leftward,
+    parallel,
+    turns_like_wheel,
+)
+from rpctl.errors import DriveError
+
+LEAVES_OPEN = "the root link may pitch, roll and rise, as its two wheels let it"
+PAIR = "on one axle, with nothing else on the ground"
+
+
+def find_leaning(tree: FrozenTree, spec: DriveSpec) -> Drive | None:
+    """Return the drive of a robot that stands on two wheels alone; None of any other.
+
+    Wheels are the joints that turn without limits about level axles and end lowest, all joints
+    at 0. Collision shapes, or else drawn ones, tell what else stands on the ground; meshes do not.
+
+    Args:
+        tree: The robot, with its locked joints.
+        spec: What the user says.
+
+    Raises:
+        DriveError: It balances on one ball, or its two wheels stand one behind the other and no
+            joint steers.
+    """
+    wheels = _grounded(tree, spec)
+    if len(wheels) == 1 and wheels[0].ball and not spec.wheels and _alone(tree, wheels):
+        raise DriveError(
+            f'{tree.description.path}:{wheels[0].joint.line}: "{wheels[0].joint.name}" is one ball '
+            "that the robot balances on: a ballbot needs a contact that rolls any way, which no "
+            "model here has; give it two wheels"
+        )
+    if len(wheels) != 2 or not parallel(*wheels) or not _alone(tree, wheels):
+        return None
+    above = [tree.free_joints(wheel.joint.parent) for wheel in wheels]
+    if coaxial(*wheels):
+        kind = WHEEL_LEGS if any(above) else SELF_BALANCING
+        return _drive(tree, spec, kind, wheels, (PAIR,))
+    steering = [joints for joints in above if joints]
+    if len(steering) != 1 or len(steering[0]) != 1 or steering[0][0].kind == "prismatic":
+        return None
+    return _drive(
+        tree, spec, LEANING_BICYCLE, wheels, (f'one behind the other, "{steering[0][0].name}" '
+        "steers",)
+    )  # fmt: skip
+
+
+def _grounded(tree: FrozenTree, spec: DriveSpec) -> list[WheelCandidate]:
+    """Return the wheels that end lowest, those of a drive file where it names any."""
+    found = [
+        as_candidate(tree, joint, spec.wheels.get(joint.name))
+        for joint in tree.description.joints
+        if turns_like_wheel(tree, joint)
+        and tree.is_level(joint)
+        and (joint.name in spec.wheels or not spec.wheels)
+    ]
+    known = [each for each in found if each.radius is not None]
+    ground = min((each.bottom for each in known), default=0.0)
+    return [each for each in known if each.stands(ground)]
+
+
+def _alone(tree: FrozenTree, wheels: list[WheelCandidate]) -> bool:
+    """Return whether nothing but these wheels reaches down to the ground."""
+    ground = min(wheel.bottom for wheel in wheels)
+    reach = ground + max(ground_tolerance(wheel.radius or 0.0) for wheel in wheels)
+    rolling = {wheel.joint.name for wheel in wheels}
+    return all(
+        tree.lowest(link.name) > reach
+        for link in tree.description.links
+        if not any(joint.name in rolling for joint in tree.description.chain(link.name))
+    )
+
+
+def _drive(
+    tree: FrozenTree,
+    spec: DriveSpec,
+    kind: str,
+    wheels: list[WheelCandidate],
+    evidence: tuple[str, ...],
+) -> Drive:
+    """Return a drive of two wheels."""
+    left = leftward(wheels[0].axle)
+    heading = math.atan2(-left[0], left[1]) + 0.0
+    ahead = np.append(unit_ahead(heading), 0.0)
+    wheels = sorted(wheels, key=lambda each: (-round(float(each.centre @ ahead), 6),
+                                              -float(each.centre @ left)))  # fmt: skip
+    held = [each for each in wheels if kind != LEANING_BICYCLE or each.swivel is None]
+    point = np.mean([each.centre[:2] for each in held], axis=0)
+    driven = _driven(tree, spec, kind, wheels)
+    return Drive(
+        type=kind,
+        wheels=tuple(_wheel(spec, kind, each, heading, driven) for each in wheels),
+        point=(float(point[0]), float(point[1])),
+        heading=heading,
+        track=abs(float((wheels[0].centre - wheels[1].centre) @ left)),
+        ground=min(each.bottom for each in wheels),
+        evidence=(f"{wheels[0].joint.name} and {wheels[1].joint.name} {evidence[0]}",),
+        doubts=() if spec.type else (f"{kind}: {LEAVES_OPEN}; say --root planar if something "
+                                     "holds it upright",),
+        declared=tuple(f"radius of {w.joint}" for w in spec.wheel if w.radius is not None),
+    )  # fmt: skip
+
+
+def _wheel(
+    spec: DriveSpec, kind: str, wheel: WheelCandidate, heading: float, driven: frozenset[str]
+) -> Wheel:
+    given, radius = spec.wheels.get(wheel.joint.name), wheel.radius or 0.0
+    tyre = radius if wheel.ball else 0.0
+    if given is not None and given.tyre is not None:
+        tyre = min(given.tyre, radius)
+    x, y, z = wheel.joint.axis.tolist()
+    return Wheel(
+        joint=wheel.joint.name,
+        radius=radius,
+        source=wheel.source,
+        axis=(x, y, z),
+        offset=wheel.offset,
+        direction=(math.cos(heading), math.sin(heading)),
+        driven=wheel.joint.name in driven,
+        swivel=wheel.swivel.name if kind == LEANING_BICYCLE and wheel.swivel else None,
+        tyre=tyre,
+        why="turns without limits about a level axle and ends lowest",
+    )
+
+
+def _driven(
+    tree: FrozenTree, spec: DriveSpec, kind: str, wheels: list[WheelCandidate]
+) -> frozenset[str]:
+    """Return the driven wheels: those of the drive file or with transmissions, or with limits.
+
+    Without any of these a bicycle's is the one that does not steer.
+    """
+    said = {name: each.driven for name, each in spec.wheels.items() if each.driven is not None}
+    joints = [wheel.joint for wheel in wheels]
+    told = {joint.name for joint in joints} & tree.description.actuated
+    limited = {joint.name for joint in joints if math.isfinite(joint.effort) and joint.effort}
+    fallback = {w.joint.name for w in wheels if kind != LEANING_BICYCLE or w.swivel is None}
+    found = told or limited or {name for name in fallback if _may_drive(joints, name)}
+    found |= {name for name, yes in said.items() if yes}
+    return frozenset(found - {name for name, yes in said.items() if not yes})
+
+
+def _may_drive(joints: list[Joint], name: str) -> bool:
+    return any(joint.name == name and joint.effort for joint in joints)

@@ -1,0 +1,231 @@
+"""``LeaningRobot``: a robot on a free-flyer, whose two wheels keep to the ground as it leans."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import brentq
+
+from rpctl.arrays import Array
+from rpctl.drive.drive import LEANING_BICYCLE, Wheel
+from rpctl.errors import RpctlError
+from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.model import Robot
+
+FREE_NQ, FREE_NV = 7, 6  # x, y, z and a quaternion (x, y, z, w); linear and angular velocity
+MAX_TILT = 1.2  # rad; a robot that pitches or rolls so far lies on the ground
+MAX_DRAWN_TILT = 0.5  # rad; of random configurations
+UP = np.array([0.0, 0.0, 1.0])
+
+
+class Axle(NamedTuple):
+    """A wheel of a robot that leans, as its joint carries it.
+
+    Attributes:
+        joint: Pinocchio's index of its joint.
+        centre: Its centre in the joint's frame (3,), m.
+        left: Its unit axle there, towards the robot's left with all joints at 0 (3,).
+        radius: m.
+        tyre: Radius of its tyre's section, m.
+        steers: Whether a joint steers it.
+    """
+
+    joint: int
+    centre: Array
+    left: Array
+    radius: float
+    tyre: float
+    steers: bool
+
+    def lowest(self, z: Any, rise: Any, sqrt: Callable[[Any], Any]) -> Any:
+        """Return the height of its lowest point, m, of any scalar.
+
+        Args:
+            z: Height of its centre, m.
+            rise: Upward part of its unit axle.
+            sqrt: The scalar's root.
+        """
+        return z - (self.radius - self.tyre) * sqrt(1.0 - rise * rise) - self.tyre
+
+
+@dataclass(frozen=True, eq=False)
+class LeaningRobot(Robot):
+    """A robot on two wheels whose root link pitches, rolls and rises: a ``JointModelFreeFlyer``.
+
+    Its tilt is the coordinate that it balances: the pitch of a robot whose wheels stand side by
+    side, forward positive; the roll of a bicycle, to the right positive.
+    """
+
+    @cached_property
+    def axles(self) -> tuple[Axle, ...]:
+        """Its two wheels, in the order of the drive's."""
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, pin.neutral(self.model))
+        return tuple(self._axle(data, wheel) for wheel in self.drive.wheels)
+
+    def _axle(self, data: pin.Data, wheel: Wheel) -> Axle:
+        joint, axis = self.model.getJointId(wheel.joint), np.array(wheel.axis)
+        heading = self.drive.heading
+        left = np.array([-math.sin(heading), math.cos(heading), 0.0])
+        side = math.copysign(1.0, float(data.oMi[joint].rotation @ axis @ left))
+        steers = wheel.swivel is not None
+        return Axle(joint, wheel.offset * axis, side * axis, wheel.radius, wheel.tyre, steers)
+
+    @property
+    def rolls_sideways(self) -> bool:
+        """Whether its tilt is a roll, as a bicycle's; else it is a pitch."""
+        return self.drive.type == LEANING_BICYCLE
+
+    def configuration(
+        self,
+        x: float = 0.0,
+        y: float = 0.0,
+        theta: float = 0.0,
+        joints: Mapping[str, float] | None = None,
+        tilt: float = 0.0,
+    ) -> Array:
+        """Return q (nq,) with both wheels on the ground.
+
+        Args:
+            x: Position of the root link, m.
+            y: Position of the root link, m.
+            theta: Heading of the root link, rad.
+            joints: Positions (rad or m) by joint name; 0 for those left out.
+            tilt: Its pitch, or a bicycle's roll, rad.
+
+        Raises:
+            RpctlError: No height and no other angle bring both wheels to the ground.
+            UnknownNameError: A joint is not among the model's.
+        """
+        q: Array = pin.neutral(self.model)
+        self.set_positions(q, joints or {})
+        data = self.model.createData()
+
+        def lower(other: float) -> Array:
+            """Return how low both wheels reach (2,), the root link's origin at height 0."""
+            q[3:FREE_NQ] = self._attitude(theta, tilt, other)
+            pin.forwardKinematics(self.model, data, q)
+            return np.array([self.lowest(data, axle) for axle in self.axles])
+
+        def unlike(other: float) -> float:
+            first, second = lower(other)
+            return float(first - second)
+
+        ends = [-MAX_TILT, 0.0, MAX_TILT]
+        gaps = [unlike(end) for end in ends]
+        if gaps[1] and (gaps[0] > 0.0) == (gaps[2] > 0.0):
+            raise RpctlError(
+                f"{self.name}: at a tilt of {tilt:.3g} rad no attitude brings both wheels to the "
+                "ground; give joints that let them"
+            )
+        other = 0.0 if not gaps[1] else brentq(unlike, ends[0], ends[2], xtol=1e-15, rtol=1e-15)
+        q[:3] = x, y, -lower(other).mean()
+        return q
+
+    def set_positions(self, q: Array, joints: Mapping[str, float]) -> None:
+        """Set joints' positions (rad or m) in q, in place; mimic joints follow."""
+        given = {**self.locked, **joints}
+        for name, position in joints.items():
+            self.set_joint(q, name, position)
+        for joint in self.mimics:
+            if joint.mimic is not None:
+                followed = given.get(joint.mimic.joint, 0.0)
+                self.set_joint(q, joint.name, joint.mimic.multiplier * followed
+                               + joint.mimic.offset)  # fmt: skip
+
+    def _attitude(self, theta: float, tilt: float, other: float) -> Array:
+        """Return the root link's quaternion (4,): heading, then pitch, then roll."""
+        pitch, roll = (other, tilt) if self.rolls_sideways else (tilt, other)
+        ahead = pin.rpy.rpyToMatrix(0.0, 0.0, self.drive.heading)
+        lean = ahead @ pin.rpy.rpyToMatrix(roll, pitch, 0.0) @ ahead.T
+        turn = pin.rpy.rpyToMatrix(0.0, 0.0, theta)
+        return np.asarray(pin.Quaternion(turn @ lean).coeffs())
+
+    @staticmethod
+    def lowest(data: pin.Data, axle: Axle) -> float:
+        """Return the height of a wheel's lowest point, m; ``data`` holds the joints' places."""
+        place = data.oMi[axle.joint]
+        z = place.act(axle.centre)[2]
+        return float(axle.lowest(z, (place.rotation @ axle.left)[2], math.sqrt))
+
+    def base_pose(self, q: Array) -> Array:
+        """Return the pose (x, y, θ) of P and of the forward direction in the world; m, rad.
+
+        P is where a bicycle's rear wheel touches the ground, else the middle between both wheels'
+        contacts; forward is across their axles.
+        """
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, q)
+        held = [axle for axle in self.axles if not axle.steers]
+        places = [data.oMi[axle.joint] for axle in held]
+        lefts = [place.rotation @ axle.left for place, axle in zip(places, held, strict=True)]
+        x, y, _ = np.mean(
+            [
+                place.act(axle.centre) + contact_arm(left, axle, math.sqrt)
+                for place, axle, left in zip(places, held, lefts, strict=True)
+            ],
+            axis=0,
+        )
+        left = np.sum(lefts, axis=0)
+        return np.array([x, y, math.atan2(-left[0], left[1])])
+
+    def configuration_at(
+        self, pose: Array, joints: Array, steering: Array | None = None, tilt: float = 0.0
+    ) -> Array:
+        """Return q (nq,) for a pose of P, positions of the joints and a tilt; as of any robot."""
+        positions = dict(zip(self.joint_names, joints, strict=True))
+        q = self.configuration(0.0, 0.0, 0.0, positions, tilt)
+        x, y, theta = self.base_pose(q)
+        turn = pose[2] - theta
+        cos, sin = math.cos(turn), math.sin(turn)
+        rotated = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 0.0, turn)) * pin.Quaternion(q[3:FREE_NQ])
+        q[3:FREE_NQ] = rotated.coeffs()
+        q[:2] = pose[0] - cos * x + sin * y, pose[1] - sin * x - cos * y
+        return q
+
+    def tilt(self, q: Array) -> float:
+        """Return its pitch, or a bicycle's roll, at q (nq,), rad."""
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, q)
+        held = next(axle for axle in self.axles if not axle.steers)
+        left = data.oMi[held.joint].rotation @ held.left
+        if self.rolls_sideways:
+            return math.asin(float(np.clip(left[2], -1.0, 1.0)))
+        ahead = np.array([left[1], -left[0], 0.0]) / math.hypot(left[0], left[1])
+        upright = data.oMi[ROOT_JOINT].rotation @ UP
+        return math.atan2(upright @ ahead, upright @ np.cross(ahead, left))
+
+    def random_configuration(self, rng: np.random.Generator) -> Array:
+        """Return a random q (nq,) with both wheels on the ground; as of any robot.
+
+        Legs move together, so that the robot leans neither to one side nor over its limits.
+        """
+        x, y = rng.uniform(-10.0, 10.0, 2)
+        theta, tilt = rng.uniform(-math.pi, math.pi), rng.uniform(-1.0, 1.0) * MAX_DRAWN_TILT
+        while True:
+            positions = {name: self._draw(name, rng) for name in self.moving_joint_names}
+            try:
+                return self.configuration(x, y, float(theta), positions, float(tilt))
+            except RpctlError:  # legs that reach the ground with no attitude
+                continue
+
+
+def contact_arm(left: Sequence[Any], axle: Axle, sqrt: Callable[[Any], Any]) -> list[Any]:
+    """Return the way from a wheel's centre to its lowest point (3,), m, of any scalar.
+
+    Of a disc it is r d with d = −(ẑ − a_z a)/s, s = √(1 − a_z²); of a torus the section's centre
+    lies at (r − ρ) d, and the lowest point ρ below that.
+
+    Args:
+        left: Its unit axle a (3,).
+    """
+    x, y, z = left
+    sine = sqrt(1.0 - z * z)
+    reach = (axle.radius - axle.tyre) / sine
+    return [reach * z * x, reach * z * y, -(axle.radius - axle.tyre) * sine - axle.tyre]
