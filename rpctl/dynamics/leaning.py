@@ -195,7 +195,12 @@ class LeaningProjection(Projection):
     @cached_property
     def A(self) -> Array:
         """Constraint matrix (rows, nv): A v = 0."""
-        return self.projector.equations(self._q)[: self.projector.rows]
+        return np.asarray(self.projector.equations(self._q)[: self.projector.rows])
+
+    @cached_property
+    def W(self) -> Array:
+        """Selection of the quasi-velocities (dof, nv): ν = W v."""
+        return np.asarray(self.projector.equations(self._q)[self.projector.rows :])
 
     def drift(self, nu: Array) -> Array:
         """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡν that the motion itself brings."""

@@ -104,6 +104,11 @@ class Projection(ABC):
     def A(self) -> Array:
         """Constraint matrix (rows, nv): A v = 0."""
 
+    @property
+    @abstractmethod
+    def W(self) -> Array:
+        """Selection of the quasi-velocities (dof, nv): ν = W v."""
+
     @abstractmethod
     def drift(self, nu: Array) -> Array:
         """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡν that the motion itself brings."""
@@ -148,6 +153,11 @@ class LevelProjection(Projection):
         A = self.projector.rolling.matrix.at(self._u)
         A.setflags(write=False)
         return np.asarray(A)
+
+    @property
+    def W(self) -> Array:
+        """Selection of the quasi-velocities (dof, nv): ν = W v."""
+        return np.asarray(self.projector.selection)
 
     @cached_property
     def twist(self) -> Array:

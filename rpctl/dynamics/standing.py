@@ -16,6 +16,9 @@ MIN_MARGIN = 0.02  # of the distance between the outermost contacts: a nudge tak
 LEANS = "a bicycle leans, which the planar model leaves out: something has to hold it upright"
 
 
+BALANCES = "it leans on two wheels: a law that balances it holds it upright, nothing else"
+
+
 @dataclass(frozen=True)
 class Standing:
     """A robot at rest at home.
@@ -44,7 +47,10 @@ def stand_at_home(dynamics: ReducedDynamics) -> Standing | None:
     Args:
         dynamics: Its dynamics.
     """
-    robot, contacts = dynamics.robot, find_contacts(dynamics)
+    robot = dynamics.robot
+    if robot.drive.leans:
+        return Standing("", BALANCES, None, 0.0, "", 0.0)
+    contacts = find_contacts(dynamics)
     if contacts is None:
         return None
     if contacts.supports.unknown or robot.drive.type == "bicycle":

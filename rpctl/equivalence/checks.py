@@ -11,7 +11,7 @@ from scipy.linalg import cho_factor, cho_solve, qr
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.dynamics.rolling import basis, selection
+from rpctl.dynamics.rolling import basis
 from rpctl.equivalence.certificate import (
     DIFFERENCE_TOLERANCE,
     EXACT_TOLERANCE,
@@ -34,12 +34,14 @@ from rpctl.equivalence.state import (
     inverse,
     unit_diagonal,
 )
-from rpctl.robot.model import BASE_NV, Robot
+from rpctl.robot.model import Robot
 
 SCALED_TOLERANCE = 1e-10  # as EXACT, but an entry may be small against its row and column
 FORWARD_TOLERANCE = 1e-10  # solving with M amplifies rounding; see Trial.size
 GIBBS = "Gibbs-Appell"
 MUJOCO = "MuJoCo"
+PLANAR_SPEEDS = "vx", "vy", "omega"  # of the root link, in its own axes
+FREE_SPEEDS = "vx", "vy", "vz", "wx", "wy", "wz"
 
 
 def full_tree(robot: Robot, terms: Terms, state: State) -> Iterator[Check]:
@@ -78,7 +80,7 @@ def reduced(
     yield worst("reduced bias h", GIBBS, (bias - terms.h) / largest, limit, names)
     yield relative("actuation B", GIBBS, dynamics.actuation(q), terms.B, names)
     v, rates = dynamics.basis(q) @ nu, np.zeros(robot.nv)
-    rates[:BASE_NV] = terms.root @ nu
+    rates[: len(terms.root)] = terms.root @ nu
     for name, row in terms.rates.items():
         rates[robot.velocity_index(name)] = row @ nu
     yield relative("rolling wheels S ν", GIBBS, v, rates, velocity_names(robot))
@@ -174,10 +176,10 @@ def consistent(dynamics: ReducedDynamics, forced: ForcedState) -> Iterator[Check
     """Check the reduced dynamics against themselves."""
     robot, q, nu = dynamics.robot, forced.state.q, forced.state.nu
     M, v, speeds = dynamics.inertia(q), dynamics.basis(q) @ nu, robot.quasi_velocities
-    W = selection(robot, dynamics.rolling)
 
     def along(time: float) -> Array:
-        return basis(dynamics.constraint(pin.integrate(robot.model, q, time * v)), W)
+        at = dynamics.at(pin.integrate(robot.model, q, time * v))
+        return basis(at.A, at.W)
 
     change = rate(along, difference_step(v)) @ nu - dynamics.basis_drift(q, nu)
     drift = change / max(1.0, float(np.abs(v).max()))
@@ -259,7 +261,8 @@ def _spin(dynamics: ReducedDynamics, q: Array, nu: Array) -> float:
 
 def velocity_names(robot: Robot) -> list[str]:
     """Return the names of v's entries."""
-    names = ["vx", "vy", "omega"] + [""] * (robot.nv - BASE_NV)
+    root = FREE_SPEEDS if robot.drive.leans else PLANAR_SPEEDS
+    names = [*root, *([""] * (robot.nv - len(root)))]
     for name in robot.moving_joint_names:
         names[robot.velocity_index(name)] = name
     return names

@@ -97,8 +97,8 @@ def _rates(dynamics: ReducedDynamics, start: Array, tau: Array, _: float, y: Arr
     """Return the rates of what was travelled, of ν and of the work; NaN where there are none.
 
     Args:
-        start: Configuration (nq,) from which y's first nv entries are travelled: x and y in the
-            world, m, then angles and slides.
+        start: Configuration (nq,) from which y's first nv entries are travelled: x and y (and z) in
+            the world, m, then angles (a rotation vector of a root that leans) and slides.
     """
     robot = dynamics.robot
     q, nu = _place(robot, start, y), y[robot.nv : -1]
@@ -109,15 +109,21 @@ def _rates(dynamics: ReducedDynamics, start: Array, tau: Array, _: float, y: Arr
     at = dynamics.at(q)
     v = at.S @ nu
     power = nu @ at.B @ tau + _lost(dynamics, v).sum()
-    cos, sin = q[2:4]
-    v[:2] = cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]
+    if robot.drive.leans:
+        travelled = pin.exp3(y[3:6])
+        v[3:6] = pin.Jlog3(travelled) @ v[3:6]
+        v[:3] = pin.Quaternion(q[3:7]).matrix() @ v[:3]
+    else:
+        cos, sin = q[2:4]
+        v[:2] = cos * v[0] - sin * v[1], sin * v[0] + cos * v[1]
     return np.array([*v, *nu_dot, power])
 
 
 def _place(robot: Robot, start: Array, y: Array) -> Array:
     """Return the configuration (nq,) after what was travelled."""
-    q = pin.integrate(robot.model, start, np.array([0.0, 0.0, *y[2 : robot.nv]]))
-    q[:2] += y[:2]
+    slides = 3 if robot.drive.leans else 2
+    q = pin.integrate(robot.model, start, np.array([*np.zeros(slides), *y[slides : robot.nv]]))
+    q[:slides] += y[:slides]
     return np.asarray(q)
 
 

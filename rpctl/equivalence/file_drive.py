@@ -332,7 +332,7 @@ def _wheel(
     at = placed[wheel.joint]
     values: dict[str, Any] = {"radius": at.radius, "offset": at.offset, "shift": 0.0}
     angle, values["lateral"] = heading, 0.0
-    if wheel.swivel is not None:
+    if wheel.swivel is not None and not drive.leans:
         (carrier,) = (s for s in drive.swivels if s.joint == wheel.swivel)
         angle = carrier.heading
         left = np.array([-math.sin(angle), math.cos(angle)])

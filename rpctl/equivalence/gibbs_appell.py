@@ -61,7 +61,8 @@ class Terms:
         h_size: Sum of the sizes of the products that make h (n,). Where they cancel, as gravity
             does about an upright axis, h is rounding and only this tells its scale.
         B: Actuation map (n, n_act).
-        root: Velocity (x, y, turn) of the root link in its own axes, as rows of u (3, n).
+        root: Velocity of the root link in its own axes, as rows of u: (x, y, turn), (3, n), or
+            of one that leans linear and angular velocity (6, n).
         rates: Rate of every moving joint, by name, as a row of u (n,).
     """
 
@@ -130,9 +131,7 @@ class GibbsAppell:
 
     def reduced(self, q: Array, nu: Array) -> Terms:
         """Return the equations in the quasi-velocities, u = ν, wheels rolling."""
-        positions = self._positions(q)
-        root, rates = self.rolling_root(self._heading(q), positions, nu)
-        return self.terms(positions, nu, root, rates)
+        return self.terms(self._positions(q), nu, *self.rolling(q, nu))
 
     def full(self, q: Array, v: Array) -> Terms:
         """Return the equations of the free tree, u = v as Pinocchio orders it."""
@@ -154,9 +153,11 @@ class GibbsAppell:
 
     def gibbs(self, q: Array, nu: Array, nu_dot: Array) -> Array:
         """Return the Gibbs function G (...) of motions, gravity included; [MS21, Eq. 1]."""
-        positions = self._positions(q)
-        root, rates = self.rolling_root(self._heading(q), positions, nu)
-        return np.asarray(self.function(positions, nu, nu_dot, root, rates))
+        return np.asarray(self.function(self._positions(q), nu, nu_dot, *self.rolling(q, nu)))
+
+    def rolling(self, q: Array, nu: Array) -> tuple[LinkKinematics, JointRates]:
+        """Return the root link's motion in ν at q (..., nq), and the rates of joints."""
+        return self.rolling_root(self._heading(q), self._positions(q), nu)
 
     def rolling_root(
         self, R: Array, positions: Mapping[str, Any], nu: Vector
@@ -209,9 +210,12 @@ class GibbsAppell:
                 h_size = h_size + np.abs(lifted(inertia * drift) * row)
         columns = [rates.rows[name] for name in self.robot.actuators]
         B = in_rows(columns).mT if columns else self.scalars.zeros((n, 0))
+        return Terms(M, h, h_size, B, self.root_rows(root), rates.rows)
+
+    def root_rows(self, root: LinkKinematics) -> Array:
+        """Return the root link's velocity in its own axes as rows of u (3, n)."""
         turn = np.matvec(root.J_w.mT, UP)
-        base = in_rows([*np.moveaxis(root.R[..., :2].mT @ root.J_v, -2, 0), turn])
-        return Terms(M, h, h_size, B, base, rates.rows)
+        return in_rows([*np.moveaxis(root.R[..., :2].mT @ root.J_v, -2, 0), turn])
 
     def function(
         self,

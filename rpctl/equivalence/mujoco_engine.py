@@ -21,7 +21,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from importlib import metadata
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from lxml import etree
@@ -31,10 +31,12 @@ from rpctl.description.density import inertial_element
 from rpctl.drive.drive import Swivel, Wheel
 from rpctl.equivalence.contact.mujoco_body import free_inertia, mujoco_library, quaternion
 from rpctl.equivalence.file_drive import UPRIGHT_ROUNDING, FileReading, read, rotor_inertias
+from rpctl.equivalence.leaning_rows import LeaningRows
 from rpctl.equivalence.raw_file import document
 from rpctl.equivalence.rolling_rows import COMPLEX_STEP, DOWN, RollingRows, turned, with_rate
 from rpctl.equivalence.tree import FLOATS, Tree, cross_columns
 from rpctl.errors import RpctlError
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 
 NAME_PREFIX = (
@@ -275,6 +277,30 @@ def installed() -> bool:
     return (int(major), int(minor)) >= OLDEST_MUJOCO
 
 
+class ReducedEngine(Protocol):
+    """The equations of one robot by MuJoCo, in ν.
+
+    Attributes:
+        refused: Links that MuJoCo refuses, each with the reason.
+    """
+
+    refused: tuple[str, ...]
+
+    def reduced(self, q: Array, nu: Array) -> EngineTerms:
+        """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling."""
+
+
+def engine_of(robot: Robot, reading: FileReading) -> ReducedEngine:
+    """Return MuJoCo's view of a robot.
+
+    Raises:
+        EngineRefused: MuJoCo does not simulate it.
+    """
+    if isinstance(robot, LeaningRobot):
+        return LeaningMujocoEngine(robot, reading)
+    return MujocoEngine(robot, reading)
+
+
 class MujocoEngine(RollingRows):
     """The equations of one robot by MuJoCo, rolling by its Jacobians; v is as MuJoCo orders it.
 
@@ -296,6 +322,7 @@ class MujocoEngine(RollingRows):
         self._mujoco, self._model, self._root = mujoco_library(), made.mjm, made.root
         self.refused = made.refused
         self._data = self._mujoco.MjData(self._model)
+        self._drives = [self._index[name] for name in robot.actuators]
 
     def reduced(self, q: Array, nu: Array) -> EngineTerms:
         """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling.
@@ -303,14 +330,7 @@ class MujocoEngine(RollingRows):
         Raises:
             RpctlError: The constraints and ν do not determine one motion.
         """
-        rows, _ = self._rows(q, np.zeros(self._robot.nv))
-        S = _solve(rows, np.eye(len(rows), len(nu), len(nu) - len(rows)))  # [0; I]
-        rows, change = self._rows(q, S @ nu)
-        drift = _solve(rows, -change)
-        M = free_inertia(self._model, self._data)
-        h = S.T @ (self._data.qfrc_bias + M @ drift)
-        B = S[[self._index[name] for name in self._robot.actuators]].T
-        return EngineTerms(S.T @ M @ S, h, B, S.T @ self._data.qfrc_passive)
+        return _reduced(self._rows, self._model, self._data, q, nu, self._drives)
 
     def _rows(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return [A; W] and [Ȧ; Ẇ] v at q (nq,) and v (nv,)."""
@@ -349,10 +369,99 @@ class MujocoEngine(RollingRows):
 
     def _jacobian(self, point: Array, body: int) -> Array:
         """Return the Jacobians (2, 3, nv), linear and angular, of a point (world) of a body."""
-        J, J_dot = np.zeros((2, 2, 3, self._robot.nv))
-        self._mujoco.mj_jac(self._model, self._data, *J, point, body)
-        self._mujoco.mj_jacDot(self._model, self._data, *J_dot, point, body)
-        return J + 1j * COMPLEX_STEP * J_dot
+        return _jacobian(self._mujoco, self._model, self._data, point, body)
+
+
+class LeaningMujocoEngine(LeaningRows):
+    """The equations of a robot that leans by MuJoCo; its root is a free joint of MuJoCo's.
+
+    Args:
+        reading: Its file.
+
+    Raises:
+        EngineRefused: A moving body is unphysical even as a whole; its links are named.
+    """
+
+    def __init__(self, robot: LeaningRobot, reading: FileReading) -> None:
+        tree = Tree(robot, FLOATS, reading)
+        made = MujocoModel(robot, reading, release=lambda _, root: root.add_freejoint())
+        super().__init__(robot, tree, made.joints)
+        self._mujoco, self._model, self._root = mujoco_library(), made.mjm, made.root
+        self.refused, self._data = made.refused, self._mujoco.MjData(self._model)
+        self._drives = [self._index[name] for name in robot.actuators]
+
+    def reduced(self, q: Array, nu: Array) -> EngineTerms:
+        """Return the equations in the quasi-velocities ν (dof,) at q (nq,), wheels rolling.
+
+        Raises:
+            RpctlError: The constraints and ν do not determine one motion.
+        """
+        return _reduced(self._rows, self._model, self._data, q, nu, self._drives)
+
+    def _rows(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return [A; W] and [Ȧ; Ẇ] v at q (nq,) and v (nv,), of MuJoCo's order."""
+        data = self._data
+        data.qpos[:7], data.qvel[:] = [*q[:3], q[6], *q[3:6]], v
+        for name, index in self._index.items():
+            data.qpos[index + 1] = self._robot.joint_position(q, name)
+        self._mujoco.mj_fwdPosition(self._model, data)
+        self._mujoco.mj_fwdVelocity(self._model, data)
+        return with_rate((*self.constraints(), *self.speeds()), v)
+
+    def root(self) -> tuple[Array, Array]:
+        """Return the root link's upward axis (3,), and the rows of its turning (3, nv)."""
+        upright = self._data.xmat[self._root].reshape(3, 3)[:, 2]
+        _, turning = self._jacobian(self._data.xpos[self._root], self._root)
+        return self._moved(upright, turning), turning
+
+    def wheel(self, wheel: Wheel) -> tuple[Array, Array, Array]:
+        """Return a wheel's axle (3,), and rows of its centre's velocity and of its turning."""
+        joint, data = self._model.joint(wheel.joint).id, self._data
+        axle = data.xaxis[joint].copy()
+        linear, turning = self._jacobian(
+            data.xanchor[joint] + wheel.offset * axle, self._model.jnt_bodyid[joint]
+        )
+        return self._moved(axle, turning), linear, turning
+
+    def _moved(self, axis: Array, turning: Array) -> Array:
+        """Return a direction with its rate as it turns."""
+        omega = turning.real @ self._data.qvel
+        return np.asarray(axis + 1j * COMPLEX_STEP * np.cross(omega, axis))
+
+    def _jacobian(self, point: Array, body: int) -> Array:
+        """Return the Jacobians (2, 3, nv), linear and angular, of a point (world) of a body."""
+        return _jacobian(self._mujoco, self._model, self._data, point, body)
+
+
+def _reduced(
+    rows_at: Callable[[Array, Array], tuple[Array, Array]],
+    model: Any,
+    data: Any,
+    q: Array,
+    nu: Array,
+    drives: list[int],
+) -> EngineTerms:
+    """Return the equations in ν (dof,) at q (nq,).
+
+    Args:
+        rows_at: Gives [A; W] and [Ȧ; Ẇ] v at q and v, and puts ``data`` there.
+        drives: Indices in v of the actuators' joints.
+    """
+    rows, _ = rows_at(q, np.zeros(model.nv))
+    S = _solve(rows, np.eye(len(rows), len(nu), len(nu) - len(rows)))  # [0; I]
+    rows, change = rows_at(q, S @ nu)
+    drift = _solve(rows, -change)
+    M = free_inertia(model, data)
+    h = S.T @ (data.qfrc_bias + M @ drift)
+    return EngineTerms(S.T @ M @ S, h, S[drives].T, S.T @ data.qfrc_passive)
+
+
+def _jacobian(mujoco: Any, model: Any, data: Any, point: Array, body: int) -> Array:
+    """Return the Jacobians (2, 3, nv), linear and angular, of a point (world) of a body."""
+    J, J_dot = np.zeros((2, 2, 3, model.nv))
+    mujoco.mj_jac(model, data, *J, point, body)
+    mujoco.mj_jacDot(model, data, *J_dot, point, body)
+    return J + 1j * COMPLEX_STEP * J_dot
 
 
 def _solve(rows: Array, wanted: Array) -> Array:

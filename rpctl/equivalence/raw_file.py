@@ -83,14 +83,14 @@ class RawJoint:
     damping: float = 0.0  # N·m·s/rad or N·s/m
     friction: float = 0.0  # N·m or N
 
-    def motion(self, position: float) -> Array:
+    def motion(self, position: complex) -> Array:
         """Return the pose (4, 4) of the child in the parent at a position (rad or m)."""
         if self.type == "prismatic":
-            step = np.eye(4)
+            step = np.eye(4, dtype=np.asarray(position).dtype)
             step[:3, 3] = position * self.axis
         elif self.type in TURNING:
             along, across, skew = self._turning
-            step = along + math.cos(position) * across + math.sin(position) * skew
+            step = along + np.cos(position) * across + np.sin(position) * skew
         else:
             return self.origin
         return self.origin @ step
@@ -155,7 +155,7 @@ class RawFile:
         return [j for j in self.joints if j.type != "fixed" and j.name not in locked]
 
     def poses(
-        self, positions: Mapping[str, float], start: str | None = None, rigid: bool = False
+        self, positions: Mapping[str, Any], start: str | None = None, rigid: bool = False
     ) -> dict[str, Array]:
         """Return the poses (4, 4) of a link (None: the root) and those below it, in its frame.
 

@@ -10,6 +10,7 @@ from rpctl.drive.drive import Drive
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.equivalence.certificate import Check, Skipped, worst
 from rpctl.equivalence.file_drive import UPRIGHT_ROUNDING, FileReading, quantities
+from rpctl.equivalence.leaning_rows import LeaningFileRows
 from rpctl.equivalence.state import State
 from rpctl.equivalence.wheel_slip import FileMotion, Slip, slip
 from rpctl.robot.model import BASE_NV, Robot
@@ -75,6 +76,36 @@ class Geometry:
         positions |= robot.locked
         rates = {name: float(v[robot.velocity_index(name)]) for name in moving}
         return slip(FileMotion(raw, drive, positions, v[:BASE_NV], rates, raw.poses(positions)))
+
+
+class LeaningGeometry(Geometry):
+    """The rows of one robot that leans.
+
+    Args:
+        rows: Those of its wheels, as the file's places have them.
+    """
+
+    def __init__(
+        self, dynamics: ReducedDynamics, reading: FileReading, rows: LeaningFileRows
+    ) -> None:
+        super().__init__(dynamics, reading)
+        self._rows = rows
+
+    def at(self, state: State) -> Iterator[Check]:
+        """Follow both wheels at S ν through the file: what slips, and what ν says."""
+        robot = self._dynamics.robot
+        v = self._dynamics.basis(state.q) @ state.nu
+        L, _ = self._rows.equations(state.q, np.zeros(robot.nv))
+        found, speed = L @ v, float(np.abs(v).max()) or 1.0
+        held = len(L) - robot.dof
+        wheels = [wheel.joint for wheel in robot.drive.wheels]
+        moved = np.abs(found[:held]).max(initial=0.0) / speed
+        text = f"{' and '.join(wheels)}, ahead, aside and up"
+        yield Check("wheels' contact at S ν", SHAPES, float(moved), SPEED_TOLERANCE, entry=text)
+        names = list(robot.quasi_velocities)
+        yield worst(
+            "base speeds ν", SHAPES, (found[held:] - state.nu) / speed, SPEED_TOLERANCE, names
+        )
 
 
 def _sliding_limit(robot: Robot, reading: FileReading) -> float:

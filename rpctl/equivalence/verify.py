@@ -30,13 +30,15 @@ from rpctl.equivalence.gibbs_appell import (
     free_terms,
     rolling_terms,
 )
+from rpctl.equivalence.leaning_rows import LeaningFileRows, LeaningGibbsAppell
 from rpctl.equivalence.rolling_rows import FileRows
 from rpctl.equivalence.scope import GRAVITY, STANDS, Condition, Scope, conditions, find_scope
-from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry
+from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry, LeaningGeometry
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
 from rpctl.errors import RpctlError, require_known
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.robot.idealised import idealisations
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -133,10 +135,10 @@ class _Derivations:
     """
 
     dynamics: ReducedDynamics
-    rolling: FileRows
+    rolling: FileRows | LeaningFileRows
     oracle: GibbsAppell
-    geometry: Geometry
-    mujoco: mujoco_engine.MujocoEngine | None
+    geometry: Geometry | LeaningGeometry
+    mujoco: mujoco_engine.ReducedEngine | None
 
 
 def verify(
@@ -169,11 +171,11 @@ def verify(
     """
     _require_samples(samples)
     reading, dynamics = read(robot), ReducedDynamics(robot)
-    geometry, oracle = Geometry(dynamics, reading), GibbsAppell(robot, reading=reading)
     mujoco, absent = _engine(robot, reading, engines)
-    derivations = _Derivations(dynamics, FileRows(robot, oracle.tree), oracle, geometry, mujoco)
+    oracle, rows, geometry = _oracles(dynamics, reading)
+    derivations = _Derivations(dynamics, rows, oracle, geometry, mujoco)
     standing = stand_at_home(dynamics)
-    rows = (*geometry.record(), *worst_cases(_compare_each(derivations, samples, seed, progress)))
+    found = (*geometry.record(), *worst_cases(_compare_each(derivations, samples, seed, progress)))
     skipped = (*geometry.skipped(), *absent)
     if standing is not None and standing.unknown:
         skipped += (Skipped(STANDS, GRAVITY, standing.unknown),)
@@ -181,14 +183,27 @@ def verify(
         robot=robot.name,
         samples=samples,
         seed=seed,
-        checks=(*(row for row in rows if row.name != DECLARED), *conditions(dynamics, standing)),
+        checks=(*(row for row in found if row.name != DECLARED), *conditions(dynamics, standing)),
         scope=find_scope(robot, reading, standing),
         skipped=skipped,
-        declared=tuple(row for row in rows if row.name == DECLARED),
+        declared=tuple(row for row in found if row.name == DECLARED),
         idealised=tuple(each.sentence for each in idealisations(robot)),
         loaded_with={"source": robot.source, **robot.loaded_with.arguments()},
     )
     return _with_trials(robot, made, trials) if trials else made
+
+
+def _oracles(
+    dynamics: ReducedDynamics, reading: FileReading
+) -> tuple[GibbsAppell, FileRows | LeaningFileRows, Geometry | LeaningGeometry]:
+    """Return the walk of the Gibbs function, the rows of the multipliers' path, and the shapes'."""
+    robot = dynamics.robot
+    if not isinstance(robot, LeaningRobot):
+        oracle = GibbsAppell(robot, reading=reading)
+        return oracle, FileRows(robot, oracle.tree), Geometry(dynamics, reading)
+    leaning = LeaningGibbsAppell(robot, reading=reading)
+    rows = LeaningFileRows(robot, leaning.tree)
+    return leaning, rows, LeaningGeometry(dynamics, reading, rows)
 
 
 def _require_samples(samples: int) -> None:
@@ -275,7 +290,7 @@ def _broken_down(group: str, error: Exception) -> Check:
 
 def _engine(
     robot: Robot, reading: FileReading, engines: Sequence[str]
-) -> tuple[mujoco_engine.MujocoEngine | None, tuple[Skipped, ...]]:
+) -> tuple[mujoco_engine.ReducedEngine | None, tuple[Skipped, ...]]:
     """Return MuJoCo's view of the robot, or the row that says why there is none."""
     require_known("engine", engines, ENGINES)
     if "mujoco" not in engines:
@@ -283,7 +298,7 @@ def _engine(
     note = ABSENT
     if mujoco_engine.installed():
         try:
-            return mujoco_engine.MujocoEngine(robot, reading), ()
+            return mujoco_engine.engine_of(robot, reading), ()
         except mujoco_engine.EngineRefused as refusal:
             note = f"refused: {refusal}"
     return None, (Skipped("reduced dynamics", checks.MUJOCO, note),)
