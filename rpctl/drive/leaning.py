@@ -18,10 +18,12 @@ from rpctl.drive.drive import (
     WHEEL_LEGS,
     Drive,
     DriveSpec,
+    Swivel,
     Wheel,
 )
 from rpctl.drive.rows import unit_ahead
 from rpctl.drive.wheels import (
+    TRAIL_ROUNDING_M,
     WheelCandidate,
     as_candidate,
     coaxial,
@@ -64,7 +66,9 @@ def find_leaning(tree: FrozenTree, spec: DriveSpec) -> Drive | None:
         kind = WHEEL_LEGS if any(above) else SELF_BALANCING
         return _drive(tree, spec, kind, wheels, (PAIR,))
     steering = [joints for joints in above if joints]
-    if len(steering) != 1 or len(steering[0]) != 1 or steering[0][0].kind == "prismatic":
+    if len(steering) != 1 or len(steering[0]) != 1:
+        return None
+    if steering[0][0].kind == "prismatic" or tree.is_level(steering[0][0]):
         return None
     return _drive(
         tree, spec, LEANING_BICYCLE, wheels, (f'one behind the other, "{steering[0][0].name}" '
@@ -121,11 +125,37 @@ def _drive(
         heading=heading,
         track=abs(float((wheels[0].centre - wheels[1].centre) @ left)),
         ground=min(each.bottom for each in wheels),
+        swivels=_steering(tree, spec, wheels, heading) if kind == LEANING_BICYCLE else (),
         evidence=(f"{wheels[0].joint.name} and {wheels[1].joint.name} {evidence[0]}",),
         doubts=() if spec.type else (f"{kind}: {LEAVES_OPEN}; say --root planar if something "
                                      "holds it upright",),
         declared=tuple(f"radius of {w.joint}" for w in spec.wheel if w.radius is not None),
     )  # fmt: skip
+
+
+def _steering(
+    tree: FrozenTree, spec: DriveSpec, wheels: list[WheelCandidate], heading: float
+) -> tuple[Swivel, ...]:
+    """Return the joint that steers a bicycle; where its axis meets the ground is its pivot."""
+    (wheel,) = (each for each in wheels if each.swivel is not None)
+    (joint,) = tree.free_joints(wheel.joint.parent)
+    origin, axis = tree.frame(joint)[:3, 3], tree.axis(joint)
+    pivot = origin + (wheel.bottom - origin[2]) / axis[2] * axis
+    given = spec.swivels.get(joint.name)
+    driven = given.driven if given is not None and given.driven is not None else bool(joint.effort)
+    trail = float(unit_ahead(heading) @ (wheel.centre - pivot)[:2])
+    return (
+        Swivel(
+            joint=joint.name,
+            role="steered",
+            pivot=(float(pivot[0]), float(pivot[1])),
+            heading=heading,
+            sign=math.copysign(1.0, axis[2]),
+            trail=0.0 if abs(trail) < TRAIL_ROUNDING_M else trail,
+            driven=driven,
+            why="it carries the one wheel that turns aside",
+        ),
+    )
 
 
 def _wheel(

@@ -71,7 +71,8 @@ class LeaningFormulas:
         rows = [wheel.ahead for wheel in wheels] + lateral
         self.A = casadi.vertcat(casadi.SX(mimic_rows(robot)), *rows, rise)
         own = [ahead, moved[3, :]] if robot.rolls_sideways else [ahead, moved[2, :], moved[3, :]]
-        joints = np.eye(robot.nv)[[robot.velocity_index(name) for name in robot.joint_names]]
+        names = [*(swivel.joint for swivel in robot.drive.steered), *robot.joint_names]
+        joints = np.eye(robot.nv)[[robot.velocity_index(name) for name in names]]
         self.W = casadi.vertcat(*own, casadi.SX(joints))
 
     def function(self, name: str, given: list[Any], found: list[Any]) -> Callable[..., Any]:
@@ -287,7 +288,7 @@ class LeaningProjector:
 
     def _posture(self, q: Array) -> str:
         robot = self.robot
-        names = [name for name in robot.joint_names]
+        names = [name for name in robot.quasi_velocities if name in robot.entries]
         angles = ", ".join(f"{n} at {robot.joint_position(q, n):.3g}" for n in names)
         return f"tilt {robot.tilt(q):.3g} rad{', ' if angles else ''}{angles}"
 

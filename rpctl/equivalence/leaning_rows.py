@@ -85,7 +85,7 @@ class LeaningRows(ABC):
         else:
             yield (left[0] * turning[1] - left[1] * turning[0]) / level
             yield self._pitching(first)
-        for name in self._robot.joint_names:
+        for name in (*(each.joint for each in self._drive.steered), *self._robot.joint_names):
             yield self._unit[self._index[name]]
 
     @property

@@ -64,7 +64,7 @@ ENTRIES = (
     _own("car", "car with Ackermann steering, 2R arm that extends"),
     _own("tricycle", "stacker whose one front wheel drives and steers, lift"),
     _own("loader", "articulated wheel loader, boom and bucket"),
-    _own("bicycle", "front wheel steers, rear wheel drives, no arm"),
+    _own("bicycle", "held upright: front wheel steers, rear wheel drives, no arm", "bicycle"),
     _own("swerve", "four steered wheels, lift, 2R arm"),
     _own("twin_casters", "four steered casters of two driven wheels, torso lift, head"),
     _own("casters", "differential drive, passive swivel casters, lift, arm that extends"),

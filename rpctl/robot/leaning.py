@@ -180,6 +180,9 @@ class LeaningRobot(Robot):
     ) -> Array:
         """Return q (nq,) for a pose of P, positions of the joints and a tilt; as of any robot."""
         positions = dict(zip(self.joint_names, joints, strict=True))
+        if steering is not None:
+            names = (swivel.joint for swivel in self.drive.steered)
+            positions |= dict(zip(names, steering, strict=True))
         q = self.configuration(0.0, 0.0, 0.0, positions, tilt)
         x, y, theta = self.base_pose(q)
         turn = pose[2] - theta
