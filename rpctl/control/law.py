@@ -14,11 +14,20 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.motion import Reference
 
 
+class Goal(NamedTuple):
+    """What a robot that leans is wished to do: how it leans for that is the dynamic law's."""
+
+    speed: float  # of P, m/s
+    turn: float  # rad/s
+    joints: Array  # (n_joints,) where the arm is wanted, rad or m
+
+
 class Command(NamedTuple):
     """Quasi-velocities to follow, and their derivative along the actual motion."""
 
     nu_d: Array  # (dof,)
     nu_d_dot: Array  # (dof,)
+    goal: Goal | None = None  # of a robot that leans
 
 
 class Limit(NamedTuple):

@@ -25,7 +25,7 @@ from rpctl.control.error import (
     omnidirectional_twist,
 )
 from rpctl.control.fragment import ANSWERED, NO_COMMAND, REFUSED, LawFrame, is_fine, structure
-from rpctl.control.law import Command, Rest, TrackingController
+from rpctl.control.law import Command, Goal, ReportsNothing, Rest, TrackingController
 from rpctl.control.law_kernel import CommandLaw, RunningLaws, running_laws
 from rpctl.control.steering import (
     Measured,
@@ -35,13 +35,22 @@ from rpctl.control.steering import (
     of_front,
     reference_direction,
 )
+from rpctl.drive.drive import Drive
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.kernels.program import Call, statement
 from rpctl.kernels.sheet import Sheet
-from rpctl.reference.motion import Reference, ReferenceState, row_sizes, row_symbols
+from rpctl.reference.motion import (
+    Reference,
+    ReferenceState,
+    require_state,
+    row_of,
+    row_sizes,
+    row_symbols,
+)
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import BASE_NV, Robot
 
 NUMBERS = (int, float, np.float64)  # types of settings that formulas take for scalars
@@ -109,6 +118,8 @@ class BaseLaw(Record, ABC):
             rest: Not used.
             running: Its kernel, if it is part of one that has a dynamic law as well.
         """
+        if isinstance(dynamics.robot, LeaningRobot):
+            return LeaningWish(self, dynamics, period)
         running = running or running_laws(self, None, dynamics, period, None)
         controller = CommandLaw(running, self.refusal, dynamics.robot)
         return controller if self.approach is None else self.approach.start(dynamics, controller)
@@ -204,6 +215,58 @@ class BaseLaw(Record, ABC):
         Args:
             at: The reference and the error, in scalars.
         """
+
+
+class LeaningWish(ReportsNothing):
+    """A kinematic law on a robot that leans: what it would ask of a base that stands upright.
+
+    Args:
+        law: The law.
+        dynamics: The robot's.
+        period: Control period, s.
+    """
+
+    def __init__(self, law: BaseLaw, dynamics: ReducedDynamics, period: float) -> None:
+        robot = dynamics.robot
+        upright = Drive("differential", robot.drive.wheels)  # P is where its pose is told
+        level = Robot(**{f.name: getattr(robot, f.name) for f in fields(Robot)})
+        level = replace(level, drive=upright)
+        law = replace(law, approach=None)
+        horizons = law.joint_horizons(dynamics, period).tolist()
+        self._ask = formula(law.with_numbers(law.numbers(period)), level, horizons)
+        self._robot, self._own = robot, len(upright.base_speeds)
+
+    def row(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Array:
+        """Return the row of what is tracked at a time (s), of its table."""
+        return row_of(reference(t))
+
+    def __call__(
+        self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
+    ) -> Command:
+        """Return the command: P's speed, and rates of tilt and steering that end.
+
+        Args:
+            dynamics: The robot's dynamics.
+            reference: The reference.
+            t: Time, s.
+            q: Configuration (nq,).
+            nu: Quasi-velocities of the robot (dof,).
+        """
+        robot, state = self._robot, require_state(self._robot, reference(t), t)
+        arm = robot.joint_positions(q)
+        rates = nu[robot.dof - len(arm) :]
+        at = [*robot.base_pose(q), *dynamics.twist(q, nu), *arm, *rates]
+        asked, change, _ = (each.full()[:, 0] for each in self._ask(row_of(state), at))
+        nu_d, nu_d_dot = np.zeros(robot.dof), np.zeros(robot.dof)
+        for into, given, arm_given in (
+            (nu_d, asked, state.joint_rates), (nu_d_dot, change, state.joint_accelerations),
+        ):  # fmt: skip
+            into[0], into[robot.dof - len(arm) :] = given[0], arm_given
+            if "omega" in robot.quasi_velocities:
+                into[1] = given[1]
+        return Command(nu_d, nu_d_dot, Goal(float(asked[0]), float(asked[1]), state.joints))
 
 
 def _numbers(record: BaseLaw | Leash) -> dict[str, float]:
