@@ -7,13 +7,20 @@ the equations of motion. About it the robot is linear,
     ẋ = A x + B u,   x = (tilt, steering and joints, ν),   u = τ less the steady motion's,
 
 with :func:`rpctl.linearize`'s A and B, seen from the ground and sampled exactly with efforts that
-are held for a period; u = −K x makes Σ xᵀQ x + uᵀR u least. K is made for a table of speeds.
+are held for a period. u = −K x makes Σ xᵀQ x + aᵀR a least, a the accelerations that u gives wheels,
+steering and joints: of light legs and heavy frames alike it asks what both can do. K is made for a
+table of speeds. Efforts come late; x is foretold by the linear model for as long as that is told, or
+taken to be.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, NamedTuple
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
@@ -23,23 +30,32 @@ from rpctl.control.law import Command, Efforts, Goal, Limit, ReportsNothing, Res
 from rpctl.dynamics.derivatives import linearize
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError
-from rpctl.files.records import POSITIVE, Record, Setting
+from rpctl.files.records import NOT_NEGATIVE, POSITIVE, Record, Setting
 from rpctl.robot.leaning import LeaningRobot
 
 SPEEDS = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
 STEPS, STEP = 30, 1e-6  # of Newton's to a steady motion, and of its differences, rad
-STEADY = 1e-9  # of the weight's moment, N·m: what is left over of a steady motion
-LEAST_SPEED = 0.5  # m/s: a slower bicycle is not asked to turn
-UNCONTROLLED = 1e-6  # of the largest singular value: below it no effort reaches a state
+STRIDE = 0.1  # rad: no step of Newton's is longer
+STEADY = 1e-9  # of the weight, at 1 m: what may be left over of a steady motion
+GRAVITY = 9.81  # m/s²
+LEAST_SPEED = 0.5  # m/s: a slower bicycle is balanced as if it went so fast
+MAX_LEAN, MAX_STEERING = 0.5, 0.6  # rad: in a bend that a bicycle is asked for
+REDUNDANT = 1e-6  # of the largest cost: that of efforts which work against each other
+LATENESS_S = 0.01  # s: what nobody tells, and is foretold
+
+
+Speeds = tuple[float, float, float]  # P's speed, m/s, turning rate, rad/s, and acceleration, m/s²
 
 
 class SteadyMotion(NamedTuple):
-    """A motion that goes on as it is, with the arm held."""
+    """A motion that goes on as it is, but for its speed, with the arm held; P is at the origin."""
 
     q: Array  # (nq,)
     nu: Array  # (dof,)
+    nu_dot: Array  # (dof,) of the speed alone
     tau: Array  # (n_act,)
     posture: Array  # (1 + n_steered,) tilt and steering, rad
+    joints: Array  # (n_joints,) rad or m
 
 
 class Posture:
@@ -81,60 +97,105 @@ class Posture:
         """Return q (nq,) with P at the origin, of tilt and steering (1 + n_steered,) and arm."""
         return self.robot.configuration_at(np.zeros(3), joints, own[1:], float(own[0]))
 
-    def steady(
-        self, v: float, omega: float, joints: Array, near: Array | None = None
-    ) -> SteadyMotion:
+    def possible(self, v: float, omega: float) -> tuple[float, float]:
+        """Return the nearest speed (m/s) and turning rate (rad/s) that a steady motion can have.
+
+        A bicycle goes forward, in bends that its steering and its lean allow.
+        """
+        if not self.steered:
+            return v, omega
+        v = max(v, LEAST_SPEED)
+        widest = min(self._bend * v, math.tan(MAX_LEAN) * GRAVITY / v)
+        return v, min(max(omega, -widest), widest)
+
+    @cached_property
+    def _bend(self) -> float:
+        """The largest curvature of a bicycle's way, 1/m, at half its steering."""
+        robot, (swivel,) = self.robot, self.robot.drive.steered
+        joint = robot.description.joint[swivel.joint]
+        most = min(0.5 * min(abs(joint.lower), abs(joint.upper)), MAX_STEERING)
+        base = abs(math.dist(robot.drive.point, swivel.pivot) + swivel.trail)
+        return math.tan(most) / base
+
+    def short(self, x: Array) -> Array:
+        """Return a deviation x with those of joints without limits the short way round."""
+        turning = [j.kind == "continuous" for j in self.robot.joints]
+        first = 1 + len(self.steered)
+        for k in np.flatnonzero(turning):
+            x[first + k] = math.remainder(x[first + k], 2.0 * math.pi)
+        return x
+
+    def steady(self, v: float, omega: float, joints: Array) -> SteadyMotion:
         """Return the steady motion of a speed (m/s) and a turning rate (rad/s).
 
         Args:
             v: Of P.
             omega: Likewise.
             joints: Positions of the arm (n_joints,), rad or m.
-            near: Tilt and steering to begin with.
 
         Raises:
-            RpctlError: There is none near.
+            RpctlError: There is none near the upright one.
         """
-        own = np.zeros(1 + len(self.steered)) if near is None else near.copy()
+        own = np.zeros(1 + len(self.steered))
         for _ in range(STEPS):
-            gap = self._left(v, omega, joints, own)
+            here = self._motion(self.at(own, joints), (v, omega, 0.0), own, joints)
+            gap = self._left(here, omega)
             if np.abs(gap).max() <= STEADY:
-                q, nu = self.at(own, joints), self._speeds(v, omega)
-                return SteadyMotion(q, nu, self._efforts(q, nu), own)
-            J = np.column_stack([
-                (self._left(v, omega, joints, own + STEP * axis) - gap) / STEP
-                for axis in np.eye(len(own))
-            ])  # fmt: skip
-            own = own - np.clip(np.linalg.solve(J, gap), -0.2, 0.2)
+                return here
+            own = own - np.clip(np.linalg.solve(self.slope(here, joints), gap), -STRIDE, STRIDE)
         raise RpctlError(
             f"{self.robot.name}: no steady motion has a speed of {v:.3g} m/s and a turning rate of "
-            f"{omega:.3g} rad/s; give a wider or a slower turn"
+            f"{omega:.3g} rad/s; give a wider or a slower turn, or hold joints that reach far out"
         )
 
-    def _speeds(self, v: float, omega: float) -> Array:
-        nu = np.zeros(self.robot.dof)
-        nu[0] = v
-        if not self.steered:
-            nu[1] = omega
-        return nu
+    def follow(
+        self, before: SteadyMotion, speeds: Speeds, joints: Array, slope: Array
+    ) -> SteadyMotion:
+        """Return a steady motion a step of Newton's nearer to that of what is wished now.
 
-    def _left(self, v: float, omega: float, joints: Array, own: Array) -> Array:
-        """Return what keeps a motion from being steady: what no actuator gives, and its turning."""
-        dynamics, q, nu = self.dynamics, self.at(own, joints), self._speeds(v, omega)
-        force = dynamics.inverse(q, nu, np.zeros_like(nu))
-        U, sizes, _ = np.linalg.svd(dynamics.actuation(q))
-        free = U[:, int(np.count_nonzero(sizes > UNCONTROLLED * sizes[0])) :]
-        sign = np.sign(free[self.first])
-        left = (sign * free).T @ force / (9.81 * self.robot.mass)
-        if not self.steered:
-            return np.asarray(left)
-        return np.array([*left, dynamics.twist(q, nu)[2] - omega])
+        Args:
+            before: The one of the sample before.
+            speeds: P's speed and turning rate, and how the speed changes.
+            joints: Positions of the arm (n_joints,), rad or m.
+            slope: Inverse of :meth:`slope` near it.
+        """
+        here = self._motion(before.q, speeds, before.posture, before.joints)
+        step = -np.clip(slope @ self._left(here, speeds[1]), -STRIDE, STRIDE)
+        moved = np.concatenate([step, joints - before.joints])
+        q = before.q
+        if np.abs(moved).max(initial=0.0) > STEADY:
+            q = self.dynamics.integrate(q, self.dynamics.basis(q)[:, self.index] @ moved)
+        return self._motion(q, speeds, before.posture + step, joints)
 
-    def _efforts(self, q: Array, nu: Array) -> Array:
-        """Return the least efforts (n_act,), of their limits, that keep a motion up."""
-        force = self.dynamics.inverse(q, nu, np.zeros_like(nu))
+    def slope(self, steady: SteadyMotion, joints: Array) -> Array:
+        """Return how what is left over of a motion changes with tilt and steering."""
+        speeds = float(steady.nu[0]), 0.0, 0.0
+        gap = self._left(steady, 0.0)
+        columns = [
+            self._left(self._motion(self.at(own, joints), speeds, own, joints), 0.0) - gap
+            for own in steady.posture + STEP * np.eye(len(steady.posture))
+        ]
+        return np.column_stack(columns) / STEP
+
+    def _motion(self, q: Array, speeds: Speeds, own: Array, joints: Array) -> SteadyMotion:
+        """Return a motion with the least efforts, of their limits, that keep it up."""
+        nu, nu_dot = np.zeros((2, self.robot.dof))
+        nu[0], nu_dot[0] = speeds[0], speeds[2]
+        if not self.steered:
+            nu[1] = speeds[1]
+        force = self.dynamics.inverse(q, nu, nu_dot)
         B = self.dynamics.actuation(q) * self.scale
-        return np.asarray(self.scale * np.linalg.lstsq(B, force, rcond=None)[0])
+        tau = self.scale * np.linalg.lstsq(B, force, rcond=None)[0]
+        return SteadyMotion(q, nu, nu_dot, tau, own, joints)
+
+    def _left(self, motion: SteadyMotion, omega: float) -> Array:
+        """Return what no actuator gives, of the weight's moment, and what turns too much."""
+        dynamics, (q, nu, nu_dot, tau, _, _) = self.dynamics, motion
+        lacking = dynamics.inverse(q, nu, nu_dot) - dynamics.actuation(q) @ tau
+        left = lacking[self.first] / (GRAVITY * self.robot.mass)
+        if not self.steered:
+            return np.array([left])
+        return np.array([left, dynamics.twist(q, nu)[2] - omega])
 
     def linear(self, steady: SteadyMotion) -> tuple[Array, Array]:
         """Return A (n, n) and B (n, n_act) of x = (tilt, steering, arm, ν) about a motion."""
@@ -159,17 +220,29 @@ def sampled(A: Array, B: Array, period: float) -> tuple[Array, Array]:
 class Balance(Record):
     """A linear-quadratic regulator about the steady motion of the moment; see this module.
 
-    Each setting is a deviation that costs as much as any other.
+    Each setting but the last is a deviation, or an acceleration, that costs as much as any other.
     """
 
-    tilt: Annotated[float, POSITIVE, Setting("rad", "Tilt", "Of the steady motion's.")] = 0.1
-    speed: Annotated[float, POSITIVE, Setting("m/s", "Speed", "Of the wished one.")] = 0.3
-    turn: Annotated[float, POSITIVE, Setting("rad/s", "Turning", "Of the wished one.")] = 0.5
+    tilt: Annotated[float, POSITIVE, Setting("rad", "Tilt", "Off the steady motion's.")] = 0.1
+    speed: Annotated[float, POSITIVE, Setting("m/s", "Speed", "Off the wished one.")] = 0.3
+    turn: Annotated[float, POSITIVE, Setting("rad/s", "Turning", "Off the wished one.")] = 0.5
     joint: Annotated[float, POSITIVE, Setting("rad or m", "Joints", "Arm and steering.")] = 0.1
     rate: Annotated[float, POSITIVE, Setting("rad/s", "Rates", "Of tilt and joints.")] = 1.0
-    effort: Annotated[
-        float, POSITIVE, Setting("", "Effort", "Of the limits; of 1 N·m where there is none.")
-    ] = 0.3
+    acceleration: Annotated[
+        float, POSITIVE, Setting("m/s²", "Acceleration", "Of the wheels along the ground.")
+    ] = 3.0
+    turning: Annotated[float, POSITIVE, Setting("rad/s²", "Turning", "Acceleration.")] = 5.0
+    joints: Annotated[
+        float, POSITIVE, Setting("rad/s²", "Joints", "Accelerations of arm and steering.")
+    ] = 10.0
+    lateness: Annotated[
+        float | None,
+        NOT_NEGATIVE,
+        Setting(
+            "s", "Lateness", "From a measurement to its efforts; 10 ms if neither it nor a delay "
+            "is given, which withstands 0 to 25.",
+        ),
+    ] = None  # fmt: skip
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
@@ -179,28 +252,31 @@ class Balance(Record):
         Args:
             dynamics: The robot's dynamics, as far as the controller knows them.
             period: Control period, s.
-            rest: State before the run; its posture is that of the table.
+            rest: State before the run; not used.
 
         Raises:
             UnfitLawError: The robot does not lean, or some state of it cannot be balanced.
         """
-        return BalanceController(self, Posture(dynamics), period)
+        return BalanceController(self, Posture(ReducedDynamics(dynamics.robot)), period)
 
-    def gain(self, posture: Posture, steady: SteadyMotion, period: float) -> Array:
-        """Return K (n_act, n) about a motion.
+    def design(self, posture: Posture, steady: SteadyMotion, period: float) -> Design:
+        """Return the regulator about a motion.
 
         Raises:
             UnfitLawError: No efforts bring the robot back to it.
         """
-        robot = posture.robot
-        rates = np.full(robot.dof, self.rate)
-        rates[0] = self.speed
+        robot, count = posture.robot, len(posture.index)
+        rates, accelerations = np.full(robot.dof, self.rate), np.full(robot.dof, self.joints)
+        rates[0], accelerations[0] = self.speed, self.acceleration
         if not posture.steered:
-            rates[1] = self.turn
-        places = np.array([self.tilt, *[self.joint] * (len(posture.index) - 1)])
+            rates[1], accelerations[1] = self.turn, self.turning
+        places = np.array([self.tilt, *[self.joint] * (count - 1)])
         Q = np.diag(1.0 / np.concatenate([places, rates]) ** 2)
-        R = np.diag(1.0 / (self.effort * posture.scale) ** 2)
-        F, G = sampled(*posture.linear(steady), period)
+        A, B = posture.linear(steady)
+        driven = np.delete(B[count:] / accelerations[:, None], posture.first, axis=0)
+        R = driven.T @ driven
+        R += REDUNDANT * np.diag(np.diag(R).max() / posture.scale**2 * posture.scale.min() ** 2)
+        F, G = sampled(A, B, period)
         try:
             P = solve_discrete_are(F, G, Q, R)
         except (np.linalg.LinAlgError, ValueError):
@@ -208,7 +284,21 @@ class Balance(Record):
                 f"{robot.name} cannot be balanced at {steady.nu[0]:.3g} m/s: no efforts bring it "
                 "back"
             ) from None
-        return np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
+        return Design(F, G, np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
+
+
+class Design(NamedTuple):
+    """A regulator about a steady motion, and the model that it is made of."""
+
+    F: Array  # (n, n)
+    G: Array  # (n, n_act)
+    K: Array  # (n_act, n)
+
+    def foretold(self, x: Array, sent: Sequence[Array]) -> Array:
+        """Return x (n,) when what is sent now acts, given what was sent before that, in order."""
+        for u in sent:
+            x = self.F @ x + self.G @ u
+        return x
 
 
 class BalanceController(ReportsNothing):
@@ -222,12 +312,13 @@ class BalanceController(ReportsNothing):
 
     def __init__(self, law: Balance, posture: Posture, period: float) -> None:
         self._posture, robot = posture, posture.robot
-        home = robot.home
-        speeds = [v for v in SPEEDS if not posture.steered or v > 0.0] 
-        self._speeds = np.array(speeds)
-        steady = [posture.steady(v, 0.0, home) for v in speeds]
-        self._gains = np.array([law.gain(posture, each, period) for each in steady])
-        self._near: Array | None = None
+        self._speeds = np.array([v for v in SPEEDS if v > 0.0 or not posture.steered])
+        steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds.tolist()]
+        self._designs = [law.design(posture, each, period) for each in steady]
+        self._slopes = [np.linalg.inv(posture.slope(each, robot.home)) for each in steady]
+        late = LATENESS_S if law.lateness is None else law.lateness
+        self._sent = deque([np.zeros(len(robot.actuators))] * round(late / period))
+        self._steady: SteadyMotion | None = None
 
     def __call__(
         self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
@@ -241,25 +332,32 @@ class BalanceController(ReportsNothing):
             command: What is wished.
 
         Raises:
-            RpctlError: No steady motion has the wished speed and turning rate.
+            RpctlError: The kinematic law tells no goal, or its goal is no motion of the robot.
         """
-        posture, goal = self._posture, command.goal
+        posture, goal, limits = self._posture, command.goal, self._posture.robot.effort_limits
         if goal is None:
             raise RpctlError("the kinematic law tells no goal; take one of rpctl's own")
-        v, omega = goal.speed, goal.turn
-        steady = posture.steady(v, omega, goal.joints, self._near)
-        self._near = steady.posture
+        v, omega = posture.possible(goal.speed, goal.turn)
+        near, share = self._near(v)
+        steady = self._steady
+        if steady is None:
+            steady = posture.steady(v, omega, goal.joints)
+        speeds = v, omega, goal.acceleration
+        self._steady = steady = posture.follow(steady, speeds, goal.joints, self._slopes[near])
         wanted = np.concatenate([steady.posture, goal.joints, command.nu_d])
-        x = np.concatenate([posture.of(q), nu]) - wanted
-        tau = steady.tau - self._gain(v) @ x
-        limits = posture.robot.effort_limits
-        cut = np.clip(tau, -limits, limits)
-        names = (posture.robot.actuators[i] for i in np.flatnonzero(cut != tau))
-        return Efforts(cut, tuple(Limit(name, "effort") for name in names))
+        x = posture.short(np.concatenate([posture.of(q), nu]) - wanted)
+        designs = self._designs[near], self._designs[near + 1]
+        x = designs[round(share)].foretold(x, self._sent)
+        K = (1.0 - share) * designs[0].K + share * designs[1].K
+        tau = np.clip(asked := steady.tau - K @ x, -limits, limits)
+        if self._sent:
+            self._sent.append(tau - steady.tau)
+            self._sent.popleft()
+        names = (posture.robot.actuators[i] for i in np.flatnonzero(tau != asked))
+        return Efforts(tau, tuple(Limit(name, "effort") for name in names))
 
-    def _gain(self, v: float) -> Array:
-        """Return K (n_act, n) at a speed, m/s."""
+    def _near(self, v: float) -> tuple[int, float]:
+        """Return the entry of the table below a speed (m/s), and how far that is to the next."""
         speeds = self._speeds
         k = int(np.clip(np.searchsorted(speeds, v) - 1, 0, len(speeds) - 2))
-        share = float(np.clip((v - speeds[k]) / (speeds[k + 1] - speeds[k]), 0.0, 1.0))
-        return np.asarray((1.0 - share) * self._gains[k] + share * self._gains[k + 1])
+        return k, float(np.clip((v - speeds[k]) / (speeds[k + 1] - speeds[k]), 0.0, 1.0))

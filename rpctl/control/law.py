@@ -19,6 +19,7 @@ class Goal(NamedTuple):
 
     speed: float  # of P, m/s
     turn: float  # rad/s
+    acceleration: float  # of the reference along its way, m/s²
     joints: Array  # (n_joints,) where the arm is wanted, rad or m
 
 

@@ -53,6 +53,9 @@ from rpctl.reference.motion import (
 from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import BASE_NV, Robot
 
+# s: prediction times of robots that lean first the other way, a bicycle before it turns, one on two
+# wheels before it speeds up
+SLOW_TURNS_S, SLOW_TILTS_S = 2.0, 1.0
 NUMBERS = (int, float, np.float64)  # types of settings that formulas take for scalars
 
 
@@ -231,7 +234,8 @@ class LeaningWish(ReportsNothing):
         upright = Drive("differential", robot.drive.wheels)  # P is where its pose is told
         level = Robot(**{f.name: getattr(robot, f.name) for f in fields(Robot)})
         level = replace(level, drive=upright)
-        law = replace(law, approach=None)
+        slow = SLOW_TURNS_S if robot.rolls_sideways else SLOW_TILTS_S
+        law = replace(law, approach=None, horizon=law.horizon or slow)
         horizons = law.joint_horizons(dynamics, period).tolist()
         self._ask = formula(law.with_numbers(law.numbers(period)), level, horizons)
         self._robot, self._own = robot, len(upright.base_speeds)
@@ -266,7 +270,8 @@ class LeaningWish(ReportsNothing):
             into[0], into[robot.dof - len(arm) :] = given[0], arm_given
             if "omega" in robot.quasi_velocities:
                 into[1] = given[1]
-        return Command(nu_d, nu_d_dot, Goal(float(asked[0]), float(asked[1]), state.joints))
+        speed, turn, ahead = float(asked[0]), float(asked[1]), float(state.twist_dot[0])
+        return Command(nu_d, nu_d_dot, Goal(speed, turn, ahead, state.joints))
 
 
 def _numbers(record: BaseLaw | Leash) -> dict[str, float]:
