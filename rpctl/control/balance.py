@@ -320,9 +320,7 @@ class BalanceController(ReportsNothing):
         self._sent = deque([np.zeros(len(robot.actuators))] * round(late / period))
         self._steady: SteadyMotion | None = None
 
-    def __call__(
-        self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
-    ) -> Efforts:
+    def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         """Return τ (n_act,) and the limits that bind.
 
         Args:

@@ -93,6 +93,8 @@ def knowing_delay(law: Any, period: float, delay: float | None) -> Any:
     """
     if delay is None:
         return law
+    if getattr(law, "lateness", 0.0) is None:  # that of a robot that leans foretells it itself
+        return dataclasses.replace(law, lateness=delay)
     late = 0.5 * period + TOLD_LATENESS_S + DELAY_ERROR * delay
     gains = gains_of(PHASE_LOSS / late / (2.0 * math.pi))
     found = at_bandwidth(law, gains.bandwidth, only_unset=True)

@@ -85,8 +85,10 @@ class BothLaws:
                 self.speeds, self.speeds.last, partial(require_speeds, robot)
             )
         else:
-            paper = partial(_within_limits, PaperDynamic().start(*started))
             efforts: Any = sent.start(*started, *own)
+            paper: Any = _nothing
+            if not robot.drive.leans:  # no other law holds up one that does
+                paper = partial(_within_limits, PaperDynamic().start(*started))
             self._sending = LawWithFallback(efforts, paper, partial(require_efforts, robot))
 
     @property
@@ -171,13 +173,20 @@ def _kernel(
 ) -> tuple[RunningLaws | None, bool]:
     """Return both laws as one kernel, if they can be, and whether it is machine code."""
     (kinematic, sent), (dynamics, period, rest) = laws, started
-    if unsupported(kinematic, PaperDynamic() if isinstance(sent, VelocityOutput) else sent):
+    if dynamics.robot.drive.leans or unsupported(kinematic, PaperDynamic() if isinstance(sent, VelocityOutput) else sent):
         return None, compiled
     compiled = compiled and no_machine_code(kinematic, dynamics.robot) is None
     try:
         return running_laws(kinematic, sent, dynamics, period, rest, compiled), compiled
     except DiffersError:
         return running_laws(kinematic, sent, dynamics, period, rest), False
+
+
+def _nothing(
+    dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
+) -> Efforts:
+    """Return no efforts."""
+    return Efforts(np.zeros(len(dynamics.robot.actuators)))
 
 
 def _within_limits(

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.balance import Balance
 from rpctl.control.bandwidth import knowing_delay
 from rpctl.control.both_laws import BothLaws
 from rpctl.control.bounded import IntegralDynamic
@@ -51,6 +52,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known, require_positive
 from rpctl.reference.load import load_reference
 from rpctl.reference.motion import Reference, require_pulling
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 
 PERIOD = 0.002  # s
@@ -62,9 +64,10 @@ Status = Literal["ok", "fallback", "held", "stopped", "lost"]
 
 
 def default_laws(robot: Robot | None = None) -> tuple[KinematicLaw, DynamicLaw]:
-    """Return the default kinematic and dynamic law, the same for every robot so far.
+    """Return the default kinematic and dynamic law.
 
-    These are the unified law and the law within limits with integral action. On TIAGo with an error
+    These are the unified law and the law within limits with integral action; of a robot that leans
+    the unified law and :class:`~rpctl.control.balance.Balance`. On TIAGo with an error
     of (0.1, 0.3, 0.3) at the start of a line they keep every limit, where the paper's dynamic law
     asks 120 % of a wheel's effort, and bring each final error below that of the paper's.
 
@@ -73,7 +76,8 @@ def default_laws(robot: Robot | None = None) -> tuple[KinematicLaw, DynamicLaw]:
     base (0.09 rad rms of its joints in the place of 0.00015, on a swerve 0.6 rad), and steered
     bases take 1 to 2 of the 2 ms. So it is the user's choice.
     """
-    return UnifiedKinematic(), IntegralDynamic()
+    leans = isinstance(robot, LeaningRobot)
+    return UnifiedKinematic(), Balance() if leans else IntegralDynamic()
 
 
 class ControllerOutput(NamedTuple):
@@ -189,7 +193,13 @@ class Controller:
         if self._output is not None:
             self._output = self._output.on(robot)
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
-        self._rolls = bool(robot.drive.base_speeds)
+        self._rolls, self._leans = bool(robot.drive.base_speeds), robot.drive.leans
+        if self._leans and (rates == "estimated" or self._output is not None):
+            what = "rates are estimated" if self._output is None else "efforts are sent by others"
+            raise RpctlError(
+                f"{robot.name} leans: no law here balances it where {what}; measure its rates, and "
+                "send efforts"
+            )
         self._in_arm = np.array([name in robot.joint_names for name in robot.actuators])
         self._rate = min(self.guards.effort_rate or math.inf, BRAKING_RATE)
         self.reset()
@@ -217,10 +227,11 @@ class Controller:
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
         efforts, speeds = (tau, NOTHING) if self._output is None else (NOTHING, still)
         self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
-        needs_rates = self._rates == "measured"
-        self._reader = SampleReader(robot, self.period, self._delay, needs_rates)
+        # The law that balances foretells for itself, and takes rates as they are measured.
+        rates, foretold = ("measured", 0.0) if self._leans else (self._rates, self._delay)
+        self._reader = SampleReader(robot, self.period, self._delay, rates == "measured")
         self._estimate = StateEstimate(
-            self._dynamics, self.period, self._delay, self._rates, efforts, self._compiled
+            self._dynamics, self.period, foretold, rates, efforts, self._compiled
         )
         self._jumps = JumpWatch()
         self._watchdog = Watchdog(self.guards.lost_after)
@@ -334,7 +345,7 @@ class Controller:
     def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
         """Return what is sent after a good sample, or why nothing new is."""
         arrived = None if applied is None else self._efforts_of(applied)
-        jumped = self._rolls and self._jumps.jumps(sample.t, sample.q[:4].tolist())
+        jumped = self._rolls and self._jumps.jumps(sample.t, self.robot.level_place(sample.q))
         sample = self._estimate(sample, arrived, jumped)
         before, self._measured, self._braking = self._measured, sample, None
         if jumped and before is not None:
@@ -455,6 +466,8 @@ class Controller:
             output: What the laws make of a stop.
         """
         self._counts["lost"] += 1
+        if self._leans:  # braked by anything but its laws, it would fall
+            return self._slowed(output._replace(status="lost", reason=self._waits))
         asked, output = output.efforts, output._replace(status="lost", reason=self._waits)
         braked = self._brake(sample.t, output)
         if self._output is not None:

@@ -10,6 +10,7 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from rpctl.control.balance import Balance
 from rpctl.control.bandwidth import LATENESS_S, Gains, usual_gains
 from rpctl.control.baselines import FeedbackLinearization, Kanayama, Samson
 from rpctl.control.bounded import BoundedDynamic, IntegralDynamic
@@ -42,6 +43,7 @@ DYNAMIC_LAWS: dict[str, Callable[[], DynamicLaw]] = {
     "paper": PaperDynamic,
     "bounded": BoundedDynamic,
     "integral": IntegralDynamic,
+    "balance": Balance,
 }
 KINEMATIC_CHOICE = Choice("kinematic law", "law", KINEMATIC_LAWS)
 DYNAMIC_CHOICE = Choice("dynamic law", "law", DYNAMIC_LAWS)

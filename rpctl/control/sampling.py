@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.robot.leaning import FREE_NV
 from rpctl.robot.model import Robot
 
 MAX_POSITION = 1e9  # m or rad: nothing is there
@@ -50,8 +51,13 @@ class SampleReader:
         self._needs_rates = needs_rates
         self._bounds = {"q": (robot.nq, MAX_POSITION), "nu": (robot.dof, MAX_SPEED)}
         model = robot.model
-        starts = [int(joint.idx_q + joint.nq - 2) for joint in model.joints if joint.nq > joint.nv]
-        self._cos = starts  # the root's and those of continuous joints
+        # Of a turn: a pair of a level root or a continuous joint, a quaternion of a free-flyer.
+        sizes = {joint: 4 if joint.nv == FREE_NV else 2 for joint in model.joints}
+        self._turns = [
+            slice(int(joint.idx_q + joint.nq - size), int(joint.idx_q + joint.nq))
+            for joint, size in sizes.items()
+            if joint.nq > joint.nv
+        ]
         self._period = period
         self.time, self.clock_changes = -math.inf, 0
         self._given, self._offset = -math.inf, -delay  # as given with the last sample; minus time
@@ -109,9 +115,9 @@ class SampleReader:
             if not (small or np.abs(values).max(initial=0.0) <= largest):
                 return f"{name} holds numbers that are not finite or larger than {largest:g}"
         places = q.tolist()
-        for k in self._cos:
-            if abs(places[k] ** 2 + places[k + 1] ** 2 - 1.0) > MAX_NORM_ERROR:
-                return "q holds a cosine and a sine that belong to no angle"
+        for turn in self._turns:
+            if abs(sum(x * x for x in places[turn]) - 1.0) > MAX_NORM_ERROR:
+                return "q holds a cosine and a sine, or a quaternion, that belong to no angle"
         return ""
 
 

@@ -236,6 +236,5 @@ class Following:
         robot = self._dynamics.robot
         if not robot.drive.base_speeds:
             return np.zeros(3)
-        v = self._dynamics.basis(sample.q) @ sample.nu
-        twist = np.asarray(robot.point_velocity @ v[:3])
+        twist = self._dynamics.twist(sample.q, sample.nu)
         return twist * [1.0, 0.0, 1.0] if robot.drive.has_axle else twist

@@ -68,12 +68,14 @@ def detect(
         return FIXED_BASE
     leaning = spec.type in LEANING if spec.type else root != "planar"
     if leaning:
-        drive = find_leaning(tree, spec)
+        drive = find_leaning(tree, spec, bool(spec.type or root))
         if drive is not None and spec.type in (None, drive.type):
             return drive
         if spec.type or root == "free":
             found = f"it is a {drive.type} robot" if drive else NO_LEANING
-            raise DriveError(f"{tree.description.path}: {found}; say --root planar, or leave --root out")
+            raise DriveError(
+                f"{tree.description.path}: {found}; say --root planar, or leave --root out"
+            )
     controls = plugin_controls(tree.description) if controls is None else controls
     evidence = gather_evidence(tree, spec, controls, free)
     if spec.type is None and _is_arm(evidence):

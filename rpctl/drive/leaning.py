@@ -11,7 +11,9 @@ import math
 import numpy as np
 
 from rpctl.description.frozen_tree import FrozenTree
-from rpctl.description.records import Joint
+from rpctl.description.meshes.paths import MeshError
+from rpctl.description.meshes.reading import read_shape
+from rpctl.description.records import Joint, Link
 from rpctl.drive.drive import (
     LEANING_BICYCLE,
     SELF_BALANCING,
@@ -23,6 +25,8 @@ from rpctl.drive.drive import (
 )
 from rpctl.drive.rows import unit_ahead
 from rpctl.drive.wheels import (
+    CASTER_WORDS,
+    GROUND_TOLERANCE_M,
     TRAIL_ROUNDING_M,
     WheelCandidate,
     as_candidate,
@@ -38,15 +42,17 @@ LEAVES_OPEN = "the root link may pitch, roll and rise, as its two wheels let it"
 PAIR = "on one axle, with nothing else on the ground"
 
 
-def find_leaning(tree: FrozenTree, spec: DriveSpec) -> Drive | None:
+def find_leaning(tree: FrozenTree, spec: DriveSpec, asked: bool = False) -> Drive | None:
     """Return the drive of a robot that stands on two wheels alone; None of any other.
 
     Wheels are the joints that turn without limits about level axles and end lowest, all joints
-    at 0. Collision shapes, or else drawn ones, tell what else stands on the ground; meshes do not.
+    at 0. Shapes tell what else stands on the ground. Unless it is asked for, a robot of which only
+    wheels have shapes is left to those who hold it level: nobody knows what else stands there.
 
     Args:
         tree: The robot, with its locked joints.
         spec: What the user says.
+        asked: Whether the user says that it leans.
 
     Raises:
         DriveError: It balances on one ball, or its two wheels stand one behind the other and no
@@ -64,11 +70,15 @@ def find_leaning(tree: FrozenTree, spec: DriveSpec) -> Drive | None:
     above = [tree.free_joints(wheel.joint.parent) for wheel in wheels]
     if coaxial(*wheels):
         kind = WHEEL_LEGS if any(above) else SELF_BALANCING
+        if kind == SELF_BALANCING and not (asked or _shown(tree, wheels)):
+            return None
         return _drive(tree, spec, kind, wheels, (PAIR,))
     steering = [joints for joints in above if joints]
     if len(steering) != 1 or len(steering[0]) != 1:
         return None
     if steering[0][0].kind == "prismatic" or tree.is_level(steering[0][0]):
+        return None
+    if not (asked or _shown(tree, wheels) or tree.is_leaning(steering[0][0])):
         return None
     return _drive(
         tree, spec, LEANING_BICYCLE, wheels, (f'one behind the other, "{steering[0][0].name}" '
@@ -90,16 +100,65 @@ def _grounded(tree: FrozenTree, spec: DriveSpec) -> list[WheelCandidate]:
     return [each for each in known if each.stands(ground)]
 
 
-def _alone(tree: FrozenTree, wheels: list[WheelCandidate]) -> bool:
-    """Return whether nothing but these wheels reaches down to the ground."""
-    ground = min(wheel.bottom for wheel in wheels)
-    reach = ground + max(ground_tolerance(wheel.radius or 0.0) for wheel in wheels)
+def _others(tree: FrozenTree, wheels: list[WheelCandidate]) -> list[Link]:
+    """Return the links that these wheels do not carry."""
     rolling = {wheel.joint.name for wheel in wheels}
-    return all(
-        tree.lowest(link.name) > reach
+    return [
+        link
         for link in tree.description.links
         if not any(joint.name in rolling for joint in tree.description.chain(link.name))
+    ]
+
+
+def _alone(tree: FrozenTree, wheels: list[WheelCandidate]) -> bool:
+    """Return whether nothing but these wheels reaches down to the ground, a caster neither."""
+    ground = min(wheel.bottom for wheel in wheels)
+    radius = max(wheel.radius or 0.0 for wheel in wheels)
+    reach = ground + ground_tolerance(radius)
+    low = [
+        joint
+        for joint in tree.description.joints
+        if turns_like_wheel(tree, joint)
+        and tree.is_level(joint)
+        and joint not in [wheel.joint for wheel in wheels]
+        and float(tree.frame(joint)[2, 3]) <= reach + radius
+    ]
+    return not low and all(
+        tree.lowest(link.name) > reach and not mesh_reaches(tree, link, ground)
+        for link in _others(tree, wheels)
     )
+
+
+def _shown(tree: FrozenTree, wheels: list[WheelCandidate]) -> bool:
+    """Return whether any link but the wheels has a shape."""
+    return any(
+        shape.kind == "mesh" or max(shape.size) > 0.0
+        for link in _others(tree, wheels)
+        for shape in link.shapes
+    )
+
+
+def mesh_reaches(tree: FrozenTree, link: Link, ground: float) -> bool:
+    """Tell whether a mesh of a link that keeps its height reaches the ground, at a height in m.
+
+    One that cannot be read reaches it if it is a caster's by its name.
+    """
+    if not all(map(tree.is_upright, tree.free_joints(link.name))):
+        return False
+    for shape in link.shapes:
+        if shape.kind != "mesh":
+            continue
+        try:
+            surfaces = read_shape(str(shape.mesh), shape.size, tree.description.mesh_paths).surfaces
+        except MeshError:
+            if any(word in link.name.lower() for word in CASTER_WORDS):
+                return True
+            continue
+        down = (tree.pose(link.name) @ shape.origin)[2]
+        lowest = min(float((s.vertices * shape.size @ down[:3]).min()) for s in surfaces) + down[3]
+        if lowest < ground + GROUND_TOLERANCE_M:
+            return True
+    return False
 
 
 def _drive(

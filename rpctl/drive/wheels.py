@@ -114,9 +114,7 @@ def find_candidates(tree: FrozenTree, specs: Mapping[str, WheelSpec]) -> list[Wh
     ]
 
 
-def as_candidate(
-    tree: FrozenTree, joint: Joint, spec: WheelSpec | None = None
-) -> WheelCandidate:
+def as_candidate(tree: FrozenTree, joint: Joint, spec: WheelSpec | None = None) -> WheelCandidate:
     """Return a joint with what its shapes, or the user, tell of it as a wheel's."""
     size = wheel_size(tree, joint)
     if spec is not None and spec.radius is not None:

@@ -114,7 +114,9 @@ class LeaningLinearDynamics:
 @lru_cache(maxsize=KEPT_ROBOTS)
 def linear_dynamics(robot: Robot) -> LinearDynamics | LeaningLinearDynamics:
     """Return the linear models of a robot; those of the last robots are kept."""
-    return LeaningLinearDynamics(robot) if isinstance(robot, LeaningRobot) else LinearDynamics(robot)
+    return (
+        LeaningLinearDynamics(robot) if isinstance(robot, LeaningRobot) else LinearDynamics(robot)
+    )
 
 
 def linearize(robot: Robot, q: Array, nu: Array, tau: Array) -> LinearModel:

@@ -106,7 +106,7 @@ class GroundReaction:
 
 
 def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Contacts | None:
-    """Return how a robot stands on the ground, or None for a fixed base.
+    """Return how a robot stands on the ground, or None for one that leans or has a fixed base.
 
     Args:
         dynamics: Its dynamics.
@@ -117,7 +117,7 @@ def find_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> Cont
     """
     require_positive("friction", friction)
     robot = dynamics.robot
-    if not robot.drive.wheels:
+    if not robot.drive.wheels or robot.drive.leans:
         return None
     q = pin.neutral(robot.model)
     supports = find_supports(robot)

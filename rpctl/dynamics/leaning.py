@@ -127,7 +127,9 @@ class LeaningFormulas:
                 if entry.is_pair
                 else (casadi.cos(q[entry.index]), casadi.sin(q[entry.index]))
             )
-            skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+            skew = np.array(
+                [[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]]
+            )
             places[joint] = R @ (np.eye(3) + sin * skew + (1 - cos) * (skew @ skew)), p
         return places
 
@@ -150,9 +152,7 @@ class LeaningFormulas:
         linear, angular = casadi.SX(3, robot.nv), casadi.SX(3, robot.nv)
         R, p = self._places[ROOT_JOINT]
         linear[:, :3], angular[:, 3:FREE_NV] = R, R
-        linear[:, 3:FREE_NV] = casadi.horzcat(
-            *(casadi.cross(R[:, k], point - p) for k in range(3))
-        )
+        linear[:, 3:FREE_NV] = casadi.horzcat(*(casadi.cross(R[:, k], point - p) for k in range(3)))
         for above in model.supports[joint]:
             if above <= ROOT_JOINT:
                 continue
@@ -171,7 +171,9 @@ class LeaningFormulas:
             return casadi.asin(left[2])
         ahead = casadi.vertcat(left[1], -left[0], 0) / casadi.sqrt(1 - left[2] * left[2])
         upright = self._places[ROOT_JOINT][0] @ UP
-        return casadi.atan2(casadi.dot(upright, ahead), casadi.dot(upright, casadi.cross(ahead, left)))
+        return casadi.atan2(
+            casadi.dot(upright, ahead), casadi.dot(upright, casadi.cross(ahead, left))
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,9 @@ import scipy
 
 from rpctl.arrays import Array
 from rpctl.description.frozen_tree import MAX_TILT_SINE, FrozenTree
-from rpctl.description.meshes.paths import MeshError
-from rpctl.description.meshes.reading import read_shape
 from rpctl.description.records import Joint, Link, Shape
-from rpctl.drive.wheels import CASTER_WORDS, GROUND_TOLERANCE_M
+from rpctl.drive.leaning import mesh_reaches
+from rpctl.drive.wheels import GROUND_TOLERANCE_M
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.model import Robot
 
@@ -90,32 +89,8 @@ def find_supports(robot: Robot) -> Supports:
             meshes.append(link.name)
     if not meshes and len(found) + len(wheels) < MIN_CONTACTS:
         others = (each for each in tree.description.links if not on_wheel(each))
-        meshes = [link.name for link in others if _mesh_reaches(robot, link)]
+        meshes = [link.name for link in others if mesh_reaches(tree, link, robot.drive.ground)]
     return Supports(tuple(found), tuple(meshes))
-
-
-def _mesh_reaches(robot: Robot, link: Link) -> bool:
-    """Tell whether a mesh of a link that keeps its height reaches the ground.
-
-    One that cannot be read reaches it if it is a caster's by its name.
-    """
-    tree = robot.tree
-    if not all(map(tree.is_upright, tree.free_joints(link.name))):
-        return False
-    for shape in link.shapes:
-        if shape.kind != "mesh":
-            continue
-        try:
-            surfaces = read_shape(str(shape.mesh), shape.size, tree.description.mesh_paths).surfaces
-        except MeshError:
-            if any(word in link.name.lower() for word in CASTER_WORDS):
-                return True
-            continue
-        down = (tree.pose(link.name) @ shape.origin)[2]
-        lowest = min(float((s.vertices * shape.size @ down[:3]).min()) for s in surfaces) + down[3]
-        if lowest < robot.drive.ground + GROUND_TOLERANCE_M:
-            return True
-    return False
 
 
 def _touching(

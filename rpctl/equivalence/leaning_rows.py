@@ -204,7 +204,9 @@ class LeaningGibbsAppell(GibbsAppell):
         a = np.cross(omega, np.matvec(J_v, v))
         rows = self.free_rates()
         root = LinkKinematics(R, omega, J_w, J_v, np.zeros_like(omega), a)
-        return self.terms(self._positions(q), v, root, JointRates(rows, dict.fromkeys(rows, 0.0), R))
+        return self.terms(
+            self._positions(q), v, root, JointRates(rows, dict.fromkeys(rows, 0.0), R)
+        )
 
     def rolling(self, q: Array, nu: Array) -> tuple[LinkKinematics, JointRates]:
         """Return the root link's motion in ν, and the rates of all joints."""

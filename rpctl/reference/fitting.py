@@ -205,14 +205,23 @@ def dry_friction(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:
         return np.zeros((len(samples.q), len(robot.actuators)))
     dry, found = replace(losses, damping=np.zeros(len(losses.damping))), []
     for q, v in zip(samples.q, velocities(dynamics, samples), strict=True):
-        found.append(dynamics.efforts(q, -dynamics.basis(q).T @ dry.force(v)))
+        found.append(nearest_efforts(dynamics, q, -dynamics.basis(q).T @ dry.force(v)))
     return np.array(found)
 
 
 def efforts(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:
     """Return the efforts (N, n_act) of the actuators that a motion takes at each sample."""
     rows = zip(samples.q, samples.nu, samples.nu_dot, strict=True)
-    return np.array([dynamics.efforts(q, dynamics.inverse(q, *rates)) for q, *rates in rows])
+    return np.array(
+        [nearest_efforts(dynamics, q, dynamics.inverse(q, *rates)) for q, *rates in rows]
+    )
+
+
+def nearest_efforts(dynamics: ReducedDynamics, q: Array, force: Array) -> Array:
+    """Return τ (n_act,) of a quasi-force (dof,); of a robot that leans, all but what tilts it."""
+    if not dynamics.robot.drive.leans:
+        return dynamics.efforts(q, force)
+    return np.asarray(np.linalg.lstsq(dynamics.actuation(q), force, rcond=None)[0])
 
 
 def velocities(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:

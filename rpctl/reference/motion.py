@@ -19,6 +19,7 @@ from rpctl.drive.rows import angle_of, rolling_row
 from rpctl.drive.steering import follower_positions, steer, trailing_positions
 from rpctl.errors import RpctlError
 from rpctl.reference.formula import Columns, Numbers, Reader
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import BASE_NV, Robot
 
 MAX_SHOWN_CHARACTERS = 80  # of a value in a message
@@ -200,7 +201,12 @@ def reference_rates(robot: Robot, state: ReferenceState) -> ReferenceRates:
     """
     drive = robot.drive
     speeds = np.stack([state.twist, state.twist_dot], axis=-2)  # (..., 2, 3)
-    if drive.steered:
+    if drive.leans:  # as it leans in the end: what tilts it is the law's
+        turned = steering(robot, state)[..., 1:, :]
+        still = np.zeros_like(speeds[..., :1])
+        ways = speeds[..., :1] if drive.steered else speeds[..., [0, 2]]
+        base = np.concatenate([ways, still, turned], axis=-1)
+    elif drive.steered:
         turned = steering(robot, state)
         own = speeds[..., :1] if drive.has_axle else _rolling_speed(robot, speeds, turned)
         base = np.concatenate([own, turned[..., 1:, :]], axis=-1)
@@ -278,6 +284,8 @@ def configurations(robot: Robot, pose: Array, joints: Array, steered: Array | No
         joints: Positions (K, n_joints), rad or m.
         steered: Positions of the steered joints (K, n_steered), rad; None for 0.
     """
+    if isinstance(robot, LeaningRobot):
+        return robot.configurations_at(pose, joints, steered)
     q = np.tile(pin.neutral(robot.model), (len(pose), 1))
     heading, (px, py) = pose[:, 2] - robot.drive.heading, robot.drive.point
     cos, sin = np.cos(heading), np.sin(heading)

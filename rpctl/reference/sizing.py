@@ -15,6 +15,7 @@ from rpctl.dynamics.rolling import find_rolling
 from rpctl.errors import RpctlError, require_positive
 from rpctl.files.records import NOT_NEGATIVE, POSITIVE, Record
 from rpctl.reference.time_law import Bound
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import BASE_NV, Robot
 
 WISHES = ("size", "speed", "laps")
@@ -287,7 +288,12 @@ def pivot_speeds(drive: Drive, swivel: Swivel, twists: Array) -> Array:
 
 def wheel_rates(robot: Robot) -> Array:
     """Return the map (n_wheels, 3) from P's twist to the wheels' rates, rad/s; 0 on swivels."""
-    rolling, rows = find_rolling(robot), np.zeros((len(robot.drive.wheels), BASE_NV))
+    rows = np.zeros((len(robot.drive.wheels), BASE_NV))
+    if isinstance(robot, LeaningRobot):
+        half = 0.0 if robot.rolls_sideways else 0.5 * robot.drive.track
+        radii = np.array([axle.radius for axle in robot.axles])
+        return np.column_stack([1.0 / radii, 0.0 * radii, [-half, half] / radii])
+    rolling = find_rolling(robot)
     for row, wheel, at in zip(rows, robot.drive.wheels, rolling.along, strict=True):
         if wheel.swivel is None:
             lever = rolling.matrix.constant[at, robot.velocity_index(wheel.joint)]

@@ -175,6 +175,21 @@ class LeaningRobot(Robot):
         left = np.sum(lefts, axis=0)
         return np.array([x, y, math.atan2(-left[0], left[1])])
 
+    def base_poses(self, q: Array) -> Array:
+        """Return the poses (K, 3) of P at q (K, nq), as :meth:`base_pose`."""
+        return np.array([self.base_pose(row) for row in q]).reshape(-1, 3)
+
+    def _move_root(self, pose: Array, q: Array) -> None:
+        """Move poses (3, 4, K) in place as the root does at q (K, nq)."""
+        R = np.stack([pin.Quaternion(row[3:FREE_NQ]).matrix() for row in q], axis=-1)
+        pose[:, 3] += np.einsum("ijk,kj->ik", pose[:, :3], q[:, :3])
+        pose[:, :3] = np.einsum("ijk,jlk->ilk", pose[:, :3], R)
+
+    def level_place(self, q: Array) -> list[float]:
+        """Return where the robot stands, seen from above: x and y of P (m), cosine and sine."""
+        x, y, theta = self.base_pose(q).tolist()
+        return [x, y, math.cos(theta), math.sin(theta)]
+
     def configuration_at(
         self, pose: Array, joints: Array, steering: Array | None = None, tilt: float = 0.0
     ) -> Array:
@@ -185,12 +200,36 @@ class LeaningRobot(Robot):
             positions |= dict(zip(names, steering, strict=True))
         q = self.configuration(0.0, 0.0, 0.0, positions, tilt)
         x, y, theta = self.base_pose(q)
-        turn = pose[2] - theta
-        cos, sin = math.cos(turn), math.sin(turn)
-        rotated = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 0.0, turn)) * pin.Quaternion(q[3:FREE_NQ])
-        q[3:FREE_NQ] = rotated.coeffs()
-        q[:2] = pose[0] - cos * x + sin * y, pose[1] - sin * x - cos * y
-        return q
+        cos, sin = math.cos(theta), math.sin(theta)
+        back = np.array([-cos * x - sin * y, sin * x - cos * y, -theta])
+        return self.placed(self.placed(q, back), pose)
+
+    def configurations_at(self, pose: Array, joints: Array, steering: Array | None) -> Array:
+        """Return q (K, nq) for poses of P (K, 3) and positions; upright, as :meth:`configuration`.
+
+        Args:
+            pose: m and rad.
+            joints: Positions of the arm (K, n_joints), rad or m.
+            steering: Positions of the steered joints (K, n_steered), rad; None for 0.
+        """
+        turned = np.zeros((len(pose), len(self.drive.steered))) if steering is None else steering
+        alike: dict[bytes, Array] = {}  # at the origin, by positions
+        found = np.empty((len(pose), self.nq))
+        for k, (place, arm, own) in enumerate(zip(pose, joints, turned, strict=True)):
+            key = arm.tobytes() + own.tobytes()
+            if key not in alike:
+                alike[key] = self.configuration_at(np.zeros(3), arm, own)
+            found[k] = self.placed(alike[key], place)
+        return found
+
+    @staticmethod
+    def placed(q: Array, pose: Array) -> Array:
+        """Return q (nq,), of which P is at the origin, moved to a pose of P (3,)."""
+        found, (cos, sin) = q.copy(), (math.cos(pose[2]), math.sin(pose[2]))
+        found[:2] = pose[0] + cos * q[0] - sin * q[1], pose[1] + sin * q[0] + cos * q[1]
+        turn = pin.Quaternion(np.array([0.0, 0.0, math.sin(0.5 * pose[2]), math.cos(0.5 * pose[2])]))
+        found[3:FREE_NQ] = (turn * pin.Quaternion(q[3:FREE_NQ])).coeffs()
+        return found
 
     def tilt(self, q: Array) -> float:
         """Return its pitch, or a bicycle's roll, at q (nq,), rad."""

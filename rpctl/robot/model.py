@@ -176,19 +176,20 @@ class Robot:
     def _move(self, pose: Array, joint: int, q: Array) -> None:
         """Move poses (3, 4, K) in place as a joint moves at q (K, nq)."""
         if joint == ROOT_JOINT:
-            x, y, cos, sin = q[:, :BASE_NQ].T
-            pose[:, 3] += pose[:, 0] * x + pose[:, 1] * y
-            axis = np.array([0.0, 0.0, 1.0])
-        else:
-            name = self.model.names[joint]
-            axis, entry = self.description.joint[name].axis, self.entries[name]
-            if self.description.joint[name].kind == "prismatic":
-                pose[:, 3] += np.einsum("ijk,j->ik", pose[:, :3], axis) * q[:, entry.index]
-                return
-            cos, sin = entry.directions(q)
-        skew = np.cross(np.eye(3), axis)
-        across = np.einsum("ijk,jl->ilk", pose[:, :3], skew)
-        pose[:, :3] += sin * across + (1.0 - cos) * np.einsum("ijk,jl->ilk", across, skew)
+            self._move_root(pose, q)
+            return
+        name = self.model.names[joint]
+        axis, entry = self.description.joint[name].axis, self.entries[name]
+        if self.description.joint[name].kind == "prismatic":
+            pose[:, 3] += np.einsum("ijk,j->ik", pose[:, :3], axis) * q[:, entry.index]
+            return
+        _turn(pose, axis, *entry.directions(q))
+
+    def _move_root(self, pose: Array, q: Array) -> None:
+        """Move poses (3, 4, K) in place as the root does at q (K, nq)."""
+        x, y, cos, sin = q[:, :BASE_NQ].T
+        pose[:, 3] += pose[:, 0] * x + pose[:, 1] * y
+        _turn(pose, np.array([0.0, 0.0, 1.0]), cos, sin)
 
     @cached_property
     def effort_limits(self) -> Array:
@@ -348,6 +349,18 @@ class Robot:
         theta = math.atan2(sin, cos) + self.drive.heading
         return np.array([q[0] + cos * px - sin * py, q[1] + sin * px + cos * py, theta])
 
+    def base_poses(self, q: Array) -> Array:
+        """Return the poses (K, 3) of P at q (K, nq), as :meth:`base_pose`."""
+        x, y, cos, sin = q[:, :BASE_NQ].T
+        px, py = self.drive.point
+        heading = np.arctan2(sin, cos) + self.drive.heading
+        return np.column_stack([x + cos * px - sin * py, y + sin * px + cos * py, heading])
+
+    def level_place(self, q: Array) -> list[float]:
+        """Return where the robot stands, seen from above: x and y (m), cosine and sine."""
+        found: list[float] = q[:BASE_NQ].tolist()
+        return found
+
     def root_pose(self, pose: Array) -> tuple[float, float, float]:
         """Return the root link's pose (x, y, θ) for that of P (3,): :meth:`base_pose` inverted."""
         theta = pose[2] - self.drive.heading
@@ -393,6 +406,13 @@ class Robot:
         given = self.loaded_with.home
         positions = given if isinstance(given, Mapping) else {}
         return read_only([positions.get(joint.name, _home(joint)) for joint in self.joints])
+
+
+def _turn(pose: Array, axis: Array, cos: Array, sin: Array) -> None:
+    """Turn poses (3, 4, K) in place about an axis (3,) of theirs, by cosines and sines (K,)."""
+    skew = np.cross(np.eye(3), axis)
+    across = np.einsum("ijk,jl->ilk", pose[:, :3], skew)
+    pose[:, :3] += sin * across + (1.0 - cos) * np.einsum("ijk,jl->ilk", across, skew)
 
 
 def _home(joint: Joint) -> float:

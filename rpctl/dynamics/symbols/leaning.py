@@ -46,7 +46,9 @@ class LeaningEquations:
             known = robot.losses
             force += (known.damping + known.friction / casadi.sqrt(v * v + known.rate**2)) * v
         left = casadi.vertcat(
-            L @ v - casadi.vertcat(still, nu), L @ v_dot + rate - casadi.vertcat(still, nu_dot), force
+            L @ v - casadi.vertcat(still, nu),
+            L @ v_dot + rate - casadi.vertcat(still, nu_dot),
+            force,
         )
         z = casadi.vertcat(v, v_dot, nu_dot, multipliers)
         given = casadi.horzcat(

@@ -16,6 +16,7 @@ from rpctl.dynamics.symbols.basis import SINGULAR
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import RowFunction
 from rpctl.kernels.program import dense_function
+from rpctl.reference.sizing import wheel_rates
 from rpctl.reference.motion import (
     ReferenceState,
     ReferenceTable,
@@ -134,8 +135,7 @@ class _Reference:
 
     def _headings_of(self, samples: Samples) -> Array:
         """Return the headings (K, 2) of the base and of its reference, rad."""
-        q = samples.columns["q"]
-        base = np.arctan2(q[:, 3], q[:, 2]) + self._robot.drive.heading
+        base = self._robot.base_poses(samples.columns["q"])[:, 2]
         return np.column_stack([base, samples.reference.state.pose[:, 2]])
 
     def _rolled(self, reference: ReferenceTable, nu: Array, steered: Array) -> Array:
@@ -147,8 +147,11 @@ class _Reference:
             steered: Positions of its steered joints (K, n_steered), rad.
         """
         steps = np.diff(reference.t, prepend=self._t)
-        if self._dynamics.constant:
-            rates = nu @ self._dynamics.basis(self._robot.configuration())[self._indices].T
+        if self._dynamics.constant or self._robot.drive.leans:
+            if self._robot.drive.leans:
+                rates = reference.state.twist @ wheel_rates(self._robot).T
+            else:
+                rates = nu @ self._dynamics.basis(self._robot.configuration())[self._indices].T
             before = np.vstack([self._rates, rates[:-1]])
             rolled = np.cumsum(np.vstack([self._angles, steps[:, None] * before]), axis=0)[1:]
             self._angles, self._rates = rolled[-1], rates[-1]

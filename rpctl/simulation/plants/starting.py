@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.balance import Posture
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.contact import MujocoMotion, ServoInterface
@@ -71,7 +73,14 @@ def perturbed_plant(robot: Robot) -> Plant:
 
 
 def rest_at(simulated: ReducedDynamics, plant: Plant, q: Array) -> Rest:
-    """Return the simulated robot at rest at q (nq,), and the efforts that hold it there."""
+    """Return the simulated robot at rest at q (nq,), and the efforts that hold it there.
+
+    One that leans is put into balance.
+    """
+    if isinstance(simulated.robot, LeaningRobot):
+        robot = simulated.robot
+        steady = Posture(simulated).steady(0.0, 0.0, robot.joint_positions(q))
+        return Rest(robot.placed(steady.q, robot.base_pose(q)), steady.tau)
     holding = simulated.efforts(q, simulated.bias(q, np.zeros(simulated.robot.dof)))
     return Rest(q, np.asarray(holding - plant.bias(simulated.robot)))
 

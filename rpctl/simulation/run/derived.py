@@ -77,7 +77,7 @@ class Derivation:
     def _places(self, log: Log) -> dict[str, Array]:
         """Return where the robot and its reference are."""
         robot, q = self.robot, log.q
-        base = _base_poses(robot, q)
+        base = robot.base_poses(q)
         joints = _positions(robot, q, robot.joint_names)
         e = _tracking_errors(robot, base, joints, log)
         return {
@@ -123,7 +123,10 @@ class Derivation:
 
     def _motion(self, q: Array, v: Array) -> dict[str, Array]:
         """Return what velocities (K, nv) say: rates, and how well the constraints are kept."""
-        slip = np.matvec(constraint(self.dynamics.rolling, q), v)
+        if self.robot.drive.leans:
+            slip = np.array([self.dynamics.constraint(a) @ b for a, b in zip(q, v, strict=True)])
+        else:
+            slip = np.matvec(constraint(self.dynamics.rolling, q), v)
         return {
             "rates": v @ self.dynamics.columns,
             "other_rates": v[:, self._other_indices],
@@ -166,14 +169,6 @@ def reference_configurations(robot: Robot, pose: Array, joints: Array, wheels: A
     for name, positions in zip(reference_wheels(robot)[steered:], wheels.T[steered:], strict=True):
         robot.entries[name].write_all(q, positions)
     return q
-
-
-def _base_poses(robot: Robot, q: Array) -> Array:
-    """Return the poses (K, 3) of P at q (K, nq); m, rad."""
-    x, y, cos, sin = q[:, :4].T
-    px, py = robot.drive.point
-    heading = np.arctan2(sin, cos) + robot.drive.heading
-    return np.column_stack([x + cos * px - sin * py, y + sin * px + cos * py, heading])
 
 
 def _positions(robot: Robot, q: Array, names: tuple[str, ...]) -> Array:

@@ -82,7 +82,8 @@ class PinocchioStates:
         """Return whether so many states are worth the time that machine code takes to build."""
         dof = self.dynamics.robot.dof
         each = STATE_S if self.dynamics.constant else TURNING_STATE_S
-        return dof <= MOST_DOF and each * count >= 0.5 * BUILD_S * dof**2
+        built = dof <= MOST_DOF and not self.dynamics.robot.drive.leans
+        return built and each * count >= 0.5 * BUILD_S * dof**2
 
 
 EQUAL = 1e-9  # of a quantity's largest entry, or of 1: rounding leaves 1e-12
