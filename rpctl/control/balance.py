@@ -7,10 +7,10 @@ the equations of motion. About it the robot is linear,
     ẋ = A x + B u,   x = (tilt, steering and joints, ν),   u = τ less the steady motion's,
 
 with :func:`rpctl.linearize`'s A and B, seen from the ground and sampled exactly with efforts that
-are held for a period. u = −K x makes Σ xᵀQ x + aᵀR a least, a the accelerations that u gives wheels,
-steering and joints: of light legs and heavy frames alike it asks what both can do. K is made for a
-table of speeds. Efforts come late; x is foretold by the linear model for as long as that is told, or
-taken to be.
+are held for a period. u = −K x makes Σ xᵀQ x + aᵀR a least, a the accelerations that u gives
+wheels, steering and joints: of light legs and heavy frames alike it asks what both can do. K is
+made for a table of speeds. Efforts come late; x is foretold by the linear model for as long as that
+is told, or taken to be.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
 from rpctl.arrays import Array
-from rpctl.control.law import Command, Efforts, Goal, Limit, ReportsNothing, Rest
+from rpctl.control.law import Command, Efforts, Limit, ReportsNothing, Rest
 from rpctl.dynamics.derivatives import linearize
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError

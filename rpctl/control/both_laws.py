@@ -173,7 +173,8 @@ def _kernel(
 ) -> tuple[RunningLaws | None, bool]:
     """Return both laws as one kernel, if they can be, and whether it is machine code."""
     (kinematic, sent), (dynamics, period, rest) = laws, started
-    if dynamics.robot.drive.leans or unsupported(kinematic, PaperDynamic() if isinstance(sent, VelocityOutput) else sent):
+    dynamic = PaperDynamic() if isinstance(sent, VelocityOutput) else sent
+    if dynamics.robot.drive.leans or unsupported(kinematic, dynamic):
         return None, compiled
     compiled = compiled and no_machine_code(kinematic, dynamics.robot) is None
     try:
@@ -182,9 +183,7 @@ def _kernel(
         return running_laws(kinematic, sent, dynamics, period, rest), False
 
 
-def _nothing(
-    dynamics: ReducedDynamics, q: Array, nu: Array, command: Command
-) -> Efforts:
+def _nothing(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
     """Return no efforts."""
     return Efforts(np.zeros(len(dynamics.robot.actuators)))
 

@@ -17,6 +17,7 @@ from rpctl.control.law_kernel import LimitedLaw, RunningLaws, running_laws
 from rpctl.control.twist_law import BaseLaw, formula
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
+from rpctl.errors import UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.robot.model import Robot
 
@@ -46,6 +47,11 @@ class ClosedFormDynamic(Record, ABC):
         Raises:
             RpctlError: A setting does not fit the robot or the period.
         """
+        if dynamics.robot.drive.leans:
+            raise UnfitLawError(
+                f"{dynamics.robot.name} leans, and {_name(self)} does not balance it; take the "
+                "dynamic law balance"
+            )
         return LimitedLaw(running or running_laws(None, self, dynamics, period, rest))
 
     def structure(self, robot: Robot) -> object:

@@ -8,7 +8,14 @@ from dataclasses import replace
 from rpctl.description.frozen_tree import FrozenTree
 from rpctl.drive.assemble import assemble
 from rpctl.drive.controls import PLANAR, BaseControl, plugin_controls
-from rpctl.drive.drive import FIXED_BASE, LEANING, POWERED_CASTERS, Drive, DriveSpec
+from rpctl.drive.drive import (
+    FIXED_BASE,
+    LEANING,
+    POWERED_CASTERS,
+    SELF_BALANCING,
+    Drive,
+    DriveSpec,
+)
 from rpctl.drive.evidence import Evidence, gather_evidence
 from rpctl.drive.leaning import find_leaning
 from rpctl.drive.leftovers import explain_leftovers, lock_option
@@ -34,6 +41,8 @@ MADE_FOR = {  # type of the drive that a control is made for: that of parallel w
     "differential": SKID_STEER,
 }
 MECANUM_ROBOTS = ("youbot",)  # whose files give neither rollers nor a word of them
+ONE_AXLE = "differential", "bicycle"  # drives that two wheels make
+FREE = "free"  # the root of one that leans
 NO_LEANING = (
     "no robot that leans: on a free root two wheels stand alone on the ground, on one axle, at the "
     "ends of legs, or one behind the other with a joint that steers"
@@ -66,17 +75,32 @@ def detect(
     spec = spec or DriveSpec()
     if spec.type == "fixed":
         return FIXED_BASE
-    leaning = spec.type in LEANING if spec.type else root != "planar"
-    if leaning:
-        drive = find_leaning(tree, spec, bool(spec.type or root))
-        if drive is not None and spec.type in (None, drive.type):
-            return drive
-        if spec.type or root == "free":
+    if spec.type in LEANING or root == FREE:
+        drive = find_leaning(tree, spec, asked=True)
+        if drive is None or spec.type not in (None, drive.type):
             found = f"it is a {drive.type} robot" if drive else NO_LEANING
-            raise DriveError(
-                f"{tree.description.path}: {found}; say --root planar, or leave --root out"
-            )
+            raise DriveError(f"{tree.description.path}: {found}; leave --root and --drive out")
+        return drive
     controls = plugin_controls(tree.description) if controls is None else controls
+    try:
+        level = _level(tree, spec, controls, free)
+    except DriveError:
+        drive = None if spec.type or root else find_leaning(tree, spec)
+        if drive is None or drive.type == SELF_BALANCING:
+            raise
+        return drive
+    if spec.type or root or controls or level.type not in ONE_AXLE or len(level.wheels) != 2:
+        return level
+    return find_leaning(tree, spec) or level
+
+
+def _level(
+    tree: FrozenTree,
+    spec: DriveSpec,
+    controls: tuple[BaseControl, ...],
+    free: Collection[str],
+) -> Drive:
+    """Return the drive of a robot whose root link stays level; see :func:`detect`."""
     evidence = gather_evidence(tree, spec, controls, free)
     if spec.type is None and _is_arm(evidence):
         return _fixed(evidence)

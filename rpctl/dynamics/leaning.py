@@ -13,10 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from rpctl import math as casadi  # imported when a robot leans
@@ -27,6 +28,7 @@ from rpctl.errors import RpctlError, SingularBasisError
 from rpctl.robot.coordinates import ROOT_JOINT
 from rpctl.robot.leaning import FREE_NQ, FREE_NV, UP, Axle, LeaningRobot, contact_arm
 
+KEPT_ROBOTS = 4  # whose formulas are kept
 MAX_SETTLING = 20  # steps of Newton's that bring wheels back to the ground
 SETTLED_M = 1e-13  # m, of the robot's size
 
@@ -74,6 +76,19 @@ class LeaningFormulas:
         names = [*(swivel.joint for swivel in robot.drive.steered), *robot.joint_names]
         joints = np.eye(robot.nv)[[robot.velocity_index(name) for name in names]]
         self.W = casadi.vertcat(*own, casadi.SX(joints))
+
+    @cached_property
+    def functions(self) -> tuple[Callable[..., Any], ...]:
+        """[A; W], its rate times v, the twist's map, and the heights with their rates, at q."""
+        v, rows = casadi.SX.sym("v", self.robot.nv), self.A.shape[0]
+        L = casadi.vertcat(self.A, self.W)
+        rate = casadi.jtimes(L @ v, self.q, self.rate @ v)
+        return (
+            self.function("equations", [self.q], [L]),
+            self.function("rates", [self.q, v], [rate]),
+            self.function("twist", [self.q], [self.twist]),
+            self.function("heights", [self.q], [self.heights, self.A[rows - 2 :, :]]),
+        )
 
     def function(self, name: str, given: list[Any], found: list[Any]) -> Callable[..., Any]:
         """Return a function of dense arrays."""
@@ -139,31 +154,30 @@ class LeaningFormulas:
         centre, left = p + R @ axle.centre, R @ axle.left
         a = [left[0], left[1], left[2]]
         arm = casadi.vertcat(*contact_arm(a, axle, casadi.sqrt))
-        linear, angular = self._jacobian(axle.joint, centre + arm)
+        linear = self._jacobian(axle.joint, centre + arm)
         sine = casadi.sqrt(1 - a[2] * a[2])
         ahead = casadi.vertcat(a[1], -a[0], 0) / sine
         beside = casadi.vertcat(a[0], a[1], 0) / sine
         height = axle.lowest(centre[2], a[2], casadi.sqrt)
         return _Wheel(centre, left, arm, height, ahead.T @ linear, beside.T @ linear)
 
-    def _jacobian(self, joint: int, point: Any) -> tuple[Any, Any]:
-        """Return velocity (3, nv) of a point fixed to a joint's body, and angular velocity."""
+    def _jacobian(self, joint: int, point: Any) -> Any:
+        """Return the velocity (3, nv) of a point fixed to a joint's body."""
         robot, model = self.robot, self.robot.model
-        linear, angular = casadi.SX(3, robot.nv), casadi.SX(3, robot.nv)
+        found = casadi.SX(3, robot.nv)
         R, p = self._places[ROOT_JOINT]
-        linear[:, :3], angular[:, 3:FREE_NV] = R, R
-        linear[:, 3:FREE_NV] = casadi.horzcat(*(casadi.cross(R[:, k], point - p) for k in range(3)))
+        found[:, :3] = R
+        for k in range(3):
+            found[:, 3 + k] = casadi.cross(R[:, k], point - p)
         for above in model.supports[joint]:
             if above <= ROOT_JOINT:
                 continue
             name, index = model.names[above], int(model.joints[above].idx_v)
             R, p = self._places[above]
             axis = R @ robot.description.joint[name].axis
-            if robot.description.joint[name].kind == "prismatic":
-                linear[:, index] = axis
-            else:
-                linear[:, index], angular[:, index] = casadi.cross(axis, point - p), axis
-        return linear, angular
+            slides = robot.description.joint[name].kind == "prismatic"
+            found[:, index] = axis if slides else casadi.cross(axis, point - p)
+        return found
 
     def _tilt(self, left: Any) -> Any:
         """Return the coordinate that the robot balances; see :class:`LeaningRobot`."""
@@ -174,6 +188,12 @@ class LeaningFormulas:
         return casadi.atan2(
             casadi.dot(upright, ahead), casadi.dot(upright, casadi.cross(ahead, left))
         )
+
+
+@lru_cache(maxsize=KEPT_ROBOTS)
+def find_formulas(robot: LeaningRobot) -> LeaningFormulas:
+    """Return the formulas of a robot; those of the last robots are kept."""
+    return LeaningFormulas(robot)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,23 +250,9 @@ class LeaningProjector:
     def __init__(self, robot: LeaningRobot) -> None:
         self.robot = robot
         self.columns = effort_columns(robot)
-        self.formulas = LeaningFormulas(robot)
-        self.rows = self.formulas.A.shape[0]
+        formulas = find_formulas(robot)
+        self.rows, self._functions = formulas.A.shape[0], formulas.functions
         self._last: tuple[bytes, LeaningProjection] | None = None
-
-    @cached_property
-    def _functions(self) -> tuple[Callable[..., Any], ...]:
-        f = self.formulas
-        v = casadi.SX.sym("v", self.robot.nv)
-        L = casadi.vertcat(f.A, f.W)
-        rate = casadi.jtimes(L @ v, f.q, f.rate @ v)
-        rise = f.A[self.rows - 2 :, :]
-        return (
-            f.function("equations", [f.q], [L]),
-            f.function("rates", [f.q, v], [rate]),
-            f.function("twist", [f.q], [f.twist]),
-            f.function("heights", [f.q], [f.heights, rise]),
-        )
 
     def equations(self, q: Array) -> Array:
         """Return [A; W] (nv, nv) at q (nq,)."""
@@ -300,8 +306,6 @@ class LeaningProjector:
         Raises:
             RpctlError: No way does.
         """
-        import pinocchio as pin
-
         for _ in range(MAX_SETTLING):
             heights, rise = (each.full() for each in self._functions[3](q))
             if np.abs(heights).max() <= SETTLED_M:

@@ -19,8 +19,8 @@ from rpctl.dynamics.projection import Projection, Projector
 from rpctl.dynamics.rolling import RollingConstraints, find_rolling
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT, Workspace
-from rpctl.robot.losses import Losses
 from rpctl.robot.leaning import LeaningRobot
+from rpctl.robot.losses import Losses
 from rpctl.robot.model import Robot
 
 

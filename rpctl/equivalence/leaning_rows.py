@@ -133,7 +133,7 @@ class LeaningRows(ABC):
 
 
 class LeaningFileRows(LeaningRows):
-    """The rows by the file's places, for v of a ``JointModelFreeFlyer``: in the root link's axes."""
+    """The rows by the file's places, for v of a ``JointModelFreeFlyer``, in the root's axes."""
 
     def __init__(self, robot: LeaningRobot, tree: Tree) -> None:
         index = {name: robot.velocity_index(name) for name in robot.moving_joint_names}

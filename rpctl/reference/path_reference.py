@@ -45,6 +45,8 @@ class Waves:
 def waves(robot: Robot, length: float = 1.0) -> Waves:
     """Return motions of a robot's arm that stay inside its position and velocity limits.
 
+    Legs stand still.
+
     Args:
         length: Its length, m: sliding joints swing in proportion, and periods grow as its root,
             so that accelerations stay what they are.
@@ -55,7 +57,8 @@ def waves(robot: Robot, length: float = 1.0) -> Waves:
         rate = 2.0 * math.pi / period
         rates.append(rate)
         widest = MAX_REVOLUTE_SWING if joint.kind != "prismatic" else MAX_PRISMATIC_SWING * length
-        swings.append(min(widest, _swing(robot, joint, float(home), rate)))
+        swing = min(widest, _swing(robot, joint, float(home), rate))
+        swings.append(0.0 if joint.name in robot.legs else swing)
     return Waves(robot.home.copy(), np.array(swings), np.array(rates))
 
 

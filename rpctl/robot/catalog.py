@@ -69,6 +69,9 @@ ENTRIES = (
     _own("twin_casters", "four steered casters of two driven wheels, torso lift, head"),
     _own("casters", "differential drive, passive swivel casters, lift, arm that extends"),
     _own("caster_drive", "three powered casters, arm that yaws and lifts"),
+    _own("balancer", "self-balancing base on two wheels, arm of one joint"),
+    _own("wheel_legs", "body on two legs of two joints, a wheel at the end of each"),
+    _own("whipple", "bicycle that leans, of the benchmark of 2007: rear wheel drives, fork steers"),
     _own("omni", "three omni wheels, 3R arm"),
     _own("arm", "fixed base, arm of 2 prismatic and 3 revolute joints", "fixed"),
     Entry(

@@ -106,6 +106,8 @@ def meanings(robot: Robot) -> dict[str, str]:
         "vy": "speed of the root link's origin along its y axis, m/s",
         "v": "forward speed of P, m/s",
         "omega": "turning rate of the base, rad/s",
+        "pitch_rate": "rate of the root link's pitch, forward positive, rad/s",
+        "roll_rate": "rate of the root link's roll, to the right positive, rad/s",
     }
     if drive.steered and not drive.has_axle:
         first = [drive.wheels[i].joint for i in drive.carried(drive.steered[0])]

@@ -227,7 +227,8 @@ class LeaningRobot(Robot):
         """Return q (nq,), of which P is at the origin, moved to a pose of P (3,)."""
         found, (cos, sin) = q.copy(), (math.cos(pose[2]), math.sin(pose[2]))
         found[:2] = pose[0] + cos * q[0] - sin * q[1], pose[1] + sin * q[0] + cos * q[1]
-        turn = pin.Quaternion(np.array([0.0, 0.0, math.sin(0.5 * pose[2]), math.cos(0.5 * pose[2])]))
+        half = 0.5 * pose[2]
+        turn = pin.Quaternion(np.array([0.0, 0.0, math.sin(half), math.cos(half)]))
         found[3:FREE_NQ] = (turn * pin.Quaternion(q[3:FREE_NQ])).coeffs()
         return found
 

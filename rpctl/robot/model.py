@@ -74,6 +74,13 @@ class Robot:
         return tuple(joint.name for joint in self.joints)
 
     @cached_property
+    def legs(self) -> frozenset[str]:
+        """Names of the joints at whose ends wheels are."""
+        parts = (self.description.joint[wheel.joint] for wheel in self.drive.wheels)
+        carriers = {above.name for part in parts for above in self.tree.free_joints(part.parent)}
+        return frozenset(carriers.intersection(self.joint_names))
+
+    @cached_property
     def entries(self) -> dict[str, JointEntry]:
         """The entries in q of all the model's joints, by name."""
         return joint_entries(self.model)

@@ -21,13 +21,14 @@ TRANSMISSION = """<transmission name="{0}_drive"><type>simple</type><joint name=
 
 @dataclass(frozen=True)
 class Files:
-    """A folder for URDFs and drive files."""
+    """A folder for URDFs and drive files; robots load with a level root."""
 
     folder: Path
 
     def load(self, parts: Parts | str, drive: str = "", **options: object) -> Robot:
         path = write(self.folder, parts if isinstance(parts, str) else xml(parts))
         drive_source = write(self.folder, drive, "drive.toml") if "=" in drive else drive or None
+        options = {"root": "planar"} | options
         return rpctl.load(path, drive=drive_source, **options)  # type: ignore[arg-type]
 
     def refusal(self, parts: Parts | str, drive: str = "", **options: object) -> str:

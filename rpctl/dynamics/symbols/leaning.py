@@ -15,7 +15,7 @@ import numpy as np
 
 from rpctl import math as casadi  # imported when a function is asked for
 from rpctl.arrays import Array
-from rpctl.dynamics.leaning import LeaningFormulas
+from rpctl.dynamics.leaning import find_formulas
 from rpctl.dynamics.projection import effort_columns
 from rpctl.dynamics.symbols.basis import SymbolicConfiguration
 from rpctl.dynamics.symbols.bodies import felt, inertias_of, moving_bodies
@@ -32,7 +32,7 @@ class LeaningEquations:
     """
 
     def __init__(self, robot: LeaningRobot) -> None:
-        f, nv, dof = LeaningFormulas(robot), robot.nv, robot.dof
+        f, nv, dof = find_formulas(robot), robot.nv, robot.dof
         rows, n_act = f.A.shape[0], len(robot.actuators)
         self._rows, self._f = rows, f
         q, nu, tau = f.q, casadi.SX.sym("nu", dof), casadi.SX.sym("tau", n_act)

@@ -116,6 +116,7 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
 
     plant = config.plant
     reasons = {
+        "the robot leans": robot.drive.leans,
         "every sample is watched when it is computed": watched,
         "the rate of efforts is limited": config.guards.effort_rate is not None,
         "the controller foretells a delay": bool(config.run.delay),

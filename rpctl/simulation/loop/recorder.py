@@ -16,7 +16,6 @@ from rpctl.dynamics.symbols.basis import SINGULAR
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import RowFunction
 from rpctl.kernels.program import dense_function
-from rpctl.reference.sizing import wheel_rates
 from rpctl.reference.motion import (
     ReferenceState,
     ReferenceTable,
@@ -24,6 +23,7 @@ from rpctl.reference.motion import (
     steering,
     table_of,
 )
+from rpctl.reference.sizing import wheel_rates
 from rpctl.robot.inspection import robot_identity
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.derived import TURN, Derivation, left, reference_configurations

@@ -204,6 +204,8 @@ def simulate(
             reference does not fit the robot, or it starts inside an obstacle.
     """
     robot, ended = config.limits.apply(robot), options.get("ended")
+    if robot.drive.leans and config.dynamic == default_laws()[1]:
+        config = replace(config, dynamic=default_laws(robot)[1])
     collisions = options.get("collisions", True)
     if reference is None:
         reference = config.run.load_reference(robot, collisions)
