@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
 from rpctl.arrays import Array
-from rpctl.control.law import Command, Efforts, Limit, ReportsNothing, Rest
+from rpctl.control.law import Command, Efforts, LeaningCommand, Limit, ReportsNothing, Rest
 from rpctl.dynamics.derivatives import linearize
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError
@@ -332,9 +332,10 @@ class BalanceController(ReportsNothing):
         Raises:
             RpctlError: The kinematic law tells no goal, or its goal is no motion of the robot.
         """
-        posture, goal, limits = self._posture, command.goal, self._posture.robot.effort_limits
-        if goal is None:
-            raise RpctlError("the kinematic law tells no goal; take one of rpctl's own")
+        posture, limits = self._posture, self._posture.robot.effort_limits
+        if not isinstance(command, LeaningCommand):
+            raise UnfitLawError("the kinematic law tells no goal to balance for; take unified")
+        goal = command.goal
         v, omega = posture.possible(goal.speed, goal.turn)
         near, share = self._near(v)
         steady = self._steady

@@ -28,7 +28,18 @@ class Command(NamedTuple):
 
     nu_d: Array  # (dof,)
     nu_d_dot: Array  # (dof,)
-    goal: Goal | None = None  # of a robot that leans
+
+
+class LeaningCommand(Command):
+    """A command to a robot that leans, with its goal."""
+
+    goal: Goal
+
+    def __new__(cls, nu_d: Array, nu_d_dot: Array, goal: Goal) -> LeaningCommand:
+        """Make a command that has a goal besides."""
+        made = super().__new__(cls, nu_d, nu_d_dot)
+        made.goal = goal
+        return made
 
 
 class Limit(NamedTuple):

@@ -25,7 +25,14 @@ from rpctl.control.error import (
     omnidirectional_twist,
 )
 from rpctl.control.fragment import ANSWERED, NO_COMMAND, REFUSED, LawFrame, is_fine, structure
-from rpctl.control.law import Command, Goal, ReportsNothing, Rest, TrackingController
+from rpctl.control.law import (
+    Command,
+    Goal,
+    LeaningCommand,
+    ReportsNothing,
+    Rest,
+    TrackingController,
+)
 from rpctl.control.law_kernel import CommandLaw, RunningLaws, running_laws
 from rpctl.control.steering import (
     Measured,
@@ -271,7 +278,7 @@ class LeaningWish(ReportsNothing):
             if "omega" in robot.quasi_velocities:
                 into[1] = given[1]
         speed, turn, ahead = float(asked[0]), float(asked[1]), float(state.twist_dot[0])
-        return Command(nu_d, nu_d_dot, Goal(speed, turn, ahead, state.joints))
+        return LeaningCommand(nu_d, nu_d_dot, Goal(speed, turn, ahead, state.joints))
 
 
 def _numbers(record: BaseLaw | Leash) -> dict[str, float]:

@@ -276,7 +276,7 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Itera
     joint = robot.description.joint[swivel.joint]
     origin, axis = robot.tree.frame(joint)[:3, 3], robot.tree.axis(joint)
     lean = math.atan2(math.hypot(axis[0], axis[1]), abs(float(axis[2])))
-    if lean > ANGLE_ROUNDING:
+    if lean > ANGLE_ROUNDING and not robot.drive.leans:
         shift = abs(float(origin[2]) - robot.drive.ground) * math.tan(lean)
         yield Idealisation(
             "swivel lean",

@@ -16,7 +16,7 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import LEANING_BICYCLE, Wheel
 from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.model import Robot
+from rpctl.robot.model import NamedState, Robot
 
 FREE_NQ, FREE_NV = 7, 6  # x, y, z and a quaternion (x, y, z, w); linear and angular velocity
 MAX_TILT = 1.2  # rad; a robot that pitches or rolls so far lies on the ground
@@ -231,6 +231,37 @@ class LeaningRobot(Robot):
         turn = pin.Quaternion(np.array([0.0, 0.0, math.sin(half), math.cos(half)]))
         found[3:FREE_NQ] = (turn * pin.Quaternion(q[3:FREE_NQ])).coeffs()
         return found
+
+    def state(
+        self,
+        pose: Sequence[float] = (0.0, 0.0, 0.0),
+        twist: Sequence[float] = (),
+        joints: Mapping[str, float] | None = None,
+        rates: Mapping[str, float] | None = None,
+        twist_frame: str = "body",
+        tilt: float = 0.0,
+    ) -> tuple[Array, Array]:
+        """Return q (nq,) and ν (dof,) of a state that is given by names, as of any robot.
+
+        Args:
+            pose: Of the root link seen from above.
+            twist: The base's quasi-velocities, the tilt's rate among them.
+            joints: Positions by joint name.
+            rates: Rates of the arm's joints by name.
+            twist_frame: ``"body"``.
+            tilt: Its pitch, or a bicycle's roll, rad.
+        """
+        q, nu = super().state(pose, twist, joints, rates, twist_frame)
+        return self.configuration(*pose, joints, tilt) if tilt else q, nu
+
+    def state_of(self, q: Array, nu: Array) -> NamedState:
+        """Return the state that q (nq,) and ν (dof,) stand for, by names; its tilt is left out."""
+        count = len(self.drive.base_speeds)
+        x, y, _ = q[:3].tolist()
+        theta = self.base_pose(q)[2] - self.drive.heading
+        positions = {name: self.joint_position(q, name) for name in self.moving_joint_names}
+        rates = dict(zip(self.joint_names, nu[count:].tolist(), strict=True))
+        return NamedState((x, y, float(theta)), tuple(nu[:count].tolist()), positions, rates)
 
     def tilt(self, q: Array) -> float:
         """Return its pitch, or a bicycle's roll, at q (nq,), rad."""

@@ -286,7 +286,7 @@ def test_one_support_that_swivels_among_others_moves_the_polygon(tmp_path: Path)
 
 
 def test_wheels_alone_hold_no_balance(tmp_path: Path) -> None:
-    robot = rpctl.load(write_cart(tmp_path))
+    robot = rpctl.load(write_cart(tmp_path), root="planar")
     dynamics = ReducedDynamics(robot)
     contacts = contacts_of(dynamics)
     assert not contacts.balanced

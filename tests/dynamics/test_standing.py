@@ -43,7 +43,7 @@ def on_two_wheels(
     parts.append(
         urdf.joint("arm_joint", "revolute", ("base", "arm"), (arm_x, 0.0, 0.3), "0 1 0", limit)
     )
-    return rpctl.load(write(folder, urdf.robot("base", *parts)), home=("zero",))
+    return rpctl.load(write(folder, urdf.robot("base", *parts)), home=("zero",), root="planar")
 
 
 def standing(robot: Robot) -> Standing:

@@ -13,7 +13,7 @@ from rpctl import Robot
 from rpctl.arrays import Array
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics import rolling
-from rpctl.dynamics.projection import Projection
+from rpctl.dynamics.projection import LevelProjection, Projection
 from rpctl.dynamics.rolling import selection
 from tests.equivalence.fault_injection import (
     Injection,
@@ -170,7 +170,7 @@ MUTATIONS: dict[str, Injection] = {
     "M: an entry 1e-6 smaller": in_method("inertia", scaled((0, 0), 1.0 - SMALL)),
     "M: not symmetric": in_method("inertia", scaled((1, -1))),
     "S: slip in turns": in_method("at", slipping),
-    "Ṡν: classical acceleration": in_method("drift", drifting, Projection),
+    "Ṡν: classical acceleration": in_method("drift", drifting, LevelProjection),
     "B: sign of an arm joint": in_method("actuation", scaled((-1, -1), -1.0)),
     "B: sign of a wheel, everywhere": in_method("__init__", wheel_sign),
     "ν̇: 1e-6 larger": in_method("forward", scaled(slice(None))),

@@ -1,0 +1,135 @@
+"""Wheels that lean: Whipple's bicycle as published, and what keeps wheels on the ground."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rpctl
+from rpctl import ReducedDynamics
+from rpctl.arrays import Array
+from rpctl.dynamics.leaning import LeaningProjector
+from rpctl.errors import SingularBasisError
+from rpctl.files import toml
+from tests.dynamics.whipple import (
+    BENCHMARK,
+    GRAVITY,
+    PUBLISHED,
+    LinearBicycle,
+    linear_equations,
+    urdf,
+)
+from tests.robots import write
+
+BICYCLES = toml.read(
+    Path(__file__).with_name("bicycles.toml"), lambda data, _: data, "a table of bicycles"
+)
+# The two-mass skate has wheels without mass, which no model of bodies that move has.
+LIGHT = {"mR": 1e-3, "IRxx": 1e-5, "IRyy": 2e-5, "mF": 1e-3, "IFxx": 1e-5, "IFyy": 2e-5}
+BICYCLES["tms"] |= LIGHT
+OWN = ("balancer", "wheel_legs", "whipple")
+
+
+def found(robot: rpctl.Robot, speed: float) -> LinearBicycle:
+    """Return M, v C1, 0 and g K0 + v² K2 of lean and steering, of a bicycle that goes straight on."""
+    dynamics, q, nu = ReducedDynamics(robot), robot.configuration(), np.array([speed, 0.0, 0.0])
+    A, _ = rpctl.linearize(robot, q, nu, np.zeros(2))
+    M, along = dynamics.inertia(q), dynamics.basis(q)
+    K = -M @ A[robot.nv :, : robot.nv] @ along
+    C = -M @ A[robot.nv :, robot.nv :]
+    return LinearBicycle(M[1:, 1:], C[1:, 1:], K[1:, 1:], K[:1, 1:])
+
+
+def off(one: Array, other: Array) -> float:
+    return float(np.abs(one - other).max() / np.abs(other).max())
+
+
+@pytest.mark.parametrize("name", ["benchmark", *BICYCLES])
+def test_the_linear_equations_of_a_bicycle_as_published(tmp_path: Path, name: str) -> None:
+    parameters = BENCHMARK if name == "benchmark" else BICYCLES[name]
+    robot = rpctl.load(write(tmp_path, urdf(parameters)))
+    assert robot.drive.type == "leaning-bicycle" and robot.model.joints[1].nv == 6
+    wanted, standing = linear_equations(parameters), found(robot, 0.0)
+    assert off(standing.M, wanted.M) < 1e-12
+    assert off(standing.K0, GRAVITY * wanted.K0) < 1e-12
+    for speed in (1.0, 5.0, -2.0):
+        rolling = found(robot, speed)
+        assert off(rolling.C1, speed * wanted.C1) < 1e-12
+        assert off(rolling.K0 - standing.K0, speed**2 * wanted.K2) < 1e-12
+        assert np.abs(rolling.K2).max() < 1e-9  # lean and steering change no speed
+
+
+def test_the_published_entries_of_the_benchmark() -> None:
+    for ours, theirs in zip(linear_equations(BENCHMARK), PUBLISHED, strict=True):
+        assert np.abs(ours - theirs).max() < 1e-13
+
+
+def test_the_eigenvalues_of_the_benchmark() -> None:
+    """Meijaard et al., Table 2, at 5 m/s; the bicycle is stable by itself there."""
+    robot = rpctl.load("whipple")
+    M, C, K, _ = found(robot, 5.0)
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    values = sorted(np.linalg.eigvals(A), key=lambda each: (each.real, each.imag))
+    wanted = [-14.07838969279822, -0.77534188219585 - 4.46486771378823j]
+    wanted += [-0.77534188219585 + 4.46486771378823j, -0.32286642900409]
+    assert np.abs(np.array(values) - wanted).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_rows_rates_and_speeds_by_differences(name: str) -> None:
+    robot = rpctl.load(name)
+    dynamics, rng = ReducedDynamics(robot), np.random.default_rng(3)
+    for _ in range(3):
+        q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+        at = dynamics.at(q)
+        assert np.abs(at.A @ at.S).max() < 1e-13
+        assert np.abs(at.W @ at.S - np.eye(robot.dof)).max() < 1e-12
+
+        def along(time: float) -> Array:
+            moved = pin.integrate(robot.model, q, time * (at.S @ nu))
+            x, y, theta = robot.base_pose(moved)
+            return np.array([x, y, theta, robot.tilt(moved), *dynamics.basis(moved) @ nu])
+
+        x, y, theta, tilt, *change = (along(1e-6) - along(-1e-6)) / 2e-6
+        heading = robot.base_pose(q)[2]
+        ahead = np.cos(heading) * x + np.sin(heading) * y
+        beside = np.cos(heading) * y - np.sin(heading) * x
+        assert np.allclose([ahead, beside, theta], dynamics.twist(q, nu), atol=1e-6)
+        first = robot.quasi_velocities.index("roll_rate" if "roll_rate" in robot.quasi_velocities
+                                             else "pitch_rate")  # fmt: skip
+        assert np.allclose([ahead, tilt], nu[[0, first]], atol=1e-6)
+        assert np.allclose(change, dynamics.basis_drift(q, nu), atol=1e-5 * np.abs(change).max())
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_wheels_stay_on_the_ground(name: str) -> None:
+    robot = rpctl.load(name)
+    dynamics, projector = ReducedDynamics(robot), LeaningProjector(robot)
+    q, nu = robot.random_configuration(np.random.default_rng(1)), np.full(robot.dof, 0.2)
+    assert np.abs(projector.heights(q)).max() < 1e-13
+    for _ in range(20):
+        q = dynamics.integrate(q, dynamics.basis(q) @ nu * 0.02)
+        assert np.abs(projector.heights(q)).max() < 1e-13
+
+
+def test_a_bicycle_that_steers_across_is_singular() -> None:
+    robot = rpctl.load("whipple")
+    q = robot.configuration(joints={"steering_joint": np.pi / 2}, tilt=0.0)
+    A, W = (getattr(ReducedDynamics(robot).at(robot.configuration()), name) for name in "AW")
+    assert np.linalg.matrix_rank(np.vstack([A, W])) == robot.nv
+    condition = np.linalg.cond(LeaningProjector(robot).equations(q))
+    if condition > 1e9:
+        with pytest.raises(SingularBasisError, match="steering_joint at 1"):
+            ReducedDynamics(robot).at(q)
+
+
+def test_a_torus_touches_below_its_section() -> None:
+    """A ball is a torus of one radius: wherever it leans, its lowest point is below its centre."""
+    robot = rpctl.load("whipple")
+    axle = robot.axles[1]._replace(tyre=0.3)
+    assert axle.lowest(1.0, 0.6, np.sqrt) == pytest.approx(0.7)
+    disc = axle._replace(tyre=0.0)
+    assert disc.lowest(1.0, 0.6, np.sqrt) == pytest.approx(1.0 - 0.3 * 0.8)
