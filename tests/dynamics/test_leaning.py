@@ -27,9 +27,6 @@ from tests.robots import write
 BICYCLES = toml.read(
     Path(__file__).with_name("bicycles.toml"), lambda data, _: data, "a table of bicycles"
 )
-# The two-mass skate has wheels without mass, which no model of bodies that move has.
-LIGHT = {"mR": 1e-3, "IRxx": 1e-5, "IRyy": 2e-5, "mF": 1e-3, "IFxx": 1e-5, "IFyy": 2e-5}
-BICYCLES["tms"] |= LIGHT
 OWN = ("balancer", "wheel_legs", "whipple")
 
 

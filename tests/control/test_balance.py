@@ -1,0 +1,108 @@
+"""Robots that lean are balanced: the regulator by its equations, and in short loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import rpctl
+from rpctl import ReducedDynamics
+from rpctl.control.balance import Balance, Posture, sampled
+from rpctl.control.law import LeaningCommand
+from rpctl.errors import RpctlError, UnfitLawError
+
+OWN = ("balancer", "wheel_legs", "whipple")
+PERIOD = 0.002
+
+
+def posture_of(name: str) -> Posture:
+    return Posture(ReducedDynamics(rpctl.load(name)))
+
+
+def test_a_sampled_model_is_exact() -> None:
+    """A double integrator under a held input: x = ½ a T²."""
+    F, G = sampled(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [2.0]]), 0.1)
+    assert np.allclose(F, [[1.0, 0.1], [0.0, 1.0]]) and np.allclose(G, [[0.01], [0.2]])
+    assert np.allclose(expm(np.zeros((2, 2))), np.eye(2))
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_a_steady_motion_goes_on(name: str) -> None:
+    posture = posture_of(name)
+    robot, dynamics = posture.robot, posture.dynamics
+    steady = posture.steady(2.0, 0.3, robot.home)
+    assert np.abs(dynamics.forward(steady.q, steady.nu, steady.tau)).max() < 1e-7
+    assert dynamics.twist(steady.q, steady.nu)[[0, 2]] == pytest.approx([2.0, 0.3], abs=1e-8)
+
+
+def test_a_balancer_stands_with_its_mass_above_its_axle() -> None:
+    posture = posture_of("balancer")
+    robot, steady = posture.robot, posture.steady(0.0, 0.0, np.array([0.8]))
+    import pinocchio as pin
+
+    com = pin.centerOfMass(robot.model, robot.model.createData(), steady.q)
+    assert com[0] == pytest.approx(robot.base_pose(steady.q)[0], abs=1e-9)
+    assert steady.posture[0] < -0.01  # its arm reaches forward, so it leans back
+
+
+def test_a_bicycle_leans_into_its_bend() -> None:
+    """Of a point mass the lean is atan(v ω/g); wheels and their spin add some per cent."""
+    posture = posture_of("whipple")
+    lean = posture.steady(3.0, 0.5, np.empty(0)).posture[0]
+    assert lean == pytest.approx(-np.arctan(3.0 * 0.5 / 9.81), rel=0.1)
+
+
+@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("late", [0, 5, 10])
+def test_the_regulator_is_stable_however_late_it_is(name: str, late: int) -> None:
+    """It foretells 10 ms; efforts come 0, 10 or 20 ms late. The poles are those of the loop."""
+    posture, law = posture_of(name), Balance()
+    steady = posture.steady(3.0 if name == "whipple" else 0.5, 0.0, posture.robot.home)
+    F, G, K = law.design(posture, steady, PERIOD)
+    (n, m), told = G.shape, 5
+    depth = max(late, told)
+    size = n + depth * m
+    loop = np.zeros((size, size))
+    loop[:n, :n] = F
+    foretold = np.zeros((n, size))  # x, then what was sent, the last first
+    foretold[:, :n] = np.linalg.matrix_power(F, told)
+    for ago in range(told):
+        columns = slice(n + ago * m, n + (ago + 1) * m)
+        foretold[:, columns] = np.linalg.matrix_power(F, ago) @ G
+    now = -K @ foretold
+    if late:
+        loop[:n, n + (late - 1) * m : n + late * m] = G
+    else:
+        loop[:n] += G @ now
+    loop[n : n + m] = now
+    loop[n + m :, n:-m] += np.eye(size - n - m)
+    assert np.abs(np.linalg.eigvals(loop)).max() < 1.0
+
+
+def test_what_cannot_be_balanced_is_refused() -> None:
+    with pytest.raises(UnfitLawError, match="paper does not lean"):
+        Balance().start(ReducedDynamics(rpctl.load("paper")), PERIOD)
+    with pytest.raises(RpctlError, match="leans.*balance"):
+        rpctl.Controller(rpctl.load("balancer"), "line", dynamic="integral")
+    with pytest.raises(RpctlError, match="leans: no law here balances it where rates"):
+        rpctl.Controller(rpctl.load("balancer"), "line", rates="estimated")
+
+
+def test_a_step_asks_for_its_goal() -> None:
+    robot = rpctl.load("balancer")
+    controller = rpctl.Controller(robot, "line")
+    q, nu = robot.state(twist=(0.0, 0.0, 0.0), rates={"shoulder_joint": 0.0}, tilt=0.05)
+    output = controller.step(0.0, q, nu)
+    assert output.status == "ok" and isinstance(output.command, LeaningCommand)
+    wheels = output.efforts[:2]
+    assert (wheels > 0.0).all()  # it leans forward, so they drive under it
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_it_stays_upright(name: str) -> None:
+    run = rpctl.track(rpctl.load(name), "line", duration=1.5, collisions=False)
+    robot = rpctl.load(name)
+    tilts = [robot.tilt(q) for q in run.q[::50]]
+    assert np.abs(tilts).max() < 0.3
+    assert np.abs(run.log.e[-1, :3]).max() < 0.2
