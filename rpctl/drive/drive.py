@@ -219,6 +219,11 @@ class Drive:
         return tuple(s for s in self.swivels if s.trails and s not in idle)
 
     @property
+    def floor(self) -> float:
+        """Height of the ground in the world, m: a root link that stays level is at height 0."""
+        return 0.0 if self.leans else self.ground
+
+    @property
     def leans(self) -> bool:
         """Whether the root link pitches, rolls and rises: it is on a free-flyer."""
         return self.type in LEANING

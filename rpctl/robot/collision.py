@@ -145,7 +145,7 @@ def collision_model(robot: Robot) -> CollisionModel:
     """
     shapes, notes = read_collision_shapes(robot)
     floor = np.eye(4)
-    floor[2, 3] = robot.drive.ground
+    floor[2, 3] = robot.drive.floor
     half_space = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
     everything = (*shapes, standing(GROUND, floor, half_space))
     # Wheels and base stand on the ground; of a fixed base the file does not say how high it is.

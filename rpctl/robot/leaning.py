@@ -290,6 +290,11 @@ class LeaningRobot(Robot):
                 continue
 
 
+def lies(q: Array) -> bool:
+    """Return whether a robot that leans at q (nq,) has leant so far that it lies on the ground."""
+    return 2.0 * math.asin(min(math.hypot(q[3], q[4]), 1.0)) > MAX_TILT
+
+
 def contact_arm(left: Sequence[Any], axle: Axle, sqrt: Callable[[Any], Any]) -> list[Any]:
     """Return the way from a wheel's centre to its lowest point (3,), m, of any scalar.
 

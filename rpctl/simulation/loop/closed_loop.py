@@ -19,6 +19,7 @@ from rpctl.control.sampling import TIME_ROUNDING
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import DivergedError, RpctlError
 from rpctl.reference.motion import Reference, ReferenceState, configuration_along, require_state
+from rpctl.robot.leaning import lies
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.recorder import LoopSample
@@ -140,6 +141,8 @@ def close_loop(loop: Loop, take: Callable[[LoopSample], object]) -> None:
                 shown = time.perf_counter()
                 loop.watch(sample)
                 started_at += time.perf_counter() - shown
+            if robot.drive.leans and lies(q):
+                break  # on the ground the model ends
             if k < steps:
                 interface.advance(times[k + 1] - t if plant.jitter else period)
             if loop.progress is not None:

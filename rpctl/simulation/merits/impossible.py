@@ -20,6 +20,7 @@ from rpctl.simulation.merits.ground import slip_ranges, tilts
 from rpctl.simulation.merits.outcome import (
     CANNOT_HOLD,
     CHATTERS,
+    FELL,
     JACK_KNIFED,
     LOST,
     SLIPS,
@@ -32,6 +33,7 @@ LASTING_S = 0.1  # s: in it a wheel whose load is gone lifts by a millimetre or 
 FOLDED = 0.5 * math.pi  # rad: beyond it a trailer lies beside what pulls it
 NEAR = 0.01  # rad: laws that know the limits of a hitch stop as near to them
 FALLEN = math.radians(10.0)  # rad: no soft contact lets a robot lean so far
+LYING = 1.0  # rad: no efforts raise a robot that has leant so far on two wheels
 THROWN = {"rad": 0.2, "m": 0.05}  # a joint so far off its reference is not held
 GROWN = 1.5  # times its error at the start, from which it may overshoot
 FEW = 20  # samples tell no chatter
@@ -41,7 +43,7 @@ FAST = 1.5  # of its limit: a joint that turns faster is thrown
 
 def impossible(run: Run) -> Outcome | None:
     """Return what makes a run impossible, the worst first; None if nothing does."""
-    found = _jack_knifed(run) or _tips(run) or _slips(run) or _cannot_hold(run)
+    found = _fell(run) or _jack_knifed(run) or _tips(run) or _slips(run) or _cannot_hold(run)
     return found or _lost(run) or _chatters(run)
 
 
@@ -62,6 +64,17 @@ def _jack_knifed(run: Run) -> Outcome | None:
                 f"has folded, {math.degrees(np.abs(angle).max()):.3g}° at most"
             )  # fmt: skip
     return None
+
+
+def _fell(run: Run) -> Outcome | None:
+    """Return that a robot that leans has leant too far to come back."""
+    if not run.robot.drive.leans:
+        return None
+    lean = 2.0 * np.arcsin(np.minimum(np.hypot(*run.q[:, 3:5].T), 1.0))
+    if lean.max() <= LYING:
+        return None
+    when = run.t[int(np.argmax(lean > LYING))]
+    return Outcome(FELL, f"it leans {math.degrees(lean.max()):.2g}° at {when:.3g} s, and has fallen")
 
 
 def _tips(run: Run) -> Outcome | None:

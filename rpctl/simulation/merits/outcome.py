@@ -5,7 +5,7 @@ far the point was from the reference's path (``path_error.py``). The end is the 
 run, means are over its last quarter.
 
 What makes a run impossible comes before all but the first two (``impossible.py``): the robot
-**tips** or **slips** for certain, a trailer has **jack-knifed**, a joint is thrown off its
+**tips**, **slips** or **fell** for certain, a trailer has **jack-knifed**, a joint is thrown off its
 reference, which its motor **cannot hold**, the robot is **lost** as its controller tells it
 (:class:`rpctl.control.safeguards.Watchdog`), or efforts **chatter**.
 
@@ -38,10 +38,10 @@ from rpctl.simulation.merits.path_error import PathTrace, length, trace_path
 
 TRACKED, LATE, STUCK, DIVERGING, COLLIDED = "tracked", "late", "stuck", "diverging", "collided"
 CHATTERS, CANNOT_HOLD, SLIPS, TIPS = "chatters", "cannot-hold", "slips", "tips"
-JACK_KNIFED, LOST = "jack-knifed", "lost"
+JACK_KNIFED, LOST, FELL = "jack-knifed", "lost", "fell"
 OUTCOMES = (  # from good to bad
     *(TRACKED, LATE, STUCK, DIVERGING),
-    *(CHATTERS, LOST, CANNOT_HOLD, SLIPS, TIPS, JACK_KNIFED, COLLIDED),
+    *(CHATTERS, LOST, CANNOT_HOLD, SLIPS, TIPS, FELL, JACK_KNIFED, COLLIDED),
 )
 SUCCESSES = (TRACKED, LATE)  # a law that slows down to keep limits is late, and does well
 

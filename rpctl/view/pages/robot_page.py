@@ -161,7 +161,7 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
     size = float(np.linalg.norm(box[1] - box[0]))
     reach = max(MIN_REACH_M, REACH_RATIO * size)
     around = np.array([[-reach, -reach, 0.0], [reach, reach, 0.0]])
-    area = None if motion is None else _area(motion, box, robot.drive.ground)
+    area = None if motion is None else _area(motion, box, robot.drive.floor)
     place = np.array([q[0], q[1], 0.0])
     moves = bool(robot.drive.base_speeds)
     shown = area if area is not None else box + around if moves else box
@@ -177,7 +177,7 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
         "masses": markers.masses,
         "wheels": markers.wheels,
         "point": robot.drive.point,
-        "ground": robot.drive.ground,
+        "ground": robot.drive.floor,
         "start": read_root(q),
         "reach": [-reach, reach] if moves else None,
         "robot": (box - place).tolist(),
@@ -196,7 +196,7 @@ def _commands(
 ) -> list[str]:
     """Return the commands that draw all, the robot last, as base64."""
     lower, upper = shown
-    ground = robot.drive.ground
+    ground = robot.drive.floor
     commands = opening_commands(lower, upper, ground)
     parts = robot_nodes(bodies)
     marked = markers.joint_nodes.items()
@@ -220,7 +220,7 @@ def _commands(
 def _box(robot: Robot, bodies: Bodies, q: Array) -> Array:
     """Return the least and the largest coordinates (2, 3) of a robot and of its ground, m."""
     every = list(range(ROOT_JOINT, robot.model.njoints))
-    foot = np.array([[q[0], q[1], robot.drive.ground]])
+    foot = np.array([[q[0], q[1], robot.drive.floor]])
     cloud = np.concatenate([foot, part_cloud(bodies, every, joint_poses(robot, q[None]))])
     return np.stack([cloud.min(axis=0), cloud.max(axis=0)])
 

@@ -117,7 +117,7 @@ def build_scene(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANG
         run: The run.
         triangles: About how many the robot may have; large meshes are simplified first.
     """
-    return _compose([_motion_of(robot, run, triangles)], run_obstacles(run), run.robot.drive.ground)
+    return _compose([_motion_of(robot, run, triangles)], run_obstacles(run), run.robot.drive.floor)
 
 
 def compare_scene(robots: Sequence[Robot | RpctlError], runs: Sequence[Run]) -> Scene:
@@ -128,7 +128,7 @@ def compare_scene(robots: Sequence[Robot | RpctlError], runs: Sequence[Run]) -> 
     """
     motions = [_motion_of(robot, run) for robot, run in zip(robots, runs, strict=True)]
     obstacles = tuple(dict.fromkeys(each for run in runs for each in run_obstacles(run)))
-    return _compose(motions, obstacles, float(runs[0].robot.drive.ground))
+    return _compose(motions, obstacles, float(runs[0].robot.drive.floor))
 
 
 def free_scene(robot: Robot, motions: Sequence[EngineRecording]) -> Scene:
@@ -267,7 +267,7 @@ def _frames(t: Array) -> NDArray[np.int64]:
 def _paths(run: Run, frames: NDArray[np.int64]) -> dict[str, Array]:
     """Return the paths (n, 3) in the world, m: desired and actual, of P and the end effector."""
     desired = _desired_samples(run.t, frames)
-    height = run.robot.drive.ground
+    height = run.robot.drive.floor
     paths = {
         "base-desired": _on_ground(run.base_ref[desired], height),
         "base": _on_ground(run.log.base[_trail_samples(run.t, frames, MAX_BASE_POINTS)], height),
@@ -388,7 +388,7 @@ def joint_poses(robot: Robot, q: Array, roots: Array | None = None) -> Array:
         placements = list(data.oMi)
         if roots is not None and roots.shape[1]:
             root = pin.XYZQUATToSE3(roots[k])
-            root.translation[2] += robot.drive.ground
+            root.translation[2] += robot.drive.floor
             moved = root * data.oMi[ROOT_JOINT].inverse()
             placements[ROOT_JOINT:] = [moved * each for each in placements[ROOT_JOINT:]]
         poses[k] = [pin.SE3ToXYZQUAT(placement) for placement in placements]
