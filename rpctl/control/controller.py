@@ -32,7 +32,7 @@ from rpctl.control.law import (
 from rpctl.control.output_groups import MAX_DEAD_TIME, OutputGroup
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.safeguards import (
-    BRAKING_RATE,
+    EFFORT_RATE,
     FAILURES,
     Braking,
     Guards,
@@ -115,6 +115,9 @@ class Controller:
     robot that is at its limits while its error does not fall is lost: it is braked until
     :meth:`resume`.
 
+    Efforts change at a bounded rate from sample to sample, whatever the reason: only those of the
+    first sample leap, and those of motors that are switched off.
+
     A law that fails at a sample (a solver that gives up, a singular posture) has a substitute
     there, the unified law or the paper's within the effort limits; if that fails too, the sample
     counts as bad. Samples may come late or be lost: the laws are told the measured time between
@@ -191,7 +194,8 @@ class Controller:
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
         self._rolls = bool(robot.drive.base_speeds)
         self._in_arm = np.array([name in robot.joint_names for name in robot.actuators])
-        self._rate = min(self.guards.effort_rate or math.inf, BRAKING_RATE)
+        rate = (self.guards.effort_rate or EFFORT_RATE) * period
+        self._most = NOTHING if self._output else np.asarray(rate * robot.effort_limits)
         self.reset()
 
     def _read(self, reference: str | Reference) -> Reference:
@@ -226,8 +230,7 @@ class Controller:
         self._watchdog = Watchdog(self.guards.lost_after)
         self._following = Following(self._dynamics, self._reference, self.guards.fading)
         self._waits = self._lost = ""  # why the reference stands, and why the robot was lost last
-        self._asked = self._arrived = efforts  # by the laws, and what was sent instead
-        self._ramps = False  # whether efforts come slowly after a stop or a gap
+        self._asked = self._meant = efforts  # by the laws, and to be sent, whatever its rate
         self._safe_until = math.inf  # when the last safe efforts are stale, s
         self._measured: MeasuredSample | None = None  # the last good sample, as the laws get it
         self._braking: Braking | None = None
@@ -254,6 +257,7 @@ class Controller:
         output = sample if isinstance(sample, str) else self._answer(sample, applied)
         if isinstance(output, str):
             output = self._without_answer(self._reader.time, output)
+        output = self._within_rate(output)
         if self._groups is not None and self._measured is not None:
             state = self._measured, self._both.ahead, output.reason == MOTORS_OFF
             output = output._replace(commands=self._groups(output.speeds, *state))
@@ -340,7 +344,6 @@ class Controller:
         if jumped and before is not None:
             self._counts["jumps"] += 1
             self._following.jumped(before, sample)  # what is followed jumps along
-            self._ramps = True
         if self._waits == MOTORS_OFF:
             return self._without_motors(sample.t)
         gap = before is not None and sample.t - before.t > self.guards.stale_after + self.period
@@ -348,9 +351,8 @@ class Controller:
         self._come_back(before, sample, gap)
         late = before is not None and sample.t - before.t > LATE_RATIO * self.period
         self._counts["late"] += late
-        self._ramps = self._ramps or late or not own or self._watchdog.suspects(sample.t)
         if before is not None:
-            told = self._arrived if applied is None else arrived
+            told = self._meant if applied is None else arrived
             self._tell(before, sample.t, told, own and not gap)
         answer = self._both.answer(sample, self._following.now)
         if isinstance(answer, str):
@@ -358,10 +360,10 @@ class Controller:
         output = self._sending(sample.t, *answer)
         if self._waits == PAUSED:
             self._counts["paused"] += 1
-            return self._slowed(output._replace(status="stopped", reason=PAUSED))
+            return output._replace(status="stopped", reason=PAUSED)
         if self._waits:
             return self._lost_base(sample, output)
-        return self._watched(sample, self._slowed(output))
+        return self._watched(sample, output)
 
     def _come_back(self, before: MeasuredSample | None, sample: MeasuredSample, gap: bool) -> None:
         """Let a robot come back smoothly that was braked, or that was not seen for long.
@@ -390,8 +392,9 @@ class Controller:
             learns: Whether what the robot did since is the laws' doing.
         """
         elapsed = self._since(before.t, t) if learns else None
-        if arrived is not None and self._estimate.astray is not None:
-            arrived = self._arrived + self._estimate.astray
+        if arrived is not None and arrived is not self._meant:
+            astray = self._estimate.astray
+            arrived = self._meant + (arrived - self._sent.efforts if astray is None else astray)
         if arrived is not self._asked and elapsed is not None and self._output is None:
             kernel = self._both.kernel
             if kernel is None or arrived is None:
@@ -411,23 +414,20 @@ class Controller:
                 return efforts
         return None
 
-    def _slowed(self, output: ControllerOutput) -> ControllerOutput:
-        """Return what is sent with the rate of its efforts within their own limit."""
-        self._arrived = self._asked = output.efforts
-        rate = self._rate if self._ramps else self.guards.effort_rate
-        if rate is None or self._output is not None:
-            return output
-        most = self._largest_change(rate)
-        tau = self._sent.efforts + np.clip(output.efforts - self._sent.efforts, -most, most)
-        if (tau == output.efforts).all():
-            self._ramps = False
-            return output
-        self._arrived = tau
-        return output._replace(efforts=tau)
+    def _within_rate(self, output: ControllerOutput) -> ControllerOutput:
+        """Return what is sent with the rate of its efforts within their own limit.
 
-    def _largest_change(self, rate: float) -> Array:
-        """Return by how much efforts (n_act,) may change at a sample at a rate over limits, 1/s."""
-        return np.asarray(rate * self.period * self.robot.effort_limits)
+        Motors that are off need none, nor does the first sample, whose efforts begin a motion. What
+        the rate holds back, the laws are not told: where noise asks for it, theirs is the mean, and
+        what the rate lets through is the median.
+        """
+        self._meant = output.efforts
+        change = output.efforts - self._sent.efforts
+        begins = self._sent is self._unknown and self.guards.effort_rate is None
+        if begins or output.reason == MOTORS_OFF or (np.abs(change) <= self._most).all():
+            return output
+        change = np.clip(change, -self._most, self._most)
+        return output._replace(efforts=self._sent.efforts + change)
 
     def _watched(self, sample: MeasuredSample, output: ControllerOutput) -> ControllerOutput:
         """Return what is sent, or what brakes a robot that is lost."""
@@ -455,15 +455,12 @@ class Controller:
             output: What the laws make of a stop.
         """
         self._counts["lost"] += 1
-        asked, output = output.efforts, output._replace(status="lost", reason=self._waits)
+        output = output._replace(status="lost", reason=self._waits)
         braked = self._brake(sample.t, output)
         if self._output is not None:
             return braked
-        output = self._slowed(output._replace(
-            efforts=np.where(self._in_arm, output.efforts, braked.efforts)
-        ))  # fmt: skip
-        self._asked = asked
-        return output
+        efforts = np.where(self._in_arm, output.efforts, braked.efforts)
+        return output._replace(efforts=efforts)
 
     def _error(self, sample: MeasuredSample) -> float:
         """Return the largest error of what the law follows, m or rad."""
@@ -494,6 +491,7 @@ class Controller:
         self._counts["fallbacks"] += bool(reason)
         status: Status = "fallback" if reason else "ok"
         if isinstance(answer, Efforts):
+            self._asked = answer.tau
             return ControllerOutput(answer.tau, NOTHING, command, answer.limits, status, reason)
         if self._both.speeds is not None:
             self._both.speeds.sent(t, answer.nu)
@@ -529,7 +527,6 @@ class Controller:
         tau = None
         if self._measured is not None:
             lost = output.status == "lost"
-            most = self._largest_change(self._rate)
-            self._braking = self._braking or Braking(self._dynamics, self._measured, most, lost)
+            self._braking = self._braking or Braking(self._dynamics, self._measured, lost)
             tau = self._braking.efforts(now, self._sent.efforts)
         return output if tau is None else output._replace(efforts=tau)
