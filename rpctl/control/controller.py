@@ -349,9 +349,8 @@ class Controller:
         gap = before is not None and sample.t - before.t > self.guards.stale_after + self.period
         own = self._sent.status != "stopped" or self._sent.reason == PAUSED
         self._come_back(before, sample, gap)
-        late = before is not None and sample.t - before.t > LATE_RATIO * self.period
-        self._counts["late"] += late
         if before is not None:
+            self._counts["late"] += sample.t - before.t > LATE_RATIO * self.period
             told = self._meant if applied is None else arrived
             self._tell(before, sample.t, told, own and not gap)
         answer = self._both.answer(sample, self._following.now)
@@ -426,8 +425,8 @@ class Controller:
         begins = self._sent is self._unknown and self.guards.effort_rate is None
         if begins or output.reason == MOTORS_OFF or (np.abs(change) <= self._most).all():
             return output
-        change = np.clip(change, -self._most, self._most)
-        return output._replace(efforts=self._sent.efforts + change)
+        tau = self._sent.efforts + np.clip(change, -self._most, self._most)
+        return output._replace(efforts=tau)
 
     def _watched(self, sample: MeasuredSample, output: ControllerOutput) -> ControllerOutput:
         """Return what is sent, or what brakes a robot that is lost."""
@@ -459,8 +458,7 @@ class Controller:
         braked = self._brake(sample.t, output)
         if self._output is not None:
             return braked
-        efforts = np.where(self._in_arm, output.efforts, braked.efforts)
-        return output._replace(efforts=efforts)
+        return output._replace(efforts=np.where(self._in_arm, output.efforts, braked.efforts))
 
     def _error(self, sample: MeasuredSample) -> float:
         """Return the largest error of what the law follows, m or rad."""

@@ -203,7 +203,7 @@ class Following:
         self._go(t, time, (pace, last), offset)
 
     def _go(self, t: float, at: float, paces: tuple[float, float], offset: Array) -> None:
-        way = float(np.hypot(*offset[:2]) + np.abs(offset[2:]).max())
+        way = max(math.hypot(*offset[:2]), float(np.abs(offset[2:]).max()))
         fading, self._stands = STEEPEST * way / self._fading, False
         self.now = Transition(self.reference, t, at, *paces, offset, fading)
 

@@ -205,6 +205,8 @@ def test_encoders_do_not_make_efforts_leap(paper: Robot, period: float) -> None:
     leaps = np.abs(np.diff(run.tau[settled], axis=0)) / paper.effort_limits
     assert leaps.max() < 0.06
     assert np.abs(run.log.e[settled, 2:]).max() < 2e-3
+    most = min(100.0 * period, 0.4)  # from the second sample on, found to be quantised or not
+    assert (np.abs(np.diff(run.tau, axis=0)) / paper.effort_limits).max() < most + 1e-9
     assert any("they were found to be quantised" in note for note in run.notes)
 
 
@@ -220,6 +222,19 @@ def test_encoders_do_not_make_efforts_of_a_light_wrist_leap(tiago: Robot, period
     leaps = np.abs(np.diff(run.tau[settled], axis=0)) / tiago.effort_limits
     assert leaps.max() < 0.3
     assert np.abs(run.log.e[settled, 3:]).max() < 2e-3
+    leaps = np.abs(np.diff(run.tau, axis=0)) / tiago.effort_limits
+    assert leaps.max() < min(100.0 * period, 0.6) + 1e-9  # 75 % before they were found, at 500 Hz
+
+
+def test_what_the_rate_of_efforts_holds_back_teaches_the_integral_nothing(paper: Robot) -> None:
+    """Its joints went .11 m or rad off: what the rate lets through of pulses is their median."""
+    run = rpctl.track(
+        paper, "eight", duration=3.0, plant=Plant(encoder_bits=12), rates="measured", delay=0.0,
+        collisions=False,
+    )  # fmt: skip
+    leaps = np.abs(np.diff(run.tau, axis=0)) / paper.effort_limits
+    assert leaps.max() == pytest.approx(100.0 * 0.002)
+    assert np.abs(run.log.e).max() < 0.01
 
 
 @pytest.mark.parametrize(("name", "off"), [("paper", 1e-3), ("tiago", 0.03)])

@@ -233,6 +233,10 @@ def test_efforts_keep_their_rate(paper: Robot) -> None:
     free = Simulated(Controller(paper, "eight"), (0.5, 0.3, 0.5))
     free.run(0.1)
     assert free.largest_jump() > 0.1
+    tired = Simulated(Controller(paper, "eight"), (0.5, 0.3, 0.5))
+    tired.run(1.0, arriving=lambda tau: 0.0 * tau)
+    tired.run(1.0)
+    assert tired.largest_jump(1) <= 100.0 * PERIOD + 1e-12
     assert np.abs(robot.error()).max() < 0.02
 
 

@@ -367,8 +367,8 @@ def _acting(
         symbolic(buffer) for buffer in (loop.law.tau, loop.sent, loop.leap)
     ]
     change = tau - before
-    near = before + casadi.fmax(casadi.fmin(change, leap), -leap)
-    within = casadi.if_else(casadi.fabs(change) > leap, near, tau)
+    slow = before + casadi.fmax(casadi.fmin(change, leap), -leap)
+    within = casadi.if_else(casadi.fabs(change) > leap, slow, tau)
     body: list[Statement] = [statement("rate", inputs, [(loop.sent, within)])]
     if shape.delayed:
         body += [Write(loop.sent, loop.ring), ReadBack(loop.ring, loop.back, loop.acting)]
