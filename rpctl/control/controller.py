@@ -461,11 +461,8 @@ class Controller:
         return output._replace(efforts=np.where(self._in_arm, output.efforts, braked.efforts))
 
     def _error(self, sample: MeasuredSample) -> float:
-        """Return the largest error of what the law follows, m or rad."""
-        if self._both.kernel is not None:
-            e = self._both.kernel.error
-        else:
-            e = tracking_error(self.robot, self._following.now(sample.t), sample.q)
+        """Return the largest error, m or rad: of what is followed, not of a way up to that."""
+        e = tracking_error(self.robot, self._following.now(sample.t), sample.q)
         return float(np.abs(e).max(initial=0.0))
 
     def _without_motors(self, t: float) -> ControllerOutput:

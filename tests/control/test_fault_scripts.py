@@ -45,6 +45,14 @@ def test_a_robot_whose_wheel_stays_dead_is_lost() -> None:
 
 
 @pytest.mark.slow
+def test_a_car_without_motors_is_lost() -> None:
+    """It rolled on, 2.4 m off and ``ok``: each second a new way up began where it was."""
+    told = run("car", 3169)
+    assert not list(told.wrong())
+    assert told.status == "lost"
+
+
+@pytest.mark.slow
 def test_the_arm_of_a_lost_robot_is_held() -> None:
     """Braked by the model alone, it was thrown at four times its speed: the base was elsewhere."""
     front, rear = Fault("dead", 2.5, math.inf, 1.0), Fault("dead", 2.9, math.inf, 2.0)
