@@ -101,7 +101,7 @@ class Process:
         self._write()
         if not self._poll.poll(0):
             return None
-        data = os.read(self._from, LONG)
+        data = os.read(self._from, PIECE)
         if not data:
             raise Ended
         self._received += data
