@@ -257,14 +257,18 @@ class LatticeWatch:
         return not self._next % STRIDE and self._found()
 
     def _found(self) -> bool:
-        change = np.diff(self._rates, axis=0)
-        up, down = (change > 0.0).sum(axis=0), (change < 0.0).sum(axis=0)
+        up, down = _ways(self._rates[1:] - self._rates[:-1])
         shaken = np.minimum(up, down) >= CHANGES  # smooth motion has no such rate
         if not shaken.any():
             return False
         rates, elapsed, finest = self._rates[:, shaken], self._elapsed, self._finest[shaken]
         ways = rates * elapsed[:, None]
         return _on_lattice(rates, finest) or _on_lattice(ways, elapsed.mean() * finest)
+
+
+def _ways(change: Array) -> tuple[Array, Array]:
+    """Return how many of some changes (n, k) go up, and how many down, (k,) each."""
+    return np.add.reduce(change > 0.0, axis=0), np.add.reduce(change < 0.0, axis=0)
 
 
 def _on_lattice(values: Array, finest: Array) -> bool:
@@ -274,10 +278,10 @@ def _on_lattice(values: Array, finest: Array) -> bool:
         values: (n, k).
         finest: (k,).
     """
-    change = np.diff(values, axis=0)
+    change = values[1:] - values[:-1]
     size = np.abs(change)
     changed = size > 1e-9 * np.maximum(np.abs(values).max(axis=0), 1e-9)
-    up, down = (changed & (change > 0.0)).sum(axis=0), (changed & (change < 0.0)).sum(axis=0)
+    up, down = _ways(np.where(changed, change, 0.0))
     step = np.where(changed, size, np.inf).min(axis=0)
     multiples = PARTS * np.where(changed, size, 0.0) / step
     whole = np.abs(multiples - np.round(multiples)).max(axis=0) < ON_LATTICE
@@ -362,13 +366,14 @@ class StateEstimate:
             jumped: Whether the base's pose has, which is no motion.
         """
         t, q, nu = sample
-        told = np.isfinite(nu)
+        whole = numbers.isfinite(nu.dot(nu))
         elapsed, self._last = t - self._last, t  # NaN at first
-        if self._watch is not None and told.all() and self._watch.takes(nu, elapsed):
+        if whole and self._watch is not None and self._watch.takes(nu, elapsed):
             self._every, self._watch, self.lattice = True, None, t
-        if told.all() and not (self._every or self._delay or self._begun):
+        if whole and not (self._every or self._delay or self._begun):
             self._nu = nu
             return sample
+        told = np.isfinite(nu)
         if not self._at:
             self._build()
         at, now = self._at, t - self._delay
