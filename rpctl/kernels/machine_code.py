@@ -116,9 +116,9 @@ class MachineCode:
         """
         table = self._table(0, 1, streams or {})
         run, start, rows = self._run, self._block(workspace), table.ctypes.data_as(ctypes.c_void_p)
-        return lambda first=0, steps=1: run(first, steps, start, rows) == steps  # type: ignore[no-any-return]
+        return lambda first=0, steps=1: run(first, steps, start, rows) == steps
 
-    def _table(self, first: int, steps: int, streams: Mapping[RowStream, Rows]) -> Array:
+    def _table(self, first: int, steps: int, streams: Mapping[RowStream, Rows]) -> Any:
         """Return what the code has to know of the streams."""
         table = np.zeros((len(self.program.streams), len(STREAM_FIELDS)), np.int64)
         for k, stream in enumerate(self.program.streams):

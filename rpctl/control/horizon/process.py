@@ -24,7 +24,7 @@ import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -219,8 +219,8 @@ class PlanningProcess:
         self._asked = asked
         try:
             assert self._process is not None
-            number, first, rows = self._ahead.taken()
-            self._process.send(marshal.dumps((*asked, number, first, rows.shape, rows)))
+            message: Any = *asked, *self._ahead.taken()
+            self._process.send(marshal.dumps(message))
         except Ended:
             self._lost()
 
@@ -292,8 +292,10 @@ def planned_of(message: bytes) -> Planned:
     """Return what :func:`message_of` was given; its arrays are read-only."""
     times, told, *more = marshal.loads(message)
     arrays = [np.frombuffer(data).reshape(shape) for shape, data in told]
-    feedback = Feedback(*arrays[2:]) if arrays[2:] else None
-    return Planned(times and HorizonPlan(*times, *arrays[:2], feedback), *more)
+    if not arrays:
+        return Planned(None, *more)
+    nu, nu_dot, *gain = arrays
+    return Planned(HorizonPlan(*times, nu, nu_dot, Feedback(*gain) if gain else None), *more)
 
 
 def main(parent: int) -> None:
@@ -350,14 +352,6 @@ ROWS_PER_STEP = 4
 READING_S = 50e-6  # s that a sample may spend on reading ahead; a row takes 5 to 30 µs
 
 
-class Rows(NamedTuple):
-    """Rows of a reference, one after the other."""
-
-    number: int  # of the reference, counted: another one makes all rows before worthless
-    first: int  # multiple of the stride
-    rows: Array  # (K, 9 + 3 n_joints + 9)
-
-
 class ReadAhead:
     """Reads references ahead, a few rows at a time."""
 
@@ -383,12 +377,15 @@ class ReadAhead:
             if time.perf_counter() > until:
                 return False
 
-    def taken(self) -> Rows:
-        """Return the rows that were read since the last call."""
-        first, rows = self._first, self._rows
+    def taken(self) -> tuple[int, int, tuple[int, ...], Array]:
+        """Return the rows that were read since the last call, and what they are.
+
+        The number of the reference, counted: another one makes all rows before worthless; that of
+        the first row, a multiple of the stride; the shape (K, 9 + 3 n_joints + 9); and the rows.
+        """
+        first, rows = self._first, np.array(self._rows)
         self._first, self._rows = first + len(rows), []
-        width = len(rows[0]) if rows else 0
-        return Rows(self._number, first, np.reshape(rows, (len(rows), width)))
+        return self._number, first, rows.shape, rows
 
     def forget(self) -> None:
         """Read everything again: who had the rows is gone."""
