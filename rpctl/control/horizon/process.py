@@ -294,8 +294,8 @@ def planned_of(message: bytes) -> Planned:
     arrays = [np.frombuffer(data).reshape(shape) for shape, data in told]
     if not arrays:
         return Planned(None, *more)
-    nu, nu_dot, *gain = arrays
-    return Planned(HorizonPlan(*times, nu, nu_dot, Feedback(*gain) if gain else None), *more)
+    (t, dt), (nu, nu_dot, *gain) = times, arrays
+    return Planned(HorizonPlan(t, dt, nu, nu_dot, Feedback(*gain) if gain else None), *more)
 
 
 def main(parent: int) -> None:
