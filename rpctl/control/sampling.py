@@ -98,19 +98,20 @@ class SampleReader:
     def _state_fault(self, sample: MeasuredSample) -> str:
         """Return what is wrong with a state; nothing, if it can be used."""
         _, q, nu = sample
-        for name, values in (("q", q), ("nu", nu)):
+        places = q.tolist()
+        for name, values, told in (("q", q, places), ("nu", nu, nu.tolist())):
             length, largest = self._bounds[name]
             if values.shape != (length,):
                 return f"{name} has the shape {values.shape}; give {length} numbers"
-            # Their length is found sooner than the largest of them.
-            small = math.hypot(*values.tolist()) <= largest
-            if name == "nu" and not (small or self._needs_rates):
+            if math.hypot(*told) <= largest:  # found sooner than the largest of them
+                continue
+            if name == "nu" and not self._needs_rates:
                 values = values[~np.isnan(values)]
-            if not (small or np.abs(values).max(initial=0.0) <= largest):
+            if not np.abs(values).max(initial=0.0) <= largest:
                 return f"{name} holds numbers that are not finite or larger than {largest:g}"
-        places = q.tolist()
         for k in self._cos:
-            if abs(places[k] ** 2 + places[k + 1] ** 2 - 1.0) > MAX_NORM_ERROR:
+            cos, sin = places[k], places[k + 1]
+            if abs(cos * cos + sin * sin - 1.0) > MAX_NORM_ERROR:
                 return "q holds a cosine and a sine that belong to no angle"
         return ""
 
