@@ -136,14 +136,18 @@ def plan_approach(
         sense, bend = (1.0, 0.0) if _spins(v, omega) else (math.copysign(1.0, v), omega / abs(v))
         start, goal = _driven(pose, sense), _driven(state.pose, sense)
         first, last = max(sense * twist[0], 0.0), abs(float(state.twist[0]))
-        shortest = sum(shortest_paths(start, goal, limits.radius)[0].lengths)
-        if _pace(shortest, at - t, first, last, ramp, fastest) is None:
+        time = at - t
+        change = min(ramp, 0.5 * time)
+        changing = 0.5 * change * (first + last)  # m: less than a way has that does not turn back
+        longest = changing + fastest * (time - change)
+        if not changing < sum(shortest_paths(start, goal, limits.radius)[0].lengths) <= longest:
             continue
         ends = max(min(sense * steered, 1.0 / limits.radius), -1.0 / limits.radius), bend
-        path = smooth_path(start, goal, ends, limits.radius, TRANSITION_RATIO * limits.radius)
-        pace = path and _pace(path.length, at - t, first, last, ramp, fastest)
-        if path and pace:
-            return ApproachPlan(path, pace, sense, t)
+        transition = TRANSITION_RATIO * limits.radius
+        path = smooth_path(start, goal, ends, limits.radius, transition, longest)
+        if path is not None:
+            cruise = (path.length - changing) / (time - change)
+            return ApproachPlan(path, Pace((first, cruise, last), change, time), sense, t)
     return None
 
 
@@ -160,24 +164,6 @@ def _spins(v: float, omega: float) -> bool:
 def _driven(pose: Array, sense: float) -> Array:
     """Return a pose (3,) with the heading in which it is driven through."""
     return pose if sense > 0.0 else pose + np.array([0.0, 0.0, math.pi])
-
-
-def _pace(
-    length: float, time: float, first: float, last: float, ramp: float, fastest: float
-) -> Pace | None:
-    """Return the pace of a way, or None if it is not done in its time.
-
-    Args:
-        length: Of the way, m.
-        time: That there is for it, s.
-        first: Speed at the start, m/s.
-        last: Speed at the end, m/s.
-        ramp: Longest duration of a change of speed, s.
-        fastest: Largest speed, m/s.
-    """
-    ramp = min(ramp, 0.5 * time)
-    cruise = (length - 0.5 * ramp * (first + last)) / (time - ramp)
-    return Pace((first, cruise, last), ramp, time) if 0.0 < cruise <= fastest else None
 
 
 @dataclass(frozen=True)
