@@ -186,7 +186,7 @@ def smooth_path(
         transition: How long a step of the curvature is, m.
         longest: No path is longer, m.
     """
-    sharp = {bends: None for bends in shortest_paths(start, goal, radius)}
+    sharp = dict.fromkeys(shortest_paths(start, goal, radius))
     almost = TURN * radius - transition
     for turns, lengths in [*sharp]:
         kept = [0.0 if turn and x > almost else x for turn, x in zip(turns, lengths, strict=True)]
