@@ -68,8 +68,8 @@ class VelocityOutput(Record):
     reference is then. ``groups`` say in what form the speeds are sent.
 
     T and T_d are what was told until measured speeds contradict it, then what these say, see
-    :class:`~rpctl.control.lag_estimate.LagEstimate`; where told dead times differ, they stay. Until
-    then a wrong T leaves a loop that is only less exact, as the measured ν enters the prediction.
+    :class:`~rpctl.control.lag_estimate.LagEstimate`. Until then a wrong T leaves a loop that is only
+    less exact, as the measured ν enters the prediction.
     """
 
     lag: Annotated[
@@ -287,8 +287,7 @@ class VelocityController:
         self._dynamics, self._names = dynamics, robot.quasi_velocities
         self._dead_times = output.dead_times_of(self._names)
         self._staggered: Staggered | None = None
-        lag, self._learns = output.lag_of(self._names), not np.ptp(self._dead_times)
-        self._late = LagEstimate(lag, float(self._dead_times[0]), period)
+        self._late = LagEstimate(output.lag_of(self._names), self._dead_times, period)
         self._own = running.settings[-2 * robot.dof :]  # the last numbers are the output's
         # Commands, and when they were sent; the first acts already.
         self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
@@ -298,11 +297,15 @@ class VelocityController:
 
     def followed(self, reference: Reference) -> Reference:
         """Return a reference with its joints after their own dead times, where these differ."""
-        known, joints = self._staggered, len(self._dynamics.robot.joints)
+        known = self._staggered
         if np.ptp(self._dead_times) and (known is None or known.reference is not reference):
-            shifts = self._dead_times[len(self._dead_times) - joints :] - self._dead_times[0]
-            known = self._staggered = Staggered(reference, shifts)
+            known = self._staggered = Staggered(reference, self._shifts())
         return known or reference
+
+    def _shifts(self) -> Array:
+        """Return how much later than the base each joint of the arm obeys (n_joints,), s."""
+        arm = len(self._dead_times) - len(self._dynamics.robot.joints)
+        return self._dead_times[arm:] - self._dead_times[0]
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
         """Return the time at which the base's next command acts, and the state then.
@@ -310,8 +313,7 @@ class VelocityController:
         Each joint of the arm is as it will be when its own acts. Where the steered wheels fix no
         one motion on the way, the prediction of q ends.
         """
-        if self._learns:
-            self._learn(t, nu)
+        self._learn(t, nu)
         self._follow(t, nu)
         sent, latest = self._sent, float(self._dead_times.max(initial=0.0))
         while len(sent) > 1 and sent[1][0] + latest <= t + TIME_ROUNDING:
@@ -335,7 +337,9 @@ class VelocityController:
         self._late.measured(t, nu)
         if self._late.lag is not known:
             self._own[:] = np.ravel(Lateness.of(self._late.lag, self._period))
-            self._dead_times[:] = self._late.dead_time
+            self._dead_times = self._late.dead_times
+            if self._staggered is not None:
+                self._staggered.shifts[:] = self._shifts()
 
     def _ahead(self, t: float, q: Array, nu: Array, dead_time: float) -> MeasuredSample:
         """Return the state a dead time (s) after a sample, of what has that one."""
@@ -387,11 +391,11 @@ class VelocityController:
         return slower
 
     def report(self) -> dict[str, float]:
-        """Return the lags (s) by name and the dead time that are used, if other than was told."""
+        """Return the lags (s) by name and the base's dead time that are used, if learnt."""
         late = self._late
         rows = np.flatnonzero(late.learnt)
         found = {f"lag of {self._names[k]}": float(late.lag[k]) for k in rows}
-        return {**found, "dead_time": late.dead_time} if found else {}
+        return {**found, "dead_time": float(late.dead_times[0])} if found else {}
 
     def lateness(self) -> str:
         """Return how late the robot follows its speeds, a sentence; "" where it is as told."""
