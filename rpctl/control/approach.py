@@ -25,7 +25,6 @@ ACCELERATION = 0.4  # m/s²: the largest along the way
 ACROSS = 0.5  # m/s²: the largest across it, in its arcs
 SMOOTH_STEP_SLOPE = 1.875  # largest slope of S(u) = u³ (10 − 15 u + 6 u²)
 SPIN_RADIUS = 1e-3  # m: a reference that turns about a point nearer than this spins
-ROUNDING = 1e-12  # m/s
 RADIUS_RATIO = 1.5  # of the tightest bend: the rest is left for correcting errors
 SPEED_FRACTION = 0.8  # of the speed at which the first wheel reaches its limit
 RETRY_S = 1.0  # s between two searches for a plan
@@ -128,8 +127,6 @@ def plan_approach(
     largest = max(_speed(state, limits.radius) for state in states)
     across = math.sqrt(ACROSS * limits.radius)
     fastest = min(limits.haste * largest, limits.fastest, max(across, largest))
-    if fastest <= ROUNDING:
-        return None
     ramp = SMOOTH_STEP_SLOPE * fastest / ACCELERATION
     for at, state in zip(ahead, states, strict=True):
         v, _, omega = direction(state)[0]

@@ -47,7 +47,7 @@ class LagEstimate:
 
     Attributes:
         lag: What is to be used now (dof,), s.
-        dead_times: Likewise.
+        dead_times: Likewise; the same array, whose numbers change.
         learnt: Which lags are no longer those told (dof,).
     """
 
@@ -84,8 +84,8 @@ class LagEstimate:
         if not elapsed <= max(SILENCE, 5.0 * self._half):
             return self._restart(t, nu)
         self._hold(t)
-        self._time = t
-        self._speeds += elapsed * nu
+        self._speeds += 0.5 * elapsed * (self._nu + nu)
+        self._time, self._nu = t, nu
         self._passed += elapsed
         if self._passed > self._stride - self._half:
             self._advance(t, self._passed)
@@ -94,7 +94,7 @@ class LagEstimate:
         if not self._settled:
             rate, gap = -math.expm1(-elapsed / TAKEN_IN), self._found - self.lag
             self.lag = self.lag + rate * gap
-            self.dead_times = self.dead_times + rate * (self._found_dead - self.dead_times)
+            self.dead_times += rate * (self._found_dead - self.dead_times)
         return None
 
     def sentence(self, names: Sequence[str]) -> str:
@@ -127,17 +127,16 @@ class LagEstimate:
             self._command = nu
             self._errors = np.zeros_like(self._models)
             self._count, self._sum, self._squares = 0.0, np.zeros(len(nu)), np.zeros(len(nu))
-        # The way that was commanded, at times from which on it is taken for a straight one.
-        self._times = np.full(self._knots, -math.inf)
-        self._ways = np.zeros((self._knots, len(nu)))
-        self._times[-1], self._way = t, np.zeros(len(nu))
+        # The way that was commanded, at times between which it is taken for a straight one.
+        self._times = t + self._stride * np.arange(1.0 - self._knots, 1.0)
+        self._ways = (self._times - t)[:, None] * self._command
+        self._way = np.zeros(len(nu))
         self._asked = np.tile(self._command, (len(self._dead_times), 1))
         self._before = -self._dead_times * self._command
         self._known_from = t if fresh else t + self._dead_times.max() + RESUMED
         self._decide = DECIDED
         self._speeds, self._passed = 0.0 * nu, 0.0
-        self._time = self._sent_at = t
-        self._first = self._command
+        self._time, self._nu, self._sent_at = t, nu, t
 
     def _hold(self, t: float) -> None:
         """Let the last command hold until a time (s)."""
@@ -155,13 +154,11 @@ class LagEstimate:
         times[:-1], ways[:-1] = times[1:], ways[1:]
         times[-1], ways[-1] = t, self._way
         acts = t - self._dead_times
-        # Of the straight pieces, that in which each lies; before all of them the first held.
+        # Of the straight pieces, that in which each lies; before all of them the first goes on.
         after = np.clip(np.searchsorted(times, acts), 1, len(times) - 1)
         start, end = times[after - 1], times[after]
-        early = ~np.isfinite(start)
-        share = np.where(early, 0.0, (acts - start) / np.where(early, 1.0, end - start))
-        ends, starts = ways[after, self._each], ways[after - 1, self._each]
-        way = np.where(early, ends - (end - acts) * self._first, starts + share * (ends - starts))
+        first, last = ways[after - 1, self._each], ways[after, self._each]
+        way = first + (acts - start) / (end - start) * (last - first)
         asked = (way - self._before) / width
         self._before = way
         if width != self._width:

@@ -68,8 +68,8 @@ class VelocityOutput(Record):
     reference is then. ``groups`` say in what form the speeds are sent.
 
     T and T_d are what was told until measured speeds contradict it, then what these say, see
-    :class:`~rpctl.control.lag_estimate.LagEstimate`. Until then a wrong T leaves a loop that is only
-    less exact, as the measured ν enters the prediction.
+    :class:`~rpctl.control.lag_estimate.LagEstimate`. Until then a wrong T leaves a loop that is
+    only less exact, as the measured ν enters the prediction.
     """
 
     lag: Annotated[
@@ -252,18 +252,20 @@ class Staggered:
 
     Attributes:
         reference: What it follows at one time.
-        shifts: How much later each joint is read (n_joints,), s.
+        dead_times: Of its quasi-velocities (dof,), s: a joint is read as much later as its own is
+            longer than the base's.
     """
 
     reference: Reference
-    shifts: Array
+    dead_times: Array
 
     def __call__(self, t: float) -> ReferenceState:
         """Return the state of the base at a time (s), and of the joints at their own."""
         found = self.reference(t)
         joints = np.array(found[3:6])
-        for shift in {*self.shifts.tolist()} - {0.0}:
-            own, later = self.shifts == shift, self.reference(max(t + shift, 0.0))
+        shifts = self.dead_times[len(self.dead_times) - joints.shape[1] :] - self.dead_times[0]
+        for shift in {*shifts.tolist()} - {0.0}:
+            own, later = shifts == shift, self.reference(max(t + shift, 0.0))
             joints = np.where(own, later[3:6], joints)
         return ReferenceState(*found[:3], joints[0], joints[1], joints[2], found.direction)
 
@@ -285,9 +287,10 @@ class VelocityController:
     ) -> None:
         robot, self._period, self._running = dynamics.robot, period, running
         self._dynamics, self._names = dynamics, robot.quasi_velocities
-        self._dead_times = output.dead_times_of(self._names)
         self._staggered: Staggered | None = None
-        self._late = LagEstimate(output.lag_of(self._names), self._dead_times, period)
+        told = output.lag_of(self._names), output.dead_times_of(self._names)
+        self._late = LagEstimate(*told, period)
+        self._dead_times = self._late.dead_times  # as learnt, in place
         self._own = running.settings[-2 * robot.dof :]  # the last numbers are the output's
         # Commands, and when they were sent; the first acts already.
         self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
@@ -299,13 +302,8 @@ class VelocityController:
         """Return a reference with its joints after their own dead times, where these differ."""
         known = self._staggered
         if np.ptp(self._dead_times) and (known is None or known.reference is not reference):
-            known = self._staggered = Staggered(reference, self._shifts())
+            known = self._staggered = Staggered(reference, self._dead_times)
         return known or reference
-
-    def _shifts(self) -> Array:
-        """Return how much later than the base each joint of the arm obeys (n_joints,), s."""
-        arm = len(self._dead_times) - len(self._dynamics.robot.joints)
-        return self._dead_times[arm:] - self._dead_times[0]
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
         """Return the time at which the base's next command acts, and the state then.
@@ -337,9 +335,6 @@ class VelocityController:
         self._late.measured(t, nu)
         if self._late.lag is not known:
             self._own[:] = np.ravel(Lateness.of(self._late.lag, self._period))
-            self._dead_times = self._late.dead_times
-            if self._staggered is not None:
-                self._staggered.shifts[:] = self._shifts()
 
     def _ahead(self, t: float, q: Array, nu: Array, dead_time: float) -> MeasuredSample:
         """Return the state a dead time (s) after a sample, of what has that one."""
