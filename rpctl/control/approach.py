@@ -125,8 +125,9 @@ def plan_approach(
     ahead = np.arange(t + STRIDE_S, t + LOOK_AHEAD_S, STRIDE_S).tolist()
     states = [reference(at) for at in ahead]
     largest = max(_speed(state, limits.radius) for state in states)
-    across = math.sqrt(ACROSS * limits.radius)
-    fastest = min(limits.haste * largest, limits.fastest, max(across, largest))
+    fastest = min(
+        limits.haste * largest, limits.fastest, max(math.sqrt(ACROSS * limits.radius), largest)
+    )
     ramp = SMOOTH_STEP_SLOPE * fastest / ACCELERATION
     for at, state in zip(ahead, states, strict=True):
         v, _, omega = direction(state)[0]
@@ -140,8 +141,9 @@ def plan_approach(
         if not changing < sum(shortest_paths(start, goal, limits.radius)[0].lengths) <= longest:
             continue
         ends = max(min(sense * steered, 1.0 / limits.radius), -1.0 / limits.radius), bend
-        transition = TRANSITION_RATIO * limits.radius
-        path = smooth_path(start, goal, ends, limits.radius, transition, longest)
+        path = smooth_path(
+            start, goal, ends, limits.radius, TRANSITION_RATIO * limits.radius, longest
+        )
         if path is not None:
             cruise = (path.length - changing) / (time - change)
             return ApproachPlan(path, Pace((first, cruise, last), change, time), sense, t)

@@ -443,9 +443,8 @@ class Controller:
         )
         looks = at_limit or self._watchdog.bound or self._output is not None
         e = self._error(sample) if looks else NOTHING
-        if self._output is not None:
-            self._following.keep_up(sample.t, math.hypot(*e[:2]))
-        error = float(np.abs(e).max(initial=0.0))
+        slows = self._output is not None and self._following.keep_up(sample.t, math.hypot(*e[:2]))
+        error = 0.0 if slows else float(np.abs(e).max(initial=0.0))  # it has another chance
         if not self._watchdog.lost(sample.t, at_limit, error):
             return output
         self._following.stand(sample.t)

@@ -207,8 +207,10 @@ class Following:
             return
         self._move(after.t, offset)
 
-    def keep_up(self, t: float, error: float) -> None:
+    def keep_up(self, t: float, error: float) -> bool:
         """Let a reference run slower that the robot leaves, and faster again once it follows.
+
+        Return whether it is slowed at this sample.
 
         A robot that was near and is not any more has its reference at half the pace a second later,
         and so on until its error falls. Then it gets a quarter more each time that it has followed
@@ -226,9 +228,10 @@ class Following:
         elif error < NEAR and self.pace < 1.0 and waits >= self._calm:
             self.pace = min(1.25 * self.pace, 1.0)
         else:
-            return
+            return False
         self._paced_at, self.slowest = t, min(self.slowest, self.pace)
         self._move(t, np.zeros(3 + len(self._dynamics.robot.joints)))
+        return leaves and self.pace > SLOWEST
 
     def _move(self, t: float, offset: Array) -> None:
         """Go on from an offset more (3 + n_joints,) beside what is followed at a time (s)."""

@@ -370,6 +370,8 @@ class VelocityController:
     def sent(self, t: float, nu: Array) -> None:
         """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
         self._late.sent(t, nu)
+        while self._sent[-1][0] >= t:  # what brakes a lost robot is sent instead
+            self._sent.pop()
         self._sent.append((t, nu))
 
     def last(self, *_: object) -> Speeds:
