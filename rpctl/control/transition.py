@@ -15,7 +15,7 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.paths import smooth_step
 
 PACE_TIME = 1.0  # s in which a reference comes to its pace, and a robot that pauses to a stop
-NEAR = 0.1  # m: a robot that is farther off leaves its reference, if it was as near as half of it
+NEAR = 0.2  # m: a robot that is farther off leaves its reference, if it was as near as half of it
 SLOWEST = 1.0 / 16.0  # of its pace: no reference gets slower that a robot leaves
 CALM = 1.5  # s: half of how long a robot follows what was slowed before that runs faster again
 STEEPEST = 15.0 / 8.0  # of the way that C² steps take, over its mean

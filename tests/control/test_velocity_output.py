@@ -286,12 +286,12 @@ def test_a_pace_falls_while_the_robot_leaves_and_comes_back_with_it(paper: Robot
 
     assert {*paces(0.0, 0.5, 5.0)} == {1.0}  # far from the start on: it comes home as it is
     assert {*paces(5.0, 0.04, 1.0)} == {1.0}
-    assert paces(6.0, 0.2, 3.0) == [0.5] * 12  # it leaves, but is no farther off later
+    assert paces(6.0, 0.25, 3.0) == [0.5] * 12  # it leaves, but is no farther off later
     assert paces(9.0, 0.3, 2.0) == [0.25] * 8
     assert paces(11.0, 0.04, 6.0) == [0.25] * 4 + [0.3125] * 12 + [0.390625] * 8
     assert paces(17.0, 0.04, 15.0)[-1] == 1.0
     assert following.slowest == 0.25
-    assert paces(32.0, 0.2, 1.0) == [0.5] * 4
+    assert paces(32.0, 0.25, 1.0) == [0.5] * 4
     assert paces(33.0, 0.04, 6.0) == [0.5] * 20 + [0.625] * 4  # 6 s after it left once more
 
 
