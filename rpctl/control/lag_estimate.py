@@ -71,7 +71,8 @@ class LagEstimate:
         self._knots = 2 + math.ceil(2.0 * self._dead_times.max() / self._stride)
         self._time = self._sent_at = self._width = math.nan
         self._settled = True  # whether what is found is what is used
-        self._command, self._speeds, self._passed = told * 0.0, told * 0.0, 0.0
+        self._command, self._speeds, self._nu = told * 0.0, told * 0.0, told * 0.0
+        self._passed = 0.0
 
     def sent(self, t: float, command: Array) -> None:
         """Take note of a command (dof,) that is sent at a time (s)."""
@@ -136,7 +137,7 @@ class LagEstimate:
         self._known_from = t if fresh else t + self._dead_times.max() + RESUMED
         self._decide = DECIDED
         self._speeds, self._passed = 0.0 * nu, 0.0
-        self._time, self._nu, self._sent_at = t, nu, t
+        self._nu, self._time, self._sent_at = nu, t, t
 
     def _hold(self, t: float) -> None:
         """Let the last command hold until a time (s)."""

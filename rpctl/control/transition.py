@@ -213,19 +213,20 @@ class Following:
         Return whether it is slowed at this sample.
 
         A robot that was near and is not any more has its reference at half the pace a second later,
-        and so on until its error falls. Then it gets a quarter more each time that it has followed
-        for ``CALM``, which lasts twice as long each time that it has left again.
+        and so on until its error falls or it is near. Then it gets a quarter more each time that it
+        has followed for ``CALM``, which lasts twice as long each time that it has left again.
 
         Args:
             t: Time, s.
             error: Distance from what is followed, m.
         """
         self._left_by = 0.0 if error < 0.5 * NEAR else self._left_by
-        leaves, waits = error > max(NEAR, self._left_by), t - self._paced_at
+        far = NEAR if self.pace == 1.0 else 0.5 * NEAR
+        leaves, waits = error > max(far, 0.95 * self._left_by), t - self._paced_at
         if leaves and waits >= PACE_TIME:
             self._calm *= 1.0 if self._left_by else 2.0
             self._left_by, self.pace = error, max(0.5 * self.pace, SLOWEST)
-        elif error < NEAR and self.pace < 1.0 and waits >= self._calm:
+        elif error < far and self.pace < 1.0 and waits >= self._calm:
             self.pace = min(1.25 * self.pace, 1.0)
         else:
             return False

@@ -265,7 +265,7 @@ def test_a_reference_slows_down_that_the_robot_cannot_follow(
     reference = RunSettings(reference="eight", speed=speed).load_reference(robot)
     controller = Controller(robot, reference, period=period, output="velocity")
     _, found = drive(controller, LATER[late], 30.0, (0.1, 0.1, 0.1))
-    assert np.hypot(*found[:, :2].T).max() < 0.45
+    assert np.hypot(*found[:, :2].T).max() < 0.7
     assert rms(found[-round(3.0 / period) :]) < 0.06
     report = controller.report()
     assert report["lost"] == 0
@@ -286,9 +286,10 @@ def test_a_pace_falls_while_the_robot_leaves_and_comes_back_with_it(paper: Robot
 
     assert {*paces(0.0, 0.5, 5.0)} == {1.0}  # far from the start on: it comes home as it is
     assert {*paces(5.0, 0.04, 1.0)} == {1.0}
-    assert paces(6.0, 0.25, 3.0) == [0.5] * 12  # it leaves, but is no farther off later
-    assert paces(9.0, 0.3, 2.0) == [0.25] * 8
-    assert paces(11.0, 0.04, 6.0) == [0.25] * 4 + [0.3125] * 12 + [0.390625] * 8
+    assert paces(6.0, 0.25, 1.0) == [0.5] * 4
+    assert paces(7.0, 0.2, 2.0) == [0.5] * 8  # still off, but nearer
+    assert paces(9.0, 0.25, 1.0) == [0.25] * 4  # no nearer than it was
+    assert paces(10.0, 0.04, 7.0) == [0.25] * 8 + [0.3125] * 12 + [0.390625] * 8
     assert paces(17.0, 0.04, 15.0)[-1] == 1.0
     assert following.slowest == 0.25
     assert paces(32.0, 0.25, 1.0) == [0.5] * 4
