@@ -70,9 +70,8 @@ class LagEstimate:
         self._row = np.full(len(told), self._at)
         self._knots = 2 + math.ceil(2.0 * self._dead_times.max() / self._stride)
         self._time = self._sent_at = self._width = math.nan
-        self._settled = True  # whether what is found is what is used
+        self._passed, self._settled = 0.0, True  # s; whether what is found is what is used
         self._command, self._speeds, self._nu = told * 0.0, told * 0.0, told * 0.0
-        self._passed = 0.0
 
     def sent(self, t: float, command: Array) -> None:
         """Take note of a command (dof,) that is sent at a time (s)."""
