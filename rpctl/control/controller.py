@@ -308,12 +308,14 @@ class Controller:
 
         ``samples``; how many of them were ``held``, answered while ``stopped``, ``paused`` or
         ``lost`` or by ``fallbacks``, how many came ``late``, and at how many rates were
-        ``estimated``; ``jumps`` of the pose and ``clock_changes``; 1 of ``machine_code`` where the
-        laws run as such; then what the laws count.
+        ``estimated``; ``jumps`` of the pose and ``clock_changes``; the ``pace`` of the reference,
+        below 1 where the robot left it; 1 of ``machine_code`` where the laws run as such; then what
+        the laws count.
         """
         own = {
             "clock_changes": self._reader.clock_changes,
             "estimated": self._estimate.samples,
+            "pace": self._following.pace,
         }
         return {**self._counts, **own, **self._both.report()}
 
@@ -333,6 +335,9 @@ class Controller:
                          "there was nothing safe to send for too long")  # fmt: skip
         if self._counts["lost"]:
             found.append(f"the robot did not do what it was sent, and was braked: {self._lost}")
+        if (slowest := self._following.slowest) < 1.0:
+            found.append(f"the reference ran at {slowest:.2g} of its pace at least, where the "
+                         f"robot left it, and at {self._following.pace:.2g} at last")  # fmt: skip
         return (*found, *filter(None, [self._estimate.note, self.lateness()]))
 
     def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
@@ -435,7 +440,10 @@ class Controller:
             if self._output is None
             else bool(falls_short(sample.nu, output.speeds))
         )
-        error = self._error(sample) if at_limit or self._watchdog.bound else 0.0
+        looks = at_limit or self._watchdog.bound or self._output is not None
+        e = self._error(sample) if looks else NOTHING
+        slows = self._output is not None and self._following.keep_up(sample.t, math.hypot(*e[:2]))
+        error = 0.0 if slows else float(np.abs(e).max(initial=0.0))  # it has another chance
         if not self._watchdog.lost(sample.t, at_limit, error):
             return output
         self._following.stand(sample.t)
@@ -460,10 +468,9 @@ class Controller:
             return braked
         return output._replace(efforts=np.where(self._in_arm, output.efforts, braked.efforts))
 
-    def _error(self, sample: MeasuredSample) -> float:
-        """Return the largest error, m or rad: of what is followed, not of a way up to that."""
-        e = tracking_error(self.robot, self._following.now(sample.t), sample.q)
-        return float(np.abs(e).max(initial=0.0))
+    def _error(self, sample: MeasuredSample) -> Array:
+        """Return the errors of what is followed (3 + n_joints,), not of a way up to that."""
+        return tracking_error(self.robot, self._following.now(sample.t), sample.q)
 
     def _without_motors(self, t: float) -> ControllerOutput:
         """Return what a robot is sent whose motors are off: nothing."""

@@ -68,8 +68,8 @@ class VelocityOutput(Record):
     reference is then. ``groups`` say in what form the speeds are sent.
 
     T and T_d are what was told until measured speeds contradict it, then what these say, see
-    :class:`~rpctl.control.lag_estimate.LagEstimate`; where told dead times differ, they stay. Until
-    then a wrong T leaves a loop that is only less exact, as the measured ν enters the prediction.
+    :class:`~rpctl.control.lag_estimate.LagEstimate`. Until then a wrong T leaves a loop that is
+    only less exact, as the measured ν enters the prediction.
     """
 
     lag: Annotated[
@@ -252,18 +252,20 @@ class Staggered:
 
     Attributes:
         reference: What it follows at one time.
-        shifts: How much later each joint is read (n_joints,), s.
+        dead_times: Of its quasi-velocities (dof,), s: a joint is read as much later as its own is
+            longer than the base's.
     """
 
     reference: Reference
-    shifts: Array
+    dead_times: Array
 
     def __call__(self, t: float) -> ReferenceState:
         """Return the state of the base at a time (s), and of the joints at their own."""
         found = self.reference(t)
         joints = np.array(found[3:6])
-        for shift in {*self.shifts.tolist()} - {0.0}:
-            own, later = self.shifts == shift, self.reference(max(t + shift, 0.0))
+        shifts = self.dead_times[len(self.dead_times) - joints.shape[1] :] - self.dead_times[0]
+        for shift in {*shifts.tolist()} - {0.0}:
+            own, later = shifts == shift, self.reference(max(t + shift, 0.0))
             joints = np.where(own, later[3:6], joints)
         return ReferenceState(*found[:3], joints[0], joints[1], joints[2], found.direction)
 
@@ -285,10 +287,10 @@ class VelocityController:
     ) -> None:
         robot, self._period, self._running = dynamics.robot, period, running
         self._dynamics, self._names = dynamics, robot.quasi_velocities
-        self._dead_times = output.dead_times_of(self._names)
         self._staggered: Staggered | None = None
-        lag, self._learns = output.lag_of(self._names), not np.ptp(self._dead_times)
-        self._late = LagEstimate(lag, float(self._dead_times[0]), period)
+        told = output.lag_of(self._names), output.dead_times_of(self._names)
+        self._late = LagEstimate(*told, period)
+        self._dead_times = self._late.dead_times  # as learnt, in place
         self._own = running.settings[-2 * robot.dof :]  # the last numbers are the output's
         # Commands, and when they were sent; the first acts already.
         self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
@@ -298,10 +300,9 @@ class VelocityController:
 
     def followed(self, reference: Reference) -> Reference:
         """Return a reference with its joints after their own dead times, where these differ."""
-        known, joints = self._staggered, len(self._dynamics.robot.joints)
+        known = self._staggered
         if np.ptp(self._dead_times) and (known is None or known.reference is not reference):
-            shifts = self._dead_times[len(self._dead_times) - joints :] - self._dead_times[0]
-            known = self._staggered = Staggered(reference, shifts)
+            known = self._staggered = Staggered(reference, self._dead_times)
         return known or reference
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
@@ -310,8 +311,7 @@ class VelocityController:
         Each joint of the arm is as it will be when its own acts. Where the steered wheels fix no
         one motion on the way, the prediction of q ends.
         """
-        if self._learns:
-            self._learn(t, nu)
+        self._learn(t, nu)
         self._follow(t, nu)
         sent, latest = self._sent, float(self._dead_times.max(initial=0.0))
         while len(sent) > 1 and sent[1][0] + latest <= t + TIME_ROUNDING:
@@ -335,7 +335,6 @@ class VelocityController:
         self._late.measured(t, nu)
         if self._late.lag is not known:
             self._own[:] = np.ravel(Lateness.of(self._late.lag, self._period))
-            self._dead_times[:] = self._late.dead_time
 
     def _ahead(self, t: float, q: Array, nu: Array, dead_time: float) -> MeasuredSample:
         """Return the state a dead time (s) after a sample, of what has that one."""
@@ -371,6 +370,8 @@ class VelocityController:
     def sent(self, t: float, nu: Array) -> None:
         """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
         self._late.sent(t, nu)
+        while self._sent[-1][0] >= t:  # what brakes a lost robot is sent instead
+            self._sent.pop()
         self._sent.append((t, nu))
 
     def last(self, *_: object) -> Speeds:
@@ -387,11 +388,11 @@ class VelocityController:
         return slower
 
     def report(self) -> dict[str, float]:
-        """Return the lags (s) by name and the dead time that are used, if other than was told."""
+        """Return the lags (s) by name and the base's dead time that are used, if learnt."""
         late = self._late
         rows = np.flatnonzero(late.learnt)
         found = {f"lag of {self._names[k]}": float(late.lag[k]) for k in rows}
-        return {**found, "dead_time": late.dead_time} if found else {}
+        return {**found, "dead_time": float(late.dead_times[0])} if found else {}
 
     def lateness(self) -> str:
         """Return how late the robot follows its speeds, a sentence; "" where it is as told."""
