@@ -511,7 +511,9 @@ class Controller:
         self._safe_until = min(self._safe_until, now + self.guards.stale_after)
         if now <= self._safe_until:
             self._counts["held"] += 1
-            return self._sent._replace(status="held", reason=reason)
+            held = self._sent._replace(status="held", reason=reason)
+            speeds = self._both.speeds
+            return held if speeds is None else held._replace(speeds=speeds.unseen(now, False))
         self._counts["stopped"] += 1
         if not (self._brakes or self._waits):
             self._following.stand(now)
@@ -525,7 +527,7 @@ class Controller:
             output: What it is without any.
         """
         if self._both.speeds is not None:
-            return output._replace(speeds=self._both.speeds.brake(now))
+            return output._replace(speeds=self._both.speeds.unseen(now, brakes=True))
         tau = None
         if self._measured is not None:
             lost = output.status == "lost"

@@ -123,7 +123,7 @@ class SpeedLimits:
         self._lag, self._share = late
         most = [accelerations.get(name, np.inf) for name in names]
         bounds = (np.array([of.get(name, np.inf) for name in names]) for of in (jerks, speeds))
-        self._jerks = JerkLimits(period, self._share, *bounds)
+        self._jerks = JerkLimits(period, self._share, *bounds, np.array(most))
         self._most = np.concatenate([effort_ratio * robot.effort_limits, most])
         self._wheels = len(robot.actuators) - len(robot.joint_names)  # actuators of the base
         kinds: dict[str, Sequence[str]] = {

@@ -295,6 +295,7 @@ class VelocityController:
         # What the commands so far have led to by the time the next one acts, and when it is sent.
         self._model_nu, self._model_time = np.zeros(robot.dof), numbers.nan
         self._model_nu_dot = np.zeros(robot.dof)
+        self._seen: MeasuredSample | None = None  # the last sample, as predicted
 
     def followed(self, reference: Reference) -> Reference:
         """Return a reference with its joints after their own dead times, where these differ."""
@@ -327,6 +328,7 @@ class VelocityController:
                 _, own_q, own_nu = parts[float(self._dead_times[k])]
                 at.nu[k] = own_nu[k]
                 entry.write(at.q, entry.read(own_q))
+        self._seen = at
         return at
 
     def _learn(self, t: float, nu: Array) -> None:
@@ -371,20 +373,32 @@ class VelocityController:
     def sent(self, t: float, nu: Array) -> None:
         """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
         self._late.sent(t, nu)
+        self._follow(t, nu)
+        if self._sent[-1][0] == t:  # they replace others
+            self._sent.pop()
         self._sent.append((t, nu))
 
     def last(self, *_: object) -> Speeds:
         """Return the speeds that were sent last: what stands in where there are no others."""
         return Speeds(self._sent[-1][1])
 
-    def brake(self, t: float) -> Array:
-        """Return the speeds (dof,) to send at a time (s) in a controlled stop: they decay."""
-        start, nu = self._sent[-1]
+    def unseen(self, t: float, brakes: bool) -> Array:
+        """Return the speeds (dof,) to send at a time (s) without a sample, within their limits.
+
+        Args:
+            brakes: Whether they decay, or those that were sent last go on.
+        """
+        nu, still = self._sent[-1][1], np.zeros(len(self._names))
         self._follow(t, nu)
-        elapsed = min(t - start, self._period)
-        slower = nu * numbers.exp(-elapsed / STOPPING_TIME)
-        self.sent(t, slower)
-        return slower
+        command = Command(nu, still)
+        if brakes:
+            command = Command(self._model_nu, -self._model_nu / STOPPING_TIME)
+        if self._seen is not None and self._running.follow(*self._seen[1:], command):
+            nu = self._running.answer.copy()
+        elif brakes:
+            nu = numbers.exp(-self._period / STOPPING_TIME) * nu
+        self.sent(t, nu)
+        return nu
 
     def report(self) -> dict[str, float]:
         """Return the lags (s) by name and the dead time that are used, if other than was told."""
