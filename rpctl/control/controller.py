@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.arm_efforts import ArmEfforts
 from rpctl.control.bandwidth import knowing_delay
 from rpctl.control.both_laws import BothLaws
 from rpctl.control.bounded import IntegralDynamic
@@ -80,8 +81,10 @@ class ControllerOutput(NamedTuple):
     """What a robot is sent after a sample.
 
     Attributes:
-        efforts: (n_act,), N·m or N; always finite. (0,) where the output are speeds.
-        speeds: Quasi-velocities (dof,), m/s or rad/s; always finite. (0,) where it are efforts.
+        efforts: (n_act,), N·m or N; always finite. (0,) where the output are speeds; where some
+            joints are sent efforts beside them, 0 of all actuators that nobody is to send any.
+        speeds: Quasi-velocities (dof,), m/s or rad/s; always finite. (0,) where it are efforts;
+            beside them, those of joints that are sent efforts are what these are to bring about.
         command: What the kinematic law asked for.
         limits: The limits of the URDF that bind the efforts or speeds.
         status: "ok"; "fallback" where another law took the place of one that failed; "held" where
@@ -131,7 +134,8 @@ class Controller:
             follows them. ``"twist"``, ``"wheel-speeds"``, ``"steering"`` or ``"position"``, or a
             mapping such as ``{"base": "twist", "arm_*": "position"}``, whose values may be
             :class:`~rpctl.control.output_groups.OutputGroup` with bounds and lateness of their own:
-            ``commands`` of what is sent say it so. Then there is no dynamic law.
+            ``commands`` of what is sent say it so. Then there is no dynamic law, but for joints in
+            a group of the kind ``"effort"``.
         rest: State before the first sample, if it is known. Its efforts are sent as long as there
             was no good sample; without it, zeros are.
         guards: What is done about bad samples, poses that jump and robots that do not follow; None
@@ -216,11 +220,15 @@ class Controller:
         still = np.zeros(robot.dof)
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
         efforts, speeds = (tau, NOTHING) if self._output is None else (NOTHING, still)
+        acting, self._arm = efforts, None
+        if self._output is not None and (joints := self._output.sent_efforts(robot)):
+            self._arm = ArmEfforts(self._laws[1], joints, *started, self._compiled)
+            efforts = np.where(self._arm.sent, tau, 0.0)
         self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
         needs_rates = self._rates == "measured"
         self._reader = SampleReader(robot, self.period, self._delay, needs_rates)
         self._estimate = StateEstimate(
-            self._dynamics, self.period, self._delay, self._rates, efforts, self._compiled
+            self._dynamics, self.period, self._delay, self._rates, acting, self._compiled
         )
         self._jumps = JumpWatch()
         self._watchdog = Watchdog(self.guards.lost_after)
@@ -256,9 +264,11 @@ class Controller:
             output = self._without_answer(self._reader.time, output)
         if self._groups is not None and self._measured is not None:
             state = self._measured, self._both.ahead, output.reason == MOTORS_OFF
-            output = output._replace(commands=self._groups(output.speeds, *state))
+            commands = self._groups(output.speeds, *state, output.efforts)
+            output = output._replace(commands=commands)
         self._sent = output
-        self._estimate.sent(self._reader.time, output.efforts)
+        # What moves a robot that follows speeds is not known.
+        self._estimate.sent(self._reader.time, output.efforts if self._output is None else NOTHING)
         return output
 
     def pause(self, motors_off: bool = False) -> None:
@@ -356,6 +366,8 @@ class Controller:
         if isinstance(answer, str):
             return answer
         output = self._sending(sample.t, *answer)
+        if self._arm is not None:
+            output = self._with_efforts(sample, output, self._arm)
         if self._waits == PAUSED:
             self._counts["paused"] += 1
             return self._slowed(output._replace(status="stopped", reason=PAUSED))
@@ -402,6 +414,21 @@ class Controller:
                     missing = self._dynamics.actuation(before.q) @ (arrived - self._asked)
                     kernel.moved(nu_dot, missing != 0.0)
         self._both.sampled_after(elapsed)
+        if self._arm is not None:
+            self._arm.sampled_after(elapsed if arrived is self._asked else None)
+
+    def _with_efforts(
+        self, sample: MeasuredSample, output: ControllerOutput, arm: ArmEfforts
+    ) -> ControllerOutput:
+        """Return what is sent with the efforts of the arm beside a base that follows its speeds."""
+        if self._both.speeds is None:
+            return output
+        coming = self._both.speeds.coming(sample.t, sample.nu)
+        found, own = arm(sample, output.command, coming), arm.joints
+        if found is None:
+            return output._replace(efforts=self._sent.efforts, status="fallback", reason=arm.reason)
+        limits = *(each for each in output.limits if each.joint not in own), *found.limits
+        return output._replace(efforts=found.tau, limits=limits)
 
     def _efforts_of(self, applied: Any) -> Array | None:
         """Return efforts (n_act,) that a robot tells; None where they are no such numbers."""
@@ -415,7 +442,7 @@ class Controller:
         """Return what is sent with the rate of its efforts within their own limit."""
         self._arrived = self._asked = output.efforts
         rate = self._rate if self._ramps else self.guards.effort_rate
-        if rate is None or self._output is not None:
+        if rate is None or not output.efforts.size:
             return output
         most = self._largest_change(rate)
         tau = self._sent.efforts + np.clip(output.efforts - self._sent.efforts, -most, most)
@@ -456,11 +483,12 @@ class Controller:
         """
         self._counts["lost"] += 1
         asked, output = output.efforts, output._replace(status="lost", reason=self._waits)
-        braked = self._brake(sample.t, output)
-        if self._output is not None:
-            return braked
+        if self._both.speeds is not None:
+            braked = self._both.speeds.unseen(sample.t, brakes=True)
+            return self._slowed(output._replace(speeds=braked))
+        braked = self._brake(sample.t, output).efforts
         output = self._slowed(output._replace(
-            efforts=np.where(self._in_arm, output.efforts, braked.efforts)
+            efforts=np.where(self._in_arm, output.efforts, braked)
         ))  # fmt: skip
         self._asked = asked
         return output
@@ -527,11 +555,16 @@ class Controller:
             output: What it is without any.
         """
         if self._both.speeds is not None:
-            return output._replace(speeds=self._both.speeds.unseen(now, brakes=True))
+            output = output._replace(speeds=self._both.speeds.unseen(now, brakes=True))
+            if self._arm is None:
+                return output
         tau = None
         if self._measured is not None:
             lost = output.status == "lost"
             most = self._largest_change(self._rate)
             self._braking = self._braking or Braking(self._dynamics, self._measured, most, lost)
-            tau = self._braking.efforts(now, self._sent.efforts)
+            acting = self._sent.efforts if self._arm is None else self._arm.whole
+            tau = self._braking.efforts(now, acting)
+            if self._arm is not None and tau is not None:
+                self._arm.whole, tau = tau, np.where(self._arm.sent, tau, 0.0)
         return output if tau is None else output._replace(efforts=tau)

@@ -6,12 +6,13 @@ import cmath
 import math
 from collections.abc import Mapping
 from contextlib import suppress
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.output_groups import POSITION, STEERING, WHEELS, members
+from rpctl.control.output_groups import EFFORT, POSITION, STEERING, WHEELS, members
 from rpctl.control.sampling import MeasuredSample
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -19,6 +20,7 @@ from rpctl.errors import SingularBasisError
 
 LEASH_TIME = 0.1  # s at full speed by which a commanded position may be ahead of its joint
 STEERED = ("steered", "mimic", "follower")  # roles of swivels whose angles are commanded
+NOTHING = np.empty(0)
 FASTEST = 2.0  # rad/s or m/s, of a joint without a speed limit
 
 
@@ -35,12 +37,14 @@ class GroupCommand(NamedTuple):
             ``"wheel-speeds"`` and ``"steering"``: of the swivels' joints that steer; the latter
             also ``steering``, the angle of a single wheel as far ahead of P as the steered joint.
         accelerations: Of the same as the speeds, m/s² or rad/s²: since what was sent before.
+        efforts: N·m or N. ``"effort"``: of the joints, and nothing else.
     """
 
     kind: str
     speeds: dict[str, float]
     positions: dict[str, float]
     accelerations: dict[str, float]
+    efforts: Mapping[str, float] = MappingProxyType({})
 
 
 class GroupCommands:
@@ -76,13 +80,19 @@ class GroupCommands:
         arm = {*robot.joint_names, *self._turned}
         self._wheels = [name for name in robot.actuators if name not in arm]
         self._rows = [robot.velocity_index(name) for name in self._wheels]
-        self._positions = np.empty(0)  # (n,) of what is placed, as sent last
+        self._actuators = {name: k for k, name in enumerate(robot.actuators)}
+        self._positions = NOTHING  # (n,) of what is placed, as sent last
         self._before: Mapping[str, GroupCommand] = {}
         self._rates = np.zeros(len(self._wheels))
         self._angle = 0.0  # rad, of the single wheel
 
     def __call__(
-        self, nu: Array, sample: MeasuredSample, ahead: MeasuredSample | None, off: bool
+        self,
+        nu: Array,
+        sample: MeasuredSample,
+        ahead: MeasuredSample | None,
+        off: bool,
+        efforts: Array = NOTHING,
     ) -> dict[str, GroupCommand]:
         """Return what each group is sent, by its pattern.
 
@@ -91,6 +101,7 @@ class GroupCommands:
             sample: What was measured last.
             ahead: The state as it will be when they begin to act; None where there is none new.
             off: Whether the motors are off: then positions are those that are measured.
+            efforts: Of all actuators (n_act,), where some are sent any.
         """
         places = dict[str, float]()
         if self._placed:
@@ -102,6 +113,10 @@ class GroupCommands:
         commanded = dict(zip(self._dynamics.robot.quasi_velocities, nu.tolist(), strict=True))
         found = {}
         for pattern, (group, names) in self._members.items():
+            if group.kind == EFFORT:
+                own = {name: float(efforts[self._actuators[name]]) for name in names}
+                found[pattern] = GroupCommand(EFFORT, {}, {}, {}, own)
+                continue
             speeds = {name: commanded[name] for name in names}
             positions = {name: places[name] for name in names if group.kind == POSITION}
             if group.kind == WHEELS:

@@ -19,15 +19,17 @@ from rpctl.control.law_kernel import RunningLaws, running_laws
 from rpctl.control.output_groups import (
     BASE,
     DEAD_TIME,
-    GROUP_KINDS,
+    EFFORT,
     LAG,
     MAX_DEAD_TIME,
     POSITION,
     RATES,
     REST,
+    SPEED_KINDS,
     OutputGroup,
     as_groups,
     by_quasi_velocity,
+    members,
 )
 from rpctl.control.sampling import TIME_ROUNDING, MeasuredSample
 from rpctl.control.speed_limits import Lateness, SpeedLimits, SpeedSample
@@ -185,6 +187,11 @@ class VelocityOutput(Record):
         nu, binding = within(frame.known, wanted, at, sample.nu_d_dot)
         return frame.answered("law_speeds", nu, within.labels, binding, model)
 
+    def sent_efforts(self, robot: Robot) -> tuple[str, ...]:
+        """Return the joints that are sent efforts."""
+        groups = members(self.groups, robot) if self.groups else {}
+        return tuple(n for group, names in groups.values() if group.kind == EFFORT for n in names)
+
     def lag_of(self, quasi_velocities: tuple[str, ...]) -> Array:
         """Return T (dof,) of quasi-velocities by their names, s.
 
@@ -233,8 +240,8 @@ def as_output(
         return output
     if isinstance(output, Mapping):
         return VelocityOutput(groups=as_groups(output))
-    if output not in (*OUTPUTS, *GROUP_KINDS):
-        raise UnknownNameError("output", output, dict.fromkeys((*OUTPUTS, *GROUP_KINDS)))
+    if output not in (*OUTPUTS, *SPEED_KINDS):
+        raise UnknownNameError("output", output, dict.fromkeys((*OUTPUTS, *SPEED_KINDS)))
     if output in OUTPUTS:
         return None if output == "effort" else VelocityOutput()
     return as_output({REST: output} if output == POSITION else {BASE: output, REST: RATES})
@@ -287,7 +294,8 @@ class VelocityController:
         self._dynamics, self._names = dynamics, robot.quasi_velocities
         self._dead_times = output.dead_times_of(self._names)
         self._staggered: Staggered | None = None
-        lag, self._learns = output.lag_of(self._names), not np.ptp(self._dead_times)
+        lag, efforts = output.lag_of(self._names), bool(output.sent_efforts(robot))
+        self._learns = not (np.ptp(self._dead_times) or efforts)
         self._late = LagEstimate(lag, float(self._dead_times[0]), period)
         self._own = running.settings[-2 * robot.dof :]  # the last numbers are the output's
         # Commands, and when they were sent; the first acts already.
@@ -399,6 +407,15 @@ class VelocityController:
             nu = numbers.exp(-self._period / STOPPING_TIME) * nu
         self.sent(t, nu)
         return nu
+
+    def coming(self, t: float, nu: Array) -> Array:
+        """Return the mean ν̇ (dof,) of the period from a time (s) on, at which ν is (dof,)."""
+        soon = t + 0.5 * self._period
+        acting = [
+            next(command[k] for start, command in reversed(self._sent) if start + dead <= soon)
+            for k, dead in enumerate(self._dead_times.tolist())
+        ]
+        return np.asarray((acting - nu) * self._own[len(nu) :])
 
     def report(self) -> dict[str, float]:
         """Return the lags (s) by name and the dead time that are used, if other than was told."""

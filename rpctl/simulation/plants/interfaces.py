@@ -135,6 +135,7 @@ class SpeedInterface:
     """A robot that takes speeds, and whose own controllers find the efforts that follow them.
 
     What is sent positions is moved by these alone: it is to be where it is told, a period later.
+    Joints that are sent efforts are left to those that know how these move them.
 
     Args:
         dynamics: Of the simulated robot, with what the plant adds.
@@ -154,7 +155,10 @@ class SpeedInterface:
         self._dynamics = dynamics
         self._bias = plant.bias(robot)
         self._held, self._t = HeldCommands(np.zeros(robot.dof)), 0.0
-        self._period = run.control_period
+        self._period, self._late = run.control_period, late
+        joints = known.sent_efforts(robot)
+        self._pushed = np.array([name in joints for name in robot.actuators])
+        self._efforts, self._tau = HeldCommands(rest.tau), rest.tau
         self._plant = VelocityPlant(
             dynamics,
             truth.lag_of(names),
@@ -179,6 +183,9 @@ class SpeedInterface:
                 place = command.positions[name]
                 speeds[self._index[name]] = (place - self._placed[name]) / self._period
                 self._placed[name] = place
+        if output.efforts.size:
+            self._efforts.send(self._t + late + self._late, output.efforts)
+            self._tau = self._efforts.at(self._t)
         self._held.send(self._t + late, speeds)
         self._plant.send(self._held.at(self._t))
         self._t += self._period
@@ -191,6 +198,52 @@ class SpeedInterface:
         before = self.state
         q, nu, work, lost = self._plant.advance(before.q, before.nu)
         self.state = PlantState(q, nu, before.work + work, before.lost + lost, {})
+
+
+class ArmInterface(SpeedInterface):
+    """A robot that rolls whose arm takes efforts, on a base that follows speeds exactly.
+
+    The efforts of the base are those with which it moves so while the arm pushes it,
+
+        M_aa ν̇_a = B_a τ_a − h_a + ℓ_a − M_ab ν̇_b.
+
+    Args:
+        dynamics: Of the simulated robot, with what the plant adds.
+        config: Its plant, and how its controller takes it to follow.
+        rest: Where it stands, and the efforts that hold it.
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, config: Config, rest: Rest) -> None:
+        super().__init__(dynamics, config, rest)
+        self._motion = RollingMotion(dynamics, rest.q, config.run.plant_step)
+        pushed = np.array(dynamics.robot.actuators)[self._pushed].tolist()
+        self._own = np.array([name in pushed for name in dynamics.robot.quasi_velocities])
+
+    def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
+        """Take what is sent; return the efforts (n_act,) at the beginning of the period."""
+        super().take(output, late)
+        q, nu, *_ = self.state
+        return np.asarray(self._acting(self._plant.acceleration(q, nu)) - self._bias)
+
+    def advance(self, duration: float) -> None:
+        """Advance the robot by a control period; see :class:`Interface`."""
+        motion, (*_, work, lost, _) = self._motion, self.state
+        for dt, mean, change in self._plant.course(motion.q, motion.nu)[1]:
+            target = mean + 0.5 * change
+            done = motion.advance(self._acting((target - motion.nu) / dt), dt)
+            motion.nu = np.where(self._own, done.nu, target)
+            work, lost = work + done.work, lost + done.lost
+        self.state = PlantState(motion.q, motion.nu, work, lost, {})
+
+    def _acting(self, nu_dot: Array) -> Array:
+        """Return all efforts (n_act,) of a base that accelerates so (dof,); its own entries count."""
+        dynamics, own, (q, nu) = self._dynamics, self._own, (self._motion.q, self._motion.nu)
+        M, push = dynamics.lossless(q, nu, self._tau + self._bias)
+        free = push + dynamics.losses(q, nu) - M[:, ~own] @ nu_dot[~own]
+        nu_dot = nu_dot.copy()
+        nu_dot[own] = np.linalg.solve(M[np.ix_(own, own)], free[own])
+        whole = dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot))
+        return np.where(self._pushed, self._tau + self._bias, whole)
 
 
 class OwnInterface:
