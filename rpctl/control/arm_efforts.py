@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.both_laws import effort_law, laws_kernel
-from rpctl.control.law import Command, Efforts, Rest
+from rpctl.control.both_laws import Started, effort_law, laws_kernel
+from rpctl.control.law import Command, Efforts
 from rpctl.control.sampling import MeasuredSample
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.control.velocity_output import VelocityOutput
 
 
 class ArmEfforts:
@@ -27,42 +26,23 @@ class ArmEfforts:
 
     Args:
         law: The dynamic law.
-        names: Of the joints.
-        dynamics: The robot's dynamics, as far as the controller knows them.
-        period: Control period, s.
-        rest: State before the first sample, if it is known.
+        output: What is sent, with what its groups say on the robot.
+        started: What the run starts with.
         compiled: Whether a law in closed form runs as machine code.
 
     Attributes:
-        joints: The names of the joints.
+        law: The law of this run.
         sent: Which efforts (n_act,) the robot is sent.
-        whole: All efforts (n_act,) of the motion that is expected now; the others come about.
-        sampled_after: Tells the law the time between samples, see :class:`rpctl.control.law.Timed`.
     """
 
-    def __init__(
-        self,
-        law: Any,
-        names: Collection[str],
-        dynamics: ReducedDynamics,
-        period: float,
-        rest: Rest | None,
-        compiled: bool,
-    ) -> None:
-        robot, started = dynamics.robot, (dynamics, period, rest)
-        self._dynamics, self.joints = dynamics, names
-        self._own = np.array([name in names for name in robot.quasi_velocities])
-        self.sent = np.array([name in names for name in robot.actuators])
+    def __init__(self, law: Any, output: VelocityOutput, started: Started, compiled: bool) -> None:
+        self._dynamics, robot = started[0], started[0].robot
+        joints = output.sent_efforts(robot)
+        self._own = np.isin(robot.quasi_velocities, joints)
+        self.sent = np.isin(robot.actuators, joints)
         self._kernel, _ = laws_kernel((None, law), started, compiled)
-        self._law = effort_law(law, started, () if self._kernel is None else (self._kernel,))
-        self.sampled_after = self._law.sampled_after
-        self.whole = np.zeros(len(robot.actuators)) if rest is None else rest.tau
+        self.law = effort_law(law, started, self._kernel)
         self._before: MeasuredSample | None = None
-
-    @property
-    def reason(self) -> str:
-        """Why the law was replaced at the last sample; "" where it was not."""
-        return self._law.reason
 
     def __call__(self, sample: MeasuredSample, command: Command, nu_dot: Array) -> Efforts | None:
         """Return the efforts (n_act,), 0 of what is sent none, and the joints' limits that bind.
@@ -75,14 +55,12 @@ class ArmEfforts:
             nu_dot: Acceleration (dof,) to come of what follows speeds.
         """
         before, self._before, own = self._before, sample, self._own
-        if before is not None and self._kernel is not None and self._kernel.learns:
-            happened = (sample.nu - before.nu) / (sample.t - before.t)
-            self._kernel.moved(happened, ~own)
-        pairs = zip(command, (sample.nu, nu_dot), strict=True)
-        wanted = Command(*(np.where(own, *pair) for pair in pairs))
-        found = self._law(sample.t, self._dynamics, sample.q, sample.nu, wanted)
+        if before is not None and self._kernel is not None:
+            self._kernel.moved((sample.nu - before.nu) / (sample.t - before.t), ~own)
+        nu_d, nu_d_dot = np.where(own, command, (sample.nu, nu_dot))
+        found = self.law(sample.t, self._dynamics, sample.q, sample.nu, Command(nu_d, nu_d_dot))
         if found is None:
             return None
-        self.whole = found.tau
-        limits = tuple(limit for limit in found.limits if limit.joint in self.joints)
+        names = {*self._dynamics.robot.joint_names}
+        limits = tuple(limit for limit in found.limits if limit.joint in names)
         return Efforts(np.where(self.sent, found.tau, 0.0), limits)

@@ -85,7 +85,7 @@ class BothLaws:
                 self.speeds, self.speeds.last, partial(require_speeds, robot)
             )
         else:
-            self._sending = effort_law(sent, started, own)
+            self._sending = effort_law(sent, started, self.kernel)
 
     @property
     def reason(self) -> str:
@@ -167,17 +167,16 @@ class BothLaws:
 Started = tuple[ReducedDynamics, float, Rest | None]  # dynamics, period (s) and state before a run
 
 
-def effort_law(
-    law: Any, started: Started, own: tuple[RunningLaws, ...]
-) -> LawWithFallback[Efforts]:
+def effort_law(law: Any, started: Started, kernel: RunningLaws | None) -> LawWithFallback[Efforts]:
     """Return a dynamic law of one run, in whose place the paper's stands where it fails.
 
     Args:
         law: The law.
-        own: Its kernel, if it is part of one.
+        started: What the run starts with.
+        kernel: The law's, if it has one.
     """
     paper = partial(_within_limits, PaperDynamic().start(*started))
-    efforts: Any = law.start(*started, *own)
+    efforts: Any = law.start(*started, *(() if kernel is None else (kernel,)))
     return LawWithFallback(efforts, paper, partial(require_efforts, started[0].robot))
 
 

@@ -221,8 +221,8 @@ class Controller:
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
         efforts, speeds = (tau, NOTHING) if self._output is None else (NOTHING, still)
         acting, self._arm = efforts, None
-        if self._output is not None and (joints := self._output.sent_efforts(robot)):
-            self._arm = ArmEfforts(self._laws[1], joints, *started, self._compiled)
+        if self._output is not None and self._output.sent_efforts(robot):
+            self._arm = ArmEfforts(self._laws[1], self._output, started, self._compiled)
             efforts = np.where(self._arm.sent, tau, 0.0)
         self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
         needs_rates = self._rates == "measured"
@@ -365,9 +365,7 @@ class Controller:
         answer = self._both.answer(sample, self._following.now)
         if isinstance(answer, str):
             return answer
-        output = self._sending(sample.t, *answer)
-        if self._arm is not None:
-            output = self._with_efforts(sample, output, self._arm)
+        output = self._sending(sample, *answer)
         if self._waits == PAUSED:
             self._counts["paused"] += 1
             return self._slowed(output._replace(status="stopped", reason=PAUSED))
@@ -415,20 +413,7 @@ class Controller:
                     kernel.moved(nu_dot, missing != 0.0)
         self._both.sampled_after(elapsed)
         if self._arm is not None:
-            self._arm.sampled_after(elapsed if arrived is self._asked else None)
-
-    def _with_efforts(
-        self, sample: MeasuredSample, output: ControllerOutput, arm: ArmEfforts
-    ) -> ControllerOutput:
-        """Return what is sent with the efforts of the arm beside a base that follows its speeds."""
-        if self._both.speeds is None:
-            return output
-        coming = self._both.speeds.coming(sample.t, sample.nu)
-        found, own = arm(sample, output.command, coming), arm.joints
-        if found is None:
-            return output._replace(efforts=self._sent.efforts, status="fallback", reason=arm.reason)
-        limits = *(each for each in output.limits if each.joint not in own), *found.limits
-        return output._replace(efforts=found.tau, limits=limits)
+            self._arm.law.sampled_after(elapsed if arrived is self._asked else None)
 
     def _efforts_of(self, applied: Any) -> Array | None:
         """Return efforts (n_act,) that a robot tells; None where they are no such numbers."""
@@ -482,14 +467,10 @@ class Controller:
             output: What the laws make of a stop.
         """
         self._counts["lost"] += 1
-        asked, output = output.efforts, output._replace(status="lost", reason=self._waits)
-        if self._both.speeds is not None:
-            braked = self._both.speeds.unseen(sample.t, brakes=True)
-            return self._slowed(output._replace(speeds=braked))
-        braked = self._brake(sample.t, output).efforts
-        output = self._slowed(output._replace(
-            efforts=np.where(self._in_arm, output.efforts, braked)
-        ))  # fmt: skip
+        asked = output.efforts
+        braked = self._brake(sample.t, output._replace(status="lost", reason=self._waits))
+        arm = self._in_arm[: asked.size]  # none where speeds are sent
+        output = self._slowed(braked._replace(efforts=np.where(arm, asked, braked.efforts)))
         self._asked = asked
         return output
 
@@ -515,17 +496,23 @@ class Controller:
         elapsed = t - before
         return self.period if abs(elapsed - self.period) < TIME_ROUNDING else elapsed
 
-    def _sending(self, t: float, command: Command, answer: Efforts | Speeds) -> ControllerOutput:
-        """Return what is sent at a time (s), and take note of it."""
-        self._safe_until = t + self.guards.stale_after
-        reason = self._both.reason
+    def _sending(
+        self, sample: MeasuredSample, command: Command, answer: Efforts | Speeds
+    ) -> ControllerOutput:
+        """Return what is sent after a sample, and take note of it."""
+        self._safe_until, speeds = sample.t + self.guards.stale_after, self._both.speeds
+        reason, (tau, limits), nu = self._both.reason, answer, NOTHING
+        if speeds is not None:
+            speeds.sent(sample.t, tau)
+            tau, nu = NOTHING, tau
+            if self._arm is not None:
+                coming = speeds.coming(sample.t, sample.nu)
+                found = self._arm(sample, command, coming) or Efforts(self._sent.efforts)
+                tau, limits = found.tau, (*limits, *found.limits)
+                reason = reason or self._arm.law.reason
         self._counts["fallbacks"] += bool(reason)
         status: Status = "fallback" if reason else "ok"
-        if isinstance(answer, Efforts):
-            return ControllerOutput(answer.tau, NOTHING, command, answer.limits, status, reason)
-        if self._both.speeds is not None:
-            self._both.speeds.sent(t, answer.nu)
-        return ControllerOutput(NOTHING, answer.nu, command, answer.limits, status, reason)
+        return ControllerOutput(tau, nu, command, limits, status, reason)
 
     def _without_answer(self, now: float, reason: str) -> ControllerOutput:
         """Return what was sent last, or what brakes the robot once that is stale.
@@ -556,15 +543,13 @@ class Controller:
         """
         if self._both.speeds is not None:
             output = output._replace(speeds=self._both.speeds.unseen(now, brakes=True))
-            if self._arm is None:
-                return output
-        tau = None
-        if self._measured is not None:
-            lost = output.status == "lost"
-            most = self._largest_change(self._rate)
-            self._braking = self._braking or Braking(self._dynamics, self._measured, most, lost)
-            acting = self._sent.efforts if self._arm is None else self._arm.whole
-            tau = self._braking.efforts(now, acting)
-            if self._arm is not None and tau is not None:
-                self._arm.whole, tau = tau, np.where(self._arm.sent, tau, 0.0)
-        return output if tau is None else output._replace(efforts=tau)
+        if self._measured is None or not output.efforts.size:
+            return output
+        sent, most = self._sent.efforts, self._largest_change(self._rate)
+        self._braking = self._braking or Braking(
+            self._dynamics, self._measured, sent, most, alone=output.status == "lost"
+        )
+        tau = self._braking.efforts(now)
+        if tau is None:
+            return output
+        return output._replace(efforts=tau if self._arm is None else self._arm.sent * tau)

@@ -220,7 +220,8 @@ class Braking:
     hold it.
 
     Args:
-        most: Largest change of the efforts (n_act,) at a sample.
+        sent: Efforts (n_act,) that were sent until now.
+        most: Largest change of them at a sample.
         alone: Whether base and arm are each braked as if the other did not accelerate: it may not
             do what it is sent.
     """
@@ -229,19 +230,16 @@ class Braking:
         self,
         dynamics: ReducedDynamics,
         sample: MeasuredSample,
+        sent: Array,
         most: Array,
         alone: bool = False,
     ) -> None:
-        self._dynamics, self._most, self._alone = dynamics, most, alone
+        self._dynamics, self._sent, self._most, self._alone = dynamics, sent, most, alone
         self._t, self._q, self._nu = sample
 
-    def efforts(self, t: float, sent: Array) -> Array | None:
-        """Return the efforts (n_act,) to send now; None where the model has none.
-
-        Args:
-            sent: Efforts (n_act,) that were sent until now.
-        """
-        dynamics, box = self._dynamics, self._dynamics.robot.effort_limits
+    def efforts(self, t: float) -> Array | None:
+        """Return the efforts (n_act,) to send now, at a time (s); None where the model has none."""
+        dynamics, sent, box = self._dynamics, self._sent, self._dynamics.robot.effort_limits
         try:
             self._advance(t - self._t, sent)
             push = self._push(-self._nu / BRAKING_TIME)
@@ -249,8 +247,10 @@ class Braking:
             tau = np.clip(tau, sent - self._most, sent + self._most)
         except FAILURES:
             return None
-        self._t = t
-        return tau if np.isfinite(tau).all() else None
+        if not np.isfinite(tau).all():
+            return None
+        self._t, self._sent = t, tau
+        return tau
 
     def _push(self, nu_dot: Array) -> Array:
         """Return the quasi-force (dof,) of an acceleration (dof,)."""

@@ -157,7 +157,8 @@ class SpeedInterface:
         self._held, self._t = HeldCommands(np.zeros(robot.dof)), 0.0
         self._period, self._late = run.control_period, late
         joints = known.sent_efforts(robot)
-        self._pushed = np.array([name in joints for name in robot.actuators])
+        self._pushed = np.isin(robot.actuators, joints)
+        self._own = np.isin(names, joints)
         self._efforts, self._tau = HeldCommands(rest.tau), rest.tau
         self._plant = VelocityPlant(
             dynamics,
@@ -216,8 +217,6 @@ class ArmInterface(SpeedInterface):
     def __init__(self, dynamics: ReducedDynamics, config: Config, rest: Rest) -> None:
         super().__init__(dynamics, config, rest)
         self._motion = RollingMotion(dynamics, rest.q, config.run.plant_step)
-        pushed = np.array(dynamics.robot.actuators)[self._pushed].tolist()
-        self._own = np.array([name in pushed for name in dynamics.robot.quasi_velocities])
 
     def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
         """Take what is sent; return the efforts (n_act,) at the beginning of the period."""
@@ -236,14 +235,15 @@ class ArmInterface(SpeedInterface):
         self.state = PlantState(motion.q, motion.nu, work, lost, {})
 
     def _acting(self, nu_dot: Array) -> Array:
-        """Return all efforts (n_act,) of a base that accelerates so (dof,); its own entries count."""
-        dynamics, own, (q, nu) = self._dynamics, self._own, (self._motion.q, self._motion.nu)
-        M, push = dynamics.lossless(q, nu, self._tau + self._bias)
-        free = push + dynamics.losses(q, nu) - M[:, ~own] @ nu_dot[~own]
-        nu_dot = nu_dot.copy()
+        """Return all efforts (n_act,); the base has those of its entries of ν̇ (dof,)."""
+        dynamics, own, q, nu = self._dynamics, self._own, self._motion.q, self._motion.nu
+        tau = self._tau + self._bias
+        M, push = dynamics.lossless(q, nu, tau)
+        nu_dot = np.where(own, 0.0, nu_dot)
+        free = push + dynamics.losses(q, nu) - M @ nu_dot
         nu_dot[own] = np.linalg.solve(M[np.ix_(own, own)], free[own])
         whole = dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot))
-        return np.where(self._pushed, self._tau + self._bias, whole)
+        return np.where(self._pushed, tau, whole)
 
 
 class OwnInterface:
