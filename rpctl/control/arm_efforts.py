@@ -38,7 +38,7 @@ class ArmEfforts:
     def __init__(self, law: Any, output: VelocityOutput, started: Started, compiled: bool) -> None:
         self._dynamics, robot = started[0], started[0].robot
         joints = output.sent_efforts(robot)
-        self._own = np.isin(robot.quasi_velocities, joints)
+        self._own: Any = np.isin(robot.quasi_velocities, joints)
         self.sent = np.isin(robot.actuators, joints)
         self._kernel, _ = laws_kernel((None, law), started, compiled)
         self.law = effort_law(law, started, self._kernel)

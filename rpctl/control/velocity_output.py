@@ -410,7 +410,7 @@ class VelocityController:
 
     def coming(self, t: float, nu: Array) -> Array:
         """Return the mean ν̇ (dof,) of the period from a time (s) on, at which ν is (dof,)."""
-        soon = t + 0.5 * self._period
+        soon = t + 0.5 * self._period + TIME_ROUNDING
         acting = [
             next(command[k] for start, command in reversed(self._sent) if start + dead <= soon)
             for k, dead in enumerate(self._dead_times.tolist())
