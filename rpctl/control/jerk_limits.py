@@ -51,11 +51,9 @@ class JerkLimits:
         (model_nu, before), found, binding = model, math.vertsplit(nu_dot), []
         for k in np.flatnonzero(np.isfinite(self.jerks)).tolist():
             share, limit, nu = self.share[k], self.speeds[k], model_nu[k]
-            more = nu_dot[k] - rate[k]
+            more, largest = nu_dot[k] - rate[k], float(self.accelerations[k])
             most = self._stoppable(k, math.fabs(more) / share)
-            toward = rate[k] + clipped(more, -most, most)
-            if np.isfinite(largest := self.accelerations[k]):
-                toward = clipped(toward, -largest, largest)
+            toward = clipped(rate[k] + clipped(more, -most, most), -largest, largest)
             if np.isfinite(limit):
                 ahead, behind = (self._stoppable(k, math.fmax(g, 0.0)) for g in
                                  (limit - nu, limit + nu))  # fmt: skip

@@ -55,7 +55,7 @@ def _notes(config: Config, whole: bool) -> Iterator[str]:
 
 def _speeds_note(known: VelocityOutput, truth: VelocityOutput, contact: bool) -> str:
     """Return the note that a robot takes speeds, and how it follows them."""
-    forms = ", ".join(f"{name} {group.kind}" for name, group in known.groups.items())
+    forms = " and ".join(f"{group.kind} to {name}" for name, group in known.groups.items())
     note = (
         f"the controller sends {forms or 'speeds'}, which the robot follows {_lateness(truth)}"
         f"{'' if contact else '; the efforts are those that this motion takes'}"
@@ -66,12 +66,15 @@ def _speeds_note(known: VelocityOutput, truth: VelocityOutput, contact: bool) ->
 
 
 def _lateness(output: VelocityOutput) -> str:
-    """Return how late speeds are followed, in words."""
-    lags, dead = (
-        "".join(f" ({s:g} s of {', '.join(n for n in by if by[n] == s)})" for s in {*by.values()})
-        for by in (output.lags, output.dead_times)
+    """Return how late speeds are followed, in words: most of them, and those named otherwise."""
+    late: dict[tuple[float, float], list[str]] = {(output.lag, output.dead_time): []}
+    for name in dict.fromkeys([*output.lags, *output.dead_times]):
+        times = output.lags.get(name, output.lag), output.dead_times.get(name, output.dead_time)
+        late.setdefault(times, []).append(f"{name} ")
+    return "; ".join(
+        f"{'and '.join(names if k else ())}with a lag of {lag:g} s and a dead time of {dead:g} s"
+        for k, ((lag, dead), names) in enumerate(late.items())
     )
-    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s{dead}"
 
 
 def end_note(error: BaseException, t: float, duration: float) -> str:

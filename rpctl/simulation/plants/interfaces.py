@@ -190,9 +190,12 @@ class SpeedInterface:
         self._held.send(self._t + late, speeds)
         self._plant.send(self._held.at(self._t))
         self._t += self._period
-        dynamics = self._dynamics
-        force = dynamics.inverse(q, nu, self._plant.acceleration(q, nu))
-        return np.asarray(dynamics.efforts(q, force) - self._bias)
+        return np.asarray(self._moving(self._plant.acceleration(q, nu)) - self._bias)
+
+    def _moving(self, nu_dot: Array) -> Array:
+        """Return the efforts (n_act,) that an acceleration (dof,) takes now."""
+        q, nu, *_ = self.state
+        return self._dynamics.efforts(q, self._dynamics.inverse(q, nu, nu_dot))
 
     def advance(self, duration: float) -> None:
         """Advance the robot by a control period; see :class:`Interface`."""
@@ -204,9 +207,7 @@ class SpeedInterface:
 class ArmInterface(SpeedInterface):
     """A robot that rolls whose arm takes efforts, on a base that follows speeds exactly.
 
-    The efforts of the base are those with which it moves so while the arm pushes it,
-
-        M_aa ν̇_a = B_a τ_a − h_a + ℓ_a − M_ab ν̇_b.
+    The efforts of the base are what is missing, while the arm pushes it, for it to move so.
 
     Args:
         dynamics: Of the simulated robot, with what the plant adds.
@@ -218,32 +219,23 @@ class ArmInterface(SpeedInterface):
         super().__init__(dynamics, config, rest)
         self._motion = RollingMotion(dynamics, rest.q, config.run.plant_step)
 
-    def take(self, output: ControllerOutput, late: float = 0.0) -> Array:
-        """Take what is sent; return the efforts (n_act,) at the beginning of the period."""
-        super().take(output, late)
-        q, nu, *_ = self.state
-        return np.asarray(self._acting(self._plant.acceleration(q, nu)) - self._bias)
-
     def advance(self, duration: float) -> None:
         """Advance the robot by a control period; see :class:`Interface`."""
-        motion, (*_, work, lost, _) = self._motion, self.state
-        for dt, mean, change in self._plant.course(motion.q, motion.nu)[1]:
+        q, nu, work, lost, _ = self.state
+        for dt, mean, change in self._plant.course(q, nu)[1]:
             target = mean + 0.5 * change
-            done = motion.advance(self._acting((target - motion.nu) / dt), dt)
-            motion.nu = np.where(self._own, done.nu, target)
+            done = self._motion.advance(self._moving((target - self._motion.nu) / dt), dt)
+            self._motion.nu = np.where(self._own, done.nu, target)
             work, lost = work + done.work, lost + done.lost
-        self.state = PlantState(motion.q, motion.nu, work, lost, {})
+        self.state = PlantState(self._motion.q, self._motion.nu, work, lost, {})
 
-    def _acting(self, nu_dot: Array) -> Array:
-        """Return all efforts (n_act,); the base has those of its entries of ν̇ (dof,)."""
-        dynamics, own, q, nu = self._dynamics, self._own, self._motion.q, self._motion.nu
-        tau = self._tau + self._bias
-        M, push = dynamics.lossless(q, nu, tau)
-        nu_dot = np.where(own, 0.0, nu_dot)
-        free = push + dynamics.losses(q, nu) - M @ nu_dot
-        nu_dot[own] = np.linalg.solve(M[np.ix_(own, own)], free[own])
-        whole = dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot))
-        return np.where(self._pushed, tau, whole)
+    def _moving(self, nu_dot: Array) -> Array:
+        """Return all efforts (n_act,) now; the base has those that make its entries of ν̇ (dof,)."""
+        dynamics, led, q, nu = self._dynamics, ~self._own, self._motion.q, self._motion.nu
+        tau, missing = np.where(self._pushed, self._tau, 0.0) + self._bias, np.zeros(len(nu))
+        reach = np.linalg.inv(dynamics.inertia(q))[np.ix_(led, led)]  # ν̇ of pushes on the base
+        missing[led] = np.linalg.solve(reach, (nu_dot - dynamics.forward(q, nu, tau))[led])
+        return tau + dynamics.efforts(q, missing)
 
 
 class OwnInterface:
