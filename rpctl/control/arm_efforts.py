@@ -37,9 +37,9 @@ class ArmEfforts:
 
     def __init__(self, law: Any, output: VelocityOutput, started: Started, compiled: bool) -> None:
         self._dynamics, robot = started[0], started[0].robot
-        joints = output.sent_efforts(robot)
-        self._own: Any = np.isin(robot.quasi_velocities, joints)
-        self.sent = np.isin(robot.actuators, joints)
+        self._joints = output.sent_efforts(robot)
+        self._own: Any = np.isin(robot.quasi_velocities, self._joints)
+        self.sent = np.isin(robot.actuators, self._joints)
         self._kernel, _ = laws_kernel((None, law), started, compiled)
         self.law = effort_law(law, started, self._kernel)
         self._before: MeasuredSample | None = None
@@ -61,6 +61,5 @@ class ArmEfforts:
         found = self.law(sample.t, self._dynamics, sample.q, sample.nu, Command(nu_d, nu_d_dot))
         if found is None:
             return None
-        names = {*self._dynamics.robot.joint_names}
-        limits = tuple(limit for limit in found.limits if limit.joint in names)
+        limits = tuple(limit for limit in found.limits if limit.joint in self._joints)
         return Efforts(np.where(self.sent, found.tau, 0.0), limits)

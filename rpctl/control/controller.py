@@ -527,8 +527,9 @@ class Controller:
         if now <= self._safe_until:
             self._counts["held"] += 1
             held = self._sent._replace(status="held", reason=reason)
-            speeds = self._both.speeds
-            return held if speeds is None else held._replace(speeds=speeds.unseen(now, False))
+            if self._both.speeds is None:
+                return held
+            return held._replace(speeds=self._both.speeds.unseen(now, brakes=False))
         self._counts["stopped"] += 1
         if not (self._brakes or self._waits):
             self._following.stand(now)

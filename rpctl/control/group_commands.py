@@ -152,13 +152,12 @@ class GroupCommands:
 
         Where the angles fix no one motion, rates and the single angle stay as they are.
         """
-        robot, at = self._dynamics.robot, q
-        if self._steered:
-            at = robot.configuration(joints={n: self._places[n].at for n in self._steered})
+        robot, placed = self._dynamics.robot, {n: self._places[n].at for n in self._steered}
+        at = robot.configuration(joints=placed) if placed else q
         with suppress(SingularBasisError):
             S = self._dynamics.basis(at)
             self._rates = (S[self._rows] @ nu).tolist()
-            if self._steered:
+            if placed:
                 ahead = complex(*robot.drive.steered[0].pivot) - complex(*robot.drive.point)
                 ahead *= cmath.rect(1.0, -robot.drive.heading)
                 self._angle = math.atan(ahead.real * float(S[2, 0]))

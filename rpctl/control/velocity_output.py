@@ -300,9 +300,8 @@ class VelocityController:
         self._own = running.settings[-2 * robot.dof :]  # the last numbers are the output's
         # Commands, and when they were sent; the first acts already.
         self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
-        # What the commands so far have led to by the time the next one acts, and when it is sent.
-        self._model_nu, self._model_time = np.zeros(robot.dof), numbers.nan
-        self._model_nu_dot = np.zeros(robot.dof)
+        # When the next one is sent; the kernel has what those so far have led to when it acts.
+        self._model_time = numbers.nan
         self._seen: MeasuredSample | None = None  # the last sample, as predicted
 
     def followed(self, reference: Reference) -> Reference:
@@ -396,15 +395,14 @@ class VelocityController:
         Args:
             brakes: Whether they decay, or those that were sent last go on.
         """
-        nu, still = self._sent[-1][1], np.zeros(len(self._names))
+        nu = self._sent[-1][1]
         self._follow(t, nu)
-        command = Command(nu, still)
+        model, command = self._running.model_nu, Command(nu, 0.0 * nu)
         if brakes:
-            command = Command(self._model_nu, -self._model_nu / STOPPING_TIME)
+            nu = numbers.exp(-self._period / STOPPING_TIME) * nu
+            command = Command(model.copy(), -model / STOPPING_TIME)
         if self._seen is not None and self._running.follow(*self._seen[1:], command):
             nu = self._running.answer.copy()
-        elif brakes:
-            nu = numbers.exp(-self._period / STOPPING_TIME) * nu
         self.sent(t, nu)
         return nu
 
@@ -430,14 +428,14 @@ class VelocityController:
 
     def _follow(self, t: float, nu: Array) -> None:
         """Let the model follow its last command until a time (s); it begins at ν (dof,)."""
+        model_nu, model_nu_dot = self._running.model_nu, self._running.model_nu_dot
         if numbers.isnan(self._model_time):
-            self._model_nu = nu
+            model_nu[:] = nu
             self._sent = deque([(-numbers.inf, nu)])
         elif t > self._model_time:
             command, passed = self._sent[-1][1], t - self._model_time
             lag = np.maximum(self._late.lag, NO_LAG)
             left = np.exp(-passed / lag)  # of the way to the command, as in `follow`
-            self._model_nu_dot = (1.0 - left) * (command - self._model_nu) / passed
-            self._model_nu = command + (self._model_nu - command) * left
-        self._model_time, self._running.model_nu[:] = t, self._model_nu
-        self._running.model_nu_dot[:] = self._model_nu_dot
+            model_nu_dot[:] = (1.0 - left) * (command - model_nu) / passed
+            model_nu[:] = command + (model_nu - command) * left
+        self._model_time = t

@@ -67,14 +67,13 @@ def _speeds_note(known: VelocityOutput, truth: VelocityOutput, contact: bool) ->
 
 def _lateness(output: VelocityOutput) -> str:
     """Return how late speeds are followed, in words: most of them, and those named otherwise."""
-    late: dict[tuple[float, float], list[str]] = {(output.lag, output.dead_time): []}
-    for name in dict.fromkeys([*output.lags, *output.dead_times]):
-        times = output.lags.get(name, output.lag), output.dead_times.get(name, output.dead_time)
-        late.setdefault(times, []).append(f"{name} ")
+    default, lags, dead = (output.lag, output.dead_time), output.lags, output.dead_times
+    late = {n: (lags.get(n, default[0]), dead.get(n, default[1])) for n in {**lags, **dead}}
     return "; ".join(
-        f"{'and '.join(names if k else ())}with a lag of {lag:g} s and a dead time of {dead:g} s"
-        for k, ((lag, dead), names) in enumerate(late.items())
-    )
+        " and ".join(name for name in late if late[name] == times != default)
+        + f" with a lag of {times[0]:g} s and a dead time of {times[1]:g} s"
+        for times in dict.fromkeys((default, *late.values()))
+    ).lstrip()
 
 
 def end_note(error: BaseException, t: float, duration: float) -> str:
