@@ -122,8 +122,11 @@ class SpeedLimits:
         self._time = max(APPROACH_TIME, APPROACH_PERIODS * period)
         self._lag, self._share = late
         most = [accelerations.get(name, np.inf) for name in names]
-        bounds = (np.array([of.get(name, np.inf) for name in names]) for of in (jerks, speeds))
-        self._jerks = JerkLimits(period, self._share, *bounds, np.array(most))
+        bounds = (
+            np.array([of.get(name, np.inf) for name in names])
+            for of in (jerks, speeds, accelerations)
+        )
+        self._jerks = JerkLimits(period, self._share, *bounds)
         self._most = np.concatenate([effort_ratio * robot.effort_limits, most])
         self._wheels = len(robot.actuators) - len(robot.joint_names)  # actuators of the base
         kinds: dict[str, Sequence[str]] = {

@@ -74,7 +74,7 @@ def test_a_base_that_lags_is_foreseen(paper: Robot) -> None:
 
 
 def test_an_arm_follows_by_efforts_on_a_base_that_takes_a_twist(paper: Robot) -> None:
-    """Its base lags .1 s and waits .05 s; told nothing of what it does, the arm is 3 mm off."""
+    """Its base lags .1 s and waits .05 s; told nothing of what it does, the arm is 16 mrad off."""
     run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=6.0,
                       collisions=False)  # fmt: skip
     error = np.abs(run.q - run.q_ref)[run.t > 3.0, :6]
@@ -90,11 +90,11 @@ def test_tiago_follows_an_eight_by_twist_and_efforts(plant: str) -> None:
     if plant == "contact":
         pytest.importorskip("mujoco")
     output = {"base": OutputGroup("twist", lag=0.1), "*": OutputGroup("effort")}
-    run = rpctl.track("tiago", "eight", output=output, control_period=0.01, duration=12.0,
+    run = rpctl.track(rpctl.load("tiago"), "eight", output=output, control_period=0.01, duration=12.0,
                       plant=plant, collisions=False)  # fmt: skip
     found = rpctl.summarize(run)
     assert found.outcome == "tracked"
-    assert found.rms_end_effector_error < (2e-4 if plant == "ideal" else 6e-3)
+    assert (found.rms_end_effector_error or 1.0) < (2e-4 if plant == "ideal" else 6e-3)
 
 
 def stepped(robot: Robot, faults: Any) -> tuple[list[rpctl.ControllerOutput], Array]:
@@ -137,7 +137,7 @@ def test_without_samples_base_and_arm_are_both_braked(paper: Robot) -> None:
 
 
 def test_an_integral_learns_what_pushes_the_arm_as_where_all_are_efforts(paper: Robot) -> None:
-    """1 N·m and 1 N that nobody knows: 7 mrad; an integral that waits leaves 24."""
+    """1 N·m and 1 N that nobody knows: 7 mrad; an integral that waits leaves 72."""
     run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=6.0,
                       plant=rpctl.Plant(tau_bias={"arm_*": 1.0}), collisions=False)  # fmt: skip
     assert np.abs(run.q - run.q_ref)[run.t > 4.0, 4:6].max() < 8e-3
