@@ -90,8 +90,8 @@ def test_tiago_follows_an_eight_by_twist_and_efforts(plant: str) -> None:
     if plant == "contact":
         pytest.importorskip("mujoco")
     output = {"base": OutputGroup("twist", lag=0.1), "*": OutputGroup("effort")}
-    run = rpctl.track(rpctl.load("tiago"), "eight", output=output, control_period=0.01, duration=12.0,
-                      plant=plant, collisions=False)  # fmt: skip
+    run = rpctl.track(rpctl.load("tiago"), "eight", output=output, control_period=0.01,
+                      duration=12.0, plant=plant, collisions=False)  # fmt: skip
     found = rpctl.summarize(run)
     assert found.outcome == "tracked"
     assert (found.rms_end_effector_error or 1.0) < (2e-4 if plant == "ideal" else 6e-3)
