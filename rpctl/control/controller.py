@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.arm_efforts import ArmEfforts
 from rpctl.control.bandwidth import knowing_delay
 from rpctl.control.both_laws import BothLaws
 from rpctl.control.bounded import IntegralDynamic
@@ -80,8 +81,10 @@ class ControllerOutput(NamedTuple):
     """What a robot is sent after a sample.
 
     Attributes:
-        efforts: (n_act,), N·m or N; always finite. (0,) where the output are speeds.
-        speeds: Quasi-velocities (dof,), m/s or rad/s; always finite. (0,) where it are efforts.
+        efforts: (n_act,), N·m or N; always finite. (0,) where the output are speeds; where some
+            joints are sent efforts beside them, 0 of all actuators that nobody is to send any.
+        speeds: Quasi-velocities (dof,), m/s or rad/s; always finite. (0,) where it are efforts;
+            beside them, those of joints that are sent efforts are what these are to bring about.
         command: What the kinematic law asked for.
         limits: The limits of the URDF that bind the efforts or speeds.
         status: "ok"; "fallback" where another law took the place of one that failed; "held" where
@@ -134,7 +137,8 @@ class Controller:
             follows them. ``"twist"``, ``"wheel-speeds"``, ``"steering"`` or ``"position"``, or a
             mapping such as ``{"base": "twist", "arm_*": "position"}``, whose values may be
             :class:`~rpctl.control.output_groups.OutputGroup` with bounds and lateness of their own:
-            ``commands`` of what is sent say it so. Then there is no dynamic law.
+            ``commands`` of what is sent say it so. Then there is no dynamic law, but for joints in
+            a group of the kind ``"effort"``.
         rest: State before the first sample, if it is known. Its efforts are sent as long as there
             was no good sample; without it, zeros are.
         guards: What is done about bad samples, poses that jump and robots that do not follow; None
@@ -195,7 +199,7 @@ class Controller:
         self._rolls = bool(robot.drive.base_speeds)
         self._in_arm = np.array([name in robot.joint_names for name in robot.actuators])
         rate = (self.guards.effort_rate or EFFORT_RATE) * period
-        self._most = NOTHING if self._output else np.asarray(rate * robot.effort_limits)
+        self._most = np.asarray(rate * robot.effort_limits)
         self.reset()
 
     def _read(self, reference: str | Reference) -> Reference:
@@ -220,11 +224,15 @@ class Controller:
         still = np.zeros(robot.dof)
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
         efforts, speeds = (tau, NOTHING) if self._output is None else (NOTHING, still)
+        acting, self._arm = efforts, None
+        if self._output is not None and self._output.sent_efforts(robot):
+            self._arm = ArmEfforts(self._laws[1], self._output, started, self._compiled)
+            efforts = np.where(self._arm.sent, tau, 0.0)
         self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
         needs_rates = self._rates == "measured"
         self._reader = SampleReader(robot, self.period, self._delay, needs_rates)
         self._estimate = StateEstimate(
-            self._dynamics, self.period, self._delay, self._rates, efforts, self._compiled
+            self._dynamics, self.period, self._delay, self._rates, acting, self._compiled
         )
         self._jumps = JumpWatch()
         self._watchdog = Watchdog(self.guards.lost_after)
@@ -260,9 +268,11 @@ class Controller:
         output = self._within_rate(output)
         if self._groups is not None and self._measured is not None:
             state = self._measured, self._both.ahead, output.reason == MOTORS_OFF
-            output = output._replace(commands=self._groups(output.speeds, *state))
+            commands = self._groups(output.speeds, *state, output.efforts)
+            output = output._replace(commands=commands)
         self._sent = output
-        self._estimate.sent(self._reader.time, output.efforts)
+        # What moves a robot that follows speeds is not known.
+        self._estimate.sent(self._reader.time, output.efforts if self._output is None else NOTHING)
         return output
 
     def pause(self, motors_off: bool = False) -> None:
@@ -361,7 +371,7 @@ class Controller:
         answer = self._both.answer(sample, self._following.now)
         if isinstance(answer, str):
             return answer
-        output = self._sending(sample.t, *answer)
+        output = self._sending(sample, *answer)
         if self._waits == PAUSED:
             self._counts["paused"] += 1
             return output._replace(status="stopped", reason=PAUSED)
@@ -409,6 +419,8 @@ class Controller:
                     missing = self._dynamics.actuation(before.q) @ (arrived - self._asked)
                     kernel.moved(nu_dot, missing != 0.0)
         self._both.sampled_after(elapsed)
+        if self._arm is not None:
+            self._arm.law.sampled_after(elapsed if arrived is self._asked else None)
 
     def _efforts_of(self, applied: Any) -> Array | None:
         """Return efforts (n_act,) that a robot tells; None where they are no such numbers."""
@@ -426,6 +438,8 @@ class Controller:
         what the rate lets through is the median.
         """
         self._meant = output.efforts
+        if not output.efforts.size:
+            return output
         change = output.efforts - self._sent.efforts
         begins = self._sent is self._unknown and self.guards.effort_rate is None
         if begins or output.reason == MOTORS_OFF or (np.abs(change) <= self._most).all():
@@ -462,11 +476,10 @@ class Controller:
             output: What the laws make of a stop.
         """
         self._counts["lost"] += 1
-        output = output._replace(status="lost", reason=self._waits)
-        braked = self._brake(sample.t, output)
-        if self._output is not None:
-            return braked
-        return output._replace(efforts=np.where(self._in_arm, output.efforts, braked.efforts))
+        asked = output.efforts
+        braked = self._brake(sample.t, output._replace(status="lost", reason=self._waits))
+        arm = self._in_arm[: asked.size]  # none where speeds are sent
+        return braked._replace(efforts=np.where(arm, asked, braked.efforts))
 
     def _error(self, sample: MeasuredSample) -> Array:
         """Return the errors of what is followed (3 + n_joints,), not of a way up to that."""
@@ -486,18 +499,24 @@ class Controller:
         elapsed = t - before
         return self.period if abs(elapsed - self.period) < TIME_ROUNDING else elapsed
 
-    def _sending(self, t: float, command: Command, answer: Efforts | Speeds) -> ControllerOutput:
-        """Return what is sent at a time (s), and take note of it."""
-        self._safe_until = t + self.guards.stale_after
-        reason = self._both.reason
+    def _sending(
+        self, sample: MeasuredSample, command: Command, answer: Efforts | Speeds
+    ) -> ControllerOutput:
+        """Return what is sent after a sample, and take note of it."""
+        self._safe_until, speeds = sample.t + self.guards.stale_after, self._both.speeds
+        reason, (tau, limits), nu = self._both.reason, answer, NOTHING
+        if speeds is not None:
+            speeds.sent(sample.t, tau)
+            tau, nu = NOTHING, tau
+            if self._arm is not None:
+                coming = speeds.coming(sample.t, sample.nu)
+                found = self._arm(sample, command, coming) or Efforts(self._sent.efforts)
+                tau, limits = found.tau, (*limits, *found.limits)
+                reason = reason or self._arm.law.reason
         self._counts["fallbacks"] += bool(reason)
         status: Status = "fallback" if reason else "ok"
-        if isinstance(answer, Efforts):
-            self._asked = answer.tau
-            return ControllerOutput(answer.tau, NOTHING, command, answer.limits, status, reason)
-        if self._both.speeds is not None:
-            self._both.speeds.sent(t, answer.nu)
-        return ControllerOutput(NOTHING, answer.nu, command, answer.limits, status, reason)
+        self._asked = tau
+        return ControllerOutput(tau, nu, command, limits, status, reason)
 
     def _without_answer(self, now: float, reason: str) -> ControllerOutput:
         """Return what was sent last, or what brakes the robot once that is stale.
@@ -511,7 +530,10 @@ class Controller:
         self._safe_until = min(self._safe_until, now + self.guards.stale_after)
         if now <= self._safe_until:
             self._counts["held"] += 1
-            return self._sent._replace(status="held", reason=reason)
+            held = self._sent._replace(status="held", reason=reason)
+            if self._both.speeds is None:
+                return held
+            return held._replace(speeds=self._both.speeds.unseen(now, brakes=False))
         self._counts["stopped"] += 1
         if not (self._brakes or self._waits):
             self._following.stand(now)
@@ -525,10 +547,13 @@ class Controller:
             output: What it is without any.
         """
         if self._both.speeds is not None:
-            return output._replace(speeds=self._both.speeds.brake(now))
-        tau = None
-        if self._measured is not None:
-            lost = output.status == "lost"
-            self._braking = self._braking or Braking(self._dynamics, self._measured, lost)
-            tau = self._braking.efforts(now, self._sent.efforts)
-        return output if tau is None else output._replace(efforts=tau)
+            output = output._replace(speeds=self._both.speeds.unseen(now, brakes=True))
+        if self._measured is None or not output.efforts.size:
+            return output
+        self._braking = self._braking or Braking(
+            self._dynamics, self._measured, self._sent.efforts, alone=output.status == "lost"
+        )
+        tau = self._braking.efforts(now)
+        if tau is None:
+            return output
+        return output._replace(efforts=tau if self._arm is None else self._arm.sent * tau)

@@ -224,6 +224,7 @@ class Braking:
     the model stands, they are those that hold it.
 
     Args:
+        sent: Efforts (n_act,) that were sent until now.
         alone: Whether base and arm are each braked as if the other did not accelerate: it may not
             do what it is sent.
     """
@@ -232,26 +233,25 @@ class Braking:
         self,
         dynamics: ReducedDynamics,
         sample: MeasuredSample,
+        sent: Array,
         alone: bool = False,
     ) -> None:
-        self._dynamics, self._alone = dynamics, alone
+        self._dynamics, self._sent, self._alone = dynamics, sent, alone
         self._t, self._q, self._nu = sample
 
-    def efforts(self, t: float, sent: Array) -> Array | None:
-        """Return the efforts (n_act,) to send now; None where the model has none.
-
-        Args:
-            sent: Efforts (n_act,) that were sent until now.
-        """
-        dynamics, box = self._dynamics, self._dynamics.robot.effort_limits
+    def efforts(self, t: float) -> Array | None:
+        """Return the efforts (n_act,) to send now, at a time (s); None where the model has none."""
+        dynamics, sent, box = self._dynamics, self._sent, self._dynamics.robot.effort_limits
         try:
             self._advance(t - self._t, sent)
             push = self._push(-self._nu / BRAKING_TIME)
             tau = np.clip(dynamics.efforts(self._q, push), -box, box)
         except FAILURES:
             return None
-        self._t = t
-        return tau if np.isfinite(tau).all() else None
+        if not np.isfinite(tau).all():
+            return None
+        self._t, self._sent = t, tau
+        return tau
 
     def _push(self, nu_dot: Array) -> Array:
         """Return the quasi-force (dof,) of an acceleration (dof,)."""

