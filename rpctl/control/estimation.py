@@ -20,7 +20,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import DiffersError
 from rpctl.kernels.machine_code import MachineCode, code_key
-from rpctl.kernels.program import Buffer, Program, Statement, When, statement, symbolic
+from rpctl.kernels.program import Buffer, Program, When, statement, symbolic
 from rpctl.kernels.scalars import column
 from rpctl.kernels.stored import stored
 from rpctl.kernels.virtual_machine import VirtualMachine
@@ -93,12 +93,12 @@ class StateKernel:
             sample ``measured`` in where ``correcting`` is not 0.
         buffers: By name: ``q`` (nq,), ``nu``, ``d``, ``way``, ``gap`` (dof,), ``tau`` (n_act,),
             ``dt`` (1,), ``measured`` and ``before`` (nq,), ``rates``, ``told``, ``taken`` (dof,),
-            ``gains`` (4,), ``elapsed``, ``jumped``, ``moving`` and ``correcting`` (1,).
+            ``age``, ``elapsed``, ``jumped``, ``moving`` and ``correcting`` (1,).
     """
 
     def __init__(self, robot: Robot, efforts: bool, compiled: bool) -> None:
         def make() -> tuple[dict[str, Buffer], Sequence[Program]]:
-            body, buffers = _statements(SymbolicDynamics(robot), efforts)
+            body, buffers = state_statements(SymbolicDynamics(robot), efforts)
             return buffers, [Program(body)]
 
         self.run: MachineCode | VirtualMachine
@@ -138,14 +138,20 @@ class StateKernel:
 state_kernel = lru_cache(MOST_KEPT)(StateKernel)  # of a robot, which may have one
 
 
-def _statements(
+def state_statements(
     known: SymbolicDynamics, efforts: bool
-) -> tuple[tuple[Statement, ...], dict[str, Buffer]]:
+) -> tuple[tuple[When, When], dict[str, Buffer]]:
+    """Return what moves the estimate and what corrects it, and buffers; see :class:`StateKernel`.
+
+    Args:
+        known: The robot's dynamics.
+        efforts: Whether efforts move it, or only the disturbance.
+    """
     robot = known.robot
     sizes = dict.fromkeys(("nu", "d", "way", "gap", "rates", "told", "taken"), robot.dof)
     sizes |= dict.fromkeys(("q", "measured", "before"), robot.nq)
-    sizes |= {"tau": len(robot.actuators), "gains": 4}
-    sizes |= dict.fromkeys(("dt", "elapsed", "jumped", "moving", "correcting"), 1)
+    sizes["tau"] = len(robot.actuators)
+    sizes |= dict.fromkeys(("dt", "age", "elapsed", "jumped", "moving", "correcting"), 1)
     place = {name: symbolic(Buffer(f"state {name}", size)) for name, size in sizes.items()}
     at = {name: symbols for name, (_, symbols) in place.items()}
     step = moved(known, at["q"], at["nu"], at["tau"] if efforts else None, at["d"], at["dt"])
@@ -153,10 +159,10 @@ def _statements(
     found = _corrected(known, at)
     read = {
         "moving": ("q", "nu", "way", "d", "tau", "dt"),
-        "correcting": (*found.keys() - {"q"}, "way", "measured", "rates", "told", "taken", "gains",
+        "correcting": (*found.keys() - {"q"}, "way", "measured", "rates", "told", "taken", "age",
                        "elapsed", "jumped"),
     }  # fmt: skip
-    body = tuple(
+    moving, correcting = (
         When(
             place[name][0],
             (
@@ -169,7 +175,7 @@ def _statements(
         )
         for name, values in (("moving", ahead), ("correcting", found))
     )
-    return body, {name: buffer for name, (buffer, _) in place.items()}
+    return (moving, correcting), {name: buffer for name, (buffer, _) in place.items()}
 
 
 def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
@@ -192,10 +198,8 @@ def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
         for k, way in zip(base, math.vertsplit(speeds), strict=True):
             pose = math.if_else(at["jumped"], at["way"][k], way)
             now[k] = math.if_else(at["told"][k], at["elapsed"] * at["rates"][k], pose)
-    gap, (first, second, third, learning) = (
-        at["gap"] + column(now) - at["way"],
-        math.vertsplit(at["gains"]),
-    )
+    gap = at["gap"] + column(now) - at["way"]
+    first, second, third, learning = _gains(at["elapsed"], at["age"])
     taken, rates = at["taken"], at["rates"]
     left = _chosen(taken, math.SX.zeros(robot.dof, 1), (1.0 - first) * gap)
     arm = math.DM([0.0 if k in base else 1.0 for k in range(robot.dof)])
@@ -206,6 +210,20 @@ def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
         "gap": left,
         "before": q,
     }
+
+
+def _gains(elapsed: Any, n: Any) -> tuple[Any, Any, Any, Any]:
+    """Return what the gap adds to way, ν and d, and rates that are measured to d, at sample n."""
+    half = math.tanh(0.5 * BANDWIDTH * elapsed)
+    p, even = (1.0 - half) / (1.0 + half), 6.0 / (n * (n + 1.0))  # p = exp(-BANDWIDTH elapsed)
+    second = 1.5 * (1.0 - p * p) * (1.0 - p)
+    alike = even > second
+    return (
+        math.if_else(alike, even * (2.0 * n - 1.0) / 3.0, 1.0 - p * p * p),
+        math.if_else(alike, even, second) / elapsed,
+        math.if_else(alike, 0.0, (1.0 - p) * (1.0 - p) * (1.0 - p)) / (elapsed * elapsed),
+        math.fmin(LEARNING, 1.0 / elapsed),
+    )
 
 
 def _chosen(where: Any, one: Any, other: Any) -> Any:
@@ -335,7 +353,6 @@ class StateEstimate:
         self._sent = deque([(-numbers.inf, efforts)])  # and from when on they act, s
         self._last, self._time = numbers.nan, numbers.nan  # of the last sample; of the estimate, s
         self._nu = np.zeros(dynamics.robot.dof)  # of the last sample
-        self._age = 0.0  # samples that the observer has seen
         self._at: dict[str, Array] = {}
         self.astray: Array | None
         self.samples, self.lattice, self.astray = 0, numbers.nan, None
@@ -382,7 +399,7 @@ class StateEstimate:
             at["q"][:], at["before"][:] = q, q
             at["nu"][:] = np.where(told, nu, np.where(known, self._nu, 0.0))
             at["d"][:] = at["gap"][:] = 0.0
-            self._age = numbers.inf if known.all() else 1.0
+            at["age"][0] = numbers.inf if known.all() else 1.0
         self._time = now
         self._forget(now + TIME_ROUNDING)
         estimate = MeasuredSample(t, at["q"].copy(), at["nu"].copy())
@@ -429,13 +446,7 @@ class StateEstimate:
             acting = [(dt, applied) for dt, _ in acting]
         at["way"][:], at["elapsed"][0] = 0.0, elapsed
         self._move(acting)
-        self._age += 1.0
-        p, n = numbers.exp(-BANDWIDTH * elapsed), self._age
-        first, second, third = 1.0 - p**3, 1.5 * (1.0 - p * p) * (1.0 - p), (1.0 - p) ** 3
-        if (even := 6.0 / (n * (n + 1.0))) > second:
-            first, second, third = even * (2.0 * n - 1.0) / 3.0, even, 0.0
-        learning = min(LEARNING, 1.0 / elapsed)
-        at["gains"][:] = first, second / elapsed, third / elapsed**2, learning
+        at["age"][0] += 1.0
         at["moving"][0], at["correcting"][0] = 0.0, 1.0
         self._run()
         return bool(np.isfinite(at["nu"]).all() and np.isfinite(at["q"]).all())
