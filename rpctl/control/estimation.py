@@ -20,7 +20,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import DiffersError
 from rpctl.kernels.machine_code import MachineCode, code_key
-from rpctl.kernels.program import Buffer, Program, When, statement, symbolic
+from rpctl.kernels.program import Buffer, Call, Program, When, statement, symbolic
 from rpctl.kernels.scalars import column
 from rpctl.kernels.stored import stored
 from rpctl.kernels.virtual_machine import VirtualMachine
@@ -98,7 +98,8 @@ class StateKernel:
 
     def __init__(self, robot: Robot, efforts: bool, compiled: bool) -> None:
         def make() -> tuple[dict[str, Buffer], Sequence[Program]]:
-            body, buffers = state_statements(SymbolicDynamics(robot), efforts)
+            calls, buffers = state_calls(SymbolicDynamics(robot), efforts)
+            body = tuple(When(buffers[name], (call,)) for name, call in calls.items())
             return buffers, [Program(body)]
 
         self.run: MachineCode | VirtualMachine
@@ -138,10 +139,10 @@ class StateKernel:
 state_kernel = lru_cache(MOST_KEPT)(StateKernel)  # of a robot, which may have one
 
 
-def state_statements(
+def state_calls(
     known: SymbolicDynamics, efforts: bool
-) -> tuple[tuple[When, When], dict[str, Buffer]]:
-    """Return what moves the estimate and what corrects it, and buffers; see :class:`StateKernel`.
+) -> tuple[dict[str, Call], dict[str, Buffer]]:
+    """Return what is called when ``moving`` and ``correcting``; and buffers, by name.
 
     Args:
         known: The robot's dynamics.
@@ -162,20 +163,15 @@ def state_statements(
         "correcting": (*found.keys() - {"q"}, "way", "measured", "rates", "told", "taken", "age",
                        "elapsed", "jumped"),
     }  # fmt: skip
-    moving, correcting = (
-        When(
-            place[name][0],
-            (
-                statement(
-                    f"state_{name}",
-                    [place[each] for each in sorted(read[name])],
-                    [(place[each][0], value) for each, value in values.items()],
-                ),
-            ),
+    calls = {
+        name: statement(
+            f"state_{name}",
+            [place[each] for each in sorted(read[name])],
+            [(place[each][0], value) for each, value in values.items()],
         )
         for name, values in (("moving", ahead), ("correcting", found))
-    )
-    return (moving, correcting), {name: buffer for name, (buffer, _) in place.items()}
+    }
+    return calls, {name: buffer for name, (buffer, _) in place.items()}
 
 
 def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
@@ -256,6 +252,9 @@ class LatticeWatch:
     Args:
         dynamics: The robot's dynamics.
         period: Control period, s.
+
+    Attributes:
+        finest: Steps of rates (dof,) that are too fine to count.
     """
 
     def __init__(self, dynamics: ReducedDynamics, period: float) -> None:
@@ -263,7 +262,7 @@ class LatticeWatch:
         q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
         share = GAIN * np.abs(np.linalg.pinv(dynamics.actuation(q)) @ dynamics.inertia(q))
         limits = robot.effort_limits[:, None]
-        self._finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
+        self.finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
         self._rates = np.zeros((WINDOW, robot.dof))
         self._elapsed, self._next = np.full(WINDOW, period), 0
 
@@ -280,7 +279,7 @@ class LatticeWatch:
         shaken = np.minimum(up, down) >= CHANGES  # smooth motion has no such rate
         if not shaken.any():
             return False
-        rates, elapsed, finest = self._rates[:, shaken], self._elapsed, self._finest[shaken]
+        rates, elapsed, finest = self._rates[:, shaken], self._elapsed, self.finest[shaken]
         ways = rates * elapsed[:, None]
         return _on_lattice(rates, finest) or _on_lattice(ways, elapsed.mean() * finest)
 
