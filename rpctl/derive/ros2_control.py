@@ -113,12 +113,13 @@ def export_ros2_control(
     made = law_program(law_sheet(robot, law, efforts, period))
     estimate = c_estimate(made, output == "effort")
     sources = {"law": c_law(made), "model": c_source(robot), "estimate": estimate.text}
-    lines = _samples(robot, law, efforts, made, output)
+    lines = _samples(robot, law, efforts, made, output, delay)
     context = _context(made, output, type(law).__name__, "".join(sources.values()))
+    context["samples"] = SAMPLES, len(lines)
     context |= {"delay": delay or 0.0, "rates": rates or "automatic", "step": estimate.operations}
     texts = {path: rendered(template, context, quoted=json.dumps) for template, path in _paths()}
     texts |= {f"src/{file}.c": text for file, text in sources.items()}
-    texts["test/samples.txt"] = lines
+    texts["test/samples.txt"] = "".join(lines)
     name = str(context["package"])
     _write(folder, {path.replace(PLACE, name): text for path, text in texts.items()})
     return Ros2Package(name, folder, made.operations)
@@ -173,15 +174,21 @@ def _context(made: LawProgram, output: str, law: str, sources: str) -> dict[str,
         "longest_delay": MAX_DEAD_TIME,
         "sent": math.ceil((MAX_DEAD_TIME + sampling.LONGEST_SILENCE) / made.law.period) + 2,
         "finest": estimation.LatticeWatch(ReducedDynamics(robot), made.law.period).finest.tolist(),
-        "samples": SAMPLES,
         "tolerance": TOLERANCE,
     }
 
 
 def _samples(
-    robot: Robot, law: BaseLaw, efforts: PaperDynamic, made: LawProgram, output: str
-) -> str:
+    robot: Robot,
+    law: BaseLaw,
+    efforts: PaperDynamic,
+    made: LawProgram,
+    output: str,
+    delay: float | None,
+) -> list[str]:
     """Return lines of samples: what is measured and asked for, and what the controller sends.
+
+    Where efforts are sent, as many follow of a robot that is stuck, and whose rates are estimated.
 
     Raises:
         RpctlError: The controller has no answer at most states.
@@ -199,11 +206,18 @@ def _samples(
             commands = expected_commands(dynamics, made.law.period, output, q, sent)
             lines.append(_line(numbers_of(dynamics, made, q, nu, state), commands))
         if len(lines) == SAMPLES:
-            return "".join(lines)
-    raise RpctlError(
-        f"{robot.name}: the law answers at {len(lines)} of {MAX_DRAWS * SAMPLES} random states, "
-        "too few to prove a controller; rpctl track shows why"
-    )
+            break
+    else:
+        raise RpctlError(
+            f"{robot.name}: the law answers at {len(lines)} of {MAX_DRAWS * SAMPLES} random "
+            "states, too few to prove a controller; rpctl track shows why"
+        )
+    told = {"delay": delay, "rates": "estimated"}
+    controller, nu = Controller(robot, lambda t: state, *given, compiled=False, **told), 0.0 * nu
+    for k in range(SAMPLES if output == "effort" else 0):
+        sent = controller.step(k * made.law.period, q, nu)
+        lines.append(_line(numbers_of(dynamics, made, q, nu, state), sent.efforts))
+    return lines
 
 
 def numbers_of(
