@@ -115,8 +115,8 @@ def export_ros2_control(
     sources = {"law": c_law(made), "model": c_source(robot), "estimate": estimate.text}
     lines = _samples(robot, law, efforts, made, output, delay)
     context = _context(made, output, type(law).__name__, "".join(sources.values()))
-    context["samples"] = SAMPLES, len(lines)
-    context |= {"delay": delay or 0.0, "rates": rates or "automatic", "step": estimate.operations}
+    context |= {"delay": delay or 0.0, "told": delay is not None, "rates": rates or "automatic"}
+    context |= {"step": estimate.operations, "samples": (SAMPLES, len(lines))}
     texts = {path: rendered(template, context, quoted=json.dumps) for template, path in _paths()}
     texts |= {f"src/{file}.c": text for file, text in sources.items()}
     texts["test/samples.txt"] = "".join(lines)
