@@ -18,7 +18,7 @@ from rpctl.control.bandwidth import knowing_delay
 from rpctl.derive.law_program import law_program, law_sheet
 from rpctl.derive.ros2_control import expected_commands, export_ros2_control, numbers_of
 from tests.control.simulated import Simulated
-from tests.control.test_estimation import late
+from tests.control.test_estimation import Late
 from tests.derive.ros2_control.builds import FAST, SANITIZED, Driven, driven
 
 COUNT = 100_000
@@ -40,6 +40,7 @@ class Told(NamedTuple):
     delay: float
     rates: str | None
     measure: Measured = lambda t, q, nu: (t, q, nu)
+    period: float = BINARY  # s
 
 
 class Logged(NamedTuple):
@@ -129,9 +130,9 @@ def closed_loop(robot: Robot, folder: Path, count: int, told: Told) -> Logged:
     A package that estimates all rates reads none of them.
     """
     given, lines, commands = {"delay": told.delay, "rates": told.rates}, list[str](), list[Array]()
-    controller = Controller(robot, "eight", LAW, PaperDynamic(), BINARY, **given)
-    laws = [knowing_delay(law, BINARY, told.delay) for law in (LAW, PaperDynamic())]
-    made = law_program(law_sheet(robot, *laws, BINARY))
+    controller = Controller(robot, "eight", LAW, PaperDynamic(), told.period, **given)
+    laws = [knowing_delay(law, told.period, told.delay) for law in (LAW, PaperDynamic())]
+    made = law_program(law_sheet(robot, *laws, told.period))
     dynamics, loop = ReducedDynamics(robot), Simulated(controller, STARTS)
     rated, n, m = told.rates != "estimated", len(made.positions), len(robot.actuators)
 
@@ -147,7 +148,8 @@ def closed_loop(robot: Robot, folder: Path, count: int, told: Told) -> Logged:
         lines.append(" ".join(repr(float(number)) for number in row) + "\n")
         return t, q, nu
 
-    loop.run(count * BINARY, measure, lambda: BINARY, late(robot, told.delay))
+    arriving = Late(round(told.delay / told.period), np.zeros(m))
+    loop.run(count * told.period, measure, lambda: told.period, arriving)
     assert {output.status for output in loop.outputs} == {"ok"}
     assert bool(controller.report()["estimated"]) == (told.rates != "measured")
     commands = np.array([output.efforts for output in loop.outputs])
@@ -203,6 +205,7 @@ def test_it_sends_what_the_controller_sends(name: str, output: str, folder: Path
     ("name", "kind", "count"),
     [
         pytest.param("paper", "late", SHORT, marks=pytest.mark.slow),
+        pytest.param("paper", "slow-and-late", SHORT, marks=pytest.mark.slow),
         pytest.param("paper", "unrated", SHORT, marks=pytest.mark.slow),
         pytest.param("car", "late-and-unrated", SHORT, marks=pytest.mark.slow),
         pytest.param("paper", "failing", SHORT, marks=pytest.mark.slow),
@@ -219,16 +222,17 @@ def test_it_knows_lateness_and_rates_as_the_controller(
     told = {
         "late": Told(DELAY, "measured"),
         "unrated": Told(0.0, "estimated", hidden),
+        "slow-and-late": Told(DELAY, "measured", period=8 * BINARY),
         "late-and-unrated": Told(DELAY, "estimated", hidden),
         "failing": Told(0.0, None, failing),
         "counted": Told(0.0, None, Counted(robot)),
     }[kind]
     package = folder / "package"
-    export_ros2_control(robot, package, LAW, period=BINARY, delay=told.delay, rates=told.rates)
+    export_ros2_control(robot, package, LAW, period=told.period, delay=told.delay, rates=told.rates)
     samples = closed_loop(robot, folder, count, told)
     largest = np.abs(samples.commands).max()
     for flags in (SANITIZED, FAST):
-        controller = driven(robot, package, flags, "driver", BINARY)
+        controller = driven(robot, package, flags, "driver", told.period)
         found, costs = driven_along(controller, samples)
         assert np.abs(found - samples.commands).max() <= EXACT * largest
     say(f"{name}, {kind}", costs)
