@@ -150,8 +150,10 @@ def _export_ros2(robot: str, options: LoadOptions, settings: ExportOptions, as_j
     loaded = options.load(robot)
     folder = settings.out if settings.out is not None else Path(package_name(loaded))
     laws = settings.law or "unified", settings.dynamic
-    told = settings.period, settings.output, settings.delay, settings.rates
-    made = export_ros2_control(loaded, folder, *laws, *told)
+    sent = settings.period, settings.output
+    made = export_ros2_control(
+        loaded, folder, *laws, *sent, delay=settings.delay, rates=settings.rates
+    )
     if as_json:
         print_json({**asdict(made), "folder": str(made.folder)})
     else:

@@ -212,8 +212,10 @@ def _samples(
             f"{robot.name}: the law answers at {len(lines)} of {MAX_DRAWS * SAMPLES} random "
             "states, too few to prove a controller; rpctl track shows why"
         )
-    told = {"delay": delay, "rates": "estimated"}
-    controller, nu = Controller(robot, lambda t: state, *given, compiled=False, **told), 0.0 * nu
+    controller = Controller(
+        robot, lambda t: state, *given, compiled=False, delay=delay, rates="estimated"
+    )
+    nu = np.zeros(robot.dof)
     for k in range(SAMPLES if output == "effort" else 0):
         sent = controller.step(k * made.law.period, q, nu)
         lines.append(_line(numbers_of(dynamics, made, q, nu, state), sent.efforts))

@@ -212,12 +212,15 @@ def c_estimate(program: LawProgram, efforts: bool) -> DerivedLaw:
     sizes |= dict.fromkeys(PLACES, BASE_NV + len(positions))
     names, functions, costs = {each: name for name, each in buffers.items()}, {}, []
     for name, call in calls.items():
-        given = {each: casadi.SX.sym(each, sizes[each]) for each in map(names.get, call.inputs)}
+        given = {
+            each: casadi.SX.sym(each, sizes[each]) for each in map(names.__getitem__, call.inputs)
+        }
         read = [
             _configuration(robot, positions, x) if each in PLACES else x
             for each, x in given.items()
         ]
-        found = dict(zip(map(names.get, call.outputs), call.function.call(read), strict=True))
+        written = map(names.__getitem__, call.outputs)
+        found = dict(zip(written, call.function.call(read), strict=True))
         ends = [_place(robot, positions, x) if each in PLACES else x for each, x in found.items()]
         column = casadi.cse(casadi.densify(casadi.vertcat(*ends)))
         nodes, results = steps_of({f"s->{each}": x for each, x in given.items()}, column)

@@ -84,14 +84,14 @@ class Counted:
     """Measures joints by encoders: places in steps, and rates by differences of them."""
 
     def __init__(self, robot: Robot) -> None:
-        self._robot, self._last = robot, None
+        self._robot, self._last = robot, np.full(len(robot.joints), np.nan)
 
     def __call__(self, t: float, q: Array, nu: Array) -> tuple[float, Array, Array]:
         robot, q, nu = self._robot, q.copy(), nu.copy()
         at = BIT12 * np.round(robot.joint_positions(q) / BIT12)
         for joint, position in zip(robot.joint_names, at, strict=True):
             robot.set_joint(q, joint, position)
-        nu[robot.dof - len(at) :] = 0.0 if self._last is None else (at - self._last) / BINARY
+        nu[robot.dof - len(at) :] = np.nan_to_num(at - self._last) / BINARY
         self._last = at
         return t, q, nu
 
@@ -129,10 +129,10 @@ def closed_loop(robot: Robot, folder: Path, count: int, told: Told) -> Logged:
 
     A package that estimates all rates reads none of them.
     """
-    given, lines, commands = {"delay": told.delay, "rates": told.rates}, list[str](), list[Array]()
-    controller = Controller(robot, "eight", LAW, PaperDynamic(), told.period, **given)
-    laws = [knowing_delay(law, told.period, told.delay) for law in (LAW, PaperDynamic())]
-    made = law_program(law_sheet(robot, *laws, told.period))
+    laws, lines = (LAW, PaperDynamic()), list[str]()
+    controller = Controller(robot, "eight", *laws, told.period, rates=told.rates, delay=told.delay)
+    law, dynamic = (knowing_delay(each, told.period, told.delay) for each in laws)
+    made = law_program(law_sheet(robot, law, dynamic, told.period))
     dynamics, loop = ReducedDynamics(robot), Simulated(controller, STARTS)
     rated, n, m = told.rates != "estimated", len(made.positions), len(robot.actuators)
 
