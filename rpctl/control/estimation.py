@@ -21,11 +21,11 @@ from rpctl.errors import DiffersError
 from rpctl.kernels.machine_code import MachineCode, code_key
 from rpctl.kernels.program import (
     Buffer,
+    Call,
     Program,
     Read,
     Rows,
     RowStream,
-    Statement,
     When,
     statement,
     symbolic,
@@ -103,13 +103,13 @@ class StateKernel:
             ``measured`` in where ``correcting`` is not 0. Machine code reads ``act`` from rows.
         buffers: By name: ``q`` (nq,), ``nu``, ``d``, ``way``, ``gap`` (dof,), ``act`` (1 + n_act,),
             which is for how long, s, and τ, ``measured`` and ``before`` (nq,), ``rates``, ``told``,
-            ``taken`` (dof,), ``gains`` (4,), ``elapsed``, ``jumped``, ``moving`` and ``correcting``
-            (1,).
+            ``taken`` (dof,), ``age``, ``elapsed``, ``jumped``, ``moving`` and ``correcting`` (1,).
     """
 
     def __init__(self, robot: Robot, efforts: bool, compiled: bool) -> None:
         def make() -> tuple[dict[str, Buffer], Sequence[Program]]:
-            body, buffers = _statements(SymbolicDynamics(robot), efforts)
+            calls, buffers = state_calls(SymbolicDynamics(robot), efforts)
+            body = tuple(When(buffers[name], (call,)) for name, call in calls.items())
             act = buffers["act"]
             reads = (Read(RowStream("acts", act.size, laned=False), act),) if compiled else ()
             return buffers, [Program((*reads, *body))]
@@ -166,14 +166,20 @@ class StateKernel:
 state_kernel = lru_cache(MOST_KEPT)(StateKernel)  # of a robot, which may have one
 
 
-def _statements(
+def state_calls(
     known: SymbolicDynamics, efforts: bool
-) -> tuple[tuple[Statement, ...], dict[str, Buffer]]:
+) -> tuple[dict[str, Call], dict[str, Buffer]]:
+    """Return what is called when ``moving`` and ``correcting``; and buffers, by name.
+
+    Args:
+        known: The robot's dynamics.
+        efforts: Whether efforts move it, or only the disturbance.
+    """
     robot = known.robot
     sizes = dict.fromkeys(("nu", "d", "way", "gap", "rates", "told", "taken"), robot.dof)
     sizes |= dict.fromkeys(("q", "measured", "before"), robot.nq)
-    sizes |= {"act": 1 + efforts * len(robot.actuators), "gains": 4}
-    sizes |= dict.fromkeys(("elapsed", "jumped", "moving", "correcting"), 1)
+    sizes["act"] = 1 + efforts * len(robot.actuators)
+    sizes |= dict.fromkeys(("age", "elapsed", "jumped", "moving", "correcting"), 1)
     place = {name: symbolic(Buffer(f"state {name}", size)) for name, size in sizes.items()}
     at = {name: symbols for name, (_, symbols) in place.items()}
     dt, force = at["act"][0], at["act"][1:] if efforts else None
@@ -182,23 +188,18 @@ def _statements(
     found = _corrected(known, at)
     read = {
         "moving": ("q", "nu", "way", "d", "act"),
-        "correcting": (*found.keys() - {"q"}, "way", "measured", "rates", "told", "taken", "gains",
+        "correcting": (*found.keys() - {"q"}, "way", "measured", "rates", "told", "taken", "age",
                        "elapsed", "jumped"),
     }  # fmt: skip
-    body = tuple(
-        When(
-            place[name][0],
-            (
-                statement(
-                    f"state_{name}",
-                    [place[each] for each in sorted(read[name])],
-                    [(place[each][0], value) for each, value in values.items()],
-                ),
-            ),
+    calls = {
+        name: statement(
+            f"state_{name}",
+            [place[each] for each in sorted(read[name])],
+            [(place[each][0], value) for each, value in values.items()],
         )
         for name, values in (("moving", ahead), ("correcting", found))
-    )
-    return body, {name: buffer for name, (buffer, _) in place.items()}
+    }
+    return calls, {name: buffer for name, (buffer, _) in place.items()}
 
 
 def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
@@ -221,10 +222,8 @@ def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
         for k, way in zip(base, math.vertsplit(speeds), strict=True):
             pose = math.if_else(at["jumped"], at["way"][k], way)
             now[k] = math.if_else(at["told"][k], at["elapsed"] * at["rates"][k], pose)
-    gap, (first, second, third, learning) = (
-        at["gap"] + column(now) - at["way"],
-        math.vertsplit(at["gains"]),
-    )
+    gap = at["gap"] + column(now) - at["way"]
+    first, second, third, learning = _gains(at["elapsed"], at["age"])
     taken, rates = at["taken"], at["rates"]
     left = _chosen(taken, math.SX.zeros(robot.dof, 1), (1.0 - first) * gap)
     arm = math.DM([0.0 if k in base else 1.0 for k in range(robot.dof)])
@@ -235,6 +234,20 @@ def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
         "gap": left,
         "before": q,
     }
+
+
+def _gains(elapsed: Any, n: Any) -> tuple[Any, Any, Any, Any]:
+    """Return what the gap adds to way, ν and d, and rates that are measured to d, at sample n."""
+    half = math.tanh(0.5 * BANDWIDTH * elapsed)
+    p, even = (1.0 - half) / (1.0 + half), 6.0 / (n * (n + 1.0))  # p = exp(-BANDWIDTH elapsed)
+    second = 1.5 * (1.0 - p * p) * (1.0 - p)
+    alike = even > second
+    return (
+        math.if_else(alike, even * (2.0 * n - 1.0) / 3.0, 1.0 - p * p * p),
+        math.if_else(alike, even, second) / elapsed,
+        math.if_else(alike, 0.0, (1.0 - p) * (1.0 - p) * (1.0 - p)) / (elapsed * elapsed),
+        math.fmin(LEARNING, 1.0 / elapsed),
+    )
 
 
 def _chosen(where: Any, one: Any, other: Any) -> Any:
@@ -267,6 +280,9 @@ class LatticeWatch:
     Args:
         dynamics: The robot's dynamics.
         period: Control period, s.
+
+    Attributes:
+        finest: Steps of rates (dof,) that are too fine to count.
     """
 
     def __init__(self, dynamics: ReducedDynamics, period: float) -> None:
@@ -274,7 +290,7 @@ class LatticeWatch:
         q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
         share = GAIN * np.abs(np.linalg.pinv(dynamics.actuation(q)) @ dynamics.inertia(q))
         limits = robot.effort_limits[:, None]
-        self._finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
+        self.finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
         self._rates = np.zeros((WINDOW, robot.dof))
         self._elapsed, self._next = np.full(WINDOW, period), 0
 
@@ -289,7 +305,7 @@ class LatticeWatch:
         shaken = _shaken(self._rates[1:] - self._rates[:-1])
         if not shaken.any():
             return False
-        rates, elapsed, finest = self._rates[:, shaken], self._elapsed, self._finest[shaken]
+        rates, elapsed, finest = self._rates[:, shaken], self._elapsed, self.finest[shaken]
         ways = rates * elapsed[:, None]
         return _on_lattice(rates, finest) or _on_lattice(ways, elapsed.mean() * finest)
 
@@ -370,7 +386,6 @@ class StateEstimate:
         self._first, self._end, self._pending = 0, 0, 0.0
         self._last, self._time = numbers.nan, numbers.nan  # of the last sample; of the estimate, s
         self._nu = np.zeros(dynamics.robot.dof)  # of the last sample
-        self._age = 0.0  # samples that the observer has seen
         self._at: dict[str, Array] = {}
         self.astray: Array | None
         self.samples, self.lattice, self.astray = 0, numbers.nan, None
@@ -422,7 +437,7 @@ class StateEstimate:
             at["q"][:], at["before"][:] = q, q
             at["nu"][:] = np.where(told, nu, np.where(known, self._nu, 0.0))
             at["d"][:] = at["gap"][:] = 0.0
-            self._age = numbers.inf if known.all() else 1.0
+            at["age"][0] = numbers.inf if known.all() else 1.0
         if not self._begun:
             self._until = now
         self._time = now
@@ -498,13 +513,7 @@ class StateEstimate:
     def _correct(self, elapsed: float) -> bool:
         """Take in the sample, so long (s) after the last; return whether the state is finite."""
         at = self._at
-        self._age += 1.0
-        p, n = numbers.exp(-BANDWIDTH * elapsed), self._age
-        first, second, third = 1.0 - p**3, 1.5 * (1.0 - p * p) * (1.0 - p), (1.0 - p) ** 3
-        if (even := 6.0 / (n * (n + 1.0))) > second:
-            first, second, third = even * (2.0 * n - 1.0) / 3.0, even, 0.0
-        learning = min(LEARNING, 1.0 / elapsed)
-        at["gains"][:] = first, second / elapsed, third / elapsed**2, learning
+        at["age"][0] += 1.0
         at["elapsed"][0], at["moving"][0], at["correcting"][0] = elapsed, 0.0, 1.0
         self._run(0, 1)
         return numbers.isfinite(at["nu"].dot(at["nu"]) + at["q"].dot(at["q"]))
