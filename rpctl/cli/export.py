@@ -33,6 +33,8 @@ FORMATS = {  # and the options that each has alone, by field
         "dynamic": "--dynamic",
         "period": "--control-period",
         "output": "--output",
+        "delay": "--delay",
+        "rates": "--rates",
     },
 }
 
@@ -89,6 +91,21 @@ class ExportOptions:
     output: Annotated[
         str, typer.Option(metavar="effort|velocity", help="What the motors take.")
     ] = "effort"
+    delay: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="As of `rpctl track`: what the package's parameter is unless it is set, and gains "
+            "for it.",
+        ),
+    ] = None
+    rates: Annotated[
+        str | None,
+        typer.Option(
+            metavar="measured|estimated",
+            help="As of `rpctl track`: what the package's parameter is unless it is set.",
+        ),
+    ] = None
 
     def require_own(self) -> None:
         """Refuse a format that is not known, and options of another one.
@@ -133,7 +150,10 @@ def _export_ros2(robot: str, options: LoadOptions, settings: ExportOptions, as_j
     loaded = options.load(robot)
     folder = settings.out if settings.out is not None else Path(package_name(loaded))
     laws = settings.law or "unified", settings.dynamic
-    made = export_ros2_control(loaded, folder, *laws, settings.period, settings.output)
+    sent = settings.period, settings.output
+    made = export_ros2_control(
+        loaded, folder, *laws, *sent, delay=settings.delay, rates=settings.rates
+    )
     if as_json:
         print_json({**asdict(made), "folder": str(made.folder)})
     else:

@@ -25,7 +25,6 @@ ACCELERATION = 0.4  # m/s²: the largest along the way
 ACROSS = 0.5  # m/s²: the largest across it, in its arcs
 SMOOTH_STEP_SLOPE = 1.875  # largest slope of S(u) = u³ (10 − 15 u + 6 u²)
 SPIN_RADIUS = 1e-3  # m: a reference that turns about a point nearer than this spins
-ROUNDING = 1e-12  # m/s
 RADIUS_RATIO = 1.5  # of the tightest bend: the rest is left for correcting errors
 SPEED_FRACTION = 0.8  # of the speed at which the first wheel reaches its limit
 RETRY_S = 1.0  # s between two searches for a plan
@@ -126,24 +125,28 @@ def plan_approach(
     ahead = np.arange(t + STRIDE_S, t + LOOK_AHEAD_S, STRIDE_S).tolist()
     states = [reference(at) for at in ahead]
     largest = max(_speed(state, limits.radius) for state in states)
-    across = math.sqrt(ACROSS * limits.radius)
-    fastest = min(limits.haste * largest, limits.fastest, max(across, largest))
-    if fastest <= ROUNDING:
-        return None
+    fastest = min(
+        limits.haste * largest, limits.fastest, max(math.sqrt(ACROSS * limits.radius), largest)
+    )
     ramp = SMOOTH_STEP_SLOPE * fastest / ACCELERATION
     for at, state in zip(ahead, states, strict=True):
         v, _, omega = direction(state)[0]
         sense, bend = (1.0, 0.0) if _spins(v, omega) else (math.copysign(1.0, v), omega / abs(v))
         start, goal = _driven(pose, sense), _driven(state.pose, sense)
         first, last = max(sense * twist[0], 0.0), abs(float(state.twist[0]))
-        shortest = sum(shortest_paths(start, goal, limits.radius)[0].lengths)
-        if _pace(shortest, at - t, first, last, ramp, fastest) is None:
+        time = at - t
+        change = min(ramp, 0.5 * time)
+        changing = 0.5 * change * (first + last)  # m: less than a way has that does not turn back
+        longest = changing + fastest * (time - change)
+        if not changing < sum(shortest_paths(start, goal, limits.radius)[0].lengths) <= longest:
             continue
         ends = max(min(sense * steered, 1.0 / limits.radius), -1.0 / limits.radius), bend
-        path = smooth_path(start, goal, ends, limits.radius, TRANSITION_RATIO * limits.radius)
-        pace = path and _pace(path.length, at - t, first, last, ramp, fastest)
-        if path and pace:
-            return ApproachPlan(path, pace, sense, t)
+        path = smooth_path(
+            start, goal, ends, limits.radius, TRANSITION_RATIO * limits.radius, longest
+        )
+        if path is not None:
+            cruise = (path.length - changing) / (time - change)
+            return ApproachPlan(path, Pace((first, cruise, last), change, time), sense, t)
     return None
 
 
@@ -160,24 +163,6 @@ def _spins(v: float, omega: float) -> bool:
 def _driven(pose: Array, sense: float) -> Array:
     """Return a pose (3,) with the heading in which it is driven through."""
     return pose if sense > 0.0 else pose + np.array([0.0, 0.0, math.pi])
-
-
-def _pace(
-    length: float, time: float, first: float, last: float, ramp: float, fastest: float
-) -> Pace | None:
-    """Return the pace of a way, or None if it is not done in its time.
-
-    Args:
-        length: Of the way, m.
-        time: That there is for it, s.
-        first: Speed at the start, m/s.
-        last: Speed at the end, m/s.
-        ramp: Longest duration of a change of speed, s.
-        fastest: Largest speed, m/s.
-    """
-    ramp = min(ramp, 0.5 * time)
-    cruise = (length - 0.5 * ramp * (first + last)) / (time - ramp)
-    return Pace((first, cruise, last), ramp, time) if 0.0 < cruise <= fastest else None
 
 
 @dataclass(frozen=True)

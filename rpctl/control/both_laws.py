@@ -69,7 +69,7 @@ class BothLaws:
         compiled: bool,
     ) -> None:
         self._dynamics, started = dynamics, (dynamics, period, rest)
-        self.kernel, self.compiled = _kernel((kinematic, sent), started, compiled)
+        self.kernel, self.compiled = laws_kernel((kinematic, sent), started, compiled)
         own = () if self.kernel is None else (self.kernel,)
         started_law: Any = kinematic.start(*started, *own)
         self._row: Any = getattr(started_law, "row", None)
@@ -85,11 +85,7 @@ class BothLaws:
                 self.speeds, self.speeds.last, partial(require_speeds, robot)
             )
         else:
-            efforts: Any = sent.start(*started, *own)
-            paper: Any = _nothing
-            if not robot.drive.leans:  # no other law holds up one that does
-                paper = partial(_within_limits, PaperDynamic().start(*started))
-            self._sending = LawWithFallback(efforts, paper, partial(require_efforts, robot))
+            self._sending = effort_law(sent, started, self.kernel)
 
     @property
     def reason(self) -> str:
@@ -168,15 +164,37 @@ class BothLaws:
         ]
 
 
-def _kernel(
-    laws: tuple[Any, Any], started: tuple[ReducedDynamics, float, Rest | None], compiled: bool
+Started = tuple[ReducedDynamics, float, Rest | None]  # dynamics, period (s) and state before a run
+
+
+def effort_law(law: Any, started: Started, kernel: RunningLaws | None) -> LawWithFallback[Efforts]:
+    """Return a dynamic law of one run, in whose place the paper's stands where it fails.
+
+    Args:
+        law: The law.
+        started: What the run starts with.
+        kernel: The law's, if it has one.
+    """
+    paper: Any = _nothing
+    if not started[0].robot.drive.leans:  # no other law holds up one that does
+        paper = partial(_within_limits, PaperDynamic().start(*started))
+    efforts: Any = law.start(*started, *(() if kernel is None else (kernel,)))
+    return LawWithFallback(efforts, paper, partial(require_efforts, started[0].robot))
+
+
+def laws_kernel(
+    laws: tuple[Any, Any], started: Started, compiled: bool
 ) -> tuple[RunningLaws | None, bool]:
-    """Return both laws as one kernel, if they can be, and whether it is machine code."""
+    """Return both laws as one kernel, if they can be, and whether it is machine code.
+
+    Args:
+        laws: The kinematic law, or None for commands from elsewhere, and what is sent.
+    """
     (kinematic, sent), (dynamics, period, rest) = laws, started
-    dynamic = PaperDynamic() if isinstance(sent, VelocityOutput) else sent
-    if dynamics.robot.drive.leans or unsupported(kinematic, dynamic):
+    asked, leans = kinematic or UnifiedKinematic(), dynamics.robot.drive.leans
+    if leans or unsupported(asked, PaperDynamic() if isinstance(sent, VelocityOutput) else sent):
         return None, compiled
-    compiled = compiled and no_machine_code(kinematic, dynamics.robot) is None
+    compiled = compiled and no_machine_code(asked, dynamics.robot) is None
     try:
         return running_laws(kinematic, sent, dynamics, period, rest, compiled), compiled
     except DiffersError:

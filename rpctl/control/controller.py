@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.arm_efforts import ArmEfforts
 from rpctl.control.balance import Balance
 from rpctl.control.bandwidth import knowing_delay
 from rpctl.control.both_laws import BothLaws
@@ -33,7 +34,7 @@ from rpctl.control.law import (
 from rpctl.control.output_groups import MAX_DEAD_TIME, OutputGroup
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.safeguards import (
-    BRAKING_RATE,
+    EFFORT_RATE,
     FAILURES,
     Braking,
     Guards,
@@ -84,8 +85,10 @@ class ControllerOutput(NamedTuple):
     """What a robot is sent after a sample.
 
     Attributes:
-        efforts: (n_act,), N·m or N; always finite. (0,) where the output are speeds.
-        speeds: Quasi-velocities (dof,), m/s or rad/s; always finite. (0,) where it are efforts.
+        efforts: (n_act,), N·m or N; always finite. (0,) where the output are speeds; where some
+            joints are sent efforts beside them, 0 of all actuators that nobody is to send any.
+        speeds: Quasi-velocities (dof,), m/s or rad/s; always finite. (0,) where it are efforts;
+            beside them, those of joints that are sent efforts are what these are to bring about.
         command: What the kinematic law asked for.
         limits: The limits of the URDF that bind the efforts or speeds.
         status: "ok"; "fallback" where another law took the place of one that failed; "held" where
@@ -119,6 +122,9 @@ class Controller:
     robot that is at its limits while its error does not fall is lost: it is braked until
     :meth:`resume`.
 
+    Efforts change at a bounded rate from sample to sample, whatever the reason: only those of the
+    first sample leap, and those of motors that are switched off.
+
     A law that fails at a sample (a solver that gives up, a singular posture) has a substitute
     there, the unified law or the paper's within the effort limits; if that fails too, the sample
     counts as bad. Samples may come late or be lost: the laws are told the measured time between
@@ -135,7 +141,8 @@ class Controller:
             follows them. ``"twist"``, ``"wheel-speeds"``, ``"steering"`` or ``"position"``, or a
             mapping such as ``{"base": "twist", "arm_*": "position"}``, whose values may be
             :class:`~rpctl.control.output_groups.OutputGroup` with bounds and lateness of their own:
-            ``commands`` of what is sent say it so. Then there is no dynamic law.
+            ``commands`` of what is sent say it so. Then there is no dynamic law, but for joints in
+            a group of the kind ``"effort"``.
         rest: State before the first sample, if it is known. Its efforts are sent as long as there
             was no good sample; without it, zeros are.
         guards: What is done about bad samples, poses that jump and robots that do not follow; None
@@ -201,7 +208,8 @@ class Controller:
                 "send efforts"
             )
         self._in_arm = np.array([name in robot.joint_names for name in robot.actuators])
-        self._rate = min(self.guards.effort_rate or math.inf, BRAKING_RATE)
+        rate = (self.guards.effort_rate or EFFORT_RATE) * period
+        self._most = np.asarray(rate * robot.effort_limits)
         self.reset()
 
     def _read(self, reference: str | Reference) -> Reference:
@@ -226,19 +234,22 @@ class Controller:
         still = np.zeros(robot.dof)
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
         efforts, speeds = (tau, NOTHING) if self._output is None else (NOTHING, still)
+        acting, self._arm = efforts, None
+        if self._output is not None and self._output.sent_efforts(robot):
+            self._arm = ArmEfforts(self._laws[1], self._output, started, self._compiled)
+            efforts = np.where(self._arm.sent, tau, 0.0)
         self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
         # The law that balances foretells for itself, and takes rates as they are measured.
         rates, foretold = ("measured", 0.0) if self._leans else (self._rates, self._delay)
         self._reader = SampleReader(robot, self.period, self._delay, rates == "measured")
         self._estimate = StateEstimate(
-            self._dynamics, self.period, foretold, rates, efforts, self._compiled
+            self._dynamics, self.period, foretold, rates, acting, self._compiled
         )
         self._jumps = JumpWatch()
         self._watchdog = Watchdog(self.guards.lost_after)
         self._following = Following(self._dynamics, self._reference, self.guards.fading)
         self._waits = self._lost = ""  # why the reference stands, and why the robot was lost last
-        self._asked = self._arrived = efforts  # by the laws, and what was sent instead
-        self._ramps = False  # whether efforts come slowly after a stop or a gap
+        self._asked = self._meant = efforts  # by the laws, and to be sent, whatever its rate
         self._safe_until = math.inf  # when the last safe efforts are stale, s
         self._measured: MeasuredSample | None = None  # the last good sample, as the laws get it
         self._braking: Braking | None = None
@@ -265,11 +276,14 @@ class Controller:
         output = sample if isinstance(sample, str) else self._answer(sample, applied)
         if isinstance(output, str):
             output = self._without_answer(self._reader.time, output)
+        output = self._within_rate(output)
         if self._groups is not None and self._measured is not None:
             state = self._measured, self._both.ahead, output.reason == MOTORS_OFF
-            output = output._replace(commands=self._groups(output.speeds, *state))
+            commands = self._groups(output.speeds, *state, output.efforts)
+            output = output._replace(commands=commands)
         self._sent = output
-        self._estimate.sent(self._reader.time, output.efforts)
+        # What moves a robot that follows speeds is not known.
+        self._estimate.sent(self._reader.time, output.efforts if self._output is None else NOTHING)
         return output
 
     def pause(self, motors_off: bool = False) -> None:
@@ -315,12 +329,14 @@ class Controller:
 
         ``samples``; how many of them were ``held``, answered while ``stopped``, ``paused`` or
         ``lost`` or by ``fallbacks``, how many came ``late``, and at how many rates were
-        ``estimated``; ``jumps`` of the pose and ``clock_changes``; 1 of ``machine_code`` where the
-        laws run as such; then what the laws count.
+        ``estimated``; ``jumps`` of the pose and ``clock_changes``; the ``pace`` of the reference,
+        below 1 where the robot left it; 1 of ``machine_code`` where the laws run as such; then what
+        the laws count.
         """
         own = {
             "clock_changes": self._reader.clock_changes,
             "estimated": self._estimate.samples,
+            "pace": self._following.pace,
         }
         return {**self._counts, **own, **self._both.report()}
 
@@ -340,6 +356,9 @@ class Controller:
                          "there was nothing safe to send for too long")  # fmt: skip
         if self._counts["lost"]:
             found.append(f"the robot did not do what it was sent, and was braked: {self._lost}")
+        if (slowest := self._following.slowest) < 1.0:
+            found.append(f"the reference ran at {slowest:.2g} of its pace at least, where the "
+                         f"robot left it, and at {self._following.pace:.2g} at last")  # fmt: skip
         return (*found, *filter(None, [self._estimate.note, self.lateness()]))
 
     def _answer(self, sample: MeasuredSample, applied: Array | None) -> ControllerOutput | str:
@@ -351,28 +370,25 @@ class Controller:
         if jumped and before is not None:
             self._counts["jumps"] += 1
             self._following.jumped(before, sample)  # what is followed jumps along
-            self._ramps = True
         if self._waits == MOTORS_OFF:
             return self._without_motors(sample.t)
         gap = before is not None and sample.t - before.t > self.guards.stale_after + self.period
         own = self._sent.status != "stopped" or self._sent.reason == PAUSED
         self._come_back(before, sample, gap)
-        late = before is not None and sample.t - before.t > LATE_RATIO * self.period
-        self._counts["late"] += late
-        self._ramps = self._ramps or late or not own or self._watchdog.suspects(sample.t)
         if before is not None:
-            told = self._arrived if applied is None else arrived
+            self._counts["late"] += sample.t - before.t > LATE_RATIO * self.period
+            told = self._meant if applied is None else arrived
             self._tell(before, sample.t, told, own and not gap)
         answer = self._both.answer(sample, self._following.now)
         if isinstance(answer, str):
             return answer
-        output = self._sending(sample.t, *answer)
+        output = self._sending(sample, *answer)
         if self._waits == PAUSED:
             self._counts["paused"] += 1
-            return self._slowed(output._replace(status="stopped", reason=PAUSED))
+            return output._replace(status="stopped", reason=PAUSED)
         if self._waits:
             return self._lost_base(sample, output)
-        return self._watched(sample, self._slowed(output))
+        return self._watched(sample, output)
 
     def _come_back(self, before: MeasuredSample | None, sample: MeasuredSample, gap: bool) -> None:
         """Let a robot come back smoothly that was braked, or that was not seen for long.
@@ -401,8 +417,9 @@ class Controller:
             learns: Whether what the robot did since is the laws' doing.
         """
         elapsed = self._since(before.t, t) if learns else None
-        if arrived is not None and self._estimate.astray is not None:
-            arrived = self._arrived + self._estimate.astray
+        if arrived is not None and arrived is not self._meant:
+            astray = self._estimate.astray
+            arrived = self._meant + (arrived - self._sent.efforts if astray is None else astray)
         if arrived is not self._asked and elapsed is not None and self._output is None:
             kernel = self._both.kernel
             if kernel is None or arrived is None:
@@ -413,6 +430,8 @@ class Controller:
                     missing = self._dynamics.actuation(before.q) @ (arrived - self._asked)
                     kernel.moved(nu_dot, missing != 0.0)
         self._both.sampled_after(elapsed)
+        if self._arm is not None:
+            self._arm.law.sampled_after(elapsed if arrived is self._asked else None)
 
     def _efforts_of(self, applied: Any) -> Array | None:
         """Return efforts (n_act,) that a robot tells; None where they are no such numbers."""
@@ -422,23 +441,22 @@ class Controller:
                 return efforts
         return None
 
-    def _slowed(self, output: ControllerOutput) -> ControllerOutput:
-        """Return what is sent with the rate of its efforts within their own limit."""
-        self._arrived = self._asked = output.efforts
-        rate = self._rate if self._ramps else self.guards.effort_rate
-        if rate is None or self._output is not None:
-            return output
-        most = self._largest_change(rate)
-        tau = self._sent.efforts + np.clip(output.efforts - self._sent.efforts, -most, most)
-        if (tau == output.efforts).all():
-            self._ramps = False
-            return output
-        self._arrived = tau
-        return output._replace(efforts=tau)
+    def _within_rate(self, output: ControllerOutput) -> ControllerOutput:
+        """Return what is sent with the rate of its efforts within their own limit.
 
-    def _largest_change(self, rate: float) -> Array:
-        """Return by how much efforts (n_act,) may change at a sample at a rate over limits, 1/s."""
-        return np.asarray(rate * self.period * self.robot.effort_limits)
+        Motors that are off need none, nor does the first sample, whose efforts begin a motion. What
+        the rate holds back, the laws are not told: where noise asks for it, theirs is the mean, and
+        what the rate lets through is the median.
+        """
+        self._meant = output.efforts
+        if not output.efforts.size:
+            return output
+        change = output.efforts - self._sent.efforts
+        begins = self._sent is self._unknown and self.guards.effort_rate is None
+        if begins or output.reason == MOTORS_OFF or (np.abs(change) <= self._most).all():
+            return output
+        tau = self._sent.efforts + np.clip(change, -self._most, self._most)
+        return output._replace(efforts=tau)
 
     def _watched(self, sample: MeasuredSample, output: ControllerOutput) -> ControllerOutput:
         """Return what is sent, or what brakes a robot that is lost."""
@@ -447,7 +465,10 @@ class Controller:
             if self._output is None
             else bool(falls_short(sample.nu, output.speeds))
         )
-        error = self._error(sample) if at_limit or self._watchdog.bound else 0.0
+        looks = at_limit or self._watchdog.bound or self._output is not None
+        e = self._error(sample) if looks else NOTHING
+        slows = self._output is not None and self._following.keep_up(sample.t, math.hypot(*e[:2]))
+        error = 0.0 if slows else float(np.abs(e).max(initial=0.0))  # it has another chance
         if not self._watchdog.lost(sample.t, at_limit, error):
             return output
         self._following.stand(sample.t)
@@ -467,24 +488,15 @@ class Controller:
         """
         self._counts["lost"] += 1
         if self._leans:  # braked by anything but its laws, it would fall
-            return self._slowed(output._replace(status="lost", reason=self._waits))
-        asked, output = output.efforts, output._replace(status="lost", reason=self._waits)
-        braked = self._brake(sample.t, output)
-        if self._output is not None:
-            return braked
-        output = self._slowed(output._replace(
-            efforts=np.where(self._in_arm, output.efforts, braked.efforts)
-        ))  # fmt: skip
-        self._asked = asked
-        return output
+            return output._replace(status="lost", reason=self._waits)
+        asked = output.efforts
+        braked = self._brake(sample.t, output._replace(status="lost", reason=self._waits))
+        arm = self._in_arm[: asked.size]  # none where speeds are sent
+        return braked._replace(efforts=np.where(arm, asked, braked.efforts))
 
-    def _error(self, sample: MeasuredSample) -> float:
-        """Return the largest error of what the law follows, m or rad."""
-        if self._both.kernel is not None:
-            e = self._both.kernel.error
-        else:
-            e = tracking_error(self.robot, self._following.now(sample.t), sample.q)
-        return float(np.abs(e).max(initial=0.0))
+    def _error(self, sample: MeasuredSample) -> Array:
+        """Return the errors of what is followed (3 + n_joints,), not of a way up to that."""
+        return tracking_error(self.robot, self._following.now(sample.t), sample.q)
 
     def _without_motors(self, t: float) -> ControllerOutput:
         """Return what a robot is sent whose motors are off: nothing."""
@@ -500,17 +512,24 @@ class Controller:
         elapsed = t - before
         return self.period if abs(elapsed - self.period) < TIME_ROUNDING else elapsed
 
-    def _sending(self, t: float, command: Command, answer: Efforts | Speeds) -> ControllerOutput:
-        """Return what is sent at a time (s), and take note of it."""
-        self._safe_until = t + self.guards.stale_after
-        reason = self._both.reason
+    def _sending(
+        self, sample: MeasuredSample, command: Command, answer: Efforts | Speeds
+    ) -> ControllerOutput:
+        """Return what is sent after a sample, and take note of it."""
+        self._safe_until, speeds = sample.t + self.guards.stale_after, self._both.speeds
+        reason, (tau, limits), nu = self._both.reason, answer, NOTHING
+        if speeds is not None:
+            speeds.sent(sample.t, tau)
+            tau, nu = NOTHING, tau
+            if self._arm is not None:
+                coming = speeds.coming(sample.t, sample.nu)
+                found = self._arm(sample, command, coming) or Efforts(self._sent.efforts)
+                tau, limits = found.tau, (*limits, *found.limits)
+                reason = reason or self._arm.law.reason
         self._counts["fallbacks"] += bool(reason)
         status: Status = "fallback" if reason else "ok"
-        if isinstance(answer, Efforts):
-            return ControllerOutput(answer.tau, NOTHING, command, answer.limits, status, reason)
-        if self._both.speeds is not None:
-            self._both.speeds.sent(t, answer.nu)
-        return ControllerOutput(NOTHING, answer.nu, command, answer.limits, status, reason)
+        self._asked = tau
+        return ControllerOutput(tau, nu, command, limits, status, reason)
 
     def _without_answer(self, now: float, reason: str) -> ControllerOutput:
         """Return what was sent last, or what brakes the robot once that is stale.
@@ -524,7 +543,10 @@ class Controller:
         self._safe_until = min(self._safe_until, now + self.guards.stale_after)
         if now <= self._safe_until:
             self._counts["held"] += 1
-            return self._sent._replace(status="held", reason=reason)
+            held = self._sent._replace(status="held", reason=reason)
+            if self._both.speeds is None:
+                return held
+            return held._replace(speeds=self._both.speeds.unseen(now, brakes=False))
         self._counts["stopped"] += 1
         if not (self._brakes or self._waits):
             self._following.stand(now)
@@ -538,11 +560,13 @@ class Controller:
             output: What it is without any.
         """
         if self._both.speeds is not None:
-            return output._replace(speeds=self._both.speeds.brake(now))
-        tau = None
-        if self._measured is not None:
-            lost = output.status == "lost"
-            most = self._largest_change(self._rate)
-            self._braking = self._braking or Braking(self._dynamics, self._measured, most, lost)
-            tau = self._braking.efforts(now, self._sent.efforts)
-        return output if tau is None else output._replace(efforts=tau)
+            output = output._replace(speeds=self._both.speeds.unseen(now, brakes=True))
+        if self._measured is None or not output.efforts.size:
+            return output
+        self._braking = self._braking or Braking(
+            self._dynamics, self._measured, self._sent.efforts, alone=output.status == "lost"
+        )
+        tau = self._braking.efforts(now)
+        if tau is None:
+            return output
+        return output._replace(efforts=tau if self._arm is None else self._arm.sent * tau)

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math as numbers
-from collections import deque
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -20,7 +19,17 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import DiffersError
 from rpctl.kernels.machine_code import MachineCode, code_key
-from rpctl.kernels.program import Buffer, Program, Statement, When, statement, symbolic
+from rpctl.kernels.program import (
+    Buffer,
+    Call,
+    Program,
+    Read,
+    Rows,
+    RowStream,
+    When,
+    statement,
+    symbolic,
+)
 from rpctl.kernels.scalars import column
 from rpctl.kernels.stored import stored
 from rpctl.kernels.virtual_machine import VirtualMachine
@@ -33,6 +42,7 @@ LEARNING = 5.0  # 1/s, of a disturbance by rates that are measured: over a delay
 NOTHING = np.empty(0)
 SEED, INSTANT, ROUGHLY = 20210601, 1e-8, 1e-3  # s: a motion that short tells the acceleration
 LONGEST_STEP = 0.005  # s, of the model's motion
+MOST_ACTS = 2048  # such steps, between the last sample and when the next efforts act
 MOST_KEPT = 8  # kernels of a process
 RIDGE = 1e-9  # of what base speeds do to the pose: less is no motion
 
@@ -89,17 +99,20 @@ class StateKernel:
         compiled: Whether it is machine code.
 
     Attributes:
-        run: Moves q, ν and the way by ``dt`` under ``tau`` where ``moving`` is not 0; takes the
-            sample ``measured`` in where ``correcting`` is not 0.
-        buffers: By name: ``q`` (nq,), ``nu``, ``d``, ``way``, ``gap`` (dof,), ``tau`` (n_act,),
-            ``dt`` (1,), ``measured`` and ``before`` (nq,), ``rates``, ``told``, ``taken`` (dof,),
-            ``gains`` (4,), ``elapsed``, ``jumped``, ``moving`` and ``correcting`` (1,).
+        run: Moves q, ν and the way as ``act`` says where ``moving`` is not 0; takes the sample
+            ``measured`` in where ``correcting`` is not 0. Machine code reads ``act`` from rows.
+        buffers: By name: ``q`` (nq,), ``nu``, ``d``, ``way``, ``gap`` (dof,), ``act`` (1 + n_act,),
+            which is for how long, s, and τ, ``measured`` and ``before`` (nq,), ``rates``, ``told``,
+            ``taken`` (dof,), ``age``, ``elapsed``, ``jumped``, ``moving`` and ``correcting`` (1,).
     """
 
     def __init__(self, robot: Robot, efforts: bool, compiled: bool) -> None:
         def make() -> tuple[dict[str, Buffer], Sequence[Program]]:
-            body, buffers = _statements(SymbolicDynamics(robot), efforts)
-            return buffers, [Program(body)]
+            calls, buffers = state_calls(SymbolicDynamics(robot), efforts)
+            body = tuple(When(buffers[name], (call,)) for name, call in calls.items())
+            act = buffers["act"]
+            reads = (Read(RowStream("acts", act.size, laned=False), act),) if compiled else ()
+            return buffers, [Program((*reads, *body))]
 
         self.run: MachineCode | VirtualMachine
         if compiled:
@@ -111,14 +124,29 @@ class StateKernel:
             self.buffers, (program,) = make()
             self.run = VirtualMachine(program)
 
-    def places(self) -> tuple[dict[str, Array], Callable[[], bool]]:
-        """Return memory by the names of the buffers, and what runs in it as long as it lives."""
+    def places(self) -> tuple[dict[str, Array], Callable[[int, int], object]]:
+        """Return memory, and what runs in it as long as it lives.
+
+        It is there by the names of the buffers, and as ``acts`` (MOST_ACTS, 1 + n_act), a ring:
+        what runs is given a row's number, and how many from there on ``act`` is in turn.
+        """
         space = self.run.workspace()
         at = {
             name: space[buffer][:, 0] if buffer in space else np.zeros(buffer.size)
             for name, buffer in self.buffers.items()
         }
-        return at, self.run.stepper(space)
+        acts = at["acts"] = np.zeros((MOST_ACTS, len(at["act"])))
+        if isinstance(self.run, MachineCode):
+            (stream,) = self.run.program.streams
+            return at, self.run.stepper(space, {stream: Rows(acts, ring=True)})
+        once = self.run.stepper(space)
+
+        def run(first: int, count: int) -> None:
+            for number in range(first, first + count):
+                at["act"][:] = acts[number % MOST_ACTS]
+                once()
+
+        return at, run
 
     def _require_same(self, robot: Robot) -> None:
         """Refuse machine code that moves the robot otherwise than Pinocchio."""
@@ -126,9 +154,9 @@ class StateKernel:
         q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
         nu, tau = rng.normal(size=robot.dof), rng.normal(size=len(robot.actuators))
         at, run = self.places()
-        at["q"][:], at["nu"][:], at["tau"][:] = q, nu, tau
-        at["dt"][0] = at["moving"][0] = INSTANT
-        run()
+        at["q"][:], at["nu"][:], at["acts"][0] = q, nu, (INSTANT, *tau)
+        at["moving"][0] = 1.0
+        run(0, 1)
         expected = dynamics.forward(q, nu, tau)
         residual = np.abs((at["nu"] - nu) / INSTANT - expected).max(initial=0.0)
         if not residual <= ROUGHLY * np.abs(expected).max(initial=1.0):
@@ -138,38 +166,40 @@ class StateKernel:
 state_kernel = lru_cache(MOST_KEPT)(StateKernel)  # of a robot, which may have one
 
 
-def _statements(
+def state_calls(
     known: SymbolicDynamics, efforts: bool
-) -> tuple[tuple[Statement, ...], dict[str, Buffer]]:
+) -> tuple[dict[str, Call], dict[str, Buffer]]:
+    """Return what is called when ``moving`` and ``correcting``; and buffers, by name.
+
+    Args:
+        known: The robot's dynamics.
+        efforts: Whether efforts move it, or only the disturbance.
+    """
     robot = known.robot
     sizes = dict.fromkeys(("nu", "d", "way", "gap", "rates", "told", "taken"), robot.dof)
     sizes |= dict.fromkeys(("q", "measured", "before"), robot.nq)
-    sizes |= {"tau": len(robot.actuators), "gains": 4}
-    sizes |= dict.fromkeys(("dt", "elapsed", "jumped", "moving", "correcting"), 1)
+    sizes["act"] = 1 + efforts * len(robot.actuators)
+    sizes |= dict.fromkeys(("age", "elapsed", "jumped", "moving", "correcting"), 1)
     place = {name: symbolic(Buffer(f"state {name}", size)) for name, size in sizes.items()}
     at = {name: symbols for name, (_, symbols) in place.items()}
-    step = moved(known, at["q"], at["nu"], at["tau"] if efforts else None, at["d"], at["dt"])
+    dt, force = at["act"][0], at["act"][1:] if efforts else None
+    step = moved(known, at["q"], at["nu"], force, at["d"], dt)
     ahead = {"q": step.q, "nu": step.nu, "way": at["way"] + step.way}
     found = _corrected(known, at)
     read = {
-        "moving": ("q", "nu", "way", "d", "tau", "dt"),
-        "correcting": (*found.keys() - {"q"}, "way", "measured", "rates", "told", "taken", "gains",
+        "moving": ("q", "nu", "way", "d", "act"),
+        "correcting": (*found.keys() - {"q"}, "way", "measured", "rates", "told", "taken", "age",
                        "elapsed", "jumped"),
     }  # fmt: skip
-    body = tuple(
-        When(
-            place[name][0],
-            (
-                statement(
-                    f"state_{name}",
-                    [place[each] for each in sorted(read[name])],
-                    [(place[each][0], value) for each, value in values.items()],
-                ),
-            ),
+    calls = {
+        name: statement(
+            f"state_{name}",
+            [place[each] for each in sorted(read[name])],
+            [(place[each][0], value) for each, value in values.items()],
         )
         for name, values in (("moving", ahead), ("correcting", found))
-    )
-    return body, {name: buffer for name, (buffer, _) in place.items()}
+    }
+    return calls, {name: buffer for name, (buffer, _) in place.items()}
 
 
 def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
@@ -192,10 +222,8 @@ def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
         for k, way in zip(base, math.vertsplit(speeds), strict=True):
             pose = math.if_else(at["jumped"], at["way"][k], way)
             now[k] = math.if_else(at["told"][k], at["elapsed"] * at["rates"][k], pose)
-    gap, (first, second, third, learning) = (
-        at["gap"] + column(now) - at["way"],
-        math.vertsplit(at["gains"]),
-    )
+    gap = at["gap"] + column(now) - at["way"]
+    first, second, third, learning = _gains(at["elapsed"], at["age"])
     taken, rates = at["taken"], at["rates"]
     left = _chosen(taken, math.SX.zeros(robot.dof, 1), (1.0 - first) * gap)
     arm = math.DM([0.0 if k in base else 1.0 for k in range(robot.dof)])
@@ -206,6 +234,20 @@ def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:
         "gap": left,
         "before": q,
     }
+
+
+def _gains(elapsed: Any, n: Any) -> tuple[Any, Any, Any, Any]:
+    """Return what the gap adds to way, ν and d, and rates that are measured to d, at sample n."""
+    half = math.tanh(0.5 * BANDWIDTH * elapsed)
+    p, even = (1.0 - half) / (1.0 + half), 6.0 / (n * (n + 1.0))  # p = exp(-BANDWIDTH elapsed)
+    second = 1.5 * (1.0 - p * p) * (1.0 - p)
+    alike = even > second
+    return (
+        math.if_else(alike, even * (2.0 * n - 1.0) / 3.0, 1.0 - p * p * p),
+        math.if_else(alike, even, second) / elapsed,
+        math.if_else(alike, 0.0, (1.0 - p) * (1.0 - p) * (1.0 - p)) / (elapsed * elapsed),
+        math.fmin(LEARNING, 1.0 / elapsed),
+    )
 
 
 def _chosen(where: Any, one: Any, other: Any) -> Any:
@@ -238,6 +280,9 @@ class LatticeWatch:
     Args:
         dynamics: The robot's dynamics.
         period: Control period, s.
+
+    Attributes:
+        finest: Steps of rates (dof,) that are too fine to count.
     """
 
     def __init__(self, dynamics: ReducedDynamics, period: float) -> None:
@@ -245,7 +290,7 @@ class LatticeWatch:
         q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
         share = GAIN * np.abs(np.linalg.pinv(dynamics.actuation(q)) @ dynamics.inertia(q))
         limits = robot.effort_limits[:, None]
-        self._finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
+        self.finest = COARSE / np.maximum((share / limits).max(axis=0, initial=0.0), 1e-300)
         self._rates = np.zeros((WINDOW, robot.dof))
         self._elapsed, self._next = np.full(WINDOW, period), 0
 
@@ -257,14 +302,18 @@ class LatticeWatch:
         return not self._next % STRIDE and self._found()
 
     def _found(self) -> bool:
-        change = np.diff(self._rates, axis=0)
-        up, down = (change > 0.0).sum(axis=0), (change < 0.0).sum(axis=0)
-        shaken = np.minimum(up, down) >= CHANGES  # smooth motion has no such rate
+        shaken = _shaken(self._rates[1:] - self._rates[:-1])
         if not shaken.any():
             return False
-        rates, elapsed, finest = self._rates[:, shaken], self._elapsed, self._finest[shaken]
+        rates, elapsed, finest = self._rates[:, shaken], self._elapsed, self.finest[shaken]
         ways = rates * elapsed[:, None]
         return _on_lattice(rates, finest) or _on_lattice(ways, elapsed.mean() * finest)
+
+
+def _shaken(change: Array) -> Array:
+    """Return which of some rates (k,) go up and down, by their changes (n, k); no smooth ones."""
+    ups = np.add.reduce(change > 0.0, axis=0), np.add.reduce(change < 0.0, axis=0)
+    return np.minimum(*ups) >= CHANGES
 
 
 def _on_lattice(values: Array, finest: Array) -> bool:
@@ -274,14 +323,13 @@ def _on_lattice(values: Array, finest: Array) -> bool:
         values: (n, k).
         finest: (k,).
     """
-    change = np.diff(values, axis=0)
+    change = values[1:] - values[:-1]
     size = np.abs(change)
     changed = size > 1e-9 * np.maximum(np.abs(values).max(axis=0), 1e-9)
-    up, down = (changed & (change > 0.0)).sum(axis=0), (changed & (change < 0.0)).sum(axis=0)
     step = np.where(changed, size, np.inf).min(axis=0)
     multiples = PARTS * np.where(changed, size, 0.0) / step
     whole = np.abs(multiples - np.round(multiples)).max(axis=0) < ON_LATTICE
-    return bool((whole & (np.minimum(up, down) >= CHANGES) & (step > finest)).any())
+    return bool((whole & _shaken(np.where(changed, change, 0.0)) & (step > finest)).any())
 
 
 class StateEstimate:
@@ -332,10 +380,12 @@ class StateEstimate:
         self._every, self._compiled = rates == "estimated", compiled
         watched = rates is None and efforts.size
         self._watch = LatticeWatch(dynamics, period) if watched else None
-        self._sent = deque([(-numbers.inf, efforts)])  # and from when on they act, s
+        self._efforts, self._until = efforts, 0.0  # sent last; until when they are among the acts
+        # Acts that have not come to an end, or come: numbers of the first and after the last, and
+        # how long they take, s.
+        self._first, self._end, self._pending = 0, 0, 0.0
         self._last, self._time = numbers.nan, numbers.nan  # of the last sample; of the estimate, s
         self._nu = np.zeros(dynamics.robot.dof)  # of the last sample
-        self._age = 0.0  # samples that the observer has seen
         self._at: dict[str, Array] = {}
         self.astray: Array | None
         self.samples, self.lattice, self.astray = 0, numbers.nan, None
@@ -344,7 +394,7 @@ class StateEstimate:
 
     def _build(self) -> None:
         """Build what computes, or read it from the disk."""
-        efforts = bool(self._sent[0][1].size)
+        efforts = bool(self._efforts.size)
         try:
             kernel = state_kernel(self._dynamics.robot, efforts, self._compiled)
         except DiffersError:
@@ -362,13 +412,14 @@ class StateEstimate:
             jumped: Whether the base's pose has, which is no motion.
         """
         t, q, nu = sample
-        told = np.isfinite(nu)
+        whole = numbers.isfinite(nu.dot(nu))
         elapsed, self._last = t - self._last, t  # NaN at first
-        if self._watch is not None and told.all() and self._watch.takes(nu, elapsed):
+        if whole and self._watch is not None and self._watch.takes(nu, elapsed):
             self._every, self._watch, self.lattice = True, None, t
-        if told.all() and not (self._every or self._delay or self._begun):
+        if whole and not (self._every or self._delay or self._begun):
             self._nu = nu
             return sample
+        told = np.isfinite(nu)
         if not self._at:
             self._build()
         at, now = self._at, t - self._delay
@@ -377,19 +428,26 @@ class StateEstimate:
         at["measured"][:], at["rates"][:] = q, np.where(told, nu, 0.0)
         at["told"][:], at["taken"][:] = told & (not self._told), taken
         at["jumped"][0] = jumped
-        if not (now - self._time <= LONGEST_SILENCE and self._follow(now, applied)):
+        self._pass(t)
+        impulse, since, self.astray = self._act(applied), now - self._time, None
+        if applied is not None and since <= LONGEST_SILENCE:
+            self.astray = applied - impulse / since
+        if not (since <= LONGEST_SILENCE and self._correct(since)):
             known = told | (elapsed <= LONGEST_SILENCE)
             at["q"][:], at["before"][:] = q, q
             at["nu"][:] = np.where(told, nu, np.where(known, self._nu, 0.0))
             at["d"][:] = at["gap"][:] = 0.0
-            self._age = numbers.inf if known.all() else 1.0
+            at["age"][0] = numbers.inf if known.all() else 1.0
+        if not self._begun:
+            self._until = now
         self._time = now
-        self._forget(now + TIME_ROUNDING)
+        self._pass(t)  # where it begins: what was sent before
         estimate = MeasuredSample(t, at["q"].copy(), at["nu"].copy())
         self._nu = estimate.nu
         if not self._delay:
             return estimate
-        self._move(self._acting(now, t))
+        at["moving"][0], at["correcting"][0] = 1.0, 0.0
+        self._run(self._first, self._end - self._first)
         ahead = MeasuredSample(t, at["q"].copy(), at["nu"].copy())
         at["q"][:], at["nu"][:] = estimate.q, estimate.nu
         return ahead if np.isfinite(ahead.nu).all() else estimate
@@ -407,59 +465,55 @@ class StateEstimate:
 
     def sent(self, t: float, efforts: Array) -> None:
         """Take note of efforts (n_act,) that act from a time (s) on."""
-        self._sent.append((t, efforts))
-        self._forget(t - self._delay - LONGEST_SILENCE if self._begun else t)
+        self._pass(t)
+        self._efforts = efforts
 
     @property
     def _begun(self) -> bool:
         return not numbers.isnan(self._time)
 
-    def _forget(self, until: float) -> None:
-        """Forget efforts that others replaced before a time (s)."""
-        while len(self._sent) > 1 and self._sent[1][0] <= until:
-            self._sent.popleft()
+    def _pass(self, t: float) -> None:
+        """Take note that the efforts that were sent last act until a time (s)."""
+        if not self._begun:
+            return
+        most = LONGEST_SILENCE + self._delay + TIME_ROUNDING
+        length, self._until = min(t - self._until, LONGEST_SILENCE), t
+        steps, acts = numbers.ceil((length - TIME_ROUNDING) / LONGEST_STEP), self._at["acts"]
+        while self._pending + length > most or self._end + steps - self._first >= MOST_ACTS:
+            self._pending -= float(acts[self._first % MOST_ACTS, 0])
+            self._first += 1
+        for _ in range(steps):
+            act, self._end = acts[self._end % MOST_ACTS], self._end + 1
+            act[0], act[1:] = length / steps, self._efforts
+            self._pending += length / steps
 
-    def _follow(self, now: float, applied: Array | None) -> bool:
-        """Move the estimate to a time (s), and correct it; return whether it is finite."""
-        at, elapsed = self._at, now - self._time
-        acting = self._acting(self._time, now)
-        self.astray = None
-        if applied is not None:
-            self.astray = applied - sum(dt * tau for dt, tau in acting) / elapsed
-            acting = [(dt, applied) for dt, _ in acting]
-        at["way"][:], at["elapsed"][0] = 0.0, elapsed
-        self._move(acting)
-        self._age += 1.0
-        p, n = numbers.exp(-BANDWIDTH * elapsed), self._age
-        first, second, third = 1.0 - p**3, 1.5 * (1.0 - p * p) * (1.0 - p), (1.0 - p) ** 3
-        if (even := 6.0 / (n * (n + 1.0))) > second:
-            first, second, third = even * (2.0 * n - 1.0) / 3.0, even, 0.0
-        learning = min(LEARNING, 1.0 / elapsed)
-        at["gains"][:] = first, second / elapsed, third / elapsed**2, learning
-        at["moving"][0], at["correcting"][0] = 0.0, 1.0
-        self._run()
-        return bool(np.isfinite(at["nu"]).all() and np.isfinite(at["q"]).all())
+    def _act(self, applied: Array | None) -> Any:
+        """Let the model move under all that has acted by now: what was sent, but for the last δ.
 
-    def _acting(self, start: float, end: float) -> list[tuple[float, Array]]:
-        """Return for how long (s) which efforts act between two times (s), in short steps."""
-        found: list[tuple[float, Array]] = []
-        begin, acting = start, self._sent[0][1]
-        for t, efforts in (*self._sent, (end, NOTHING)):
-            length = min(t, end) - begin
-            if length > TIME_ROUNDING:
-                steps = numbers.ceil(length / LONGEST_STEP - TIME_ROUNDING)
-                found += [(length / steps, acting)] * steps
-                begin += length
-            if t >= end:
-                break
-            acting = efforts
-        return found
+        Args:
+            applied: Efforts (n_act,) that acted instead.
 
-    def _move(self, acting: list[tuple[float, Array]]) -> None:
-        """Let the model move under efforts, each for a time (s)."""
-        at, run = self._at, self._run
-        tau, dt = at["tau"], at["dt"]
-        at["moving"][0], at["correcting"][0] = 1.0, 0.0
-        for length, efforts in acting:
-            tau[: efforts.size], dt[0] = efforts, length
-            run()
+        Returns:
+            Those that were sent (n_act,) times how long they acted, N·m·s or N·s.
+        """
+        at, acts, impulse = self._at, self._at["acts"], 0.0
+        at["way"][:], at["moving"][0], at["correcting"][0] = 0.0, 1.0, 0.0
+        while (length := self._pending - self._delay) > TIME_ROUNDING:
+            act, free = acts[self._first % MOST_ACTS], (self._first - 1) % MOST_ACTS
+            acts[free], lasts = act, float(act[0])
+            if lasts - length < TIME_ROUNDING:
+                length, self._first = lasts, self._first + 1
+            act[0], acts[free, 0] = lasts - length, length
+            if applied is not None:
+                acts[free, 1:], impulse = applied, impulse + length * act[1:]
+            self._pending -= length
+            self._run(free, 1)
+        return impulse
+
+    def _correct(self, elapsed: float) -> bool:
+        """Take in the sample, so long (s) after the last; return whether the state is finite."""
+        at = self._at
+        at["age"][0] += 1.0
+        at["elapsed"][0], at["moving"][0], at["correcting"][0] = elapsed, 0.0, 1.0
+        self._run(0, 1)
+        return numbers.isfinite(at["nu"].dot(at["nu"]) + at["q"].dot(at["q"]))

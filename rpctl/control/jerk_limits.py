@@ -31,12 +31,14 @@ class JerkLimits:
         share: s of each quasi-velocity (dof, 1), 1/s, scalars.
         jerks: J (dof,), m/s³ or rad/s³; inf where there is none.
         speeds: Largest speeds (dof,), m/s or rad/s, before which a falls likewise.
+        accelerations: Largest |a| (dof,), m/s² or rad/s²; what is wanted may ask for more.
     """
 
     period: float
     share: Any
     jerks: Array
     speeds: Array
+    accelerations: Array
 
     def __call__(self, nu_dot: Any, rate: Any, model: tuple[Any, Any]) -> tuple[Any, list[Any]]:
         """Return the accelerations (dof, 1), and of each bounded one whether that binds.
@@ -49,9 +51,9 @@ class JerkLimits:
         (model_nu, before), found, binding = model, math.vertsplit(nu_dot), []
         for k in np.flatnonzero(np.isfinite(self.jerks)).tolist():
             share, limit, nu = self.share[k], self.speeds[k], model_nu[k]
-            more = nu_dot[k] - rate[k]
+            more, largest = nu_dot[k] - rate[k], float(self.accelerations[k])
             most = self._stoppable(k, math.fabs(more) / share)
-            toward = rate[k] + clipped(more, -most, most)
+            toward = clipped(rate[k] + clipped(more, -most, most), -largest, largest)
             if np.isfinite(limit):
                 ahead, behind = (self._stoppable(k, math.fmax(g, 0.0)) for g in
                                  (limit - nu, limit + nu))  # fmt: skip

@@ -1,4 +1,4 @@
-"""How late a robot follows its speeds, learnt while it moves: lags and a dead time."""
+"""How late a robot follows its speeds, learnt while it moves: lags and dead times."""
 
 from __future__ import annotations
 
@@ -25,47 +25,53 @@ DECIDED = 5  # strides between two decisions
 
 
 class LagEstimate:
-    """Lags by quasi-velocity and a common dead time of a robot, T ν̇(t) = c(t − T_d) − ν(t).
+    """Lags and dead times of a robot by quasi-velocity, T ν̇(t) = c(t − T_d) − ν(t).
 
-    Each pair of a row of lags and a row of dead times is a model that answers the sent commands;
+    Each pair of a lag, of a row or as told, and of a dead time, as told or sooner or later by whole
+    strides, is a model that answers the sent commands;
     how far its speeds are from the measured ones adds up, and is forgotten slowly. Models do not
     see what is measured but for their start, so noise that comes anew with each sample biases
     nothing, and a loop that is closed with it neither. Between neighbours of the row the error is
     taken for a parabola of the lag.
 
     What was told is used until a model beats it by far more than chance and explains the motion;
-    without motion all models do as well, and nothing is learnt. The dead time is one of the whole
-    robot: it is changed where all quasi-velocities together speak for another, in whole strides.
-    Lag and dead time of a slow motion stand for each other, and only their sum is told apart then.
-    What is learnt replaces what was used within some .3 s.
+    without motion all models do as well, and nothing is learnt. Quasi-velocities of one told dead
+    time are a group that has one: it is changed where all of them together speak for another. Lag
+    and dead time of a slow motion stand for each other, and only their sum is told apart then. What
+    is learnt replaces what was used within some .3 s.
 
     Args:
         told: T (dof,), s.
-        dead_time: T_d that was told, s.
+        dead_times: T_d that was told, likewise.
         period: Control period, s.
 
     Attributes:
         lag: What is to be used now (dof,), s.
-        dead_time: Likewise, s.
+        dead_times: Likewise; the same array, whose numbers change.
         learnt: Which lags are no longer those told (dof,).
     """
 
-    def __init__(self, told: Array, dead_time: float, period: float) -> None:
-        self._told, self._told_dead = told, dead_time
-        self.lag, self.dead_time = told.copy(), dead_time
+    def __init__(self, told: Array, dead_times: Array, period: float) -> None:
+        self._told, self._told_dead = told, dead_times
+        self.lag, self.dead_times = told.copy(), dead_times.copy()
         self.learnt = np.zeros(len(told), dtype=bool)
-        self._found, self._found_dead = told.copy(), dead_time
+        self._found, self._found_dead = told.copy(), dead_times.copy()
+        self._group = dead_times[:, None] == dead_times  # whether two are of one
+        self._each = np.arange(len(told))
+        lags = np.vstack([np.tile(LAGS[:, None], len(told)), told])
+        self._lags = np.maximum(lags, 1e-9)  # of the models (N, dof), s
         self._stride = period * max(1, round(STRIDE / period))
         self._half, self._forget = 0.5 * period, math.exp(-self._stride / MEMORY)
         self._held = self._stride < 1.5 * period  # a stride is a sample: commands hold through it
-        around = math.ceil(DEAD_TIMES / self._stride)
-        dead_times = dead_time + self._stride * np.arange(-around, around + 1)
-        self._dead_times = dead_times[dead_times >= 0.0]
-        self._at = self._row = int(np.abs(self._dead_times - dead_time).argmin())
-        self._knots = 2 + math.ceil(2.0 * self._dead_times[-1] / self._stride)
+        later = math.ceil(DEAD_TIMES / self._stride)
+        self._at = min(later, math.ceil(dead_times.max() / self._stride))  # the row of those told
+        changes = self._stride * np.arange(-self._at, later + 1)
+        self._dead_times = np.maximum(dead_times + changes[:, None], 0.0)  # of the models (M, dof)
+        self._row = np.full(len(told), self._at)
+        self._knots = 2 + math.ceil(2.0 * self._dead_times.max() / self._stride)
         self._time = self._sent_at = self._width = math.nan
-        self._settled = True  # whether what is found is what is used
-        self._command, self._speeds, self._passed = told * 0.0, told * 0.0, 0.0
+        self._passed, self._settled = 0.0, True  # s; whether what is found is what is used
+        self._command, self._speeds, self._nu = told * 0.0, told * 0.0, told * 0.0
 
     def sent(self, t: float, command: Array) -> None:
         """Take note of a command (dof,) that is sent at a time (s)."""
@@ -78,8 +84,8 @@ class LagEstimate:
         if not elapsed <= max(SILENCE, 5.0 * self._half):
             return self._restart(t, nu)
         self._hold(t)
-        self._time = t
-        self._speeds += elapsed * nu
+        self._speeds += 0.5 * elapsed * (self._nu + nu)
+        self._time, self._nu = t, nu
         self._passed += elapsed
         if self._passed > self._stride - self._half:
             self._advance(t, self._passed)
@@ -88,7 +94,7 @@ class LagEstimate:
         if not self._settled:
             rate, gap = -math.expm1(-elapsed / TAKEN_IN), self._found - self.lag
             self.lag = self.lag + rate * gap
-            self.dead_time += rate * (self._found_dead - self.dead_time)
+            self.dead_times += rate * (self._found_dead - self.dead_times)
         return None
 
     def sentence(self, names: Sequence[str]) -> str:
@@ -104,33 +110,33 @@ class LagEstimate:
             f"{self._found[k]:.2g} s of {names[k]} ({self._told[k]:g} s told)"
             for k in rows.tolist()
         )
-        lag, dead = float(np.median(self._found[rows])), self._found_dead
+        lag, dead = (float(np.median(of[rows])) for of in (self._found, self._found_dead))
         return (
             f"the robot follows its speeds otherwise than told: with a lag of {each}, after a dead "
-            f"time of {dead:.2g} s ({self._told_dead:g} s told); the controller goes by that. Say "
+            f"time of {dead:.2g} s ({np.median(self._told_dead[rows]):g} s told); the controller "
+            "goes by that. Say "
             f"so with --actuator-lag {lag:.2g} --dead-time {dead:.2g}, or "
             f"rpctl.VelocityOutput({lag:.2g}, {dead:.2g})"
         )
 
     def _restart(self, t: float, nu: Array) -> None:
         """Begin anew with speeds (dof,) at a time (s); what was learnt stays."""
-        rows, fresh = len(self._dead_times), math.isnan(self._time)
-        self._models = np.broadcast_to(nu, (rows, len(LAGS), len(nu))).copy()
+        fresh = math.isnan(self._time)
+        self._models = np.tile(nu, (len(self._dead_times), len(self._lags), 1))
         if fresh:
             self._command = nu
             self._errors = np.zeros_like(self._models)
             self._count, self._sum, self._squares = 0.0, np.zeros(len(nu)), np.zeros(len(nu))
-        # The way that was commanded, at times from which on it is taken for a straight one.
-        self._times = np.full(self._knots, -math.inf)
-        self._ways = np.zeros((self._knots, len(nu)))
-        self._times[-1], self._way = t, np.zeros(len(nu))
-        self._asked = np.broadcast_to(self._command, (rows, len(nu))).copy()
-        self._before = -self._dead_times[:, None] * self._command
-        self._known_from = t if fresh else t + self._dead_times[-1] + RESUMED
+        # The way that was commanded, at times between which it is taken for a straight one.
+        self._times = t + self._stride * np.arange(1.0 - self._knots, 1.0)
+        self._ways = (self._times - t)[:, None] * self._command
+        self._way = np.zeros(len(nu))
+        self._asked = np.tile(self._command, (len(self._dead_times), 1))
+        self._before = -self._dead_times * self._command
+        self._known_from = t if fresh else t + self._dead_times.max() + RESUMED
         self._decide = DECIDED
         self._speeds, self._passed = 0.0 * nu, 0.0
-        self._time = self._sent_at = t
-        self._first = self._command
+        self._nu, self._time, self._sent_at = nu, t, t
 
     def _hold(self, t: float) -> None:
         """Let the last command hold until a time (s)."""
@@ -148,20 +154,18 @@ class LagEstimate:
         times[:-1], ways[:-1] = times[1:], ways[1:]
         times[-1], ways[-1] = t, self._way
         acts = t - self._dead_times
-        # Of the straight pieces, that in which each lies; before all of them the first held.
+        # Of the straight pieces, that in which each lies; before all of them the first goes on.
         after = np.clip(np.searchsorted(times, acts), 1, len(times) - 1)
         start, end = times[after - 1], times[after]
-        early = ~np.isfinite(start)
-        share = np.where(early, 0.0, (acts - start) / np.where(early, 1.0, end - start))
-        way = ways[after - 1] + share[:, None] * (ways[after] - ways[after - 1])
-        way[early] = ways[after[early]] - (end - acts)[early, None] * self._first
+        first, last = ways[after - 1, self._each], ways[after, self._each]
+        way = first + (acts - start) / (end - start) * (last - first)
         asked = (way - self._before) / width
         self._before = way
         if width != self._width:
-            self._width, x = width, width / np.maximum(LAGS, 1e-9)
-            self._left = np.exp(-x)[:, None]
-            new = -np.expm1(-x) if self._held else 1.0 + np.expm1(-x) / x
-            self._new, self._old = new[:, None], 1.0 - self._left - new[:, None]
+            self._width, x = width, width / self._lags
+            self._left = np.exp(-x)
+            self._new = -np.expm1(-x) if self._held else 1.0 + np.expm1(-x) / x
+            self._old = 1.0 - self._left - self._new
         new, old = asked[:, None, :], self._asked[:, None, :]
         self._models = self._left * self._models + self._new * new + self._old * old
         self._asked = asked
@@ -187,17 +191,17 @@ class LagEstimate:
         best = errors.min(axis=(0, 1))
         finest = FINEST[0] ** 2 * self._squares / self._count + FINEST[1] ** 2
         variance = np.maximum(best / self._count, finest)
-        # A lag that was told longer than any that is tried cannot be contradicted by these.
-        explained = (best < WORST * spread) & (self._told <= LAGS[-1])
+        explained = best < WORST * spread
         if not explained.any():
             return
-        # Of each dead time, how far the best lags are from what was measured, all together.
-        totals = (errors.min(axis=1) / variance)[:, explained].sum(axis=1)
-        row = int(totals.argmin())
-        if totals[self._row] - totals[row] > SURE + CLEARLY * totals[row]:
-            self._row = row
-        lag, least = _lowest(errors[self._row])
-        told, used = _at(errors[self._at], self._told), _at(errors[self._row], self._found)
+        # Of each dead time, how far the best lags are from what was measured, all of a group.
+        misses = np.where(explained, errors.min(axis=1) / variance, 0.0) @ self._group
+        row, every = misses.argmin(axis=0), self._each
+        gain = misses[self._row, every] - misses[row, every]
+        self._row = np.where(gain > SURE + CLEARLY * misses[row, every], row, self._row)
+        found = errors[self._row, :-1, every].T
+        lag, least = _lowest(found)
+        told, used = errors[self._at, -1], _at(found, self._found)
         sure = np.maximum(told, used) - least > SURE * variance + CLEARLY * least
         far = np.abs(lag - self._told) > TOLERANCE[0] + TOLERANCE[1] * self._told
         far |= self._row != self._at
@@ -205,8 +209,8 @@ class LagEstimate:
         self.learnt = np.where(explained & sure, far, self.learnt)
         if self.learnt.any() or not self._settled:
             self._settled = False
-            row = self._row if self.learnt.any() else self._at
-            self._found_dead = float(self._dead_times[row])
+            row = np.where(self.learnt @ self._group, self._row, self._at)
+            self._found_dead = self._dead_times[row, every]
 
 
 def _lowest(errors: Array) -> tuple[Array, Array]:

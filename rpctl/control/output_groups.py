@@ -12,12 +12,13 @@ from rpctl.robot.model import Robot
 from rpctl.robot.patterns import by_pattern, matching
 
 BASE, REST = "base", "*"  # pattern of the base's speeds; one that may match nothing
-TWIST, WHEELS, STEERING, POSITION, RATES = (
-    "twist", "wheel-speeds", "steering", "position", "velocity",
+TWIST, WHEELS, STEERING, POSITION, RATES, EFFORT = (
+    "twist", "wheel-speeds", "steering", "position", "velocity", "effort",
 )  # fmt: skip
-GROUP_KINDS = (RATES, TWIST, WHEELS, STEERING, POSITION)
-OF_ARMS = (RATES, POSITION)
-OUTPUT_WORDS = "|".join(("effort", *GROUP_KINDS, "GROUP=KIND,..."))  # of a command line
+SPEED_KINDS = (RATES, TWIST, WHEELS, STEERING, POSITION)
+GROUP_KINDS = (*SPEED_KINDS, EFFORT)
+OF_ARMS = (RATES, POSITION, EFFORT)
+OUTPUT_WORDS = "|".join((EFFORT, *SPEED_KINDS, "GROUP=KIND,..."))  # of a command line
 TWISTS = (("v", "omega"), ("vx", "vy", "omega"))  # speeds of bases that a twist determines
 MAX_DEAD_TIME = 2.0  # s: no motion can be foretold for longer
 MAX_LAG = 10.0  # s
@@ -37,7 +38,10 @@ class OutputGroup(Record):
     - ``"steering"``: the speed v of P, and the angle of a single wheel in the place of those that
       steer, on the vehicle's middle line, which turns on the same circle (Ackermann);
     - ``"position"``: positions of the arm's joints, with rates and accelerations. A servo of lag T,
-      T q̇ = p − q, makes of them T q̈ = ṗ − q̇: what the rates ṗ make of a robot that takes rates.
+      T q̇ = p − q, makes of them T q̈ = ṗ − q̇: what the rates ṗ make of a robot that takes rates;
+    - ``"effort"``: efforts of the arm's joints, of the dynamic law on a base that moves as its own
+      controllers make it, see :class:`~rpctl.control.arm_efforts.ArmEfforts`. They act at once, and
+      their limits are the URDF's.
 
     The bounds are by pattern of the names of the group's quasi-velocities, and are those of the
     motion that the commands lead to by the model.
@@ -67,17 +71,7 @@ Member = tuple[OutputGroup, tuple[str, ...]]  # a group, and the names of its qu
 
 
 def as_groups(given: Mapping[str, str | OutputGroup]) -> dict[str, OutputGroup]:
-    """Return groups by pattern, which may be given by their kind alone.
-
-    Raises:
-        RpctlError: Efforts are among them, or there is no such kind.
-    """
-    if "effort" in given.values():
-        raise RpctlError(
-            "efforts of one group beside speeds of another are not made: a base that is driven by "
-            "its own controllers has efforts that nobody here knows, and they act on the arm; give "
-            "velocity or position"
-        )
+    """Return groups by pattern, which may be given by their kind alone."""
     return {
         name: each if isinstance(each, OutputGroup) else OutputGroup(each)
         for name, each in given.items()
@@ -105,7 +99,12 @@ def members(groups: Mapping[str, OutputGroup], robot: Robot) -> dict[str, Member
             if group.kind not in OF_ARMS:
                 raise RpctlError(
                     f"{pattern} cannot be sent {group.kind}: these are joints of an arm; give "
-                    f"{' or '.join(OF_ARMS)}"
+                    f"{', '.join(OF_ARMS[:-1])} or {OF_ARMS[-1]}"
+                )
+            if group.kind == EFFORT and group != OutputGroup(EFFORT):
+                raise RpctlError(
+                    f"{pattern} is sent efforts, which act at once and within the URDF's limits: "
+                    "leave out its lag, dead time and bounds"
                 )
             found[pattern] = group, names
     for name in robot.quasi_velocities:
@@ -126,6 +125,11 @@ def _require_base(kind: str, robot: Robot) -> None:
     for wrong, why in (
         (not drive.base_speeds, f"{robot.name} has a fixed base; leave the group {BASE} out"),
         (kind == POSITION, f"a base has no {POSITION} to be sent; give {WHEELS} or {RATES}"),
+        (
+            kind == EFFORT,
+            f"a base that is sent efforts beside an arm in groups is not made; give {WHEELS} or "
+            f'{RATES}, or output="{EFFORT}" for the whole robot',
+        ),
         (
             kind == TWIST and not free,
             f"a {kind} tells the {drive.type} base of {robot.name} nothing of its steering while "
@@ -153,7 +157,8 @@ def by_quasi_velocity(
     bounds = ("speeds", "accelerations", "jerks")
     found = {name: dict[str, float]() for name in ("lags", "dead_times", *bounds)}
     for group, names in members(groups, robot).values():
-        for what, value in (("lags", group.lag), ("dead_times", group.dead_time)):
+        for what, given in (("lags", group.lag), ("dead_times", group.dead_time)):
+            value = 0.0 if group.kind == EFFORT else given
             found[what] |= {} if value is None else dict.fromkeys(names, value)
         for what in bounds:
             found[what] |= by_pattern(getattr(group, what), names, "quasi-velocity of its group")

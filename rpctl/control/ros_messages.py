@@ -18,7 +18,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.group_commands import GroupCommand
-from rpctl.control.output_groups import BASE, POSITION, RATES, STEERING, TWIST, WHEELS
+from rpctl.control.output_groups import BASE, EFFORT, POSITION, RATES, STEERING, TWIST, WHEELS
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError
 from rpctl.robot.model import BASE_NV, Robot
@@ -27,7 +27,7 @@ SECOND = 1_000_000_000  # ns
 MAX_AGE = 0.1  # s: older readings make a bad sample
 NUMBERS = "std_msgs/Float64MultiArray"
 COMMANDS = {  # by what a group is sent: the kind of message, and its topic
-    "effort": (NUMBERS, "~/efforts"),
+    EFFORT: (NUMBERS, "~/efforts"),
     RATES: (NUMBERS, "~/speeds"),
     WHEELS: (NUMBERS, "~/wheel_speeds"),
     TWIST: ("geometry_msgs/TwistStamped", "~/cmd_vel"),
@@ -185,10 +185,9 @@ def _pose_in(frame: str, base_frame: str) -> str:
 
 def commands_of(sent: ControllerOutput) -> dict[str, GroupCommand]:
     """Return what is sent by group; efforts and speeds without groups are one, "" by name."""
-    numbers = dict(enumerate((sent.efforts if sent.efforts.size else sent.speeds).tolist()))
-    kind = "effort" if sent.efforts.size else RATES
-    whole = {"": GroupCommand(kind, {str(k): x for k, x in numbers.items()}, {}, {})}
-    return dict(sent.commands) or whole
+    efforts, speeds = ({str(k): x for k, x in enumerate(each.tolist())} for each in sent[:2])
+    whole = GroupCommand(EFFORT if efforts else RATES, speeds, {}, {}, efforts)
+    return dict(sent.commands) or {"": whole}
 
 
 def topic(pattern: str, kind: str) -> str:
@@ -205,14 +204,14 @@ def topic(pattern: str, kind: str) -> str:
 def fill(message: Any, point: Any, command: GroupCommand, period: float) -> None:
     """Put what a group is sent into an empty message of its kind.
 
-    Numbers are efforts in the order of the robot's actuators, speeds in that of its
-    quasi-velocities, or rates of driven wheels, and then angles of what steers.
+    Numbers are efforts in the order of the robot's actuators or of the group's joints, speeds in
+    that of its quasi-velocities, or rates of driven wheels, and then angles of what steers.
 
     Args:
         point: An empty ``POINT``, for a trajectory.
         period: Time until a position is to be reached, s.
     """
-    kind, speeds, positions, accelerations = command
+    kind, speeds, positions, accelerations, efforts = command
     if kind == TWIST:
         linear, turning = message.twist.linear, message.twist.angular
         linear.x, linear.y = speeds.get("v", speeds.get("vx")), speeds.get("vy", 0.0)
@@ -229,4 +228,4 @@ def fill(message: Any, point: Any, command: GroupCommand, period: float) -> None
         span = divmod(round(period * SECOND), SECOND)
         point.time_from_start.sec, point.time_from_start.nanosec = span
     else:
-        message.data = [*speeds.values(), *positions.values()]
+        message.data = [*efforts.values(), *speeds.values(), *positions.values()]

@@ -55,9 +55,15 @@ class Guards(Record):
     effort_rate: Annotated[
         float | None,
         POSITIVE,
-        Setting("1/s", "", "Largest rate of each effort, over its limit; none if not given."),
+        Setting(
+            "1/s",
+            "",
+            "Largest rate of each effort, over its limit; 100 after the first sample if not given.",
+        ),
     ] = None
 
+
+EFFORT_RATE = 100.0  # 1/s: of efforts over their limits; quick enough for any motion, and no blow
 
 FAILURES = (RpctlError, np.linalg.LinAlgError, ArithmeticError)  # of a computation at one sample
 MISFITS = (RpctlError, NotFiniteError)  # which show at the first sample that a law does not fit
@@ -207,7 +213,6 @@ class LawWithFallback(Generic[Answer]):
 
 
 BRAKING_TIME = 0.3  # s: time constant with which the speeds decay
-BRAKING_RATE = 50.0  # 1/s: of efforts over their limits; a stop comes quickly, and not as a blow
 LONGEST_STEP = 0.01  # s, of the model's motion
 LONGEST_PREDICTION = 1.0  # s: after a longer silence nothing is known of the motion
 
@@ -215,12 +220,11 @@ LONGEST_PREDICTION = 1.0  # s: after a longer silence nothing is known of the mo
 class Braking:
     """Brakes a robot from its last measured state: ν̇ = −ν/T along the motion of its model.
 
-    The efforts stay inside their limits and come within a rate from those that were sent before;
-    where these are too narrow, it brakes more slowly. Once the model stands, they are those that
-    hold it.
+    The efforts stay inside their limits; where these are too narrow, it brakes more slowly. Once
+    the model stands, they are those that hold it.
 
     Args:
-        most: Largest change of the efforts (n_act,) at a sample.
+        sent: Efforts (n_act,) that were sent until now.
         alone: Whether base and arm are each braked as if the other did not accelerate: it may not
             do what it is sent.
     """
@@ -229,28 +233,25 @@ class Braking:
         self,
         dynamics: ReducedDynamics,
         sample: MeasuredSample,
-        most: Array,
+        sent: Array,
         alone: bool = False,
     ) -> None:
-        self._dynamics, self._most, self._alone = dynamics, most, alone
+        self._dynamics, self._sent, self._alone = dynamics, sent, alone
         self._t, self._q, self._nu = sample
 
-    def efforts(self, t: float, sent: Array) -> Array | None:
-        """Return the efforts (n_act,) to send now; None where the model has none.
-
-        Args:
-            sent: Efforts (n_act,) that were sent until now.
-        """
-        dynamics, box = self._dynamics, self._dynamics.robot.effort_limits
+    def efforts(self, t: float) -> Array | None:
+        """Return the efforts (n_act,) to send now, at a time (s); None where the model has none."""
+        dynamics, sent, box = self._dynamics, self._sent, self._dynamics.robot.effort_limits
         try:
             self._advance(t - self._t, sent)
             push = self._push(-self._nu / BRAKING_TIME)
             tau = np.clip(dynamics.efforts(self._q, push), -box, box)
-            tau = np.clip(tau, sent - self._most, sent + self._most)
         except FAILURES:
             return None
-        self._t = t
-        return tau if np.isfinite(tau).all() else None
+        if not np.isfinite(tau).all():
+            return None
+        self._t, self._sent = t, tau
+        return tau
 
     def _push(self, nu_dot: Array) -> Array:
         """Return the quasi-force (dof,) of an acceleration (dof,)."""
@@ -276,7 +277,6 @@ class Braking:
 IDLE = 0.02  # m/s or rad/s: a robot whose speeds miss those it was sent by less follows them
 PROGRESS = 0.05  # of an error: one that falls by less does not fall
 LOST_ERROR = 0.15  # m or rad: no robot is lost that is nearer to its reference
-SUSPICION = 0.1  # s at its limits after which a robot may be lost
 FREE = 0.25  # s: a robot that is at no limit for as long is free again
 
 
@@ -296,10 +296,6 @@ class Watchdog:
     def bound(self) -> bool:
         """Whether the robot is at its limits, but for moments; only then its error matters."""
         return math.isfinite(self._bound_since)
-
-    def suspects(self, t: float) -> bool:
-        """Return whether the robot may be lost at a time (s): efforts are to come slowly then."""
-        return t - self._bound_since > SUSPICION
 
     def lost(self, t: float, at_limit: bool, error: float) -> bool:
         """Return whether the robot is lost at a sample.

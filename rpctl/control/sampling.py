@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.robot.leaning import FREE_NV
+from rpctl.robot.leaning import FREE_NQ, FREE_NV
 from rpctl.robot.model import Robot
 
 MAX_POSITION = 1e9  # m or rad: nothing is there
@@ -51,13 +51,11 @@ class SampleReader:
         self._needs_rates = needs_rates
         self._bounds = {"q": (robot.nq, MAX_POSITION), "nu": (robot.dof, MAX_SPEED)}
         model = robot.model
-        # Of a turn: a pair of a level root or a continuous joint, a quaternion of a free-flyer.
-        sizes = {joint: 4 if joint.nv == FREE_NV else 2 for joint in model.joints}
-        self._turns = [
-            slice(int(joint.idx_q + joint.nq - size), int(joint.idx_q + joint.nq))
-            for joint, size in sizes.items()
-            if joint.nq > joint.nv
+        self._free = robot.drive.leans  # its root's attitude is a quaternion
+        turning = [
+            joint for joint in model.joints if joint.nq == joint.nv + 1 and joint.nv < FREE_NV
         ]
+        self._cos = [int(joint.idx_q + joint.nq - 2) for joint in turning]
         self._period = period
         self.time, self.clock_changes = -math.inf, 0
         self._given, self._offset = -math.inf, -delay  # as given with the last sample; minus time
@@ -104,20 +102,23 @@ class SampleReader:
     def _state_fault(self, sample: MeasuredSample) -> str:
         """Return what is wrong with a state; nothing, if it can be used."""
         _, q, nu = sample
-        for name, values in (("q", q), ("nu", nu)):
+        places = q.tolist()
+        for name, values, told in (("q", q, places), ("nu", nu, nu.tolist())):
             length, largest = self._bounds[name]
             if values.shape != (length,):
                 return f"{name} has the shape {values.shape}; give {length} numbers"
-            # Their length is found sooner than the largest of them.
-            small = math.hypot(*values.tolist()) <= largest
-            if name == "nu" and not (small or self._needs_rates):
+            if math.hypot(*told) <= largest:  # found sooner than the largest of them
+                continue
+            if name == "nu" and not self._needs_rates:
                 values = values[~np.isnan(values)]
-            if not (small or np.abs(values).max(initial=0.0) <= largest):
+            if not np.abs(values).max(initial=0.0) <= largest:
                 return f"{name} holds numbers that are not finite or larger than {largest:g}"
-        places = q.tolist()
-        for turn in self._turns:
-            if abs(sum(x * x for x in places[turn]) - 1.0) > MAX_NORM_ERROR:
-                return "q holds a cosine and a sine, or a quaternion, that belong to no angle"
+        for k in self._cos:
+            cos, sin = places[k], places[k + 1]
+            if abs(cos * cos + sin * sin - 1.0) > MAX_NORM_ERROR:
+                return "q holds a cosine and a sine that belong to no angle"
+        if self._free and abs(math.hypot(*places[3:FREE_NQ]) - 1.0) > MAX_NORM_ERROR:
+            return "q holds a quaternion that is no attitude"
         return ""
 
 

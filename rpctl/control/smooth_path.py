@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ GRID_M = 0.05  # m between the stored points of a path, of a bend of 1 m; less o
 GAUSS = np.polynomial.legendre.leggauss(4)  # exact to rounding on so short a piece
 TOLERANCE = 1e-14  # of the lengths, relative
 CLOSED = 1e-10  # m, rad: the path ends at its goal
+CAUTION = 0.3  # of the lengths: the first step of the search for them
 SHORTEST_PIECE = -1e-9  # m; a piece that comes out shorter does not exist
 
 
@@ -163,40 +164,65 @@ class SmoothPath:
 
 
 def smooth_path(
-    start: Array, goal: Array, curvatures: tuple[float, float], radius: float, transition: float
+    start: Array,
+    goal: Array,
+    curvatures: tuple[float, float],
+    radius: float,
+    transition: float,
+    longest: float,
 ) -> SmoothPath | None:
     """Return a short path from pose to pose with these curvatures at its ends, or None.
 
     Its pieces are those of one of Dubins' paths, joined by smooth steps of the curvature; their
-    three lengths are solved for, so that the path ends at its goal.
+    three lengths are solved for, so that the path ends at its goal. Steps lead a path off its sharp
+    one. What has to come back from there ends in a short arc where the sharp path has none, or
+    would have to turn a little the other way: a whole turn but for less than a step.
 
     Args:
         start: x, y (m) and heading (rad) (3,).
+        goal: Likewise.
         curvatures: At start and goal, 1/m.
         radius: Of the arcs, m.
         transition: How long a step of the curvature is, m.
+        longest: No path is longer, m.
     """
-    for bends in shortest_paths(start, goal, radius):
-        path = _closed(start, goal, curvatures, bends, transition)
-        if path is not None:
+    sharp = dict.fromkeys(shortest_paths(start, goal, radius))
+    almost = TURN * radius - transition
+    for turns, lengths in [*sharp]:
+        kept = [0.0 if turn and x > almost else x for turn, x in zip(turns, lengths, strict=True)]
+        sharp[Bends(turns, (kept[0], kept[1], kept[2]))] = None
+    for bends in sorted(sharp, key=lambda path: sum(path.lengths)):
+        if sum(bends.lengths) > longest + transition:  # a smooth one may be a little shorter
+            break
+        path = _closed(start, goal, curvatures, bends, transition, longest)
+        if path is not None and path.length <= longest:
             return path
     return None
 
 
 def _closed(
-    start: Array, goal: Array, curvatures: tuple[float, float], bends: Bends, transition: float
+    start: Array,
+    goal: Array,
+    curvatures: tuple[float, float],
+    bends: Bends,
+    transition: float,
+    longest: float,
 ) -> SmoothPath | None:
     """Return the path of these pieces that ends at its goal, or None."""
+
+    def path(lengths: Array) -> SmoothPath:
+        # A search for lengths may try any.
+        bounded = np.clip(lengths, -transition, longest)
+        return _joined(start, curvatures, bends.curvatures, transition, bounded)
 
     def miss(lengths: Array) -> Array:
         off = path(lengths).end - goal
         off[2] = wrap(off[2])
         return off
 
-    path = partial(_joined, start, curvatures, bends.curvatures, transition)
     half = 0.5 * transition  # the middles of the steps lie where the sharp pieces meet
     sharp = np.maximum(bends.lengths - half * np.array([1.0, 0.0, 1.0]), 0.0)
-    found = root(miss, sharp, tol=TOLERANCE)
+    found = root(miss, sharp, tol=TOLERANCE, options={"factor": CAUTION})
     closed = np.abs(found.fun).max() < CLOSED and found.x.min() > SHORTEST_PIECE
     return path(found.x) if closed else None
 

@@ -122,7 +122,10 @@ class SpeedLimits:
         self._time = max(APPROACH_TIME, APPROACH_PERIODS * period)
         self._lag, self._share = late
         most = [accelerations.get(name, np.inf) for name in names]
-        bounds = (np.array([of.get(name, np.inf) for name in names]) for of in (jerks, speeds))
+        bounds = (
+            np.array([of.get(name, np.inf) for name in names])
+            for of in (jerks, speeds, accelerations)
+        )
         self._jerks = JerkLimits(period, self._share, *bounds)
         self._most = np.concatenate([effort_ratio * robot.effort_limits, most])
         self._wheels = len(robot.actuators) - len(robot.joint_names)  # actuators of the base

@@ -211,7 +211,7 @@ def leading(
     bend = sheet.symbol("bend", measured.steered[0])
     sheet.moves(bend, measured.steering_rates[0])
     own, moving = _rear(sheet, robot, "o", pose, at.own_twist, bend, measured.steering_rates[0])
-    error = [sheet.symbol(f"t{i}", e) for i, e in enumerate(base_error(wanted, own), start=1)]
+    error = [sheet.symbol(f"e_rear{i}", e) for i, e in enumerate(base_error(wanted, own), start=1)]
     for each, change in zip(error, base_error_rate(error, twist, moving), strict=True):
         sheet.moves(each, change)
     parts = [twist, [sheet.rate(each) for each in twist], ahead, error, error, moving]

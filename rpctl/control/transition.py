@@ -15,6 +15,9 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.paths import smooth_step
 
 PACE_TIME = 1.0  # s in which a reference comes to its pace, and a robot that pauses to a stop
+NEAR = 0.2  # m: a robot that is farther off leaves its reference, if it was as near as half of it
+SLOWEST = 1.0 / 16.0  # of its pace: no reference gets slower that a robot leaves
+CALM = 1.5  # s: half of how long a robot follows what was slowed before that runs faster again
 STEEPEST = 15.0 / 8.0  # of the way that C² steps take, over its mean
 
 
@@ -144,12 +147,17 @@ class Following:
     Attributes:
         reference: What is to be followed in the end.
         now: What the laws are given: the same, a way over to it, or a stop.
+        pace: How fast the reference's time runs, or will soon, of time.
+        slowest: The least that was.
     """
 
     def __init__(self, dynamics: ReducedDynamics, reference: Reference, fading: float) -> None:
         self._dynamics, self._fading = dynamics, fading
         self.reference = self.now = reference
         self._stands, self._stands_at = False, 0.0  # the reference's time, while it stands
+        self.pace = self.slowest = 1.0
+        self._paced_at, self._calm = -math.inf, CALM
+        self._left_by = math.inf  # m: how far the robot was off when it left; 0 if it is near
 
     def stand(self, t: float) -> None:
         """Let the reference's time stand from a time (s) on."""
@@ -171,7 +179,7 @@ class Following:
         """
         at, _ = self._time(t)
         pace = 0.0 if sample is None else self._pace(at, sample)
-        self._go(t, at, (pace, 1.0), self._gap(at, sample))
+        self._go(t, at, pace, self._gap(at, sample))
 
     def change(self, reference: Reference, t: float, sample: MeasuredSample | None) -> None:
         """Follow another reference from its time 0 on, about as fast as the robot is.
@@ -186,26 +194,56 @@ class Following:
         self.reference, self._stands_at = reference, 0.0
         if not self._stands:
             pace = 1.0 if sample is None else self._pace(0.0, sample)
-            self._go(t, 0.0, (pace, 1.0), self._gap(0.0, sample))
+            self._go(t, 0.0, pace, self._gap(0.0, sample))
 
     def jumped(self, before: MeasuredSample, after: MeasuredSample) -> None:
         """Let what is followed jump along with a measured pose, and come back."""
-        robot, t, last = self._dynamics.robot, after.t, 1.0
+        robot = self._dynamics.robot
         jump = robot.base_pose(after.q) - robot.base_pose(before.q)
         offset = np.array([*jump, *[0.0] * len(robot.joints)])
         offset[2] = math.remainder(offset[2], math.tau)
         if isinstance(self.now, Stop):  # the robot stands where it stood
             self.now = replace(self.now, pose=self.now.pose + offset[:3])
             return
-        if isinstance(self.now, Transition):
-            offset, last = offset + self.now.left(t)[0], self.now.last
-        time, pace = self._time(t)
-        self._go(t, time, (pace, last), offset)
+        self._move(after.t, offset)
 
-    def _go(self, t: float, at: float, paces: tuple[float, float], offset: Array) -> None:
-        way = float(np.hypot(*offset[:2]) + np.abs(offset[2:]).max())
+    def keep_up(self, t: float, error: float) -> bool:
+        """Let a reference run slower that the robot leaves, and faster again once it follows.
+
+        Return whether it is slowed at this sample.
+
+        A robot that was near and is not any more has its reference at half the pace a second later,
+        and so on until its error falls or it is near. Then it gets a quarter more each time that it
+        has followed for ``CALM``, which lasts twice as long each time that it has left again.
+
+        Args:
+            t: Time, s.
+            error: Distance from what is followed, m.
+        """
+        self._left_by = 0.0 if error < 0.5 * NEAR else self._left_by
+        far = NEAR if self.pace == 1.0 else 0.5 * NEAR
+        leaves, waits = error > max(far, 0.95 * self._left_by), t - self._paced_at
+        if leaves and waits >= PACE_TIME:
+            self._calm *= 1.0 if self._left_by else 2.0
+            self._left_by, self.pace = error, max(0.5 * self.pace, SLOWEST)
+        elif error < far and self.pace < 1.0 and waits >= self._calm:
+            self.pace = min(1.25 * self.pace, 1.0)
+        else:
+            return False
+        self._paced_at, self.slowest = t, min(self.slowest, self.pace)
+        self._move(t, np.zeros(3 + len(self._dynamics.robot.joints)))
+        return leaves and self.pace > SLOWEST
+
+    def _move(self, t: float, offset: Array) -> None:
+        """Go on from an offset more (3 + n_joints,) beside what is followed at a time (s)."""
+        if isinstance(self.now, Transition):
+            offset = offset + self.now.left(t)[0]
+        self._go(t, *self._time(t), offset)
+
+    def _go(self, t: float, at: float, pace: float, offset: Array) -> None:
+        way = max(math.hypot(*offset[:2]), float(np.abs(offset[2:]).max()))
         fading, self._stands = STEEPEST * way / self._fading, False
-        self.now = Transition(self.reference, t, at, *paces, offset, fading)
+        self.now = Transition(self.reference, t, at, pace, self.pace, offset, fading)
 
     def _time(self, t: float) -> tuple[float, float]:
         """Return the reference's time (s) at a time (s), and its pace."""
@@ -233,8 +271,7 @@ class Following:
 
     def _twist(self, sample: MeasuredSample) -> Array:
         """Return the twist (3,) of P, as a reference has it."""
-        robot = self._dynamics.robot
-        if not robot.drive.base_speeds:
+        drive = self._dynamics.robot.drive
+        if not drive.base_speeds:
             return np.zeros(3)
-        twist = self._dynamics.twist(sample.q, sample.nu)
-        return twist * [1.0, 0.0, 1.0] if robot.drive.has_axle else twist
+        return self._dynamics.twist(*sample[1:]) * [1.0, 0.0 if drive.has_axle else 1.0, 1.0]

@@ -19,15 +19,17 @@ from rpctl.control.law_kernel import RunningLaws, running_laws
 from rpctl.control.output_groups import (
     BASE,
     DEAD_TIME,
-    GROUP_KINDS,
+    EFFORT,
     LAG,
     MAX_DEAD_TIME,
     POSITION,
     RATES,
     REST,
+    SPEED_KINDS,
     OutputGroup,
     as_groups,
     by_quasi_velocity,
+    members,
 )
 from rpctl.control.sampling import TIME_ROUNDING, MeasuredSample
 from rpctl.control.speed_limits import Lateness, SpeedLimits, SpeedSample
@@ -68,8 +70,8 @@ class VelocityOutput(Record):
     reference is then. ``groups`` say in what form the speeds are sent.
 
     T and T_d are what was told until measured speeds contradict it, then what these say, see
-    :class:`~rpctl.control.lag_estimate.LagEstimate`; where told dead times differ, they stay. Until
-    then a wrong T leaves a loop that is only less exact, as the measured ν enters the prediction.
+    :class:`~rpctl.control.lag_estimate.LagEstimate`. Until then a wrong T leaves a loop that is
+    only less exact, as the measured ν enters the prediction.
     """
 
     lag: Annotated[
@@ -185,6 +187,11 @@ class VelocityOutput(Record):
         nu, binding = within(frame.known, wanted, at, sample.nu_d_dot)
         return frame.answered("law_speeds", nu, within.labels, binding, model)
 
+    def sent_efforts(self, robot: Robot) -> tuple[str, ...]:
+        """Return the joints that are sent efforts."""
+        groups = members(self.groups, robot) if self.groups else {}
+        return tuple(n for group, names in groups.values() if group.kind == EFFORT for n in names)
+
     def lag_of(self, quasi_velocities: tuple[str, ...]) -> Array:
         """Return T (dof,) of quasi-velocities by their names, s.
 
@@ -233,8 +240,8 @@ def as_output(
         return output
     if isinstance(output, Mapping):
         return VelocityOutput(groups=as_groups(output))
-    if output not in (*OUTPUTS, *GROUP_KINDS):
-        raise UnknownNameError("output", output, dict.fromkeys((*OUTPUTS, *GROUP_KINDS)))
+    if output not in (*OUTPUTS, *SPEED_KINDS):
+        raise UnknownNameError("output", output, dict.fromkeys((*OUTPUTS, *SPEED_KINDS)))
     if output in OUTPUTS:
         return None if output == "effort" else VelocityOutput()
     return as_output({REST: output} if output == POSITION else {BASE: output, REST: RATES})
@@ -252,18 +259,20 @@ class Staggered:
 
     Attributes:
         reference: What it follows at one time.
-        shifts: How much later each joint is read (n_joints,), s.
+        dead_times: Of its quasi-velocities (dof,), s: a joint is read as much later as its own is
+            longer than the base's.
     """
 
     reference: Reference
-    shifts: Array
+    dead_times: Array
 
     def __call__(self, t: float) -> ReferenceState:
         """Return the state of the base at a time (s), and of the joints at their own."""
         found = self.reference(t)
         joints = np.array(found[3:6])
-        for shift in {*self.shifts.tolist()} - {0.0}:
-            own, later = self.shifts == shift, self.reference(max(t + shift, 0.0))
+        shifts = self.dead_times[len(self.dead_times) - joints.shape[1] :] - self.dead_times[0]
+        for shift in {*shifts.tolist()} - {0.0}:
+            own, later = shifts == shift, self.reference(max(t + shift, 0.0))
             joints = np.where(own, later[3:6], joints)
         return ReferenceState(*found[:3], joints[0], joints[1], joints[2], found.direction)
 
@@ -285,23 +294,23 @@ class VelocityController:
     ) -> None:
         robot, self._period, self._running = dynamics.robot, period, running
         self._dynamics, self._names = dynamics, robot.quasi_velocities
-        self._dead_times = output.dead_times_of(self._names)
         self._staggered: Staggered | None = None
-        lag, self._learns = output.lag_of(self._names), not np.ptp(self._dead_times)
-        self._late = LagEstimate(lag, float(self._dead_times[0]), period)
+        told = output.lag_of(self._names), output.dead_times_of(self._names)
+        self._late = LagEstimate(*told, period)
+        self._dead_times = self._late.dead_times  # as learnt, in place
+        self._learns = not output.sent_efforts(robot)
         self._own = running.settings[-2 * robot.dof :]  # the last numbers are the output's
         # Commands, and when they were sent; the first acts already.
         self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
-        # What the commands so far have led to by the time the next one acts, and when it is sent.
-        self._model_nu, self._model_time = np.zeros(robot.dof), numbers.nan
-        self._model_nu_dot = np.zeros(robot.dof)
+        # When the next one is sent; the kernel has what those so far have led to when it acts.
+        self._model_time = numbers.nan
+        self._seen: MeasuredSample | None = None  # the last sample, as predicted
 
     def followed(self, reference: Reference) -> Reference:
         """Return a reference with its joints after their own dead times, where these differ."""
-        known, joints = self._staggered, len(self._dynamics.robot.joints)
+        known = self._staggered
         if np.ptp(self._dead_times) and (known is None or known.reference is not reference):
-            shifts = self._dead_times[len(self._dead_times) - joints :] - self._dead_times[0]
-            known = self._staggered = Staggered(reference, shifts)
+            known = self._staggered = Staggered(reference, self._dead_times)
         return known or reference
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
@@ -310,8 +319,7 @@ class VelocityController:
         Each joint of the arm is as it will be when its own acts. Where the steered wheels fix no
         one motion on the way, the prediction of q ends.
         """
-        if self._learns:
-            self._learn(t, nu)
+        self._learn(t, nu)
         self._follow(t, nu)
         sent, latest = self._sent, float(self._dead_times.max(initial=0.0))
         while len(sent) > 1 and sent[1][0] + latest <= t + TIME_ROUNDING:
@@ -327,15 +335,16 @@ class VelocityController:
                 _, own_q, own_nu = parts[float(self._dead_times[k])]
                 at.nu[k] = own_nu[k]
                 entry.write(at.q, entry.read(own_q))
+        self._seen = at
         return at
 
     def _learn(self, t: float, nu: Array) -> None:
         """Take note of measured speeds (dof,) at a time (s), and of how late they are."""
         known = self._late.lag
-        self._late.measured(t, nu)
+        if self._learns:
+            self._late.measured(t, nu)
         if self._late.lag is not known:
             self._own[:] = np.ravel(Lateness.of(self._late.lag, self._period))
-            self._dead_times[:] = self._late.dead_time
 
     def _ahead(self, t: float, q: Array, nu: Array, dead_time: float) -> MeasuredSample:
         """Return the state a dead time (s) after a sample, of what has that one."""
@@ -371,27 +380,47 @@ class VelocityController:
     def sent(self, t: float, nu: Array) -> None:
         """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
         self._late.sent(t, nu)
+        self._follow(t, nu)
+        while self._sent[-1][0] >= t:  # what brakes a lost robot is sent instead
+            self._sent.pop()
         self._sent.append((t, nu))
 
     def last(self, *_: object) -> Speeds:
         """Return the speeds that were sent last: what stands in where there are no others."""
         return Speeds(self._sent[-1][1])
 
-    def brake(self, t: float) -> Array:
-        """Return the speeds (dof,) to send at a time (s) in a controlled stop: they decay."""
-        start, nu = self._sent[-1]
+    def unseen(self, t: float, brakes: bool) -> Array:
+        """Return the speeds (dof,) to send at a time (s) without a sample, within their limits.
+
+        Args:
+            brakes: Whether they decay, or those that were sent last go on.
+        """
+        nu = self._sent[-1][1]
         self._follow(t, nu)
-        elapsed = min(t - start, self._period)
-        slower = nu * numbers.exp(-elapsed / STOPPING_TIME)
-        self.sent(t, slower)
-        return slower
+        model, command = self._running.model_nu, Command(nu, 0.0 * nu)
+        if brakes:
+            nu = numbers.exp(-self._period / STOPPING_TIME) * nu
+            command = Command(model.copy(), -model / STOPPING_TIME)
+        if self._seen is not None and self._running.follow(*self._seen[1:], command):
+            nu = self._running.answer.copy()
+        self.sent(t, nu)
+        return nu
+
+    def coming(self, t: float, nu: Array) -> Array:
+        """Return the mean ν̇ (dof,) of the period from a time (s) on, at which ν is (dof,)."""
+        soon = t + 0.5 * self._period + TIME_ROUNDING
+        acting = [
+            next(command[k] for start, command in reversed(self._sent) if start + dead <= soon)
+            for k, dead in enumerate(self._dead_times.tolist())
+        ]
+        return np.asarray((acting - nu) * self._own[len(nu) :])
 
     def report(self) -> dict[str, float]:
-        """Return the lags (s) by name and the dead time that are used, if other than was told."""
+        """Return the lags (s) by name and the base's dead time that are used, if learnt."""
         late = self._late
         rows = np.flatnonzero(late.learnt)
         found = {f"lag of {self._names[k]}": float(late.lag[k]) for k in rows}
-        return {**found, "dead_time": late.dead_time} if found else {}
+        return {**found, "dead_time": float(late.dead_times[0])} if found else {}
 
     def lateness(self) -> str:
         """Return how late the robot follows its speeds, a sentence; "" where it is as told."""
@@ -399,14 +428,14 @@ class VelocityController:
 
     def _follow(self, t: float, nu: Array) -> None:
         """Let the model follow its last command until a time (s); it begins at ν (dof,)."""
+        model_nu, model_nu_dot = self._running.model_nu, self._running.model_nu_dot
         if numbers.isnan(self._model_time):
-            self._model_nu = nu
+            model_nu[:] = nu
             self._sent = deque([(-numbers.inf, nu)])
         elif t > self._model_time:
             command, passed = self._sent[-1][1], t - self._model_time
             lag = np.maximum(self._late.lag, NO_LAG)
             left = np.exp(-passed / lag)  # of the way to the command, as in `follow`
-            self._model_nu_dot = (1.0 - left) * (command - self._model_nu) / passed
-            self._model_nu = command + (self._model_nu - command) * left
-        self._model_time, self._running.model_nu[:] = t, self._model_nu
-        self._running.model_nu_dot[:] = self._model_nu_dot
+            model_nu_dot[:] = (1.0 - left) * (command - model_nu) / passed
+            model_nu[:] = command + (model_nu - command) * left
+        self._model_time = t

@@ -43,15 +43,16 @@ def program(robot: Robot) -> ScalarProgram:
     losses = casadi.cse(casadi.densify(dynamics.losses(q, nu)))
     read = {symbol.name() for symbol in casadi.symvar(casadi.vertcat(terms, losses))}
     positions = joints_of_code(robot, {name for name in places if places[name].name() in read})
-    given = [casadi.vertcat(*(places[name] for name in positions), casadi.SX(0, 1)), nu]
-    lost = _steps(given, losses) if dynamics.lossy else ((), ())
-    return ScalarProgram(positions, *_steps(given, terms), *lost)
+    read_q = casadi.vertcat(*(places[name] for name in positions), casadi.SX(0, 1))
+    inputs = {"q": read_q, "nu": nu}
+    lost = steps_of(inputs, losses) if dynamics.lossy else ((), ())
+    return ScalarProgram(positions, *steps_of(inputs, terms), *lost)
 
 
-def _steps(given: list[Any], outputs: Any) -> tuple[tuple[Node, ...], tuple[int, ...]]:
-    """Return steps from positions and ν to some entries, and the nodes of these."""
-    steps = Steps()
-    leaves = [lambda i, x=x: steps.add("input", f"{x}[{i}]") for x in ("q", "nu")]
+def steps_of(inputs: Mapping[str, Any], outputs: Any) -> tuple[tuple[Node, ...], tuple[int, ...]]:
+    """Return steps from columns of symbols, by what code calls them, to a column, and its nodes."""
+    steps, given = Steps(), [*inputs.values()]
+    leaves = [lambda i, x=x: steps.add("input", f"{x}[{i}]") for x in inputs]
     found = steps.evaluate(casadi.Function("terms", given, [outputs]), leaves)
     return tuple(steps.nodes), tuple(found)
 

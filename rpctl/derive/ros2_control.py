@@ -16,16 +16,18 @@ import numpy as np
 
 from rpctl import __version__
 from rpctl.arrays import Array
-from rpctl.control.bandwidth import USUAL_PERIOD
+from rpctl.control import estimation, sampling
+from rpctl.control.bandwidth import USUAL_PERIOD, knowing_delay
 from rpctl.control.controller import Controller, ControllerOutput
 from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.output_groups import MAX_DEAD_TIME
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.velocity_output import OUTPUTS
 from rpctl.derive.law_program import LawProgram, law_program, law_sheet
 from rpctl.derive.program import Operations, program
 from rpctl.derive.text import rendered
-from rpctl.derive.write import c_law, c_source, closed_laws, comment, identifier
+from rpctl.derive.write import c_estimate, c_law, c_source, closed_laws, comment, identifier
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known, require_positive
 from rpctl.files.writing import UNFINISHED, make_folder
@@ -70,6 +72,8 @@ def export_ros2_control(
     dynamic: Any = "paper",
     period: float = USUAL_PERIOD,
     output: str = "effort",
+    delay: float | None = None,
+    rates: str | None = None,
 ) -> Ros2Package:
     """Write a ROS 2 package with a law as a controller of ros2_control, whole or not at all.
 
@@ -83,6 +87,9 @@ def export_ros2_control(
         dynamic: ``"paper"``, or that law with settings of its own.
         period: Control period, s.
         output: ``"effort"``, or ``"velocity"`` for motors that take speeds.
+        delay: As of :class:`rpctl.Controller`, s: what the parameter of that name is unless it is
+            set, and the gains that it leaves, which are compiled in.
+        rates: As of :class:`rpctl.Controller`: what the parameter is unless it is set.
 
     Raises:
         RpctlError: The laws have no closed form, the base is fixed, or the folder cannot be made.
@@ -90,20 +97,29 @@ def export_ros2_control(
     """
     require_known("output", [output], OUTPUTS)
     require_positive("period", period)
+    require_known("kind of rates", [rates or "measured"], estimation.RATES)
+    longest = MAX_DEAD_TIME if output == "effort" else 0.0
+    if not 0.0 <= (delay or 0.0) <= longest:
+        raise RpctlError(f"delay is {delay:g} s; give a time from 0 to {longest:g} s")
     folder = Path(folder)
     if folder.exists() or folder.is_symlink():
         raise RpctlError(f"{folder}: is there already; remove it, or give another --out")
     law = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
     efforts = dynamic_by_name(dynamic) if isinstance(dynamic, str) else dynamic
-    law, efforts = closed_laws(robot, law, efforts)
+    known = [knowing_delay(each, period, delay) for each in (law, efforts)]
+    law, efforts = closed_laws(robot, *known)
     if not robot.drive.base_speeds:
         raise RpctlError(f"{robot.name}: its base is fixed; joint_trajectory_controller moves arms")
     made = law_program(law_sheet(robot, law, efforts, period))
-    sources = {"src/law.c": c_law(made), "src/model.c": c_source(robot)}
-    lines = _samples(robot, law, efforts, made, output)
+    estimate = c_estimate(made, output == "effort")
+    sources = {"law": c_law(made), "model": c_source(robot), "estimate": estimate.text}
+    lines = _samples(robot, law, efforts, made, output, delay)
     context = _context(made, output, type(law).__name__, "".join(sources.values()))
+    context |= {"delay": delay or 0.0, "told": delay is not None, "rates": rates or "automatic"}
+    context |= {"step": estimate.operations, "samples": (SAMPLES, len(lines))}
     texts = {path: rendered(template, context, quoted=json.dumps) for template, path in _paths()}
-    texts |= sources | {"test/samples.txt": lines}
+    texts |= {f"src/{file}.c": text for file, text in sources.items()}
+    texts["test/samples.txt"] = "".join(lines)
     name = str(context["package"])
     _write(folder, {path.replace(PLACE, name): text for path, text in texts.items()})
     return Ros2Package(name, folder, made.operations)
@@ -153,15 +169,26 @@ def _context(made: LawProgram, output: str, law: str, sources: str) -> dict[str,
         "output": output,
         "period": made.law.period,
         "rate": round(1.0 / made.law.period),
-        "samples": SAMPLES,
+        "estimation": estimation,
+        "sampling": sampling,
+        "longest_delay": MAX_DEAD_TIME,
+        "sent": math.ceil((MAX_DEAD_TIME + sampling.LONGEST_SILENCE) / made.law.period) + 2,
+        "finest": estimation.LatticeWatch(ReducedDynamics(robot), made.law.period).finest.tolist(),
         "tolerance": TOLERANCE,
     }
 
 
 def _samples(
-    robot: Robot, law: BaseLaw, efforts: PaperDynamic, made: LawProgram, output: str
-) -> str:
+    robot: Robot,
+    law: BaseLaw,
+    efforts: PaperDynamic,
+    made: LawProgram,
+    output: str,
+    delay: float | None,
+) -> list[str]:
     """Return lines of samples: what is measured and asked for, and what the controller sends.
+
+    Where efforts are sent, as many follow of a robot that is stuck, and whose rates are estimated.
 
     Raises:
         RpctlError: The controller has no answer at most states.
@@ -179,11 +206,20 @@ def _samples(
             commands = expected_commands(dynamics, made.law.period, output, q, sent)
             lines.append(_line(numbers_of(dynamics, made, q, nu, state), commands))
         if len(lines) == SAMPLES:
-            return "".join(lines)
-    raise RpctlError(
-        f"{robot.name}: the law answers at {len(lines)} of {MAX_DRAWS * SAMPLES} random states, "
-        "too few to prove a controller; rpctl track shows why"
+            break
+    else:
+        raise RpctlError(
+            f"{robot.name}: the law answers at {len(lines)} of {MAX_DRAWS * SAMPLES} random "
+            "states, too few to prove a controller; rpctl track shows why"
+        )
+    controller = Controller(
+        robot, lambda t: state, *given, compiled=False, delay=delay, rates="estimated"
     )
+    nu = np.zeros(robot.dof)
+    for k in range(SAMPLES if output == "effort" else 0):
+        sent = controller.step(k * made.law.period, q, nu)
+        lines.append(_line(numbers_of(dynamics, made, q, nu, state), sent.efforts))
+    return lines
 
 
 def numbers_of(

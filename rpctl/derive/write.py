@@ -7,10 +7,12 @@ from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+import casadi
 import numpy as np
 
 from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.control.dynamic import PaperDynamic
+from rpctl.control.estimation import state_calls
 from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.derive.closed_form import ClosedForm, closed_form
@@ -23,12 +25,19 @@ from rpctl.derive.program import (
     Language,
     Node,
     Operations,
+    count_operations,
+    joint_symbols,
     program,
+    steps_of,
+    symbolic_configuration,
     write_steps,
 )
 from rpctl.derive.text import law_latex, law_text, rendered, to_latex, to_text
+from rpctl.dynamics.symbols.basis import SymbolicConfiguration
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, require_known
-from rpctl.robot.model import Robot
+from rpctl.robot.coordinates import BASE_NQ
+from rpctl.robot.model import BASE_NV, Robot
 
 FORMATS = ("text", "latex", "python", "c")
 
@@ -60,6 +69,7 @@ def derive(robot: Robot, format: str = "text", parameters: bool = False) -> str:
     return to_latex(form) if format == "latex" else to_text(form)
 
 
+PLACES = ("q", "measured", "before")  # configurations, of what estimates a state
 PRECISIONS = ("double", "float")
 NOT_CLOSED = {  # what has no closed form, and why
     "Horizon": "solves a quadratic program at each sample",
@@ -183,6 +193,59 @@ def c_law(program: LawProgram, single: bool = False) -> str:
         single: Whether its numbers are ``float`` rather than ``double``.
     """
     return rendered("law.c.jinja", _law(program, C_FLOAT if single else C))
+
+
+def c_estimate(program: LawProgram, efforts: bool) -> DerivedLaw:
+    """Return C99 of what estimates a state, and what a step of its motion costs.
+
+    It has ``NAME_moving(s)`` and ``NAME_correcting(s)``, which change ``*s``, a ``NAME_estimate``,
+    as :class:`~rpctl.control.estimation.StateKernel` its buffers; in the place of q it has the pose
+    of the root link and the law's positions.
+
+    Args:
+        program: The law.
+        efforts: Whether efforts move the robot, or only the disturbance.
+    """
+    robot, positions = program.law.robot, program.positions
+    calls, buffers = state_calls(SymbolicDynamics(robot), efforts)
+    sizes = {name: each.size for name, each in buffers.items() if name not in calls}
+    sizes |= dict.fromkeys(PLACES, BASE_NV + len(positions))
+    names, functions, costs = {each: name for name, each in buffers.items()}, {}, []
+    for name, call in calls.items():
+        given = {
+            each: casadi.SX.sym(each, sizes[each]) for each in map(names.__getitem__, call.inputs)
+        }
+        read = [
+            _configuration(robot, positions, x) if each in PLACES else x
+            for each, x in given.items()
+        ]
+        written = map(names.__getitem__, call.outputs)
+        found = dict(zip(written, call.function.call(read), strict=True))
+        ends = [_place(robot, positions, x) if each in PLACES else x for each, x in found.items()]
+        column = casadi.cse(casadi.densify(casadi.vertcat(*ends)))
+        nodes, results = steps_of({f"s->{each}": x for each, x in given.items()}, column)
+        lines, text = write_steps(nodes, results, C)
+        targets = [f"s->{each}[{i}]" for each in found for i in range(sizes[each])]
+        functions[name] = lines, dict(zip(targets, map(text, results), strict=True))
+        costs.append(count_operations(nodes))
+    said = {"name": identifier(robot.name), "title": comment(robot.name)}
+    shown = rendered("estimate.c.jinja", {**said, "sizes": sizes, "functions": functions})
+    return DerivedLaw(shown, costs[0])
+
+
+def _configuration(robot: Robot, names: Sequence[str], place: Any) -> Any:
+    """Return q (nq, 1) of the root link's pose and of some positions, one column."""
+    at = dict(zip(names, casadi.vertsplit(place)[BASE_NV:], strict=True))
+    q = symbolic_configuration(robot, {**dict.fromkeys(joint_symbols(robot), 0.0), **at})
+    q[:BASE_NQ] = casadi.vertcat(place[:2], casadi.cos(place[2]), casadi.sin(place[2]))
+    return q
+
+
+def _place(robot: Robot, names: Sequence[str], q: Any) -> Any:
+    """Return the root link's pose and positions, one column, of q (nq, 1)."""
+    at = SymbolicConfiguration(q)
+    positions = [at.position(robot.entries[name]) for name in names]
+    return casadi.vertcat(q[:2], casadi.atan2(q[3], q[2]), *positions)
 
 
 def python_law(program: LawProgram) -> str:

@@ -241,18 +241,17 @@ def follow(nu: Array, commands: Array, durations: Array, lag: Array) -> tuple[Ar
         durations: Of the stretches (n,), all positive, s.
         lag: T of each quasi-velocity (dof,), s.
     """
-    x = np.asarray(durations)[:, None] / np.maximum(lag, NO_LAG)  # (n, dof)
+    x = durations[:, None] / np.maximum(lag, NO_LAG)  # (n, dof)
     left = np.exp(-x)  # of the distance to the command, after the stretch
     mean = -np.expm1(-x) / x
     change = np.where(
         x > SERIES_RATIO, 12.0 * ((mean - left) / x - 0.5 * mean), x * (0.5 * x - 1.0)
     )
-    stretches = []
-    for k, duration in enumerate(durations):
-        gap = nu - commands[k]
-        stretches.append(Stretch(float(duration), commands[k] + gap * mean[k], gap * change[k]))
-        nu = commands[k] + gap * left[k]
-    return nu, stretches
+    gaps = np.empty_like(x)
+    for gap, command, share in zip(gaps, commands, left, strict=True):
+        gap[:] = nu - command
+        nu = command + gap * share
+    return nu, list(map(Stretch, durations.tolist(), commands + gaps * mean, gaps * change))
 
 
 def joined(stretches: list[Stretch], longest: float) -> list[Stretch]:
@@ -274,13 +273,10 @@ def _one(group: list[Stretch], length: float) -> Stretch:
     """Return one stretch of this length (s) for those of a group."""
     if len(group) == 1:
         return group[0]
-    total, moment, start = np.zeros_like(group[0].mean), np.zeros_like(group[0].mean), 0.0
-    for duration, mean, change in group:
-        total = total + duration * mean
-        middle = start + 0.5 * (duration - length)
-        moment = moment + duration * (middle * mean + duration * change / 12.0)
-        start += duration
-    return Stretch(length, total / length, 12.0 * moment / length**2)
+    durations, mean, change = map(np.array, zip(*group, strict=True))
+    middle = np.cumsum(durations) - 0.5 * (durations + length)
+    moment = (durations * middle) @ mean + durations**2 @ change / 12.0
+    return Stretch(length, durations @ mean / length, 12.0 * moment / length**2)
 
 
 def travel(dynamics: ReducedDynamics, q: Array, stretch: Stretch) -> Array:

@@ -103,21 +103,29 @@ class MachineCode:
             workspace: What :meth:`workspace` returned, with the values to start from; changed.
             streams: The rows of each stream.
         """
+        table = self._table(first, steps, streams)
+        return int(self._run(first, steps, self._block(workspace), table.ctypes.data))
+
+    def stepper(
+        self, workspace: Mapping[Buffer, Array], streams: Mapping[RowStream, Rows] | None = None
+    ) -> Callable[..., bool]:
+        """Return what does steps in a workspace, and returns whether they were done to their end.
+
+        It does one step unless it is given the number of a first one, and how many. The streams are
+        rings; they and the workspace have to live as long as it is used.
+        """
+        table = self._table(0, 1, streams or {})
+        run, start, rows = self._run, self._block(workspace), table.ctypes.data_as(ctypes.c_void_p)
+        return lambda first=0, steps=1: run(first, steps, start, rows) == steps
+
+    def _table(self, first: int, steps: int, streams: Mapping[RowStream, Rows]) -> Any:
+        """Return what the code has to know of the streams."""
         table = np.zeros((len(self.program.streams), len(STREAM_FIELDS)), np.int64)
         for k, stream in enumerate(self.program.streams):
             rows = streams[stream]
             self._check(stream, rows, first, steps)
             table[k] = rows.values.ctypes.data, len(rows.values), rows.every, rows.ring
-        start = self._block(workspace)
-        return int(self._run(first, steps, start, table.ctypes.data))
-
-    def stepper(self, workspace: Mapping[Buffer, Array]) -> Callable[[], bool]:
-        """Return what does a step in a workspace, and returns whether it was done to its end.
-
-        It is for programs without streams; the workspace has to live as long as it is used.
-        """
-        start = self._block(workspace)
-        return lambda: bool(self._run(0, 1, start, None))
+        return table
 
     def _block(self, workspace: Mapping[Buffer, Array]) -> int:
         """Return where the block of a workspace begins."""

@@ -235,7 +235,8 @@ def run_faults(robot: Robot, faults: list[Fault], rng: np.random.Generator) -> T
         if lost * PERIOD > RECOVERED_IN:
             break
         acting, moves = sent[-1 - min(late, len(sent) - 1)]
-        acting = np.where(np.isin(np.arange(len(acting)), dead), 0.0, acting)
+        acting = acting.copy()
+        acting[dead] = 0.0
         if not moves:  # brakes take the place of motors
             plant.nu *= BRAKES
             acting = dynamics.efforts(plant.q, dynamics.bias(plant.q, plant.nu))
@@ -245,7 +246,7 @@ def run_faults(robot: Robot, faults: list[Fault], rng: np.random.Generator) -> T
             told.speed_ratio = max(told.speed_ratio, float(np.max(np.abs(plant.nu[-n:]) / speeds)))
             place = robot.joint_positions(plant.q)
             out = np.maximum(low - place, place - high) / (high - low)
-            told.beyond = max(told.beyond, float(np.nan_to_num(out, nan=0.0).max()))
+            told.beyond = float(np.fmax.reduce(out, initial=told.beyond))  # NaN without a range
     q = plant.q.copy()
     for i, pivot in pivots.items():
         moved_frame(q, faults[i].size, pivot)

@@ -283,6 +283,18 @@ def test_a_car_comes_home_from_behind_and_facing_away(
         assert figures.kinematic_report["approaches"] == 1
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("output", ["effort", "velocity"])
+@pytest.mark.parametrize("name, reference", [("car", "reverse"), ("bicycle", "line")])
+def test_no_way_winds_round_where_a_bend_is_enough(name: str, reference: str, output: str) -> None:
+    """A car .58 m and .5 rad off drove two circles, and was 4.5 m off after 20 s."""
+    robot = rpctl.load(name)
+    run = track(robot, reference, duration=20.0, initial_error=(0.3, 0.5, 0.5), output=output,
+                control_period=0.02, plant_step=0.02, collisions=False)  # fmt: skip
+    assert summarize(run).final_base_error < 1e-3
+    assert np.hypot(*(run.q - run.q_ref)[:, :2].T).max() < 0.7
+
+
 def test_a_bend_begins_over_two_fifths_of_its_radius(bicycle: Robot) -> None:
     """The first arc's radius is 1.5 of the tightest; its bend is half there at a fifth of it."""
     path = plan(bicycle, reference_by_name(bicycle, "line"), FAR[0]).path

@@ -138,7 +138,8 @@ def test_a_silence_is_neither_remembered_nor_simulated(paper: Robot) -> None:
     robot = Simulated(Controller(paper, "eight"))
     robot.run(0.2, hidden())
     robot.run(1.6, lambda t, q, nu: (t, q * math.nan, nu))
-    assert len(robot.controller._estimate._sent) <= 502
+    memory = robot.controller._estimate
+    assert memory._end - memory._first <= 502
     robot.run(0.2, hidden())
     estimate = robot.controller._measured
     assert estimate is not None
@@ -205,6 +206,8 @@ def test_encoders_do_not_make_efforts_leap(paper: Robot, period: float) -> None:
     leaps = np.abs(np.diff(run.tau[settled], axis=0)) / paper.effort_limits
     assert leaps.max() < 0.06
     assert np.abs(run.log.e[settled, 2:]).max() < 2e-3
+    most = min(100.0 * period, 0.4)  # from the second sample on, found to be quantised or not
+    assert (np.abs(np.diff(run.tau, axis=0)) / paper.effort_limits).max() < most + 1e-9
     assert any("they were found to be quantised" in note for note in run.notes)
 
 
@@ -220,21 +223,44 @@ def test_encoders_do_not_make_efforts_of_a_light_wrist_leap(tiago: Robot, period
     leaps = np.abs(np.diff(run.tau[settled], axis=0)) / tiago.effort_limits
     assert leaps.max() < 0.3
     assert np.abs(run.log.e[settled, 3:]).max() < 2e-3
+    leaps = np.abs(np.diff(run.tau, axis=0)) / tiago.effort_limits
+    assert leaps.max() < min(100.0 * period, 0.6) + 1e-9  # 75 % before they were found, at 500 Hz
 
 
+def test_what_the_rate_of_efforts_holds_back_teaches_the_integral_nothing(paper: Robot) -> None:
+    """Its joints went .11 m or rad off: what the rate lets through of pulses is their median."""
+    run = rpctl.track(
+        paper, "eight", duration=3.0, plant=Plant(encoder_bits=12), rates="measured", delay=0.0,
+        collisions=False,
+    )  # fmt: skip
+    leaps = np.abs(np.diff(run.tau, axis=0)) / paper.effort_limits
+    assert leaps.max() == pytest.approx(100.0 * 0.002)
+    assert np.abs(run.log.e).max() < 0.01
+
+
+@pytest.mark.parametrize("silence", [0.0, 1.02, 1e6])  # s
 @pytest.mark.parametrize(("name", "off"), [("paper", 1e-3), ("tiago", 0.03)])
-def test_the_foretold_motion_is_the_models(name: str, off: float) -> None:
-    """Held efforts for 50 ms against the plant's own integration; TIAGo's joints have friction."""
+def test_the_foretold_motion_is_the_models(name: str, off: float, silence: float) -> None:
+    """Held efforts for 50 ms against the plant's own integration; TIAGo's joints have friction.
+
+    The same after a silence of the sensors, in which efforts went on to act.
+    """
     robot, rng = rpctl.load(name), np.random.default_rng(7)
     dynamics = ReducedDynamics(robot)
     q = robot.configuration_at(np.array([1.0, 2.0, 0.5]), robot.home)
     nu = 0.2 * rng.normal(size=robot.dof)
     tau = dynamics.efforts(q, dynamics.inverse(q, nu, rng.normal(size=robot.dof)))
-    estimate = StateEstimate(dynamics, PERIOD, DELAY, "measured", tau, compiled=False)
-    found = estimate(MeasuredSample(DELAY, q, nu))
+    compiled = silence > 0.0
+    estimate = StateEstimate(dynamics, PERIOD, DELAY, "measured", tau, compiled)
+    t = DELAY
+    found = estimate(MeasuredSample(t, q, nu))
+    for elapsed in (*rng.uniform(0.001, 0.02, 40), silence) if silence else ():
+        estimate.sent(t, tau)
+        t += elapsed
+        found = estimate(MeasuredSample(t, q, nu))
     for _ in range(100):
         q, nu, *_ = step(dynamics, q, nu, tau, DELAY / 100)
-    assert found.t == DELAY
+    assert found.t == t
     np.testing.assert_allclose(found.nu, nu, atol=off)
     np.testing.assert_allclose(found.q, q, atol=DELAY * off)
 

@@ -28,10 +28,26 @@ def test_a_robot_comes_back_from_a_fault_without_a_blow(fault: Fault) -> None:
     assert told.status == "ok"
 
 
+@pytest.mark.parametrize(
+    ("name", "seed"), [("paper", 1155), pytest.param("tiago", 2000, marks=pytest.mark.slow)]
+)
+def test_faults_that_come_together(name: str, seed: int) -> None:
+    """Two jumps of a pose in one sample: .24 m off after 5 s. NaN and losses: a leap of 42 %."""
+    assert not list(run(name, seed).wrong())
+
+
 def test_a_robot_whose_wheel_stays_dead_is_lost() -> None:
     """It went in circles with its wheel at its limit, and was ``ok``."""
     fault = Fault("dead", 2.0, math.inf, 0.0)
     told = run_faults(robot_of("paper"), [fault], np.random.default_rng(0))
+    assert not list(told.wrong())
+    assert told.status == "lost"
+
+
+@pytest.mark.slow
+def test_a_car_without_motors_is_lost() -> None:
+    """It rolled on, 2.4 m off and ``ok``: each second a new way up began where it was."""
+    told = run("car", 3169)
     assert not list(told.wrong())
     assert told.status == "lost"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -234,6 +235,21 @@ def test_efforts_keep_their_rate(paper: Robot) -> None:
     free.run(0.1)
     assert free.largest_jump() > 0.1
     assert np.abs(robot.error()).max() < 0.02
+
+
+def test_efforts_leap_at_first_and_where_motors_go_off_only(paper: Robot) -> None:
+    """By paper and pencil: 100 limits/s are a fifth of a limit in 2 ms."""
+    limits, signs = paper.effort_limits, itertools.cycle([1.0, -1.0])
+    q, nu = paper.configuration(), np.zeros(4)
+    robot = Controller(paper, "eight", dynamic=lambda *_: next(signs) * limits)
+    sent = [robot.step(k * PERIOD, q, nu).efforts / limits for k in range(3)]
+    sent.append(robot.step(3 * PERIOD, np.nan * q, nu).efforts / limits)  # held
+    robot.pause(motors_off=True)
+    sent.append(robot.step(4 * PERIOD, q, nu).efforts / limits)
+    robot.resume()
+    sent.append(robot.step(5 * PERIOD, q, nu).efforts / limits)
+    expected = [1.0, 0.8, 1.0, 1.0, 0.0, -0.2]
+    np.testing.assert_allclose(sent, np.outer(expected, np.ones(4)), atol=1e-12)
 
 
 def test_a_lost_robot_by_paper_and_pencil() -> None:

@@ -15,6 +15,7 @@ from rpctl.control.output_groups import OutputGroup
 from rpctl.control.sampling import MeasuredSample
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.simulation.plants.rolling import VelocityPlant
 
 PERIOD = 0.01
 
@@ -31,9 +32,14 @@ def commands(robot: Robot, output: Any) -> GroupCommands:
         ("paper", {"base": "twist"}, "arm_revolute_joint is in no group"),
         ("paper", {"*": "position"}, 'v is in no group of the output; .*"base": "twist"'),
         ("paper", {"base": "twist", "*": "position", "arm_p*": "velocity"}, "in the groups"),
-        ("paper", {"base": "twist", "arm_*": "effort"}, "nobody here knows"),
+        ("paper", {"base": "effort", "arm_*": "velocity"}, "efforts beside an arm in groups"),
+        ("paper", {"base": "twist", "*": OutputGroup("effort", 0.1)}, "which act at once"),
         ("paper", {"base": "position", "*": "position"}, "a base has no position"),
-        ("paper", {"base": "twist", "*": "twist"}, "joints of an arm; give velocity or position"),
+        (
+            "paper",
+            {"base": "twist", "*": "twist"},
+            "joints of an arm; give velocity, position or effort",
+        ),
         ("paper", {"base": "twist", "leg_*": "position"}, "leg_"),
         ("paper", "steering", "is differential: give twist"),
         ("swerve", "steering", "give wheel-speeds"),
@@ -191,6 +197,40 @@ def test_bounds_of_jerk_hold_on_the_way_to_a_speed_and_none_is_overshot(
     assert (largest[2] > [0.99, 0.99, 2.9]).all()
     assert {("omega", "jerk"), ("vx", "speed")} <= set(run.bound_limits) or speed > 0.2
     assert np.abs(run.q[-1, :4] - run.q_ref[-1, :4]).max() < 0.02 or speed < 0.2
+
+
+@pytest.mark.parametrize(("lag", "period"), [(0.0, 0.05), (0.1, 0.02)])
+def test_stops_and_gaps_are_within_the_bounds_of_jerk(lag: float, period: float) -> None:
+    """Of the motion: lost samples, a second of them, a pause, and after an emergency stop.
+
+    Brakes stop the robot then, in 1 s; that is their own jerk.
+    """
+    robot = rpctl.load("mecanum")
+    most = np.array([[0.3, 0.3, 1.0], [0.4, 0.4, 1.0], [2.0, 2.0, 6.0]])
+    bounds = ({"v?": row[0], "omega": row[2]} for row in most.tolist())
+    output = {"base": OutputGroup("twist", lag, 0.0, *bounds), "*": OutputGroup("velocity")}
+    controller = Controller(robot, "eight", period=period, output=output, compiled=False)
+    lags = np.where(np.arange(robot.dof) < 3, lag, 0.0)
+    plant = VelocityPlant(ReducedDynamics(robot), lags, 0.0, period, period)
+    q, nu, rows, statuses = robot.state((0.1, 0.05, 0.2))[0], np.zeros(robot.dof), [], set()
+    for k in range(round(16.0 / period)):
+        t = k * period
+        bad = t % 0.5 < 2.5 * period or 4.0 < t < 5.0
+        if abs(t - 7.0) < 0.5 * period or abs(t - 12.0) < 0.5 * period:
+            controller.pause(motors_off=t > 10.0)
+        if abs(t - 9.0) < 0.5 * period or abs(t - 13.0) < 0.5 * period:
+            controller.resume()
+        sent = controller.step(t, q * (math.nan if bad else 1.0), nu)
+        statuses.add(sent.status)
+        plant.send(sent.speeds)
+        q, nu, *_ = plant.advance(q, nu)
+        rows.append(nu[:3])
+    a = np.diff(rows, axis=0, prepend=np.zeros((1, 3))) / period
+    j = np.diff(a, axis=0, prepend=np.zeros((1, 3))) / period
+    free = np.abs(np.arange(len(j)) * period - 12.5) > 0.5 + 2.5 * period
+    for found, limit in zip((np.array(rows), a, j), most, strict=True):
+        assert (np.abs(found[free]).max(axis=0) <= (1.0 + 1e-6) * limit).all()
+    assert statuses == {"ok", "held", "stopped"}
 
 
 def test_a_map_that_jumps_turns_nothing_while_the_rates_are_the_bodys(paper: Robot) -> None:

@@ -64,7 +64,7 @@ def paths(rng: np.random.Generator, count: int) -> list[SmoothPath]:
     for _ in range(count):
         start, goal = rng.uniform(-3.0, 3.0, (2, 3))
         ends = rng.uniform(-0.6, 0.6), rng.uniform(-0.6, 0.6)
-        path = smooth_path(start, goal, ends, RADIUS, TRANSITION)
+        path = smooth_path(start, goal, ends, RADIUS, TRANSITION, 40.0)
         assert path is not None
         assert path.length < 1.5 * sum(shortest_paths(start, goal, RADIUS)[0].lengths) + 1.0
         np.testing.assert_allclose(path(0.0).pose, start, atol=1e-12)
@@ -81,6 +81,29 @@ def test_a_path_leads_from_pose_to_pose_within_its_bend(rng: np.random.Generator
     for path in paths(rng, 6):
         points = [path(s) for s in np.linspace(0.0, path.length, 60)]
         assert max(abs(point.curvature[0]) for point in points) < 1.05 / RADIUS
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_path_that_its_steps_lead_past_its_line_comes_back_without_a_turn(side: float) -> None:
+    """Sharp arcs meet the line ahead by turns to one side, with .07 m to spare.
+
+    From .295 m beside it and .5 rad towards it these need 1.8 (1 - cos .5) = .22 m. The first step
+    takes .36 m of the way straight on, .17 m across: the smooth path is past the line, comes back
+    and turns to the other side at last, where the sharp one would wind round by 350 degrees.
+    """
+    start, goal = np.array([0.0, -0.295 * side, 0.5 * side]), np.array([2.5, 0.0, 0.0])
+    path = smooth_path(start, goal, (0.0, 0.0), 1.8, 0.72, 20.0)
+    assert path is not None
+    assert path.length < 2.7
+    assert np.sign(path.steps).tolist() == [-side, side, side, -side]
+
+
+def test_no_path_is_longer_than_it_may_be() -> None:
+    """The one above has 2.58 m, its sharp path 2.54 m, and 13 m what winds round."""
+    start, goal = np.array([0.0, -0.295, 0.5]), np.array([2.5, 0.0, 0.0])
+    for longest, found in ((2.5, False), (2.57, False), (2.6, True)):
+        path = smooth_path(start, goal, (0.0, 0.0), 1.8, 0.72, longest)
+        assert (path is not None) is found
 
 
 def test_its_points_move_as_its_derivatives_say(rng: np.random.Generator) -> None:

@@ -56,13 +56,15 @@ LAWS = {
     "linearizing": FeedbackLinearization(),
     "samson": Samson(),
 }
-ROBOTS = ["paper", "platform", "mecanum", "skid-steer", "tiago", "panda", "mixed_chain", *KINDS]
+ROBOTS = ["paper", "platform", "mecanum", "skid-steer", "tiago", "panda", "mixed_chain"]
+ROBOTS += ["loader", *KINDS]
 GRID = [(robot, law) for robot in ROBOTS for law in LAWS]
 QUICK = {
     ("paper", "linearizing"),
     ("paper", "samson"),
     ("mecanum", "leashed"),
     ("bicycle", "unified"),
+    ("loader", "unified"),  # of a base that bends, one tracks front and rear
 }
 SLOW = {
     ("paper", "kanayama"),

@@ -59,7 +59,9 @@ def test_a_contact_in_the_wrong_place_shows(monkeypatch: pytest.MonkeyPatch) -> 
     """The dynamics' contact is 1 % too high; the file's rows have the wheel's own radius."""
     original = leaning.contact_arm
     monkeypatch.setattr(
-        leaning, "contact_arm", lambda left, axle, sqrt: [0.99 * x for x in original(left, axle, sqrt)]
+        leaning,
+        "contact_arm",
+        lambda left, axle, sqrt: [0.99 * x for x in original(left, axle, sqrt)],
     )
     leaning.find_formulas.cache_clear()
     try:

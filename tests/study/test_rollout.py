@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rpctl import PaperDynamic, Robot, RpctlError
+from rpctl import Guards, PaperDynamic, Robot, RpctlError
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.simulation.compiled import build
 from rpctl.simulation.config import Config, RunSettings, read_config, write_config
@@ -146,7 +146,8 @@ def test_more_runs_are_added_behind() -> None:
 
 @pytest.mark.parametrize("backend", ["pinocchio", "compiled"])
 def test_a_run_that_fails_is_a_row(paper: Robot, backend: str) -> None:
-    config = Config(dynamic=PaperDynamic(), run=RunSettings(**SHORT))
+    guards = Guards(effort_rate=1e12)  # at the usual rate the last one ends in time
+    config = Config(dynamic=PaperDynamic(), run=RunSettings(**SHORT), guards=guards)
     experiment = Experiment(config, ("kinematic.horizon", "run.initial_error.y"), backend=backend)
     values = np.array([[-1.0, 0.0], [0.4, 0.01], [1e-6, 1.0]])
     table = Runner(paper, experiment).rows(values, [0, 1, 2])

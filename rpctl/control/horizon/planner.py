@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -362,9 +362,9 @@ class Follower:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._robot = robot
+        self._pose = robot.base_pose
         steered = [swivel.joint for swivel in robot.drive.steered]
-        self._joints = [*steered, *robot.joint_names]
+        self._places = [robot.entries[name].read for name in (*steered, *robot.joint_names)]
         self.beside = np.zeros(robot.dof)
         self._t = 0.0  # s, of the last sample
 
@@ -388,9 +388,10 @@ class Follower:
             return Command(nu + self.beside, nu_dot)
         k, since = plan.step(t)
         first, rate, bend = at.motion[:, k]
-        planned, own, robot = first + since * (rate + since * bend), -len(plan.nu), self._robot
-        joints = [robot.joint_position(q, name) for name in self._joints]
-        off = np.array([*robot.base_pose(q), *joints]) - planned[:own]
+        planned, own = first + since * (rate + since * bend), -len(plan.nu)
+        entries: Any = q.tolist()  # floats are quicker than NumPy's
+        off = np.array([*self._pose(entries), *(place(entries) for place in self._places)])
+        off -= planned[:own]
         off[2:] -= math.tau * np.rint(off[2:] / math.tau)  # a joint that moves in m is never so far
         nu_dot = rate[own:] + at.gain @ np.concatenate([off, self.beside])
         nu_dot = np.maximum(np.minimum(nu_dot, at.largest), -at.largest)

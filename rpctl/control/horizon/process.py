@@ -11,6 +11,7 @@ of a quarter of a step; between them, the second derivatives that a row holds go
 from __future__ import annotations
 
 import io
+import marshal
 import math
 import os
 import pickle
@@ -23,12 +24,19 @@ import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.planner import Asked, Planned, Planner, Planning
+from rpctl.control.horizon.planner import (
+    Asked,
+    Feedback,
+    HorizonPlan,
+    Planned,
+    Planner,
+    Planning,
+)
 from rpctl.control.horizon.settings import PlannerSettings
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
@@ -42,6 +50,7 @@ PARENT_S = 1.0  # s between two looks at whether the parent lives
 LONG = 2**30  # bytes: no message is longer
 PIECE = 2**16  # bytes that a pipe takes at once
 HUNG = 5.0  # horizons without an answer: a busy machine may take more than one
+NICENESS = 5  # of a process that plans
 KEPT_S = 1.0  # s of the past that a reference is kept for
 
 
@@ -101,7 +110,7 @@ class Process:
         self._write()
         if not self._poll.poll(0):
             return None
-        data = os.read(self._from, LONG)
+        data = os.read(self._from, PIECE)
         if not data:
             raise Ended
         self._received += data
@@ -210,7 +219,8 @@ class PlanningProcess:
         self._asked = asked
         try:
             assert self._process is not None
-            self._process.send(pickle.dumps((asked, self._ahead.taken())))
+            message: Any = *asked, *self._ahead.taken()
+            self._process.send(marshal.dumps(message))
         except Ended:
             self._lost()
 
@@ -231,7 +241,7 @@ class PlanningProcess:
             return None
         if message is None:
             return None
-        found: Planned = pickle.loads(message)
+        found = planned_of(message)
         if not self._ready:  # the first message: no plan, or why it cannot make any
             self.fault = found.fault
             self._ready = not self.fault
@@ -270,6 +280,24 @@ def _failed(error: Exception) -> Planned:
     return Planned(None, fault=f"{type(error).__name__}: {error}")
 
 
+def message_of(planned: Planned) -> bytes:
+    """Return a plan as Python's own format has it, which a sample reads soonest."""
+    plan, *figures, fault = planned
+    arrays = [] if plan is None else [plan.nu, plan.nu_dot, *(plan.feedback or ())]
+    told = [(each.shape, each.tobytes()) for each in arrays]
+    return marshal.dumps((plan and plan[:2], told, *map(float, figures), fault))
+
+
+def planned_of(message: bytes) -> Planned:
+    """Return what :func:`message_of` was given; its arrays are read-only."""
+    times, told, *more = marshal.loads(message)
+    arrays = [np.frombuffer(data).reshape(shape) for shape, data in told]
+    if not arrays:
+        return Planned(None, *more)
+    (t, dt), (nu, nu_dot, *gain) = times, arrays
+    return Planned(HorizonPlan(t, dt, nu, nu_dot, Feedback(*gain) if gain else None), *more)
+
+
 def main(parent: int) -> None:
     """Be the process: make a planner of the first message, then a plan of each.
 
@@ -279,8 +307,9 @@ def main(parent: int) -> None:
     incoming, outgoing = os.dup(0), os.dup(1)
     os.dup2(2, 1)  # what is printed is no message
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(AttributeError, OSError):  # the parent may run before all others; plans do not
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with suppress(AttributeError, OSError):  # samples come first: a plan that waits is told so
+        os.nice(NICENESS)
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     channel = Channel(
         io.BufferedReader(io.FileIO(incoming)), io.BufferedWriter(io.FileIO(outgoing, "w"))
     )
@@ -291,16 +320,20 @@ def main(parent: int) -> None:
             while not select.select([incoming], [], [], PARENT_S)[0]:
                 if os.getppid() != parent:
                     return
-            asked, more = pickle.loads(channel.receive(LONG))
-            if more.number != number:
-                rows, number = NumbersAhead(more.first, planning.dt), more.number
-            rows.add(more.rows, asked.t - lag - KEPT_S)
+            t, q, nu, delay, beside, sees, new, first, shape, more = marshal.loads(
+                channel.receive(LONG)
+            )
+            if new != number:
+                rows, number = NumbersAhead(first, planning.dt), new
+            rows.add(np.frombuffer(more).reshape(shape), t - lag - KEPT_S)
+            q, nu, beside = (np.frombuffer(each).copy() for each in (q, nu, beside))
+            asked = Asked(t, q, nu, delay, beside, sees)
             try:
                 found = planning(rows, asked)
             except Exception as error:  # this one; the next may do
                 found = _failed(error)
             lag = found.lag if found.plan else lag
-            channel.send(pickle.dumps(found))
+            channel.send(message_of(found))
 
 
 def _planning(channel: Channel) -> Planning:
@@ -309,22 +342,14 @@ def _planning(channel: Channel) -> Planning:
         law, robot = pickle.loads(channel.receive(LONG))
         planning = Planning(Planner(law, ReducedDynamics(robot)))
     except Exception as error:  # as of a class that the parent alone knows
-        channel.send(pickle.dumps(_failed(error)))
+        channel.send(message_of(_failed(error)))
         raise EOFError from None
-    channel.send(pickle.dumps(Planned(None)))
+    channel.send(message_of(Planned(None)))
     return planning
 
 
 ROWS_PER_STEP = 4
 READING_S = 50e-6  # s that a sample may spend on reading ahead; a row takes 5 to 30 µs
-
-
-class Rows(NamedTuple):
-    """Rows of a reference, one after the other."""
-
-    number: int  # of the reference, counted: another one makes all rows before worthless
-    first: int  # multiple of the stride
-    rows: Array  # (K, 9 + 3 n_joints + 9)
 
 
 class ReadAhead:
@@ -352,12 +377,15 @@ class ReadAhead:
             if time.perf_counter() > until:
                 return False
 
-    def taken(self) -> Rows:
-        """Return the rows that were read since the last call."""
-        first, rows = self._first, self._rows
+    def taken(self) -> tuple[int, int, tuple[int, ...], Array]:
+        """Return the rows that were read since the last call, and what they are.
+
+        The number of the reference, counted: another one makes all rows before worthless; that of
+        the first row, a multiple of the stride; the shape (K, 9 + 3 n_joints + 9); and the rows.
+        """
+        first, rows = self._first, np.array(self._rows)
         self._first, self._rows = first + len(rows), []
-        width = len(rows[0]) if rows else 0
-        return Rows(self._number, first, np.reshape(rows, (len(rows), width)))
+        return self._number, first, rows.shape, rows
 
     def forget(self) -> None:
         """Read everything again: who had the rows is gone."""

@@ -104,17 +104,18 @@ class MujocoWorld(MujocoBody):
     def serve(self, stiffness: Array, damping: Array) -> None:
         """Give the joints servos in the place of motors, with the motors' limits.
 
-        From then on :meth:`run` takes where they are to be (n_act,), rad or m.
+        From then on :meth:`run` takes where they are to be (n_act,), rad or m; efforts of those
+        that stay motors.
 
         Args:
-            stiffness: Of each actuator (n_act,), N·m/rad or N/m.
+            stiffness: Of each actuator (n_act,), N·m/rad or N/m; 0 and no damping of a motor.
             damping: Likewise, N·m s/rad or N s/m.
         """
         model, limits = self.mjm, self.robot.effort_limits
         model.actuator_ctrllimited[:], model.actuator_forcelimited[:] = 0, np.isfinite(limits)
         model.actuator_forcerange[:] = np.where(np.isfinite(limits), limits, 0.0)[:, None] * [-1, 1]
         model.actuator_biastype[:] = int(self.mujoco.mjtBias.mjBIAS_AFFINE)
-        model.actuator_gainprm[:, 0] = stiffness
+        model.actuator_gainprm[:, 0] = np.where(stiffness > 0.0, stiffness, 1.0)
         model.actuator_biasprm[:, 1:3] = -np.stack([stiffness, damping], axis=1)
 
     def push(self, link: str, force: Sequence[float], moment: Sequence[float]) -> None:

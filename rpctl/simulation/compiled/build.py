@@ -23,6 +23,7 @@ from rpctl.control.law_kernel import (
     require_same,
     require_within_limits,
 )
+from rpctl.control.safeguards import Guards
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.cache import cached
@@ -158,7 +159,7 @@ def require_equal(
     law: Any = as_law(config.kinematic)
     if getattr(law, "approach", None) is not None:
         law = replace(law, approach=None)
-    near = replace(config, kinematic=law, plant=Plant())
+    near = replace(config, kinematic=law, plant=Plant(), guards=Guards())
     rng, answered = np.random.default_rng(SEED), 0
     for off in (*[SPREAD] * STATES, *[FAR * SPREAD] * STATES):
         sample = _random_sample(known.robot, simulated, rng, off)

@@ -14,6 +14,7 @@ from rpctl.arrays import Array
 from rpctl.control.approach import RETRY_S, ApproachStage, WayToReference
 from rpctl.control.fragment import settings_of
 from rpctl.control.law import Rest, as_law
+from rpctl.control.safeguards import EFFORT_RATE
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.kernels.program import Buffer, Rows, RowStream
 from rpctl.reference.motion import Reference, tabulate
@@ -110,7 +111,7 @@ class Lanes:
         inputs: LaneInputs,
     ) -> None:
         self._compiled, self._robot, law = compiled, known.robot, as_law(config.kinematic)
-        sensors, period = Sensors(known.robot), config.run.control_period
+        sensors = Sensors(known.robot)
         self._noise = _LaneNoise(inputs, sensors)
         approach: Any = getattr(law, "approach", None)
         self.stages: list[ApproachStage | None] = [
@@ -123,14 +124,16 @@ class Lanes:
                 way = stage(known, reference, 0.0, *sensors.measured(inputs.q[lane], still, noise))
                 if isinstance(way, WayToReference):
                     self._ways[lane] = way
-        self.workspace = self._started(inputs, period)
+        self.workspace = self._started(inputs, config)
         ring = np.empty((int(inputs.back.max()) + 1, inputs.rest.shape[1], len(inputs)))
         ring[:] = inputs.rest.T
         self._ring = Rows(ring, ring=True)
 
-    def _started(self, inputs: LaneInputs, period: float) -> Mapping[Buffer, Array]:
+    def _started(self, inputs: LaneInputs, config: Config) -> Mapping[Buffer, Array]:
         """Return the workspace before the first sample: the robot at rest, as the laws know it."""
         loop, law = self._compiled.program, self._compiled.program.law
+        period, rate = config.run.control_period, config.guards.effort_rate
+        leap = (rate or EFFORT_RATE) * period * self._robot.effort_limits
         common = {loop.plant.q: inputs.q.T, loop.plant.p: inputs.p.T}
         common[law.settings] = inputs.settings.T
         begins = self._compiled.start.workspace()
@@ -143,6 +146,8 @@ class Lanes:
             law.elapsed: period,
             loop.bias: inputs.bias.T,
             loop.most: inputs.most.T,
+            loop.sent: inputs.rest.T if rate else np.nan,
+            loop.leap: leap[:, None],
             loop.back: inputs.back,
             loop.search_from: [_search_from(stage, period) for stage in self.stages],
         }

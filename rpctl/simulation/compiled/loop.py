@@ -187,6 +187,8 @@ class LoopProgram:
         plant: What the plant works on.
         bias: Efforts (n_act,) that push besides the controller's.
         most: Efforts (n_act,) at which the true actuators saturate.
+        sent: Efforts (n_act,) that were sent last; NaN: none were, and the first ones may leap.
+        leap: By how much efforts (n_act,) may change at a sample.
         acting: Efforts (n_act,) that act from a sample on.
         e: Tracking error (3 + n_joints,).
         trouble: Why a lane does not go on (1,), and the number of the sample at which (2,).
@@ -209,6 +211,8 @@ class LoopProgram:
     plant: PlantBuffers
     bias: Buffer
     most: Buffer
+    sent: Buffer
+    leap: Buffer
     acting: Buffer
     e: Buffer
     trouble: Buffer
@@ -295,6 +299,7 @@ def _buffers(law: LawFragment, dynamics: SymbolicDynamics, shape: LoopShape) -> 
         Buffer("reaction", robot.dof),
         Buffer("p", dynamics.p.numel()),
     )
+    sent = Buffer("sent", n_act)
     return LoopProgram(
         start=Program(()),
         sample=Program(()),
@@ -303,7 +308,9 @@ def _buffers(law: LawFragment, dynamics: SymbolicDynamics, shape: LoopShape) -> 
         plant=plant,
         bias=Buffer("bias", n_act),
         most=Buffer("most", n_act),
-        acting=Buffer("acting", n_act) if shape.delayed or shape.saturated else law.tau,
+        sent=sent,
+        leap=Buffer("leap", n_act),
+        acting=Buffer("acting", n_act) if shape.delayed or shape.saturated else sent,
         e=Buffer("error", n_e) if shape.noisy or shape.far else law.e,
         trouble=Buffer("trouble", 2),
         number=Buffer("number", 1),
@@ -356,11 +363,17 @@ def _acting(
     loop: LoopProgram, dynamics: SymbolicDynamics, shape: LoopShape
 ) -> tuple[Statement, ...]:
     """Find the efforts that act from now on, and the error of the robot as it is."""
-    body: list[Statement] = []
+    (_, tau), (_, before), (_, leap) = inputs = [
+        symbolic(buffer) for buffer in (loop.law.tau, loop.sent, loop.leap)
+    ]
+    change = tau - before
+    slow = before + casadi.fmax(casadi.fmin(change, leap), -leap)
+    within = casadi.if_else(casadi.fabs(change) > leap, slow, tau)
+    body: list[Statement] = [statement("rate", inputs, [(loop.sent, within)])]
     if shape.delayed:
-        body += [Write(loop.law.tau, loop.ring), ReadBack(loop.ring, loop.back, loop.acting)]
+        body += [Write(loop.sent, loop.ring), ReadBack(loop.ring, loop.back, loop.acting)]
     if shape.saturated:
-        sent = symbolic(loop.acting if shape.delayed else loop.law.tau)
+        sent = symbolic(loop.acting if shape.delayed else loop.sent)
         most = symbolic(loop.most)
         cut = casadi.fmax(casadi.fmin(sent[1], most[1]), -most[1])
         body.append(statement("saturate", [sent, most], [(loop.acting, cut)]))

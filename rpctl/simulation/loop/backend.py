@@ -118,7 +118,6 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
     reasons = {
         "the robot leans": robot.drive.leans,
         "every sample is watched when it is computed": watched,
-        "the rate of efforts is limited": config.guards.effort_rate is not None,
         "the controller foretells a delay": bool(config.run.delay),
         "rates are estimated": config.run.rates == "estimated",
         "the robot takes speeds": config.output is not None,

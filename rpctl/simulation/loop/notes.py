@@ -55,7 +55,7 @@ def _notes(config: Config, whole: bool) -> Iterator[str]:
 
 def _speeds_note(known: VelocityOutput, truth: VelocityOutput, contact: bool) -> str:
     """Return the note that a robot takes speeds, and how it follows them."""
-    forms = ", ".join(f"{name} {group.kind}" for name, group in known.groups.items())
+    forms = " and ".join(f"{group.kind} to {name}" for name, group in known.groups.items())
     note = (
         f"the controller sends {forms or 'speeds'}, which the robot follows {_lateness(truth)}"
         f"{'' if contact else '; the efforts are those that this motion takes'}"
@@ -66,12 +66,14 @@ def _speeds_note(known: VelocityOutput, truth: VelocityOutput, contact: bool) ->
 
 
 def _lateness(output: VelocityOutput) -> str:
-    """Return how late speeds are followed, in words."""
-    lags, dead = (
-        "".join(f" ({s:g} s of {', '.join(n for n in by if by[n] == s)})" for s in {*by.values()})
-        for by in (output.lags, output.dead_times)
-    )
-    return f"with a lag of {output.lag:g} s{lags} and a dead time of {output.dead_time:g} s{dead}"
+    """Return how late speeds are followed, in words: most of them, and those named otherwise."""
+    default, lags, dead = (output.lag, output.dead_time), output.lags, output.dead_times
+    late = {n: (lags.get(n, default[0]), dead.get(n, default[1])) for n in {**lags, **dead}}
+    return "; ".join(
+        " and ".join(name for name in late if late[name] == times != default)
+        + f" with a lag of {times[0]:g} s and a dead time of {times[1]:g} s"
+        for times in dict.fromkeys((default, *late.values()))
+    ).lstrip()
 
 
 def end_note(error: BaseException, t: float, duration: float) -> str:

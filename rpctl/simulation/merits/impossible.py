@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.control.end_effector import EndEffector
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.safeguards import Watchdog, falls_short
+from rpctl.control.safeguards import EFFORT_RATE, Watchdog, falls_short
 from rpctl.dynamics.ground_reaction import ON_ONE_LINE
 from rpctl.simulation.merits.ground import slip_ranges, tilts
 from rpctl.simulation.merits.outcome import (
@@ -37,7 +37,7 @@ LYING = 1.0  # rad: no efforts raise a robot that has leant so far on two wheels
 THROWN = {"rad": 0.2, "m": 0.05}  # a joint so far off its reference is not held
 GROWN = 1.5  # times its error at the start, from which it may overshoot
 FEW = 20  # samples tell no chatter
-CHATTER = 0.5  # of the limit: an effort that leaps by more of it, each sample, to and fro
+CHATTER = 0.5  # of the limit, or of what its rate allows: an effort that leaps by more to and fro
 FAST = 1.5  # of its limit: a joint that turns faster is thrown
 
 
@@ -74,7 +74,9 @@ def _fell(run: Run) -> Outcome | None:
     if lean.max() <= LYING:
         return None
     when = run.t[int(np.argmax(lean > LYING))]
-    return Outcome(FELL, f"it leans {math.degrees(lean.max()):.2g}° at {when:.3g} s, and has fallen")
+    return Outcome(
+        FELL, f"it leans {math.degrees(lean.max()):.2g}° at {when:.3g} s, and has fallen"
+    )
 
 
 def _tips(run: Run) -> Outcome | None:
@@ -182,10 +184,11 @@ def chatter(run: Run) -> Array:
 
 
 def _chatters(run: Run) -> Outcome | None:
-    """Return that an effort leaps to and fro by half its limit."""
+    """Return that an effort leaps to and fro by half its limit, or half of what its rate allows."""
     leaps = chatter(run)
     worst = int(leaps.argmax())
-    if leaps[worst] <= CHATTER:
+    most = (run.config.guards.effort_rate or EFFORT_RATE) * float(np.diff(run.t[:2]).sum())
+    if leaps[worst] <= CHATTER * min(most, 1.0):
         return None
     name = run.robot.actuators[worst]
     return Outcome(

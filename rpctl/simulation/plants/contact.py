@@ -146,7 +146,8 @@ class ServoInterface(SpeedInterface):
         firm = np.maximum(BANDWIDTH**2 * felt_by, np.where(np.isfinite(limits), limits / FIRM, 0.0))
         stiffness = np.where(rolls, felt_by / (WHEEL_TIME * WHEEL_REST), firm)
         self._ahead = np.where(rolls, WHEEL_REST, 2.0 / BANDWIDTH)  # s of a rate
-        motion.serve(stiffness, self._ahead * stiffness)
+        firm = np.where(self._pushed, 0.0, stiffness)
+        motion.serve(firm, self._ahead * firm)
         self._at, self._reach = motion.places + rest.tau / stiffness, limits / stiffness
         self._rows = [robot.velocity_index(name) for name in robot.actuators]
         self.state = self.state._replace(q=motion.q, felt=felt(motion))
@@ -165,6 +166,7 @@ class ServoInterface(SpeedInterface):
             rates = (self._dynamics.basis(motion.q) @ nu)[self._rows]
             places = motion.places
             self._at = np.clip(self._at + dt * rates, places - self._reach, places + self._reach)
-            done = motion.advance(self._at + self._ahead * rates, dt)
+            places = np.where(self._pushed, self._tau, self._at + self._ahead * rates)
+            done = motion.advance(places, dt)
             work += done.work - done.lost  # what the energy gains
         self.state = PlantState(motion.q, motion.nu, work, 0.0, felt(motion))

@@ -135,6 +135,7 @@ class SpeedInterface:
     """A robot that takes speeds, and whose own controllers find the efforts that follow them.
 
     What is sent positions is moved by these alone: it is to be where it is told, a period later.
+    Joints that are sent efforts are left to those that know how these move them.
 
     Args:
         dynamics: Of the simulated robot, with what the plant adds.
@@ -154,7 +155,11 @@ class SpeedInterface:
         self._dynamics = dynamics
         self._bias = plant.bias(robot)
         self._held, self._t = HeldCommands(np.zeros(robot.dof)), 0.0
-        self._period = run.control_period
+        self._period, self._late = run.control_period, late
+        joints = known.sent_efforts(robot)
+        self._pushed = np.isin(robot.actuators, joints)
+        self._own = np.isin(names, joints)
+        self._efforts, self._tau = HeldCommands(rest.tau), rest.tau
         self._plant = VelocityPlant(
             dynamics,
             truth.lag_of(names),
@@ -179,18 +184,58 @@ class SpeedInterface:
                 place = command.positions[name]
                 speeds[self._index[name]] = (place - self._placed[name]) / self._period
                 self._placed[name] = place
+        if output.efforts.size:
+            self._efforts.send(self._t + late + self._late, output.efforts)
+            self._tau = self._efforts.at(self._t)
         self._held.send(self._t + late, speeds)
         self._plant.send(self._held.at(self._t))
         self._t += self._period
-        dynamics = self._dynamics
-        force = dynamics.inverse(q, nu, self._plant.acceleration(q, nu))
-        return np.asarray(dynamics.efforts(q, force) - self._bias)
+        return np.asarray(self._moving(self._plant.acceleration(q, nu)) - self._bias)
+
+    def _moving(self, nu_dot: Array) -> Array:
+        """Return the efforts (n_act,) that an acceleration (dof,) takes now."""
+        q, nu, *_ = self.state
+        return self._dynamics.efforts(q, self._dynamics.inverse(q, nu, nu_dot))
 
     def advance(self, duration: float) -> None:
         """Advance the robot by a control period; see :class:`Interface`."""
         before = self.state
         q, nu, work, lost = self._plant.advance(before.q, before.nu)
         self.state = PlantState(q, nu, before.work + work, before.lost + lost, {})
+
+
+class ArmInterface(SpeedInterface):
+    """A robot that rolls whose arm takes efforts, on a base that follows speeds exactly.
+
+    The efforts of the base are what is missing, while the arm pushes it, for it to move so.
+
+    Args:
+        dynamics: Of the simulated robot, with what the plant adds.
+        config: Its plant, and how its controller takes it to follow.
+        rest: Where it stands, and the efforts that hold it.
+    """
+
+    def __init__(self, dynamics: ReducedDynamics, config: Config, rest: Rest) -> None:
+        super().__init__(dynamics, config, rest)
+        self._motion = RollingMotion(dynamics, rest.q, config.run.plant_step)
+
+    def advance(self, duration: float) -> None:
+        """Advance the robot by a control period; see :class:`Interface`."""
+        q, nu, work, lost, _ = self.state
+        for dt, mean, change in self._plant.course(q, nu)[1]:
+            target = mean + 0.5 * change
+            done = self._motion.advance(self._moving((target - self._motion.nu) / dt), dt)
+            self._motion.nu = np.where(self._own, done.nu, target)
+            work, lost = work + done.work, lost + done.lost
+        self.state = PlantState(self._motion.q, self._motion.nu, work, lost, {})
+
+    def _moving(self, nu_dot: Array) -> Array:
+        """Return all efforts (n_act,) now; the base has those that make its entries of ν̇ (dof,)."""
+        dynamics, led, q, nu = self._dynamics, ~self._own, self._motion.q, self._motion.nu
+        tau, missing = np.where(self._pushed, self._tau, 0.0) + self._bias, np.zeros(len(nu))
+        reach = np.linalg.inv(dynamics.inertia(q))[np.ix_(led, led)]  # ν̇ of pushes on the base
+        missing[led] = np.linalg.solve(reach, (nu_dot - dynamics.forward(q, nu, tau))[led])
+        return tau + dynamics.efforts(q, missing)
 
 
 class OwnInterface:

@@ -173,12 +173,14 @@ class VelocityPlant:
         Raises:
             DivergedError: The state left the finite numbers.
         """
-        before, lost = self._dynamics.energy(q, nu), 0.0
+        before, lost, losses = self._dynamics.energy(q, nu), 0.0, self._dynamics.robot.losses
         after, stretches = self.course(q, nu)
         try:
             for stretch in stretches:
-                start, q = q, travel(self._dynamics, q, stretch)
-                lost += self._loss(start, q, stretch)
+                if losses is not None:
+                    v = self._dynamics.basis(q) @ stretch.mean
+                    lost -= stretch.duration * float(losses.force(v) @ v)
+                q = travel(self._dynamics, q, stretch)
         except RpctlError as error:
             raise DivergedError(f"the motion diverged: {error}") from error
         if not (np.isfinite(q).all() and np.isfinite(after).all()):
@@ -212,29 +214,6 @@ class VelocityPlant:
         sent = np.array(self._sent)
         acting = sent[len(sent) - 1 - self._ago, np.arange(sent.shape[1])]
         return np.repeat(acting, self._counts, axis=0)
-
-    def _loss(self, start: Array, end: Array, stretch: Stretch) -> float:
-        """Return what losses take in a stretch (J), by Simpson's rule.
-
-        Args:
-            start: Configuration at its beginning (nq,).
-            end: Configuration at its end (nq,).
-            stretch: ν on the way.
-        """
-        losses, dynamics = self._dynamics.robot.losses, self._dynamics
-        if losses is None:
-            return 0.0
-        S = dynamics.basis(start), dynamics.basis(end)
-        half = 0.5 * stretch.change
-        first, middle, last = (
-            losses.force(v) @ v
-            for v in (
-                S[0] @ (stretch.mean - half),
-                0.5 * (S[0] + S[1]) @ stretch.mean,
-                S[1] @ (stretch.mean + half),
-            )
-        )
-        return float(-stretch.duration / 6.0 * (first + 4.0 * middle + last))
 
 
 class SlippingMotion:

@@ -17,6 +17,7 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.contact import MujocoMotion, ServoInterface
 from rpctl.simulation.plants.interfaces import (
+    ArmInterface,
     EffortInterface,
     Interface,
     OwnInterface,
@@ -116,7 +117,8 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
         if plant.kind == "contact":
             motion = MujocoMotion(dynamics.robot, plant.contact, config.run.friction, rest.q)
             return ServoInterface(motion, dynamics, config, rest)
-        return SpeedInterface(dynamics, config, rest)
+        joints = config.output.on(dynamics.robot).sent_efforts(dynamics.robot)
+        return (ArmInterface if joints else SpeedInterface)(dynamics, config, rest)
     if plant.lag is not None or plant.lags or plant.dead_time is not None:
         raise RpctlError(
             "the plant has a lag or a dead time, which robots have that take speeds; add the table "

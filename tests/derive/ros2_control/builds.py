@@ -27,12 +27,12 @@ def require_compilers() -> None:
 
 
 def compiled(folder: Path, sources: Sequence[Path | str], flags: list[str], program: str) -> Path:
-    """Compile the law, the model and some files of C++ in a package; return the program."""
+    """Compile a package's C and some files of C++; return the program."""
     require_compilers()
-    laws = ["src/law.c", "src/model.c"]
+    laws = ["src/law.c", "src/model.c", "src/estimate.c"]
     subprocess.run(["cc", *C, *flags, "-c", *laws], cwd=folder, check=True)
     command = ["c++", *STRICT, *flags, "-Iinclude", f"-I{HERE}", f"-I{HERE / 'stand_in'}"]
-    files = [*map(str, sources), "law.o", "model.o"]
+    files = [*map(str, sources), "law.o", "model.o", "estimate.o"]
     subprocess.run([*command, *files, "-o", program, "-lm"], cwd=folder, check=True)
     return folder / program
 

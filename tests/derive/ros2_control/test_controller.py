@@ -230,6 +230,54 @@ def test_bad_samples_hold_and_then_fail(controller: Driven) -> None:
     assert [each.done for each in (held, failed, again)] == [True, False, True]
 
 
+def test_a_rate_that_is_missing_is_estimated_unless_it_has_to_be_measured(
+    controller: Driven,
+) -> None:
+    """A wheel's or a joint's; one that is infinite is a fault."""
+    lines = [here(1), "update 1 .002"]
+    for state in ("0 0 nan 0 0 0", "0 0 0 0 nan 0", "0 0 inf 0 0 0"):
+        lines += [f"states {state}", "update 1.002 .002"]
+    found, _ = answers(controller, *lines)
+    assert [each.status for each in found] == [0, 0, 0, 2]
+    found, _ = answers(controller, *lines, before="parameter rates = measured")
+    assert [each.status for each in found] == [0, 2, 2, 2]
+
+
+def test_hardware_without_rates_moves_and_goes_on_where_odometry_is_lost(
+    controller: Driven, paper: Robot
+) -> None:
+    """At .2 m/s, that its poses tell; 60 ms after the last pose it brakes at 1 m/s² from there.
+
+    Wheels have 1/(M_v r/2) of their effort: the model moves the estimate on, and no pose that
+    stands still is taken for a robot that does.
+    """
+    positions = "states" + len(paper.joint_names) * " 0"
+    before = "parameter rates = estimated\nparameter odometry_timeout .001"
+    lines = ["configure", "activate", "interfaces", positions]
+    for k in range(200):
+        t = 1 + 0.002 * k
+        lines += [f"odometry {t} {ROOT} {0.2 * (t - 1)} 0 0 .2 0 0", f"twist {t} .2 0 0"]
+        lines += [f"update {t} .002"]
+    lines += [f"update {t + 0.002 * k} .002" for k in range(1, 31)]
+    said, _ = controller.obey([*before.splitlines(), *lines])
+    assert said[3].split() == [f"{name}/position" for name in paper.joint_names]
+    rows = [[float(word) for word in line.split()] for line in said[6:]]
+    assert [row[1] for row in rows] == [0] * 200 + [1] * 30
+    mass = 30 + 2 + 4 + 2 + 2 * 0.005 / 0.15**2
+    braking = -mass * 0.15 / 2
+    assert rows[199][2] == pytest.approx(0.0, abs=0.3)
+    assert np.array([row[2] for row in rows[201:]]) == pytest.approx(braking, rel=0.3)
+
+
+def test_behind_a_delay_topics_are_read_ahead(controller: Driven) -> None:
+    """By 50 ms: a path with times, and one that begins when it is heard of."""
+    poses, told = "2 0 0 0 3 1 0 0 4 2 0 0", "parameter delay .05"
+    lines = [f"path odom 3 {poses}", "update 2.45 .002", "path odom 2 0 0 0 0 0 1 0 0"]
+    (ahead, begins), _ = answers(controller, *lines, "update 2.45 .002", before=told)
+    np.testing.assert_allclose(ahead.reference[:4], [0.3125, 0, 0, 1.125])
+    assert begins.reference[0] == 0.0
+
+
 def test_in_chained_mode_interfaces_are_the_reference(controller: Driven) -> None:
     """A reference 65 mm ahead asks x/h and its rate; topics are not heard."""
     ahead = "reference .065 0 0" + 15 * " 0" + 6 * " 0"
@@ -256,6 +304,9 @@ def test_parameters_that_do_not_fit_are_refused(controller: Driven) -> None:
         ("parameter limits 5 6 60", "parameter limits: give 4 number(s) above 0"),
         ("parameter limits 5 6 60 0", "parameter limits: give 4 number(s) above 0"),
         ("parameter path_speed -1", "parameter path_speed: give 1 number(s) above 0"),
+        ("parameter delay -0.001", "parameter delay: give a time from 0 to 2.0 s"),
+        ("parameter delay nan", "parameter delay: give a time from 0 to 2.0 s"),
+        ("parameter rates = guessed", "parameter rates: give automatic, measured or estimated"),
     ):
         said, complaints = controller.obey([line, "configure"])
         assert said == ["0"]

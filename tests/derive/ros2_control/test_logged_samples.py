@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,15 +14,33 @@ import pytest
 import rpctl
 from rpctl import Controller, PaperDynamic, ReducedDynamics, Robot, UnifiedKinematic
 from rpctl.arrays import Array
+from rpctl.control.bandwidth import knowing_delay
 from rpctl.derive.law_program import law_program, law_sheet
 from rpctl.derive.ros2_control import expected_commands, export_ros2_control, numbers_of
+from tests.control.simulated import Simulated
+from tests.control.test_estimation import Late
 from tests.derive.ros2_control.builds import FAST, SANITIZED, Driven, driven
 
 COUNT = 100_000
+SHORT = 1_000
+BINARY = 2.0**-9  # s, a period whose multiples and their differences are exact, in nanoseconds, too
+DELAY = 25 * BINARY
 PERIOD = 0.002
 EXACT = 1e-12  # relative to the largest entry
 LAW = UnifiedKinematic(approach=None)  # the package has no stage for far starts
 STARTS = (0.05, -0.05, 0.1)
+
+
+Measured = Callable[[float, Array, Array], tuple[float, Array, Array]]
+
+
+class Told(NamedTuple):
+    """What controllers are told of a robot, and how it is measured."""
+
+    delay: float
+    rates: str | None
+    measure: Measured = lambda t, q, nu: (t, q, nu)
+    period: float = BINARY  # s
 
 
 class Logged(NamedTuple):
@@ -59,6 +77,37 @@ def logged(robot: Robot, output: str, folder: Path) -> Logged:
     return Logged(path, np.array(commands))
 
 
+BIT12 = 2.0 * np.pi / 4096  # rad
+
+
+class Counted:
+    """Measures joints by encoders: places in steps, and rates by differences of them."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._last = robot, np.full(len(robot.joints), np.nan)
+
+    def __call__(self, t: float, q: Array, nu: Array) -> tuple[float, Array, Array]:
+        robot, q, nu = self._robot, q.copy(), nu.copy()
+        at = BIT12 * np.round(robot.joint_positions(q) / BIT12)
+        for joint, position in zip(robot.joint_names, at, strict=True):
+            robot.set_joint(q, joint, position)
+        nu[robot.dof - len(at) :] = np.nan_to_num(at - self._last) / BINARY
+        self._last = at
+        return t, q, nu
+
+
+def failing(t: float, q: Array, nu: Array) -> tuple[float, Array, Array]:
+    """Lack the base's rates for a while, then a joint's."""
+    nu = nu.copy()
+    nu[:2] = np.nan if 0.2 < t < 0.4 else nu[:2]
+    nu[-1] = np.nan if 0.3 < t < 0.6 else nu[-1]
+    return t, q, nu
+
+
+def hidden(t: float, q: Array, nu: Array) -> tuple[float, Array, Array]:
+    return t, q, np.full_like(nu, np.nan)
+
+
 def driven_along(controller: Driven, samples: Logged) -> tuple[Array, list[float]]:
     """Return what an exported controller sends at samples, and its costs."""
     count = len(samples.commands)
@@ -73,6 +122,49 @@ def driven_along(controller: Driven, samples: Logged) -> tuple[Array, list[float
     found = np.array([row.split() for row in rows], dtype=float)
     assert found[:, 0].all()
     return found[:, 1:], [float(word) for word in costs.split()]
+
+
+def closed_loop(robot: Robot, folder: Path, count: int, told: Told) -> Logged:
+    """Return samples of a robot whose efforts arrive as late as told, and what it is sent.
+
+    A package that estimates all rates reads none of them.
+    """
+    laws, lines = (LAW, PaperDynamic()), list[str]()
+    controller = Controller(robot, "eight", *laws, told.period, rates=told.rates, delay=told.delay)
+    law, dynamic = (knowing_delay(each, told.period, told.delay) for each in laws)
+    made = law_program(law_sheet(robot, law, dynamic, told.period))
+    dynamics, loop = ReducedDynamics(robot), Simulated(controller, STARTS)
+    rated, n, m = told.rates != "estimated", len(made.positions), len(robot.actuators)
+
+    def measure(t: float, q: Array, nu: Array) -> tuple[float, Array, Array]:
+        t, q, nu = told.measure(t, q, nu)
+        state = controller.reference(t + told.delay)
+        numbers = numbers_of(dynamics, made, q, np.nan_to_num(nu), state)
+        place, rates, reference = np.split(numbers, [3 + n, 3 + n + m])
+        base = robot.dof - len(robot.joints)
+        missing = [np.isnan(nu[:base]).any()] * (m - len(robot.joints)), np.isnan(nu[base:])
+        rates[np.concatenate(missing)] = np.nan
+        row = [t, *place, *(rates if rated else ()), *reference]
+        lines.append(" ".join(repr(float(number)) for number in row) + "\n")
+        return t, q, nu
+
+    arriving = Late(round(told.delay / told.period), np.zeros(m))
+    loop.run(count * told.period, measure, lambda: told.period, arriving)
+    assert {output.status for output in loop.outputs} == {"ok"}
+    assert bool(controller.report()["estimated"]) == (told.rates != "measured")
+    commands = np.array([output.efforts for output in loop.outputs])
+    assert (np.abs(commands) < robot.effort_limits).all()  # what is sent is what was asked for
+    path = folder / "samples.txt"
+    path.write_text("".join(lines))
+    return Logged(path, commands)
+
+
+def say(what: str, costs: list[float]) -> None:
+    """Print what an update takes; it allocates nothing."""
+    *nanoseconds, allocations = costs
+    assert allocations == 0
+    times = ", ".join(f"{each / 1e3:.2f}" for each in nanoseconds)
+    print(f"{what}: update() takes {times} µs at 50, 99, 99.9, 100 %")
 
 
 @pytest.fixture
@@ -105,7 +197,42 @@ def test_it_sends_what_the_controller_sends(name: str, output: str, folder: Path
         controller = driven(robot, package, flags, "driver", PERIOD)
         found, costs = driven_along(controller, samples)
         assert np.abs(found - samples.commands).max() <= EXACT * largest
-    *nanoseconds, allocations = costs
-    assert allocations == 0
-    times = ", ".join(f"{each / 1e3:.2f}" for each in nanoseconds)
-    print(f"{name} {output}: update() takes {times} µs at 50, 99, 99.9, 100 %")
+    say(f"{name} {output}", costs)
+
+
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(
+    ("name", "kind", "count"),
+    [
+        pytest.param("paper", "late", SHORT, marks=pytest.mark.slow),
+        pytest.param("paper", "slow-and-late", SHORT, marks=pytest.mark.slow),
+        pytest.param("paper", "unrated", SHORT, marks=pytest.mark.slow),
+        pytest.param("car", "late-and-unrated", SHORT, marks=pytest.mark.slow),
+        pytest.param("paper", "failing", SHORT, marks=pytest.mark.slow),
+        pytest.param("paper", "counted", SHORT, marks=pytest.mark.slow),
+        pytest.param("tiago", "late", COUNT, marks=pytest.mark.thorough),
+        pytest.param("tiago", "late-and-unrated", COUNT, marks=pytest.mark.thorough),
+        pytest.param("mecanum", "late-and-unrated", COUNT, marks=pytest.mark.thorough),
+    ],
+)
+def test_it_knows_lateness_and_rates_as_the_controller(
+    name: str, kind: str, count: int, folder: Path
+) -> None:
+    robot = rpctl.load(name)
+    told = {
+        "late": Told(DELAY, "measured"),
+        "unrated": Told(0.0, "estimated", hidden),
+        "slow-and-late": Told(DELAY, "measured", period=8 * BINARY),
+        "late-and-unrated": Told(DELAY, "estimated", hidden),
+        "failing": Told(0.0, None, failing),
+        "counted": Told(0.0, None, Counted(robot)),
+    }[kind]
+    package = folder / "package"
+    export_ros2_control(robot, package, LAW, period=told.period, delay=told.delay, rates=told.rates)
+    samples = closed_loop(robot, folder, count, told)
+    largest = np.abs(samples.commands).max()
+    for flags in (SANITIZED, FAST):
+        controller = driven(robot, package, flags, "driver", told.period)
+        found, costs = driven_along(controller, samples)
+        assert np.abs(found - samples.commands).max() <= EXACT * largest
+    say(f"{name}, {kind}", costs)

@@ -24,7 +24,7 @@ from tests.robots import SET_A, platform, write
 
 @pytest.fixture(scope="module")
 def package(paper: Robot, tmp_path_factory: pytest.TempPathFactory) -> Ros2Package:
-    return export_ros2_control(paper, tmp_path_factory.mktemp("ros") / "package")
+    return export_ros2_control(paper, tmp_path_factory.mktemp("ros") / "package", delay=0.05)
 
 
 def test_its_own_test_passes_and_can_fail(package: Ros2Package) -> None:
@@ -115,6 +115,13 @@ def test_it_is_written_whole_or_not_at_all(
         ("paper", {"dynamic": "integral"}, "IntegralDynamic remembers its integral"),
         ("paper", {"output": "twist"}, "output 'twist' is not known; one of: effort, velocity"),
         ("paper", {"period": 0.0}, "period"),
+        ("paper", {"delay": -0.01}, "delay is -0.01 s; give a time from 0 to 2 s"),
+        (
+            "paper",
+            {"delay": 0.05, "output": "velocity"},
+            "delay is 0.05 s; give a time from 0 to 0",
+        ),
+        ("paper", {"rates": "guessed"}, "kind of rates 'guessed' is not known"),
     ],
 )
 def test_what_no_package_is_of_is_refused(
@@ -137,9 +144,29 @@ def test_laws_and_periods_are_the_users(paper: Robot, tmp_path: Path) -> None:
     assert limits == paper.velocity_limits.tolist()
 
 
+def test_a_told_delay_is_the_parameter_and_leaves_quicker_joints(
+    paper: Robot, tmp_path: Path
+) -> None:
+    """Joints have Ω = .8/(T/2 + 16 ms + .3 δ), h = 11/Ω, h1 = 11/4Ω; the base what it had."""
+    horizons, told = {}, {}
+    for delay, rates in ((None, None), (0.05, "estimated")):
+        folder = tmp_path / f"package{delay}"
+        export_ros2_control(paper, folder, delay=delay, rates=rates)
+        text = (folder / "src/law.c").read_text()
+        horizons[delay] = [float(x) for x in re.findall(r" h\w* = ([\d.e-]+);", text)]
+        parameters = yaml.safe_load((folder / "config/controller.yaml").read_text())
+        own = parameters["paper_controller"]["ros__parameters"]
+        told[delay] = own["delay"], own["rates"]
+    assert told == {None: (0.0, "automatic"), 0.05: (0.05, "estimated")}
+    usual, quick = 11 * 0.051 / 0.8, 11 * 0.032 / 0.8
+    assert horizons[None] == pytest.approx([usual, usual, usual, 0.15])
+    assert horizons[0.05] == pytest.approx([usual, quick, quick, 0.15, quick / 4])
+
+
 def test_the_command_refuses_options_of_the_other_format() -> None:
     for words, message in (
         (["--law", "unified"], "--format mjcf has no --law; leave it out"),
+        (["--delay", "0"], "--format mjcf has no --delay; leave it out"),
         (["--format", "ros2_control", "--no-meshes"], "--format ros2_control has no --no-meshes"),
     ):
         done = CliRunner().invoke(app, ["export", "paper", *words])
@@ -155,6 +182,10 @@ def test_the_command_writes_a_package(tmp_path: Path, monkeypatch: pytest.Monkey
     assert "wrote the package paper_controller into paper_controller" in done.stdout
     assert "What was not run" in done.stdout
     assert "the law PaperKinematic" in (tmp_path / "paper_controller/README.md").read_text()
-    told = json.loads(CliRunner().invoke(app, [*words, "--json", "--out", "other"]).stdout)
+    late = ["--delay", "0.03", "--rates", "measured"]
+    told = json.loads(CliRunner().invoke(app, [*words, *late, "--json", "--out", "other"]).stdout)
+    parameters = (tmp_path / "other/config/controller.yaml").read_text()
+    assert "delay: 0.03 " in parameters
+    assert "rates: measured " in parameters
     assert (told["name"], told["folder"]) == ("paper_controller", "other")
     assert told["operations"]["roots"] > 0

@@ -12,6 +12,7 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.arrays import Array
 from rpctl.control.law import Command, Efforts
+from rpctl.control.safeguards import Guards
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.simulation.config import Config, RunSettings
@@ -117,7 +118,7 @@ def test_motion_that_nothing_moves_with_ends_the_run_which_can_be_read(
         calls.append(0.0)
         return Efforts(np.full(4, 1e40 if len(calls) > 5 else 0.0))
 
-    config = Config(run=SETTINGS.run, dynamic=law)
+    config = Config(run=SETTINGS.run, dynamic=law, guards=Guards(effort_rate=1e12))
     with np.errstate(all="ignore"):
         run = ended_run(paper, RpctlError, config=config)
     assert len(run.t) == 6

@@ -202,7 +202,8 @@ def test_the_plant_may_be_later_than_its_controller_knows(paper: Robot) -> None:
     assert np.flatnonzero(run.nu[:, 1])[0] == 5  # .05 s, .04 s, and it is seen a sample later
     note = next(each for each in run.notes if "speeds" in each)
     assert "a lag of 0.15 s and a dead time of 0.05 s" in note
-    assert "takes them to be followed with a lag of 0.1 s (0.2 s of omega)" in note
+    assert "takes them to be followed with a lag of 0.1 s and a dead" in note
+    assert "; omega with a lag of 0.2 s and a dead" in note
 
 
 def test_a_lag_of_efforts_is_refused(paper: Robot) -> None:

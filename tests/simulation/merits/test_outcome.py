@@ -393,6 +393,15 @@ def test_the_joint_farthest_beyond_its_bound_is_named(golden: Run) -> None:
     assert [joint.largest for joint in found.joint_errors] == [0.3, 0.1]
 
 
+@pytest.mark.parametrize(("share", "name"), [(0.055, "chatters"), (0.045, "tracked")])
+def test_efforts_at_half_of_their_rate_chatter(golden: Run, share: float, name: str) -> None:
+    """At 500 Hz they may change by a fifth of their limit each sample: half of that is a tenth."""
+    t, limit = T / 10.0, float(golden.robot.effort_limits[0])
+    tau = np.zeros((COUNT, len(golden.robot.actuators)))
+    tau[::2, 0], tau[1::2, 0] = share * limit, -share * limit
+    assert summarize(log(golden, line(SPEED * t), line(SPEED * t), t, tau=tau)).outcome == name
+
+
 @pytest.mark.parametrize(("share", "name"), [(0.27, "chatters"), (0.24, "tracked")])
 def test_efforts_that_leap_each_sample_chatter(golden: Run, share: float, name: str) -> None:
     """±a quarter of the limit, to and fro."""
