@@ -150,6 +150,7 @@ def compare_command(
     """
     run = settings.run()
     loaded = options.load(robot)
+    loaded.require_level()
     cells = selection.cells(loaded, run)
     folder = writable_folder(settings.out, loaded.name, "compare", FILES)
     rows = run_shown("compare", CellRunner(References(loaded), timed=True), cells, settings.jobs)

@@ -78,7 +78,7 @@ def show_robot(robot: Robot) -> None:
     drive = known["drive"]
     out.print(f"[bold]{escape(robot.name)}[/]  {escape(known['file'])}", soft_wrap=True)
     grid = Table.grid(padding=(0, 2))
-    for label, text in (*_drive_rows(drive), *_robot_rows(known)):
+    for label, text in (*_drive_rows(drive), *_leaning_rows(known["leans"]), *_robot_rows(known)):
         grid.add_row(f"[dim]{label}", text)
     out.print(grid)
     if drive["wheels"]:
@@ -134,6 +134,14 @@ def _drive_rows(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             "root link",
             f"forward at {drive['heading_deg']:.4g}°, {height:.4g} m above the ground",
         )
+
+
+def _leaning_rows(leans: Mapping[str, Any] | None) -> Iterator[tuple[str, str]]:
+    """Yield a label and markup for about what a robot leans, if it does."""
+    if leans is not None:
+        text = f"about {leans['about']}: its {leans['tilt']} is free, and has to be balanced"
+        yield "leans", escape(text)
+        yield "", f"centre of mass {leans['height']:.3g} m above that at home"
 
 
 def _reasons(wheels: Sequence[Mapping[str, Any]]) -> Iterator[str]:

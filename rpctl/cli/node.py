@@ -85,6 +85,7 @@ def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOp
             "/opt/ros/DISTRO/setup.bash, and run rpctl with the Python of that ROS"
         ) from None
     loaded, laws = options.load(robot), (settings.kinematic, settings.dynamic)
+    loaded.require_level()
     sent = Config().with_output(settings.output, settings.lag, settings.dead_time).output
     controller = Controller(
         loaded, settings.reference, *laws, settings.period, sent or "effort", **settings.known

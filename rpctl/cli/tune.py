@@ -42,6 +42,7 @@ def tune_command(
     """
     require_positive("--duration", duration)
     loaded = options.load(robot)
+    loaded.require_level()
     tried = _read(bandwidth) if bandwidth else tuning_bandwidths(loaded)
     cells = tune_cells(loaded, tried, RunSettings(reference, duration))
     with progress_bar("tune") as advance:

@@ -167,6 +167,7 @@ def by_recursion(robot: Robot, named: bool = False) -> Equations:
     Raises:
         TooLargeError: A polynomial got too many terms, or the derivation took too long.
     """
+    robot.require_level()
     made = _Derivation(robot, named)
     start = made.start()
     terms = made.oracle.terms(*start)

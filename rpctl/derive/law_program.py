@@ -152,6 +152,7 @@ def law_sheet(
     robot: Robot, kinematic: BaseLaw, dynamic: PaperDynamic, period: float = USUAL_PERIOD
 ) -> LawSheet:
     """Write a kinematic law and the paper's dynamic one on a robot, for a control period (s)."""
+    robot.require_level()
     sheet, places = Sheet(), joint_symbols(robot)
     speeds, reference = _rates(robot, places), _reference(robot, places)
     pose = [

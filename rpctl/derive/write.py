@@ -169,6 +169,7 @@ def c_source(robot: Robot) -> str:
     B (dof, n_act) of M ν̇ + h = B τ, and ``NAME_forward(q, nu, tau, nu_dot)``. Where joints have
     losses, ``NAME_losses(q, nu, l)`` fills ℓ (dof,), and ``forward`` has it on the right.
     """
+    robot.require_level()
     return rendered("model.c.jinja", _model(robot, C))
 
 

@@ -170,7 +170,7 @@ def _drive(
 ) -> Drive:
     """Return a drive of two wheels."""
     left = leftward(wheels[0].axle)
-    heading = math.atan2(-left[0], left[1]) + 0.0
+    heading = math.atan2(-round(left[0], 12), left[1]) + 0.0
     ahead = np.append(unit_ahead(heading), 0.0)
     wheels = sorted(wheels, key=lambda each: (-round(float(each.centre @ ahead), 6),
                                               -float(each.centre @ left)))  # fmt: skip

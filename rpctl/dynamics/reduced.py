@@ -74,9 +74,8 @@ class ReducedDynamics:
         Raises:
             RpctlError: It leans.
         """
-        if isinstance(self._projector, LeaningProjector):
-            raise RpctlError(f"{self.robot.name} leans; this is made for robots that stay level")
-        return self._projector.rolling
+        self.robot.require_level()
+        return self._projector.rolling  # type: ignore[union-attr]
 
     @property
     def constant(self) -> bool:

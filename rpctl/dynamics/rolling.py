@@ -68,6 +68,7 @@ def find_rolling(robot: Robot, gliding: Collection[str] = ()) -> RollingConstrai
 
     The ground does nothing to those: they keep their angle, and their wheels do not roll.
     """
+    robot.require_level()
     drive, model = robot.drive, robot.model
     rows = drive_rows(drive, gliding)
     names = [swivel.joint for swivel in drive.swivels]

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rpctl.robot.idealised import idealisations
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 
 
@@ -29,6 +30,7 @@ def facts(robot: Robot) -> dict[str, Any]:
         "mass": robot.mass,
         "estimated_links": robot.description.estimated_links,
         "drive": _drive(robot),
+        "leans": _leaning(robot) if isinstance(robot, LeaningRobot) else None,
         "joints": [
             {
                 "name": joint.name,
@@ -70,6 +72,23 @@ def losses(robot: Robot) -> list[dict[str, Any]]:
         if of["damping"] or of["friction"] or of["armature"]:
             found.append({"joint": name, "line": joint.line, "type": joint.kind, **of})
     return found
+
+
+def _leaning(robot: LeaningRobot) -> dict[str, Any]:
+    """Return about what a robot leans, at home, and how high its centre of mass is above that, m.
+
+    That is the axle of wheels side by side, and of a bicycle the line on the ground.
+    """
+    at_home = dict(zip(robot.joint_names, robot.home.tolist(), strict=True))
+    q, data = robot.configuration(joints=at_home), robot.model.createData()
+    height = float(pin.centerOfMass(robot.model, data, q)[2])
+    pin.forwardKinematics(robot.model, data, q)
+    names = " and ".join(wheel.joint for wheel in robot.drive.wheels)
+    if robot.rolls_sideways:
+        return {"about": f"the line on the ground between {names}", "tilt": "roll", "height": height}
+    axle = robot.axles[0]
+    height -= float(data.oMi[axle.joint].act(axle.centre)[2])
+    return {"about": f"the axle of {names}", "tilt": "pitch", "height": height}
 
 
 def _drive(robot: Robot) -> dict[str, Any]:

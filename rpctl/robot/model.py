@@ -73,6 +73,19 @@ class Robot:
         """Names of the arm's joints."""
         return tuple(joint.name for joint in self.joints)
 
+    def require_level(self) -> None:
+        """Refuse a robot that leans, where only those are dealt with whose root link stays level.
+
+        Raises:
+            RpctlError: It leans.
+        """
+        if self.drive.leans:
+            raise RpctlError(
+                f"{self.name} leans on two wheels, and this is for robots whose root link stays "
+                "level; inspect, verify, track on the ideal or the perturbed plant and linearize "
+                "take it (--root planar holds it upright where its wheels allow that)"
+            )
+
     @cached_property
     def legs(self) -> frozenset[str]:
         """Names of the joints at whose ends wheels are."""

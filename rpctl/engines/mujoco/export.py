@@ -92,6 +92,7 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bo
 
 def _require_possible(robot: Robot) -> None:
     """Refuse robots whose wheels no plain MuJoCo model has."""
+    robot.require_level()
     drive = robot.drive
     if not drive.wheels:
         raise RpctlError(

@@ -283,6 +283,7 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
     Returns:
         The trial, or the row that says why there is none.
     """
+    robot.require_level()
     robot = without_losses(robot)
     dynamics = ReducedDynamics(robot)
     try:

@@ -175,6 +175,7 @@ def onset_trial(robot: Robot, friction: float = FRICTION) -> OnsetTrial | Skippe
     Returns:
         The trial, or the row that says why there is none.
     """
+    robot.require_level()
     robot = without_losses(robot)
     dynamics = ReducedDynamics(robot)
     try:
