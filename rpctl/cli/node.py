@@ -145,6 +145,7 @@ class ControllerNode:
             name: sent._replace(
                 speeds=dict.fromkeys(sent.speeds, 0.0),
                 accelerations=dict.fromkeys(sent.accelerations, 0.0),
+                efforts=dict.fromkeys(sent.efforts, 0.0),
             )
             for name, sent in self.sent.items()
         })  # fmt: skip

@@ -399,8 +399,9 @@ class VelocityController:
         self._follow(t, nu)
         model, command = self._running.model_nu, Command(nu, 0.0 * nu)
         if brakes:
-            nu = numbers.exp(-self._period / STOPPING_TIME) * nu
-            command = Command(model.copy(), -model / STOPPING_TIME)
+            fall, share = numbers.exp(-self._period / STOPPING_TIME), self._own[len(nu) :]
+            nu = fall * nu  # or what leads the model down as much within the period:
+            command = Command(model * (1.0 - (1.0 - fall) / (self._period * share)), 0.0 * nu)
         if self._seen is not None and self._running.follow(*self._seen[1:], command):
             nu = self._running.answer.copy()
         self.sent(t, nu)

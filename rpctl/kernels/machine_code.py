@@ -115,8 +115,9 @@ class MachineCode:
         rings; they and the workspace have to live as long as it is used.
         """
         table = self._table(0, 1, streams or {})
-        run, start, rows = self._run, self._block(workspace), table.ctypes.data_as(ctypes.c_void_p)
-        return lambda first=0, steps=1: run(first, steps, start, rows) == steps
+        start, rows = self._block(workspace), table.ctypes.data_as(ctypes.c_void_p)
+        # It keeps this object alive, and with it the code that runs.
+        return lambda first=0, steps=1: self._run(first, steps, start, rows) == steps
 
     def _table(self, first: int, steps: int, streams: Mapping[RowStream, Rows]) -> Any:
         """Return what the code has to know of the streams."""
