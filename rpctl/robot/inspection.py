@@ -85,7 +85,11 @@ def _leaning(robot: LeaningRobot) -> dict[str, Any]:
     pin.forwardKinematics(robot.model, data, q)
     names = " and ".join(wheel.joint for wheel in robot.drive.wheels)
     if robot.rolls_sideways:
-        return {"about": f"the line on the ground between {names}", "tilt": "roll", "height": height}
+        return {
+            "about": f"the line on the ground between {names}",
+            "tilt": "roll",
+            "height": height,
+        }
     axle = robot.axles[0]
     height -= float(data.oMi[axle.joint].act(axle.centre)[2])
     return {"about": f"the axle of {names}", "tilt": "pitch", "height": height}

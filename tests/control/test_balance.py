@@ -83,7 +83,7 @@ def test_the_regulator_is_stable_however_late_it_is(name: str, late: int) -> Non
 def test_what_cannot_be_balanced_is_refused() -> None:
     with pytest.raises(UnfitLawError, match="paper does not lean"):
         Balance().start(ReducedDynamics(rpctl.load("paper")), PERIOD)
-    with pytest.raises(RpctlError, match="leans.*balance"):
+    with pytest.raises(RpctlError, match=r"leans.*balance"):
         rpctl.Controller(rpctl.load("balancer"), "line", dynamic="integral")
     with pytest.raises(RpctlError, match="leans: no law here balances it where rates"):
         rpctl.Controller(rpctl.load("balancer"), "line", rates="estimated")

@@ -5,8 +5,8 @@ far the point was from the reference's path (``path_error.py``). The end is the 
 run, means are over its last quarter.
 
 What makes a run impossible comes before all but the first two (``impossible.py``): the robot
-**tips** or **slips** for certain, or **fell**, a trailer has **jack-knifed**, a joint is thrown off its
-reference, which its motor **cannot hold**, the robot is **lost** as its controller tells it
+**tips** or **slips** for certain, or **fell**, a trailer has **jack-knifed**, a joint is thrown off
+its reference, which its motor **cannot hold**, the robot is **lost** as its controller tells it
 (:class:`rpctl.control.safeguards.Watchdog`), or efforts **chatter**.
 
 - **collided**: a link ran into an obstacle, the ground or another link
