@@ -315,7 +315,8 @@ class BalanceController(ReportsNothing):
         self._speeds = np.array([v for v in SPEEDS if v > 0.0 or not posture.steered])
         steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds.tolist()]
         self._designs = [law.design(posture, each, period) for each in steady]
-        self._slopes = [np.linalg.inv(posture.slope(each, robot.home)) for each in steady]
+        slopes = [posture.slope(each, robot.home) for each in steady]
+        self._slopes: list[Array] = [np.asarray(np.linalg.inv(each)) for each in slopes]
         late = LATENESS_S if law.lateness is None else law.lateness
         self._sent = deque([np.zeros(len(robot.actuators))] * round(late / period))
         self._steady: SteadyMotion | None = None

@@ -238,6 +238,7 @@ class LeaningWish(ReportsNothing):
 
     def __init__(self, law: BaseLaw, dynamics: ReducedDynamics, period: float) -> None:
         robot = dynamics.robot
+        assert isinstance(robot, LeaningRobot)
         upright = Drive("differential", robot.drive.wheels)  # P is where its pose is told
         level = Robot(**{f.name: getattr(robot, f.name) for f in fields(Robot)})
         level = replace(level, drive=upright)

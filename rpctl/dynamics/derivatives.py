@@ -112,11 +112,15 @@ class LeaningLinearDynamics:
 
 
 @lru_cache(maxsize=KEPT_ROBOTS)
-def linear_dynamics(robot: Robot) -> LinearDynamics | LeaningLinearDynamics:
+def linear_dynamics(robot: Robot) -> LinearDynamics:
     """Return the linear models of a robot; those of the last robots are kept."""
-    return (
-        LeaningLinearDynamics(robot) if isinstance(robot, LeaningRobot) else LinearDynamics(robot)
-    )
+    return LinearDynamics(robot)
+
+
+@lru_cache(maxsize=KEPT_ROBOTS)
+def leaning_linear_dynamics(robot: LeaningRobot) -> LeaningLinearDynamics:
+    """Return the linear models of a robot that leans; those of the last robots are kept."""
+    return LeaningLinearDynamics(robot)
 
 
 def linearize(robot: Robot, q: Array, nu: Array, tau: Array) -> LinearModel:
@@ -139,4 +143,6 @@ def linearize(robot: Robot, q: Array, nu: Array, tau: Array) -> LinearModel:
         RpctlError: M is not positive definite at q, or the state is not finite.
         SingularBasisError: At q the steered wheels fix no one motion.
     """
+    if isinstance(robot, LeaningRobot):
+        return leaning_linear_dynamics(robot)(q, nu, tau)
     return linear_dynamics(robot)(q, nu, tau)

@@ -68,17 +68,17 @@ class LeaningRows(ABC):
         contacts = [self._contact(wheel) for wheel in self._drive.wheels]
         beside = [np.cross(UP, each.ahead) @ each.material for each in contacts]
         yield from (each.ahead @ each.material for each in contacts)
-        yield from beside if self._rolls else [sum(beside) / len(beside)]
+        yield from beside if self._rolls else [np.mean(beside, axis=0)]
         yield from (UP @ each.material for each in contacts)
 
     def speeds(self) -> Iterator[Array]:
         """Yield the rows of W: the base's speeds, then the joints' rates."""
         held = [each for each in map(self._contact, self._drive.wheels) if not each.steers]
-        left = sum(each.left for each in held)
-        turning = sum(each.of_left for each in held)
+        left = np.sum([each.left for each in held], axis=0)
+        turning = np.sum([each.of_left for each in held], axis=0)
         level = left[0] * left[0] + left[1] * left[1]
         ahead = np.array([left[1], -left[0], 0.0]) / np.sqrt(level)
-        yield ahead @ (sum(each.place for each in held) / len(held))
+        yield ahead @ np.mean([each.place for each in held], axis=0)
         first = held[0]
         if self._rolls:
             yield first.of_left[2] / np.sqrt(1.0 - first.left[2] ** 2)

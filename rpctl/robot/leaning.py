@@ -252,7 +252,8 @@ class LeaningRobot(Robot):
             tilt: Its pitch, or a bicycle's roll, rad.
         """
         q, nu = super().state(pose, twist, joints, rates, twist_frame)
-        return self.configuration(*pose, joints, tilt) if tilt else q, nu
+        x, y, theta = pose
+        return self.configuration(x, y, theta, joints, tilt) if tilt else q, nu
 
     def state_of(self, q: Array, nu: Array) -> NamedState:
         """Return the state that q (nq,) and ν (dof,) stand for, by names; its tilt is left out."""

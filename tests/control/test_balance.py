@@ -11,13 +11,13 @@ from rpctl import ReducedDynamics
 from rpctl.control.balance import Balance, Posture, sampled
 from rpctl.control.law import LeaningCommand
 from rpctl.errors import RpctlError, UnfitLawError
+from tests.leaning import OWN, leaning
 
-OWN = ("balancer", "wheel_legs", "whipple")
 PERIOD = 0.002
 
 
 def posture_of(name: str) -> Posture:
-    return Posture(ReducedDynamics(rpctl.load(name)))
+    return Posture(ReducedDynamics(leaning(name)))
 
 
 def test_a_sampled_model_is_exact() -> None:
@@ -90,7 +90,7 @@ def test_what_cannot_be_balanced_is_refused() -> None:
 
 
 def test_a_step_asks_for_its_goal() -> None:
-    robot = rpctl.load("balancer")
+    robot = leaning("balancer")
     controller = rpctl.Controller(robot, "line")
     q, nu = robot.state(twist=(0.0, 0.0, 0.0), rates={"shoulder_joint": 0.0}, tilt=0.05)
     output = controller.step(0.0, q, nu)
@@ -101,8 +101,8 @@ def test_a_step_asks_for_its_goal() -> None:
 
 @pytest.mark.parametrize("name", OWN)
 def test_it_stays_upright(name: str) -> None:
-    run = rpctl.track(rpctl.load(name), "line", duration=1.5, collisions=False)
-    robot = rpctl.load(name)
+    run = rpctl.track(leaning(name), "line", duration=1.5, collisions=False)
+    robot = leaning(name)
     tilts = [robot.tilt(q) for q in run.q[::50]]
     assert np.abs(tilts).max() < 0.3
     assert np.abs(run.log.e[-1, :3]).max() < 0.2

@@ -22,12 +22,12 @@ from tests.dynamics.whipple import (
     linear_equations,
     urdf,
 )
+from tests.leaning import OWN, leaning
 from tests.robots import write
 
 BICYCLES = toml.read(
     Path(__file__).with_name("bicycles.toml"), lambda data, _: data, "a table of bicycles"
 )
-OWN = ("balancer", "wheel_legs", "whipple")
 
 
 def found(robot: rpctl.Robot, speed: float) -> LinearBicycle:
@@ -66,7 +66,7 @@ def test_the_published_entries_of_the_benchmark() -> None:
 
 def test_the_eigenvalues_of_the_benchmark() -> None:
     """Meijaard et al., Table 2, at 5 m/s; the bicycle is stable by itself there."""
-    robot = rpctl.load("whipple")
+    robot = leaning("whipple")
     M, C, K, _ = found(robot, 5.0)
     A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
     values = sorted(np.linalg.eigvals(A), key=lambda each: (each.real, each.imag))
@@ -77,7 +77,7 @@ def test_the_eigenvalues_of_the_benchmark() -> None:
 
 @pytest.mark.parametrize("name", OWN)
 def test_rows_rates_and_speeds_by_differences(name: str) -> None:
-    robot = rpctl.load(name)
+    robot = leaning(name)
     dynamics, rng = ReducedDynamics(robot), np.random.default_rng(3)
     q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
     at = dynamics.at(q)
@@ -102,7 +102,7 @@ def test_rows_rates_and_speeds_by_differences(name: str) -> None:
 
 @pytest.mark.parametrize("name", OWN)
 def test_wheels_stay_on_the_ground(name: str) -> None:
-    robot = rpctl.load(name)
+    robot = leaning(name)
     dynamics, projector = ReducedDynamics(robot), LeaningProjector(robot)
     q, nu = robot.random_configuration(np.random.default_rng(1)), np.full(robot.dof, 0.2)
     assert np.abs(projector.heights(q)).max() < 1e-13
@@ -112,7 +112,7 @@ def test_wheels_stay_on_the_ground(name: str) -> None:
 
 
 def test_a_bicycle_that_steers_across_is_singular() -> None:
-    robot = rpctl.load("whipple")
+    robot = leaning("whipple")
     q = robot.configuration(joints={"steering_joint": np.pi / 2}, tilt=0.0)
     A, W = (getattr(ReducedDynamics(robot).at(robot.configuration()), name) for name in "AW")
     assert np.linalg.matrix_rank(np.vstack([A, W])) == robot.nv
@@ -124,7 +124,7 @@ def test_a_bicycle_that_steers_across_is_singular() -> None:
 
 def test_a_torus_touches_below_its_section() -> None:
     """A ball is a torus of one radius: wherever it leans, its lowest point is below its centre."""
-    robot = rpctl.load("whipple")
+    robot = leaning("whipple")
     axle = robot.axles[1]._replace(tyre=0.3)
     assert axle.lowest(1.0, 0.6, np.sqrt) == pytest.approx(0.7)
     disc = axle._replace(tyre=0.0)

@@ -10,11 +10,10 @@ import pytest
 
 import rpctl
 from rpctl.arrays import Array
-from rpctl.dynamics import leaning
-from rpctl.dynamics.leaning import LeaningProjection, LeaningProjector
+from rpctl.dynamics.leaning import LeaningProjection, LeaningProjector, find_formulas
 from rpctl.equivalence import leaning_rows
+from tests.leaning import OWN
 
-OWN = ("balancer", "wheel_legs", "whipple")
 LEAST = {"Gibbs-Appell", "Lagrange multipliers", "Pinocchio, constrained", "the file's shapes"}
 
 
@@ -57,17 +56,16 @@ def test_a_fault_of_the_projection_shows(monkeypatch: pytest.MonkeyPatch, fault:
 
 def test_a_contact_in_the_wrong_place_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     """The dynamics' contact is 1 % too high; the file's rows have the wheel's own radius."""
-    original = leaning.contact_arm
+    original = contact_arm
     monkeypatch.setattr(
-        leaning,
-        "contact_arm",
+        "rpctl.dynamics.leaning.contact_arm",
         lambda left, axle, sqrt: [0.99 * x for x in original(left, axle, sqrt)],
     )
-    leaning.find_formulas.cache_clear()
+    find_formulas.cache_clear()
     try:
         assert {"wheels' contact at S ν", "rolling wheels S ν"} <= failed("whipple")
     finally:
-        leaning.find_formulas.cache_clear()
+        find_formulas.cache_clear()
 
 
 def test_the_oracle_has_rows_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
