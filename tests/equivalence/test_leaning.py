@@ -12,6 +12,7 @@ import rpctl
 from rpctl.arrays import Array
 from rpctl.dynamics.leaning import LeaningProjection, LeaningProjector, find_formulas
 from rpctl.equivalence import leaning_rows
+from rpctl.robot.leaning import contact_arm
 from tests.leaning import OWN
 
 LEAST = {"Gibbs-Appell", "Lagrange multipliers", "Pinocchio, constrained", "the file's shapes"}
