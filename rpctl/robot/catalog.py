@@ -24,6 +24,7 @@ class Entry:
         own: Whether the robot is one of the project's.
         drive: Type of the drive, where nothing in the file tells it.
         lock: Joint name patterns that are frozen unless the user says otherwise.
+        leans: Whether it leans on two wheels.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Entry:
     own: bool = False
     drive: str | None = None
     lock: tuple[str, ...] = ()
+    leans: bool = False
 
     @property
     def base(self) -> str:
@@ -48,8 +50,8 @@ class Entry:
         return (own_robots() if self.own else example_robots()) / self.file
 
 
-def _own(name: str, summary: str, drive: str | None = None) -> Entry:
-    return Entry(name, f"{name}.urdf", summary, own=True, drive=drive)
+def _own(name: str, summary: str, drive: str | None = None, leans: bool = False) -> Entry:
+    return Entry(name, f"{name}.urdf", summary, own=True, drive=drive, leans=leans)
 
 
 def _arm(name: str, file: str, summary: str) -> Entry:
@@ -69,9 +71,9 @@ ENTRIES = (
     _own("twin_casters", "four steered casters of two driven wheels, torso lift, head"),
     _own("casters", "differential drive, passive swivel casters, lift, arm that extends"),
     _own("caster_drive", "three powered casters, arm that yaws and lifts"),
-    _own("balancer", "self-balancing base on two wheels, arm of one joint"),
-    _own("wheel_legs", "body on two legs of two joints, a wheel at the end of each"),
-    _own("whipple", "bicycle that leans, of the benchmark of 2007: rear wheel drives, fork steers"),
+    _own("balancer", "self-balancing base on two wheels, arm of one joint", leans=True),
+    _own("wheel_legs", "body on two legs, a wheel at the end of each", leans=True),
+    _own("whipple", "bicycle that leans, of the benchmark of 2007", leans=True),
     _own("omni", "three omni wheels, 3R arm"),
     _own("arm", "fixed base, arm of 2 prismatic and 3 revolute joints", "fixed"),
     Entry(

@@ -152,7 +152,7 @@ def test_all_faults_are_named_at_once(paper: Robot, tmp_path: Path) -> None:
 
 
 FEW = ["paper", "mecanum", "car", "panda"]  # an arm on wheels, wheels alone, steering, an arm
-ALL = [entry.name for entry in ENTRIES]
+ALL = [entry.name for entry in ENTRIES if not entry.leans]
 
 
 @pytest.mark.parametrize("name", cells(ALL, FEW))

@@ -18,7 +18,11 @@ from tests.bench.rows import Row, Section, cpu_seconds
 
 COMMAND = "python -m tests.bench.table --only forward"
 State = tuple[ReducedDynamics, Array, Array, Array]
-DRIVES = (*(entry.name for entry in catalog.ENTRIES if entry.own), "tiago", "tiago_pro")
+DRIVES = (
+    *(entry.name for entry in catalog.ENTRIES if entry.own and not entry.leans),
+    "tiago",
+    "tiago_pro",
+)
 QUICK = ("paper", "swerve", "mecanum", "tiago")
 
 

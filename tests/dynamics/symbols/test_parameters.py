@@ -20,7 +20,7 @@ from tests.dynamics.symbols.comparison import check
 from tests.grids import cells
 from tests.robots import add_losses
 
-OWN = [entry.name for entry in catalog.ENTRIES if entry.own]
+OWN = [entry.name for entry in catalog.ENTRIES if entry.own and not entry.leans]
 
 
 def made_for(robot: Robot, *others: Variation) -> SymbolicDynamics:
