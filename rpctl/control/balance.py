@@ -224,8 +224,8 @@ class Balance(Record):
     """
 
     tilt: Annotated[float, POSITIVE, Setting("rad", "Tilt", "Off the steady motion's.")] = 0.1
-    speed: Annotated[float, POSITIVE, Setting("m/s", "Speed", "Off the wished one.")] = 0.3
-    turn: Annotated[float, POSITIVE, Setting("rad/s", "Turning", "Off the wished one.")] = 0.5
+    speed: Annotated[float, POSITIVE, Setting("m/s", "Speed", "Off the wished one.")] = 0.15
+    turn: Annotated[float, POSITIVE, Setting("rad/s", "Turning", "Off the wished one.")] = 0.3
     joint: Annotated[float, POSITIVE, Setting("rad or m", "Joints", "Arm and steering.")] = 0.1
     rate: Annotated[float, POSITIVE, Setting("rad/s", "Rates", "Of tilt and joints.")] = 1.0
     acceleration: Annotated[

@@ -62,7 +62,7 @@ from rpctl.robot.model import BASE_NV, Robot
 
 # s: prediction times of robots that lean first the other way, a bicycle before it turns, one on two
 # wheels before it speeds up
-SLOW_TURNS_S, SLOW_TILTS_S = 2.0, 1.0
+SLOW_TURNS_S, SLOW_TILTS_S = 2.0, 0.4
 NUMBERS = (int, float, np.float64)  # types of settings that formulas take for scalars
 
 
