@@ -141,8 +141,11 @@ def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
             fault = f"its expansion takes over {seconds} s; {how_to_raise('MAX_XACRO_SECONDS')}"
         raise refusal(path, fault) from None
     if answer is None:
-        fault = f"its expansion takes over {cap('MAX_XACRO_MEMORY')} bytes of memory"
-        raise refusal(path, f"{fault}; {how_to_raise('MAX_XACRO_MEMORY')}")
+        raise refusal(
+            path,
+            f"its expansion takes over {cap('MAX_XACRO_MEMORY')} bytes of memory; "
+            f"{how_to_raise('MAX_XACRO_MEMORY')}",
+        )
     return answer | {"open": warning}
 
 
