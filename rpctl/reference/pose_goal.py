@@ -272,8 +272,7 @@ def _arm_timing(robot: Robot, change: Array, least: float) -> TimeLaw:
     for joint, way in zip(robot.joints, change, strict=True):
         comfort = ARM_SPEED["prismatic" if joint.kind == "prismatic" else "other"]
         speed = min(comfort, ARM_SPEED_RATIO * joint.velocity)
-        slope = np.full(POINTS, way)
-        bounds.append(Bound(slope, np.zeros(POINTS), speed, speed / SPEED_RISE_TIME))
+        bounds.append(Bound(np.full(POINTS, way), np.zeros(POINTS), speed, speed / SPEED_RISE_TIME))
     law = time_law(np.linspace(0.0, 1.0, POINTS), bounds)
     return law.lasting(max(least, law.duration))
 
