@@ -92,8 +92,7 @@ class Runner:
 
     def __call__(self, chunk: RunChunk) -> RunTable:
         """Return the rows of a chunk, which depend on its settings and numbers only."""
-        table = self.rows(chunk.values, chunk.indices)
-        return replace(table, index=chunk.rows)
+        return replace(self.rows(chunk.values, chunk.indices), index=chunk.rows)
 
     def rows(
         self,

@@ -151,8 +151,7 @@ def settings_at(scatter: Scatter, points: Array) -> Array:
         points: Shares, from 0 to 1.
     """
     values = scatter.values(points)
-    inner = scatter.values(np.clip(points, TAIL, 1.0 - TAIL))
-    return np.where(np.isfinite(values), values, inner)
+    return np.where(np.isfinite(values), values, scatter.values(np.clip(points, TAIL, 1.0 - TAIL)))
 
 
 def key_path(config: Config, name: str) -> list[str]:
@@ -318,13 +317,12 @@ def distribution_of(value: object, where: str) -> Distribution:
     if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers):
         raise RpctlError(f"{where}.{name} is {numbers!r}; give numbers")
     try:
-        found: Distribution = DISTRIBUTIONS[name](*map(float, numbers))
+        return DISTRIBUTIONS[name](*map(float, numbers))
     except TypeError:
         wanted = SIGNATURES.get(name, "[low, high]")
         raise RpctlError(f"{where}.{name} has {len(numbers)} numbers; give {wanted}") from None
     except RpctlError as error:
         raise RpctlError(f"{where}: {error}") from None
-    return found
 
 
 def distribution_table(distribution: Distribution) -> dict[str, list[float]]:
