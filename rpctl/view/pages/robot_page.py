@@ -40,7 +40,7 @@ from rpctl.view.scene.scene import (
     opening_commands,
     part_cloud,
 )
-from rpctl.view.scene.stage import obstacle_commands, obstacle_corners
+from rpctl.view.scene.stage import level, obstacle_commands, obstacle_corners
 from rpctl.view.serve.server import EVENTS, GO, STOP
 
 MIN_REACH_M = 2.0  # m; how far the sliders move the base, at least
@@ -208,7 +208,7 @@ def _commands(
         skeleton(robot, REFERENCE, ghost),
     ]
     if motion is not None:
-        desired = np.column_stack([motion.desired[:, :2], np.full(len(motion.desired), ground)])
+        desired = level(motion.desired[:, :2], ground)
         paths = {"base-desired": desired, "base": desired[:1]}
         size = float(box[1, 2]) - ground
         commands += obstacle_commands(motion.obstacles, lower, upper, ground, size)

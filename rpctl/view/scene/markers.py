@@ -86,9 +86,7 @@ def build_markers(robot: Robot, size: float) -> Markers:
         robot: The robot.
         size: Its size, m; frames and arrows are in proportion.
     """
-    indices = range(ROOT_JOINT, robot.model.njoints)
-    joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in indices}
-    markers = Markers(joint_nodes, [], [], [])
+    markers = Markers({j: [] for j in range(ROOT_JOINT, robot.model.njoints)}, [], [], [])
     links = _names([link.name for link in robot.description.links])
     wheels = _names([wheel.joint for wheel in robot.drive.wheels])
     for index, link in enumerate(robot.description.links):
