@@ -226,8 +226,7 @@ def _name_list(names: Sequence[str]) -> str:
 def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:
     table = new_table("joint", "type", ">lower", ">home", ">upper", ">velocity", ">effort")
     for joint in joints:
-        slides = joint["type"] == "prismatic"
-        unit, force = ("m", "N") if slides else ("rad", "N·m")
+        unit, force = ("m", "N") if joint["type"] == "prismatic" else ("rad", "N·m")
         table.add_row(
             escape(joint["name"]),
             joint["type"],

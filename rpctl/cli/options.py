@@ -170,8 +170,7 @@ def _numbers(items: Iterable[str], option: str, default: str, form: str) -> dict
         try:
             numbers[name] = float(number if given else default)
         except ValueError:
-            fault = f"{option} {item}: {number!r} is not a number; write {form}"
-            raise RpctlError(fault) from None
+            raise RpctlError(f"{option} {item}: {number!r} is not a number; write {form}") from None
     return numbers
 
 

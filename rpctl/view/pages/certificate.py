@@ -40,8 +40,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
     Returns:
         The path.
     """
-    page = certificate_page(certificate).encode("utf-8", "backslashreplace")
-    return write_atomically(path, page)
+    return write_atomically(path, certificate_page(certificate).encode("utf-8", "backslashreplace"))
 
 
 def certificate_page(certificate: Certificate) -> str:

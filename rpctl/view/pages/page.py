@@ -132,9 +132,8 @@ def render(template: str, **content: Any) -> Markup:
 
 @cache
 def _environment() -> jinja2.Environment:
-    folder = files("rpctl.view").joinpath("templates")
     return jinja2.Environment(
-        loader=jinja2.FunctionLoader(lambda name: folder.joinpath(name).read_text("utf-8")),
+        loader=jinja2.PackageLoader("rpctl.view"),
         autoescape=True,
         finalize=_shown,
         undefined=jinja2.StrictUndefined,

@@ -129,9 +129,7 @@ def _figures(result: StudyResult) -> list[tuple[str, str, str]]:
     """Return the share of runs that succeeded, and the study's merit, as the head of the page."""
     success = result.success
     rows = [("Succeeded", percent(success.value), share_span(success))]
-    for each in result.statistics:
-        if each.name != result.merit:
-            continue
+    for each in (each for each in result.statistics if each.name == result.merit):
         unit = _unit(result, each)
         for level, name in ((0.5, "median"), (0.95, "95 % of runs below")):
             found = each.quantiles[level]

@@ -44,8 +44,9 @@ def study_figure(rows: Sequence[CompareRow], title: str, proposed: LawPair) -> F
         HEAD_IN + LINE_IN * (len(laws) + 2) * len(scenarios),
     )
     figure = Figure(size, layout="constrained", facecolor=style.PAPER)
-    shape = len(scenarios), len(references)
-    panels = figure.subplots(*shape, squeeze=False, sharex="col", sharey=True)
+    panels = figure.subplots(
+        len(scenarios), len(references), squeeze=False, sharex="col", sharey=True
+    )
     colours = {PAPER: style.TIP, proposed: style.BASE}
     for line, scenario in zip(panels, scenarios, strict=True):
         line[0].set_ylabel(literal(scenario), **BOLD)

@@ -169,8 +169,7 @@ def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
     x = span_of(inside, zero=False)
     axes.hist([inside[good], inside[~good]], x.edges(), stacked=True,
               color=[style.BASE, style.TIP], label=["succeeded", "did not"])  # fmt: skip
-    middle = float(np.median(inside))
-    axes.axvline(middle, color=style.INK, **style.LIMIT_STYLE, label="median")
+    axes.axvline(float(np.median(inside)), color=style.INK, **style.LIMIT_STYLE, label="median")
     axes.set(xscale=x.scale, xlim=(x.low, x.high))
     if x.log:
         axes.xaxis.set_major_formatter("{x:g}")

@@ -65,11 +65,6 @@ class StopRequest:
     def __init__(self) -> None:
         self.running = self.asked = False
 
-    def begin(self) -> None:
-        """A simulation begins."""
-        self.asked = False
-        self.running = True
-
     def ask(self, _: object = None) -> None:
         """End the simulation if one runs; called from any thread."""
         if self.running:
@@ -194,7 +189,7 @@ class Broadcast:
         """
         if not self._started:
             self._started = True
-            self._stop.begin()
+            self._stop.asked, self._stop.running = False, True
             # A page is opened, then listens: each has a limited time.
             opened = self._server.wait_delivered
             if self._awaits and self._wait(lambda wait: opened(1, wait), PAGE_OPEN_TIMEOUT_S):
