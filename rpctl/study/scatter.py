@@ -66,10 +66,11 @@ def scatter_of(given: Scatter | Mapping[str, Any] | None, config: Config) -> Sca
         UnknownNameError: A path is none of the configuration's; those that there are are listed.
         RpctlError: A distribution is none.
     """
-    scatter = given
-    if not isinstance(scatter, Scatter):
-        items = (scatter or {}).items()
-        scatter = Scatter({name: distribution_of(value, name) for name, value in items})
+    scatter = (
+        given
+        if isinstance(given, Scatter)
+        else Scatter({name: distribution_of(each, name) for name, each in (given or {}).items()})
+    )
     choices = scattered_paths(config)
     for name in scatter.names:
         if not any(fnmatchcase(name, choice.replace(PATTERN, "?*")) for choice in choices):
