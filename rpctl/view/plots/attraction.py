@@ -102,8 +102,7 @@ def _panel(axes: Axes, rows: Sequence[Row[Start]], found: Fraction, times: Scala
     axes.set_title(f"{found.kinematic}, {name}: {found.converged} of {found.starts}",
                    fontsize=TEXT_PT, color=style.INK, pad=4)  # fmt: skip
     axes.tick_params(labelsize=SMALL_PT, colors=style.INK, length=2)
-    for spine in axes.spines.values():
-        spine.set(color=style.FAINT)
+    axes.spines[:].set(color=style.FAINT)
 
 
 def colour_of(figures: Figures, times: ScalarMappable) -> Any:
