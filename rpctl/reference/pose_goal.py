@@ -212,14 +212,13 @@ def to_goal(
     """
     start = np.zeros(3) if start is None else start
     posture = robot.home if posture is None else posture
-    there = _end_posture(robot, goal.joints, posture)
+    way = _end_posture(robot, goal.joints, posture) - posture
     pose = start if goal.pose is None else np.array(goal.pose)
     if not np.isfinite(pose).all() or np.abs(pose[:2]).max() > MAX_DISTANCE:
         raise RpctlError(f"goal {goal.pose}: give finite numbers below {MAX_DISTANCE:g} m; {HOW}")
     limits = (limits or Limits()).steerable(robot)
     legs = [_timed_leg(robot, leg, limits) for leg in legs_between(robot, start, pose, limits)]
     legs = legs or [TimedPath(still(start), constant(posture), AT_REST)]
-    way = there - posture
     timing = _arm_timing(robot, way, sum(leg.duration for leg in legs))
     ends = list(zip(posture.tolist(), way.tolist(), strict=True))
     arm = TimedPath(still(start), lambda at: [a + at.x * change for a, change in ends], timing)

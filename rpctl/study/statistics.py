@@ -287,8 +287,7 @@ def sensitivity(
     elif varies:  # SALib would divide by a variance of zero
         found = _indices(design, points, finite)
     if not varies:
-        names = NAMES[method]
-        found = dict.fromkeys(names, (Interval(0.0, 0.0, 0.0),) * points.shape[1])
+        found = dict.fromkeys(NAMES[method], (Interval(0.0, 0.0, 0.0),) * points.shape[1])
     return Sensitivity(merit, method, tuple(parameters), found, int((~known).sum()))
 
 

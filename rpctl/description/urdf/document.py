@@ -246,9 +246,8 @@ def _ends_early(text: str) -> bool:
     """Whether a text that is not well-formed is so only for what is missing at its end."""
     if text.rstrip().endswith("robot>"):
         return False
-    parser = _parser()
     try:
-        parser.feed(text.encode("utf-8"))
+        _parser().feed(text.encode("utf-8"))
     except etree.XMLSyntaxError:
         return False
     return True

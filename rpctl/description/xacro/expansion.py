@@ -58,8 +58,9 @@ def is_xacro(path: Path, data: bytes) -> bool:
     """
     if path.suffix.lower() == ".xacro":
         return True
-    may = b"<xacro:" in data or b"$(" in data
-    return may and XACRO.search(COMMENT.sub(b"", data)) is not None
+    return (b"<xacro:" in data or b"$(" in data) and XACRO.search(
+        COMMENT.sub(b"", data)
+    ) is not None
 
 
 def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> Expansion:
