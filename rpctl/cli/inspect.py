@@ -190,8 +190,7 @@ def _robot_rows(known: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "", f"{lead} rate{'s' * (len(arm) > 1)} of {joints}"
     yield "end effector", escape(known["end_effector"] or "none")
     if known["estimated_links"]:
-        estimated = ", ".join(known["estimated_links"])
-        yield "estimated", escape(f"mass and inertia of {estimated}")
+        yield "estimated", escape(f"mass and inertia of {', '.join(known['estimated_links'])}")
     if known["locked"]:
         yield "locked", _name_list(list(known["locked"]))
     if known["mimics"]:

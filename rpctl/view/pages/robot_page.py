@@ -162,7 +162,6 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
     reach = max(MIN_REACH_M, REACH_RATIO * size)
     around = np.array([[-reach, -reach, 0.0], [reach, reach, 0.0]])
     area = None if motion is None else _area(motion, box, robot.drive.ground)
-    place = np.array([q[0], q[1], 0.0])
     moves = bool(robot.drive.base_speeds)
     shown = area if area is not None else box + around if moves else box
     markers = build_markers(robot, size)
@@ -180,7 +179,7 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
         "ground": robot.drive.ground,
         "start": read_root(q),
         "reach": [-reach, reach] if moves else None,
-        "robot": (box - place).tolist(),
+        "robot": (box - [q[0], q[1], 0.0]).tolist(),
         "area": None if area is None else area.tolist(),
         "trail": trails.trail_width(*shown),
     }

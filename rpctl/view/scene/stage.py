@@ -262,9 +262,8 @@ def column(disc: Disc, height: float, width: float, dashed: bool) -> list[FadedM
     """
     edge = level(rim(disc), 0.0)
     count = len(edge) - 1
-    centre = np.array([[disc.x, disc.y, 0.0]])
     fan = np.column_stack([np.full(count, count + 1), np.arange(count), np.arange(1, count + 1)])
-    floor = np.concatenate([edge, centre]), fan
+    floor = np.concatenate([edge, [[disc.x, disc.y, 0.0]]]), fan
     return [
         (floor, np.full(count + 2, FLOOR_OPACITY)),
         *_edges(edge, width, dashed),

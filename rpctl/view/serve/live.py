@@ -114,16 +114,14 @@ class LiveFigures:
     def charts(self) -> list[dict[str, Any]]:
         """Return the charts for the page: title, unit, limits and the names of the lines."""
         short = shorten([self._robot.actuators[i] for i in self._shown])
-        limits = [-PERCENT, PERCENT] if self._percent else []
-        unit = "% of limit" if self._percent else "N·m or N, no limits"
         errors = ["base", "heading"] if self._robot.drive.base_speeds else []
         errors += ["end effector"] if self._robot.end_effector is not None else []
         return [
             {"title": "Errors", "unit": "mm, heading mrad", "limits": [], "lines": errors},
             {
                 "title": "Efforts",
-                "unit": unit,
-                "limits": limits,
+                "unit": "% of limit" if self._percent else "N·m or N, no limits",
+                "limits": [-PERCENT, PERCENT] if self._percent else [],
                 "lines": list(short.names),
                 "names": short.shared,
             },
