@@ -49,9 +49,9 @@ class SampleReader:
     ) -> None:
         self._needs_rates = needs_rates
         self._bounds = {"q": (robot.nq, MAX_POSITION), "nu": (robot.dof, MAX_SPEED)}
-        model = robot.model
-        starts = [int(joint.idx_q + joint.nq - 2) for joint in model.joints if joint.nq > joint.nv]
-        self._cos = starts  # the root's and those of continuous joints
+        self._cos = [  # the root's and those of continuous joints
+            int(each.idx_q + each.nq - 2) for each in robot.model.joints if each.nq > each.nv
+        ]
         self._period = period
         self.time, self.clock_changes = -math.inf, 0
         self._given, self._offset = -math.inf, -delay  # as given with the last sample; minus time

@@ -167,8 +167,7 @@ class Projector:
             S = basis(rolling.matrix.constant, self.selection)
             S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
             S.setflags(write=False)
-            u = np.zeros(len(rolling.matrix.harmonics))
-            self.constant = Projection(S, self, u, None)
+            self.constant = Projection(S, self, np.zeros(len(rolling.matrix.harmonics)), None)
 
     def at(self, q: Array) -> Projection:
         """Return the projection at q (nq,).
