@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+NOTHING: Array = np.empty(0)  # where there are no numbers
 
 
 def read_only(values: Any) -> Array:

@@ -247,7 +247,7 @@ def _show_notes(out: Console, rows: Sequence[CompareRow]) -> None:
         faults = _faults(row)
         if faults:
             notes.setdefault((row.cell.controller, faults), []).append(
-                Path(row.cell.reference).name
+                Path(row.cell.run.reference).name
             )
     for (controller, faults), references in notes.items():
         out.print(f"[dim]{controller}, {escape(', '.join(references))}:[/] {escape(faults)}")

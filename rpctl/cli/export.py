@@ -149,10 +149,15 @@ def _export_ros2(robot: str, options: LoadOptions, settings: ExportOptions, as_j
 
     loaded = options.load(robot)
     folder = settings.out if settings.out is not None else Path(package_name(loaded))
-    laws = settings.law or "unified", settings.dynamic
-    sent = settings.period, settings.output
     made = export_ros2_control(
-        loaded, folder, *laws, *sent, delay=settings.delay, rates=settings.rates
+        loaded,
+        folder,
+        settings.law or "unified",
+        settings.dynamic,
+        settings.period,
+        settings.output,
+        delay=settings.delay,
+        rates=settings.rates,
     )
     if as_json:
         print_json({**asdict(made), "folder": str(made.folder)})

@@ -198,8 +198,7 @@ def _robot_rows(known: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "", f"{lead} rate{'s' * (len(arm) > 1)} of {joints}"
     yield "end effector", escape(known["end_effector"] or "none")
     if known["estimated_links"]:
-        estimated = ", ".join(known["estimated_links"])
-        yield "estimated", escape(f"mass and inertia of {estimated}")
+        yield "estimated", escape(f"mass and inertia of {', '.join(known['estimated_links'])}")
     if known["locked"]:
         yield "locked", _name_list(list(known["locked"]))
     if known["mimics"]:
@@ -234,8 +233,7 @@ def _name_list(names: Sequence[str]) -> str:
 def _joint_table(joints: Sequence[Mapping[str, Any]]) -> Table:
     table = new_table("joint", "type", ">lower", ">home", ">upper", ">velocity", ">effort")
     for joint in joints:
-        slides = joint["type"] == "prismatic"
-        unit, force = ("m", "N") if slides else ("rad", "N·m")
+        unit, force = ("m", "N") if joint["type"] == "prismatic" else ("rad", "N·m")
         table.add_row(
             escape(joint["name"]),
             joint["type"],

@@ -62,19 +62,19 @@ class FieldOptions:
         return {name: values[name] for name in self.names if values[name] is not None}
 
     def _parameter(self, item: FieldType) -> inspect.Parameter:
-        whole = item.type is int and isinstance(item.limit, Range)
         option = typer.Option(
             self.flag(item.name),
             metavar=item.setting.metavar or None,
             help=item.setting.help,
-            min=item.limit.low if whole and isinstance(item.limit, Range) else None,
+            min=item.limit.low if item.type is int and isinstance(item.limit, Range) else None,
         )
         # words that the command reads itself: a triple, or a number or a word
         kind = next((k for k in (float, int, bool) if item.type in (k, k | None)), str)
         repeated = item.setting.help.endswith(REPEATABLE)
         hint = Annotated[(list[str] if repeated else kind) | None, option]  # type: ignore[valid-type]
-        keyword = inspect.Parameter.KEYWORD_ONLY
-        return inspect.Parameter(item.name, keyword, default=None, annotation=hint)
+        return inspect.Parameter(
+            item.name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=hint
+        )
 
 
 REFERENCE_FIELDS = ("size", "speed", "laps", "smooth", "retime")  # of RunSettings
@@ -170,8 +170,7 @@ def _numbers(items: Iterable[str], option: str, default: str, form: str) -> dict
         try:
             numbers[name] = float(number if given else default)
         except ValueError:
-            fault = f"{option} {item}: {number!r} is not a number; write {form}"
-            raise RpctlError(fault) from None
+            raise RpctlError(f"{option} {item}: {number!r} is not a number; write {form}") from None
     return numbers
 
 

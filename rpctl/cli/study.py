@@ -285,8 +285,7 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
     out.print()
     verdict, text = optimum_sentence(found)
     style = {BETTER: "green"}.get(verdict, "yellow")
-    sentence = text.removeprefix(verdict)
-    out.print(f"[{style}]{verdict}[/]{escape(sentence)}", soft_wrap=True)
+    out.print(f"[{style}]{verdict}[/]{escape(text.removeprefix(verdict))}", soft_wrap=True)
     share = Interval(**checked["better"])
     out.print(f"smaller in {percent(share.value)} of the runs ({share_span(share)}), each with the "
               f"same scatter; {found['evaluations']} sets of settings were tried")  # fmt: skip

@@ -58,8 +58,7 @@ class Pace:
         way, speed, change = first * t, first, 0.0
         for step, begins in ((cruise - first, 0.0), (last - cruise, self.duration - self.ramp)):
             u = (t - begins) / self.ramp
-            v = min(max(u, 0.0), 1.0)
-            rise = smooth_step(v)
+            rise = smooth_step(min(max(u, 0.0), 1.0))
             way += step * self.ramp * (rise.area + max(u - 1.0, 0.0))
             speed += step * rise.value
             change += step * rise.slope / self.ramp

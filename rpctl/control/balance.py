@@ -27,10 +27,11 @@ from scipy.linalg import expm, solve_discrete_are
 
 from rpctl.arrays import Array
 from rpctl.control.law import Command, Efforts, LeaningCommand, Limit, ReportsNothing, Rest
+from rpctl.control.output_groups import DEAD_TIME
 from rpctl.dynamics.derivatives import linearize
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError
-from rpctl.files.records import NOT_NEGATIVE, POSITIVE, Record, Setting
+from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.robot.leaning import LeaningRobot
 
 SPEEDS = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
@@ -237,7 +238,7 @@ class Balance(Record):
     ] = 10.0
     lateness: Annotated[
         float | None,
-        NOT_NEGATIVE,
+        DEAD_TIME,
         Setting(
             "s", "Lateness", "From a measurement to its efforts; 10 ms if neither it nor a delay "
             "is given, which withstands 0 to 25.",

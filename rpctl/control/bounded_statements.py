@@ -57,8 +57,7 @@ class BoundedStatements:
         memory = list(self._dual)
         if self._integral:
             memory += [self._disturbance, *self._before]
-        robot = self._frame.known.robot
-        names = LimitNames(tuple(effort_labels(robot)), self._law.joints.names)
+        names = LimitNames(tuple(effort_labels(self._frame.known.robot)), self._law.joints.names)
         return replace(
             self._frame.fragment(self._limits, names),
             start=(self._start(memory),),

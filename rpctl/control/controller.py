@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rpctl.arrays import Array
+from rpctl.arrays import NOTHING, Array
 from rpctl.control.arm_efforts import ArmEfforts
 from rpctl.control.balance import Balance
 from rpctl.control.bandwidth import knowing_delay
@@ -57,7 +57,6 @@ from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 
 PERIOD = 0.002  # s
-NOTHING = np.empty(0)
 PAUSED, MOTORS_OFF = "paused", "paused, with the motors off"
 LATE_RATIO = 1.5  # of the period: a sample that comes later is counted as late
 
@@ -182,10 +181,8 @@ class Controller:
             raise RpctlError(f"delay is {delay:g} s; give a time from 0 to {MAX_DEAD_TIME:g} s")
         self._rates, self._delay = rates, delay or 0.0
         self.robot, self.period, self.guards = robot, period, guards or Guards()
-        if isinstance(kinematic, str):
-            kinematic = kinematic_by_name(kinematic)
-        if isinstance(dynamic, str):
-            dynamic = dynamic_by_name(dynamic)
+        kinematic = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
+        dynamic = dynamic_by_name(dynamic) if isinstance(dynamic, str) else dynamic
         self._reference, usual = self._read(reference), default_laws(robot)
         self._laws = (
             as_law(knowing_delay(kinematic or usual[0], period, delay)),
@@ -208,8 +205,7 @@ class Controller:
                 "send efforts"
             )
         self._in_arm = np.array([name in robot.joint_names for name in robot.actuators])
-        rate = (self.guards.effort_rate or EFFORT_RATE) * period
-        self._most = np.asarray(rate * robot.effort_limits)
+        self._most = (self.guards.effort_rate or EFFORT_RATE) * period * robot.effort_limits
         self.reset()
 
     def _read(self, reference: str | Reference) -> Reference:
@@ -229,8 +225,9 @@ class Controller:
         robot, sent = self.robot, self._output or self._laws[1]
         started = self._dynamics, self.period, self._rest
         self._both = BothLaws(self._laws[0], sent, *started, self._compiled)
-        counted = "samples", "held", "stopped", "fallbacks", "late", "paused", "lost", "jumps"
-        self._counts = dict.fromkeys(counted, 0)
+        self._counts = dict.fromkeys(
+            ("samples", "held", "stopped", "fallbacks", "late", "paused", "lost", "jumps"), 0
+        )
         still = np.zeros(robot.dof)
         tau = np.zeros(len(robot.actuators)) if self._rest is None else self._rest.tau
         efforts, speeds = (tau, NOTHING) if self._output is None else (NOTHING, still)
@@ -279,8 +276,7 @@ class Controller:
         output = self._within_rate(output)
         if self._groups is not None and self._measured is not None:
             state = self._measured, self._both.ahead, output.reason == MOTORS_OFF
-            commands = self._groups(output.speeds, *state, output.efforts)
-            output = output._replace(commands=commands)
+            output = output._replace(commands=self._groups(output.speeds, *state, output.efforts))
         self._sent = output
         # What moves a robot that follows speeds is not known.
         self._estimate.sent(self._reader.time, output.efforts if self._output is None else NOTHING)
@@ -466,7 +462,12 @@ class Controller:
             else bool(falls_short(sample.nu, output.speeds))
         )
         looks = at_limit or self._watchdog.bound or self._output is not None
-        e = self._error(sample) if looks else NOTHING
+        # Of what is followed, not of a way up to that.
+        e = (
+            tracking_error(self.robot, self._following.now(sample.t), sample.q)
+            if looks
+            else NOTHING
+        )
         slows = self._output is not None and self._following.keep_up(sample.t, math.hypot(*e[:2]))
         error = 0.0 if slows else float(np.abs(e).max(initial=0.0))  # it has another chance
         if not self._watchdog.lost(sample.t, at_limit, error):
@@ -493,10 +494,6 @@ class Controller:
         braked = self._brake(sample.t, output._replace(status="lost", reason=self._waits))
         arm = self._in_arm[: asked.size]  # none where speeds are sent
         return braked._replace(efforts=np.where(arm, asked, braked.efforts))
-
-    def _error(self, sample: MeasuredSample) -> Array:
-        """Return the errors of what is followed (3 + n_joints,), not of a way up to that."""
-        return tracking_error(self.robot, self._following.now(sample.t), sample.q)
 
     def _without_motors(self, t: float) -> ControllerOutput:
         """Return what a robot is sent whose motors are off: nothing."""

@@ -12,7 +12,7 @@ from rpctl.control.approach import Approach
 from rpctl.control.bandwidth import USUAL_PERIOD, by_velocity
 from rpctl.control.error import Leash
 from rpctl.control.fragment import LawFragment, LawFrame, effort_labels, structure
-from rpctl.control.law import Command, EffortController, Efforts, LawSample, ReportsNothing, Rest
+from rpctl.control.law import Command, Efforts, LawSample, ReportsNothing, Rest
 from rpctl.control.law_kernel import LimitedLaw, RunningLaws, running_laws
 from rpctl.control.twist_law import BaseLaw, formula
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -35,7 +35,7 @@ class ClosedFormDynamic(Record, ABC):
         period: float,
         rest: Rest | None = None,
         running: RunningLaws | None = None,
-    ) -> EffortController:
+    ) -> LimitedLaw | PaperDynamicController:
         """Return the controller of one run, for whatever commands.
 
         Args:

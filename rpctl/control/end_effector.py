@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon, HorizonLaw
+from rpctl.control.horizon.qp import DAQP_INFINITY, DAQP_OPTIMAL
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
@@ -26,8 +27,6 @@ from rpctl.robot.model import Robot
 
 MIN_KAPPA = 1e-6  # of κ: small enough for rows to be met, large enough for 1/κ to keep its digits
 LOG_KAPPA_TOLERANCE = 1e-12  # of log κ
-DAQP_INFINITY = 1e30  # what DAQP takes for no bound
-DAQP_OPTIMAL = 1  # DAQP's flag of an optimum
 MAX_FULL_SPEED = 1.0  # rad/s or m/s; full speed of joints with a higher velocity limit
 SPEED_FRACTION = 0.9  # of a velocity limit: largest commanded rate, with room for overshoot
 

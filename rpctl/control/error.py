@@ -45,8 +45,7 @@ class Tracking(NamedTuple):
 def tracking_error(robot: Robot, state: ReferenceState, q: Array) -> Array:
     """Return e (3 + n_joints,): x1, x2 (m), x3 (rad), then the joints' errors (rad or m)."""
     base = base_error(state.pose, robot.base_pose(q))
-    joints = joint_errors(robot, state.joints, robot.joint_positions(q))
-    return np.array([*base, *joints])
+    return np.array([*base, *joint_errors(robot, state.joints, robot.joint_positions(q))])
 
 
 def base_error(wanted: Any, pose: Any) -> list[Any]:
@@ -127,8 +126,7 @@ class Leash(Record):
         u = sheet.named("u", math.sqrt(math.if_else(near, SERIES_RADIUS**2, square)))
         series = 1.0 - square / 3.0 + 2.0 * square**2 / 15.0
         scale = sheet.named("k", math.if_else(near, series, math.tanh(u) / u))
-        turned = self.heading * math.tanh(x3 / self.heading)
-        leashed = scale * x1, scale * x2, turned
+        leashed = scale * x1, scale * x2, self.heading * math.tanh(x3 / self.heading)
         return [sheet.named(f"y{i}", each) for i, each in enumerate(leashed, start=1)]
 
 

@@ -39,7 +39,6 @@ from rpctl.robot.model import BASE_NV, Robot
 RATES = ("measured", "estimated")
 BANDWIDTH = 40.0  # rad/s of the observer: 12 bits at 100 Hz then leave leaps of 15 % in efforts
 LEARNING = 5.0  # 1/s, of a disturbance by rates that are measured: over a delay it is foretold
-NOTHING = np.empty(0)
 SEED, INSTANT, ROUGHLY = 20210601, 1e-8, 1e-3  # s: a motion that short tells the acceleration
 LONGEST_STEP = 0.005  # s, of the model's motion
 MOST_ACTS = 2048  # such steps, between the last sample and when the next efforts act
@@ -378,8 +377,7 @@ class StateEstimate:
         self._dynamics, self._period, self._delay = dynamics, period, delay
         self._told = rates == "estimated"
         self._every, self._compiled = rates == "estimated", compiled
-        watched = rates is None and efforts.size
-        self._watch = LatticeWatch(dynamics, period) if watched else None
+        self._watch = LatticeWatch(dynamics, period) if rates is None and efforts.size else None
         self._efforts, self._until = efforts, 0.0  # sent last; until when they are among the acts
         # Acts that have not come to an end, or come: numbers of the first and after the last, and
         # how long they take, s.

@@ -9,9 +9,7 @@ from contextlib import suppress
 from types import MappingProxyType
 from typing import NamedTuple
 
-import numpy as np
-
-from rpctl.arrays import Array
+from rpctl.arrays import NOTHING, Array
 from rpctl.control.output_groups import EFFORT, POSITION, STEERING, WHEELS, members
 from rpctl.control.sampling import MeasuredSample
 from rpctl.control.velocity_output import VelocityOutput
@@ -21,7 +19,6 @@ from rpctl.robot.model import Robot
 
 LEASH_TIME = 0.1  # s at full speed by which a commanded position may be ahead of its joint
 STEERED = ("steered", "mimic", "follower")  # roles of swivels whose angles are commanded
-NOTHING = np.empty(0)
 FASTEST = 2.0  # rad/s or m/s, of a joint without a speed limit
 
 

@@ -125,15 +125,6 @@ class DynamicController(DynamicFunction, Reporting, Protocol):
     """A dynamic law on one robot in one run."""
 
 
-class EffortController(DynamicController, Protocol):
-    """One that names the limits that bind."""
-
-    def __call__(
-        self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command, /
-    ) -> Efforts:
-        """Return τ (n_act,) and the limits that bind."""
-
-
 class TrackingController(KinematicController, Protocol):
     """A kinematic law in closed form on one robot in one run."""
 

@@ -188,7 +188,6 @@ class RunningLaws:
         settings: Of the laws (n,), as the kernel reads them at each sample.
         model_nu: Gets what sent speeds have led to so far (dof,).
         model_nu_dot: Gets its mean rate since the last sample (dof,).
-        error: What is tracked by how much, at the last sample that was answered (3 + n_joints,).
         learns: Whether there is an integral.
         answer: Efforts (n_act,) or speeds (dof,) of the last sample that was answered.
     """
@@ -212,7 +211,6 @@ class RunningLaws:
         self.model_nu_dot = self._view(law.model_nu_dot)
         self.settings = self._view(law.settings)
         self.settings[:], self._elapsed[0] = settings, period
-        self.error = self._view(law.e)
         kept = {buffer.name: self._view(buffer) for buffer in law.memory}
         self.learns = DISTURBANCE in kept
         self._d, self._expected = kept.get(DISTURBANCE), kept.get(EXPECTED)

@@ -193,8 +193,7 @@ class LawWithFallback(Generic[Answer]):
 
     def report(self) -> dict[str, float]:
         """Return the report of the law."""
-        report: dict[str, float] = self._controller.report()
-        return report
+        return dict(self._controller.report())
 
     def notes(self) -> tuple[str, ...]:
         """Return sentences on what became of the law, if it has any."""

@@ -135,8 +135,7 @@ class SmoothPath:
         grid, points = self.grid
         at = min(max(int(s / grid[1]), 0), len(grid) - 2)
         x, y = points[at] + self._move(grid[at : at + 1], np.array([s]))[0]
-        u = (s - self.places) / self.transition
-        rise = smooth_step(np.clip(u, 0.0, 1.0))
+        rise = smooth_step(np.clip((s - self.places) / self.transition, 0.0, 1.0))
         slope, bend = rise.slope / self.transition, rise.bend / self.transition**2
         kappa = self.steps @ np.column_stack([rise.value, slope, bend])
         kappa[0] += self.curvature

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,12 +13,10 @@ from rpctl.control.jerk_limits import JerkLimits
 from rpctl.control.joint_limits import APPROACH_TIME
 from rpctl.control.law import Limit
 from rpctl.dynamics.motion import NO_LAG
+from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import require_known
 from rpctl.kernels.scalars import clipped
 from rpctl.robot.model import Robot
-
-if TYPE_CHECKING:
-    from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 
 APPROACH_PERIODS = 2.0  # control periods that the approach to a position takes at least
 SPEED_MARGIN = 1e-9  # of a velocity limit: rounding of a product
@@ -196,8 +194,7 @@ class SpeedLimits:
             speeds[k] = math.fmax(math.fmin(asked, highest), -highest)
             held = math.fabs(asked) > highest
             for j, each in most.items():
-                stops = math.logic_and(held, each == highest)
-                binding[j] = math.logic_or(binding[j], stops)
+                binding[j] = math.logic_or(binding[j], math.logic_and(held, each == highest))
         return _Found(math.vertcat(*speeds), math.vertcat(*binding, math.SX(0, 1)))
 
     def _within_accelerations(

@@ -390,8 +390,7 @@ def _base_errors(
     """Write the base's error, and how it changes."""
     values = base_error(state.pose, pose)
     error = [sheet.symbol(f"x{i}", each) for i, each in enumerate(values, start=1)]
-    rates = base_error_rate(error, state.twist, measured.twist)
-    for each, rate in zip(error, rates, strict=True):
+    for each, rate in zip(error, base_error_rate(error, state.twist, measured.twist), strict=True):
         sheet.moves(each, sheet.named(f"{each.name()}_dot", rate))
     return error
 

@@ -139,8 +139,7 @@ class BoundedLaw:
         acceleration = rows @ nu_dot + drift
         broken = [acceleration < bounds.lower, acceleration > bounds.upper]
         binds = math.logic_or(any_true(math.vertcat(*broken)), self._beyond(tau))
-        push = minus_h + dynamics.losses(at.q, at.nu)
-        return BoundSample(M, push, acceleration, bounds, binds)
+        return BoundSample(M, minus_h + dynamics.losses(at.q, at.nu), acceleration, bounds, binds)
 
     def _beyond(self, tau: Any) -> Any:
         """Return whether efforts (n_act, 1) are beyond their limits."""

@@ -317,8 +317,7 @@ def _settings(law: BaseLaw, period: float) -> dict[str, LawSymbol]:
     for name, value in law.numbers(period).items():
         setting = known[name].setting
         symbol, of = SETTINGS.get(name, (name, setting.label or f"setting {name}"))
-        unit = setting.unit.replace("²", "^2")
-        found[name] = LawSymbol(casadi.SX.sym(symbol), value, unit, of)
+        found[name] = LawSymbol(casadi.SX.sym(symbol), value, setting.unit.replace("²", "^2"), of)
     return found
 
 

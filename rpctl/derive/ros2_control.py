@@ -21,7 +21,6 @@ from rpctl.control.bandwidth import USUAL_PERIOD, knowing_delay
 from rpctl.control.controller import Controller, ControllerOutput
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.output_groups import MAX_DEAD_TIME
-from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.velocity_output import OUTPUTS
 from rpctl.derive.law_program import LawProgram, law_program, law_sheet
@@ -104,10 +103,8 @@ def export_ros2_control(
     folder = Path(folder)
     if folder.exists() or folder.is_symlink():
         raise RpctlError(f"{folder}: is there already; remove it, or give another --out")
-    law = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
-    efforts = dynamic_by_name(dynamic) if isinstance(dynamic, str) else dynamic
-    known = [knowing_delay(each, period, delay) for each in (law, efforts)]
-    law, efforts = closed_laws(robot, *known)
+    closed = closed_laws(robot, kinematic, dynamic)
+    law, efforts = (knowing_delay(each, period, delay) for each in closed)
     if not robot.drive.base_speeds:
         raise RpctlError(f"{robot.name}: its base is fixed; joint_trajectory_controller moves arms")
     made = law_program(law_sheet(robot, law, efforts, period))

@@ -117,9 +117,7 @@ def derive_law(
     require_known("precision", [precision], PRECISIONS)
     if precision != "double" and format != "c":
         raise RpctlError(f"--format {format} has no precision to choose; take --format c")
-    law = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
-    efforts = dynamic_by_name(dynamic) if isinstance(dynamic, str) else dynamic
-    sheet = law_sheet(robot, *closed_laws(robot, law, efforts), period)
+    sheet = law_sheet(robot, *closed_laws(robot, kinematic, dynamic), period)
     if format in ("text", "latex"):
         write = law_text if format == "text" else law_latex
         return DerivedLaw(write(sheet, _form(robot)), None)
@@ -129,7 +127,9 @@ def derive_law(
 
 
 def closed_laws(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic]:
-    """Return the laws, which have a closed form on this robot."""
+    """Return laws, or those of such names, which have a closed form on this robot."""
+    law = kinematic_by_name(law) if isinstance(law, str) else law
+    efforts = dynamic_by_name(efforts) if isinstance(efforts, str) else efforts
     if robot.dof == 0:
         raise RpctlError(f"{robot.name}: nothing moves, so there is no law to write")
     if not isinstance(law, BaseLaw):

@@ -91,8 +91,9 @@ def _estimated(findings: Findings, description: Description, link: Link, density
     if not solids:
         above = description.parent_joint.get(link.name)
         if above is not None and above.moving:
-            text = f"{lacks} and no shape to estimate it from; give one of them"
-            findings.add_at("warning", link.line, text)
+            findings.add_at(
+                "warning", link.line, f"{lacks} and no shape to estimate it from; give one of them"
+            )
         return link
     whole = _sum(solids)
     mass, inertia = density * whole.volume, read_only(density * whole.moment)
@@ -118,12 +119,18 @@ def _solid(findings: Findings, paths: MeshPaths, link: Link, shape: Shape) -> So
         findings.add_at("warning", shape.line, f"{name} gives no estimate: {error}")
         return None
     except MeshError as error:  # what is not known is not nothing
-        text = "its link has no <inertial>: give one, or the mesh"
-        findings.add_at("error", shape.line, f"{name} gives no estimate: {error}; {text}")
+        findings.add_at(
+            "error",
+            shape.line,
+            f"{name} gives no estimate: {error}; its link has no <inertial>: give one, or the mesh",
+        )
         return None
     if not closed:
-        text = f"{name} is not watertight; its convex hull is taken, close the mesh"
-        findings.add_at("warning", shape.line, text)
+        findings.add_at(
+            "warning",
+            shape.line,
+            f"{name} is not watertight; its convex hull is taken, close the mesh",
+        )
     return solid.placed(shape.origin)
 
 

@@ -167,10 +167,9 @@ def search(folder: str) -> tuple[Index, bool]:
     once. The nearest come first. The result is kept for the process; :func:`forget` drops it.
     """
     found: dict[str, list[str]] = defaultdict(list)
-    most = cap("MAX_FOLDERS")
     seen = {os.path.realpath(folder)}
     queue = deque([folder])
-    for _ in range(most):
+    for _ in range(cap("MAX_FOLDERS")):
         if not queue:
             break
         here = queue.popleft()

@@ -51,8 +51,11 @@ def read_state(
             value = findings.number(element, "value")
             before, line = stated.setdefault(joint, (value, element.sourceline))
             if abs(before - value) > SAME_POSITION:
-                text = f'joint "{joint}" is at {value:g} here and at {before:g} at line {line}; '
-                findings.error(element, f"{text}states of one name are joined, correct one of them")
+                findings.error(
+                    element,
+                    f'joint "{joint}" is at {value:g} here and at {before:g} at line {line}; '
+                    "states of one name are joined, correct one of them",
+                )
     if findings.errors:
         raise DescriptionError(path, findings.sorted())
     return stated

@@ -203,8 +203,7 @@ class Projector:
             S = basis(rolling.matrix.constant, self.selection)
             S[np.abs(S) < np.finfo(float).eps * np.abs(S).max()] = 0.0  # rounding of the solve
             S.setflags(write=False)
-            u = np.zeros(len(rolling.matrix.harmonics))
-            self.constant = LevelProjection(S, self, u, None)
+            self.constant = LevelProjection(S, self, np.zeros(len(rolling.matrix.harmonics)), None)
 
     def settle(self, q: Array) -> Array:
         """Return q (nq,) as it is: a planar root keeps its wheels on the ground."""

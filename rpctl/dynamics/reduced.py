@@ -57,6 +57,9 @@ class ReducedDynamics:
         robot: The robot.
         gliding: Joints of swivels that glide: the ground does nothing to them, they keep their
             angle and their wheels do not roll; only their mass counts.
+
+    Attributes:
+        columns: Map (nv, n_act) from the actuators' efforts to their generalised force.
     """
 
     def __init__(self, robot: Robot, gliding: Collection[str] = ()) -> None:
@@ -64,7 +67,7 @@ class ReducedDynamics:
         self._model = robot.model
         self._workspace = Workspace(robot.model)
         self._projector = find_projector(robot, gliding)
-        self._columns = self._projector.columns
+        self.columns = self._projector.columns
         self._losses = robot.losses
 
     @property
@@ -81,11 +84,6 @@ class ReducedDynamics:
     def constant(self) -> bool:
         """Whether A and S are the same at every q."""
         return self._projector.constant is not None
-
-    @property
-    def columns(self) -> Array:
-        """Map (nv, n_act) from the actuators' efforts to their generalised force."""
-        return self._columns
 
     @property
     def data(self) -> pin.Data:
@@ -217,7 +215,7 @@ class ReducedDynamics:
         if losses is not None:
             force = force - losses.force(v)
         M = S.T.dot(pin.crba(self._model, data, q).dot(S))
-        return M, S.T.dot(self._columns.dot(tau) - force)
+        return M, S.T.dot(self.columns.dot(tau) - force)
 
     def _not_finite(self, q: Array, nu: Array) -> RpctlError:
         what = "q" if not np.isfinite(q).all() else "ν" if not np.isfinite(nu).all() else "τ or ν̇"
@@ -288,7 +286,7 @@ class ReducedDynamics:
         data = self._workspace.data
         force = pin.rnea(self._model, data, q, at.S @ nu, acceleration)
         wrench = data.f[ROOT_JOINT].vector.copy()
-        residual = force - self._columns @ tau
+        residual = force - self.columns @ tau
         if self._losses is not None:
             residual -= self._losses.force(at.S @ nu)
         if outside is not None:
@@ -412,5 +410,4 @@ def pushed_efforts(
     Raises:
         ActuationError: Nothing drives one of the quasi-velocities.
     """
-    needed = dynamics.inverse(q, nu, nu_dot) - dynamics.basis(q).T @ push.push
-    return dynamics.efforts(q, needed)
+    return dynamics.efforts(q, dynamics.inverse(q, nu, nu_dot) - dynamics.basis(q).T @ push.push)

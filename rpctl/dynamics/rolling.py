@@ -196,8 +196,7 @@ def basis(A: Array, W: Array) -> Array:
         SingularBasisError: A and W together leave a direction of v free, or contradict.
     """
     left, rows = np.vstack([A, W]), len(A)
-    square = left.shape[0] == left.shape[1]
-    inverse = square_inverse(left) if square else _pseudoinverse(left)
+    inverse = square_inverse(left) if left.shape[0] == left.shape[1] else _pseudoinverse(left)
     wanted = np.vstack([np.zeros((rows, len(W))), np.eye(len(W))])
     S = inverse[:, rows:]
     S = S + inverse @ (wanted - left @ S)  # brings 1e-13 to rounding

@@ -78,8 +78,7 @@ def load_pybullet() -> Any:
     """
     try:
         with captured():  # it prints when it was built
-            clients = library("pybullet_utils.bullet_client")
-            return clients.BulletClient(library("pybullet").DIRECT)
+            return library("pybullet_utils.bullet_client").BulletClient(library("pybullet").DIRECT)
     except ImportError as error:
         raise EngineMissing(f"PyBullet: {error}; pip install 'rpctl[bullet]'") from error
 

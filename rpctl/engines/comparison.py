@@ -13,7 +13,7 @@ from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import Contacts
 from rpctl.engines.engine import joint_losses
 from rpctl.engines.recording import EngineRecording
-from rpctl.equivalence.contact.trial import travelled
+from rpctl.equivalence.contact.trial import span, travelled
 from rpctl.robot.model import Robot
 
 # Mended engines keep within these wherever they were run over the catalogue, but for the rear
@@ -114,8 +114,9 @@ def _stance(robot: Robot, model: EngineRecording, engine: EngineRecording) -> It
     hop = _largest(theirs - theirs[0] - (ours - ours[0]))
     yield EngineGap("hop", hop, HEIGHT_BAND_M, "m", f"rises and falls by {_mm(hop)} as it goes")
     crept = engine.crept - model.crept
-    words = f"moves by {_mm(crept)} before anything drives it"
-    yield EngineGap("creep", crept, CREEP_BAND_M, "m", words)
+    yield EngineGap(
+        "creep", crept, CREEP_BAND_M, "m", f"moves by {_mm(crept)} before anything drives it"
+    )
 
 
 def _path(model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
@@ -175,10 +176,9 @@ def _loads(
     words = f"{bearers[bearer]} {abs(gap):.3g} N too {_more(gap, 'much', 'little')}"
     yield EngineGap("load", gap, band, "N", words)
     if not contacts.determinate:
-        span = float(np.hypot(*(contacts.points[:, None] - contacts.points[None]).T).max())
         shift = float(np.hypot(*(_centre(contacts, engine) - _centre(contacts, model)).T).max())
-        words = f"the load's centre is {_mm(shift)} off"
-        yield EngineGap("load centre", shift, CENTRE_BAND * span, "m", words)
+        band = CENTRE_BAND * span(contacts)
+        yield EngineGap("load centre", shift, band, "m", f"the load's centre is {_mm(shift)} off")
 
 
 def _centre(contacts: Contacts, recording: EngineRecording) -> Array:

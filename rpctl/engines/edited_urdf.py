@@ -98,8 +98,7 @@ def edit_urdf(
         _put_supports(links, robot, dialect)
     if "wheel" in mended:
         for wheel, tread in zip(robot.drive.wheels, treads, strict=True):
-            child = robot.description.joint[wheel.joint].child
-            for name, _ in robot.tree.rigid_links(child):
+            for name, _ in robot.tree.rigid_links(robot.description.joint[wheel.joint].child):
                 for element in links[name].findall("collision"):
                     links[name].remove(element)
             crowned = dialect.crowned.format(radius=tread.radius, half_width=tread.half_width)

@@ -287,8 +287,7 @@ class Referee:
     def motion(self, tick: float) -> tuple[ContactPlan, EngineRecording]:
         """Return the efforts that hold for a tick (s) each, and what the model does under them."""
         if tick not in self._motions:
-            course = referee_course(self._duration, tick)
-            plan = plan_motion(self.dynamics, self.contacts, course)
+            plan = plan_motion(self.dynamics, self.contacts, referee_course(self._duration, tick))
             run = ReducedRun(self.dynamics, self.contacts, plan.q[0])
             self._motions[tick] = plan, record(run, self.robot, plan, tick, settled=True)
         return self._motions[tick]

@@ -76,8 +76,7 @@ def reduced(
     yield worst("M, entry by entry", GIBBS, (M - terms.M) / scale, limit, names)
     largest = scales.force
     limit = allowed(EXACT_TOLERANCE, float(scales.bias.max()), largest)
-    bias = dynamics.bias(q, nu)
-    yield worst("reduced bias h", GIBBS, (bias - terms.h) / largest, limit, names)
+    yield worst("reduced bias h", GIBBS, (dynamics.bias(q, nu) - terms.h) / largest, limit, names)
     yield relative("actuation B", GIBBS, dynamics.actuation(q), terms.B, names)
     v, rates = dynamics.basis(q) @ nu, np.zeros(robot.nv)
     rates[: len(terms.root)] = terms.root @ nu

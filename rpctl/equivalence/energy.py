@@ -44,8 +44,7 @@ def energy_rate(dynamics: ReducedDynamics, forced: ForcedState) -> Check:
     step = difference_step(v)
     gap = rate(energy, step) - terms.sum()
     size, kinetic = float(np.abs(terms).sum()), 0.5 * float(nu @ dynamics.inertia(q) @ nu)
-    total = abs(dynamics.energy(q, nu))
-    scale = max(min(1.0, kinetic), size, total)
+    scale = max(min(1.0, kinetic), size, abs(dynamics.energy(q, nu)))
     limit = allowed(DIFFERENCE_TOLERANCE, _products(dynamics, q, nu) / step, scale)
     return worst("energy rate", "power of τ", gap / scale, limit, ["energy"])
 

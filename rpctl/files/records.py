@@ -353,8 +353,10 @@ def read_choice(data: Any, choice: Choice, where: str, faults: list[str]) -> Any
         return data
     key = choice.key
     if not isinstance(data, Mapping) or not isinstance(data.get(key), str):
-        example = f'{key} = "{next(iter(choice.factories))}"'
-        faults.append(f"{where}: names no {key}; write {_head(where)}, then {example}")
+        faults.append(
+            f"{where}: names no {key}; write {_head(where)}, then "
+            f'{key} = "{next(iter(choice.factories))}"'
+        )
         return None
     if data[key] not in choice.factories:
         faults.append(
@@ -387,8 +389,9 @@ def to_plain(record: Any) -> Plain:
             elif value is None and _may_be_off(each.type) and each.default is not None:
                 table[name] = False
             elif value != each.default:
-                label = f"{type(record).__name__}.{name} is {value!r}"
-                raise RpctlError(f"{label}, which no file can say") from None
+                raise RpctlError(
+                    f"{type(record).__name__}.{name} is {value!r}, which no file can say"
+                ) from None
     return table
 
 

@@ -199,8 +199,7 @@ def _unfinished(target: Path, mode: int) -> Iterator[tuple[BinaryIO, Path]]:
 
     The name is chosen before the file is made, so that a signal at any moment leaves nothing.
     """
-    own = f".{target.name[:NAME_LENGTH]}.{secrets.token_hex(8)}{UNFINISHED}"
-    name = target.with_name(own)
+    name = target.with_name(f".{target.name[:NAME_LENGTH]}.{secrets.token_hex(8)}{UNFINISHED}")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
     try:
         with os.fdopen(os.open(name, flags, mode), "wb") as file:

@@ -134,8 +134,7 @@ def _caster_rates(robot: Robot, twists: Array) -> dict[str, float]:
         turning[swivel.joint] = swing
         found[swivel.joint] = float((swing + turning.get(swivel.parent, turning[None])).max())
         for wheel in (robot.drive.wheels[i] for i in robot.drive.carried(swivel)):
-            rolling = (speed + abs(wheel.lateral) * swing) / wheel.radius
-            found[wheel.joint] = float(rolling.max())
+            found[wheel.joint] = float(((speed + abs(wheel.lateral) * swing) / wheel.radius).max())
     return found
 
 
@@ -226,8 +225,7 @@ def nearest_efforts(dynamics: ReducedDynamics, q: Array, force: Array) -> Array:
 
 def velocities(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:
     """Return the velocities (N, nv) at each sample."""
-    rows = zip(samples.q, samples.nu, strict=True)
-    return np.array([dynamics.basis(q) @ nu for q, nu in rows])
+    return np.array([dynamics.basis(q) @ nu for q, nu in zip(samples.q, samples.nu, strict=True)])
 
 
 def holding_efforts(dynamics: ReducedDynamics, samples: MotionSamples) -> Array:

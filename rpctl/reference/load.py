@@ -15,7 +15,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import SMALLEST, DescriptionError, RpctlError, UnknownNameError
+from rpctl.errors import SMALLEST, DescriptionError, RpctlError, UnknownNameError, fault_at
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.records import Range, Record, read_toml
 from rpctl.reference import paths
@@ -29,7 +29,7 @@ from rpctl.reference.planned.curve import DEFAULT_CORNER, Goal, Waypoint, curve_
 from rpctl.reference.planned.reach import plan_reach
 from rpctl.reference.pose_goal import is_goal, read_goal, to_goal
 from rpctl.reference.recorded.recording import reference_from_table
-from rpctl.reference.recorded.table_file import read_table, refusal
+from rpctl.reference.recorded.table_file import read_table
 from rpctl.reference.sizing import (
     WISHES,
     Limits,
@@ -73,8 +73,9 @@ class PathFile(Record):
                 "give either waypoints = [[x, y], ...] or end_effector = [[x, y, z], ...]"
             )
         if len(points) > most:
-            fault = f"{len(points)} points; {most} are the most"
-            raise RpctlError(f"{fault}; {how_to_raise('MAX_WAYPOINTS')}")
+            raise RpctlError(
+                f"{len(points)} points; {most} are the most; {how_to_raise('MAX_WAYPOINTS')}"
+            )
         if any(abs(value) > MAX_COORDINATE for point in points for value in point):
             raise RpctlError(f"a point is farther than {MAX_COORDINATE:g} m; use metres")
         if any(len(point) not in (2, 3) for point in self.waypoints):
@@ -140,13 +141,12 @@ def _from_file(robot: Robot, source: str, smooth: float | str | None, retime: bo
         _refuse_for_table(source, smooth, retime)
         asked = read_toml(source, PathFile, "a path file")
         if asked.waypoints:
-            waypoints = [Waypoint(*row) for row in asked.waypoints]
-            return along_waypoints(robot, waypoints, asked.limits)
+            return along_waypoints(robot, [Waypoint(*row) for row in asked.waypoints], asked.limits)
         return along_goal(robot, polyline(asked.end_effector, asked.corner), asked.limits)
     except DescriptionError:
         raise
     except RpctlError as error:
-        raise refusal(source, [(None, str(error))]) from None
+        raise fault_at(source, None, str(error)) from None
 
 
 LIMIT_SPACING = 0.01  # m of a path between the points where limits are checked

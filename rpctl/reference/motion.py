@@ -82,8 +82,7 @@ class RowReference:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the formulas, which each process makes for itself."""
-        known = vars(self).items()
-        return {name: value for name, value in known if not isinstance(value, Columns)}
+        return {name: value for name, value in vars(self).items() if not isinstance(value, Columns)}
 
 
 def end_effector_reference(robot: Robot, data: pin.Data, state: ReferenceState) -> pin.SE3:
@@ -355,8 +354,7 @@ def row_symbols(robot: Robot, row: Any) -> ReferenceState:
     """Return the scalars of a row (n, 1)."""
     ends = np.cumsum([0, *row_sizes(robot)]).tolist()
     parts: list[Any] = [casadi.vertsplit(part) for part in casadi.vertsplit(row, ends)]
-    state = ReferenceState(*parts[:6])
-    return state._replace(direction=parts[6:])  # type: ignore[arg-type]
+    return ReferenceState(*parts[:6])._replace(direction=parts[6:])  # type: ignore[arg-type]
 
 
 def tabulate(robot: Robot, reference: Reference, times: Array) -> ReferenceTable:

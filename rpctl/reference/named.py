@@ -255,8 +255,8 @@ class _WaveScan:
         # How much nearer pairs can have come at full swing (SAMPLES, n), m.
         self._paths = np.pad(np.cumsum(moved, axis=0), ((1, 0), (0, 0))) @ rates.T
         self._distances.place(ends[0])
-        home = np.array([self._distances.distance(pair) for pair in range(len(model.pairs))])
-        self._home = home  # (n,) m
+        # Distances of all pairs at home (n,), m.
+        self._home = np.array([*map(self._distances.distance, range(len(model.pairs)))])
 
     def too_near(self, factor: float, margin: float) -> int | None:
         """Return a pair that does not keep its distance at this factor of the swing, or None.

@@ -228,8 +228,7 @@ def basis_at(knots: Array, points: Array, order: int) -> csr_array:
     to_derivative = diags_array(np.ones(len(knots) - DEGREE - 1))
     for degree in range(DEGREE, DEGREE - order, -1):
         # The derivative's coefficients are differences of the spline's: de Boor, 1978, ch. X.
-        width = knots[degree + 1 : -1] - knots[1 : -degree - 1]
-        rate = degree / width
+        rate = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
         shape = len(rate), len(rate) + 1
         to_derivative = diags_array([-rate, rate], offsets=[0, 1], shape=shape) @ to_derivative
         knots = knots[1:-1]

@@ -212,14 +212,13 @@ def to_goal(
     """
     start = np.zeros(3) if start is None else start
     posture = robot.home if posture is None else posture
-    there = _end_posture(robot, goal.joints, posture)
+    way = _end_posture(robot, goal.joints, posture) - posture
     pose = start if goal.pose is None else np.array(goal.pose)
     if not np.isfinite(pose).all() or np.abs(pose[:2]).max() > MAX_DISTANCE:
         raise RpctlError(f"goal {goal.pose}: give finite numbers below {MAX_DISTANCE:g} m; {HOW}")
     limits = (limits or Limits()).steerable(robot)
     legs = [_timed_leg(robot, leg, limits) for leg in legs_between(robot, start, pose, limits)]
     legs = legs or [TimedPath(still(start), constant(posture), AT_REST)]
-    way = there - posture
     timing = _arm_timing(robot, way, sum(leg.duration for leg in legs))
     ends = list(zip(posture.tolist(), way.tolist(), strict=True))
     arm = TimedPath(still(start), lambda at: [a + at.x * change for a, change in ends], timing)
@@ -272,8 +271,7 @@ def _arm_timing(robot: Robot, change: Array, least: float) -> TimeLaw:
     for joint, way in zip(robot.joints, change, strict=True):
         comfort = ARM_SPEED["prismatic" if joint.kind == "prismatic" else "other"]
         speed = min(comfort, ARM_SPEED_RATIO * joint.velocity)
-        slope = np.full(POINTS, way)
-        bounds.append(Bound(slope, np.zeros(POINTS), speed, speed / SPEED_RISE_TIME))
+        bounds.append(Bound(np.full(POINTS, way), np.zeros(POINTS), speed, speed / SPEED_RISE_TIME))
     law = time_law(np.linspace(0.0, 1.0, POINTS), bounds)
     return law.lasting(max(least, law.duration))
 

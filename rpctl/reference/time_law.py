@@ -174,9 +174,11 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> TimeLaw:
     times = np.concatenate([[0.0], np.cumsum(np.diff(s) / np.maximum(pace, 1e-12))])
     most = cap("MAX_REFERENCE_SECONDS")
     if times[-1] > most:
-        fault = f"the path takes {times[-1]:.3g} s at these limits, and {most} s are the most"
-        fix = "shorten it or raise the limits of speed and acceleration"
-        raise RpctlError(f"{fault}; {fix}; {how_to_raise('MAX_REFERENCE_SECONDS')}")
+        raise RpctlError(
+            f"the path takes {times[-1]:.3g} s at these limits, and {most} s are the most; "
+            "shorten it or raise the limits of speed and acceleration; "
+            f"{how_to_raise('MAX_REFERENCE_SECONDS')}"
+        )
     count = max(2, math.ceil(times[-1] / KNOT_SPACING))
     samples = _positions(np.linspace(0.0, times[-1], count + 1), times, s, rate)
     ends = np.ones(DEGREE - 1)

@@ -188,11 +188,6 @@ class CompareCell:
     controller: LawPair
     run: RunSettings
 
-    @property
-    def reference(self) -> str:
-        """Name or file of the reference."""
-        return self.run.reference
-
     def config(self, references: References) -> Config:
         """Return the run's configuration; see :class:`rpctl.study.cells.Cell`."""
         laws = (
@@ -212,7 +207,7 @@ def row_dict(row: CompareRow) -> dict[str, Any]:
     failed = figures.failure is not None
     return {
         "scenario": cell.scenario,
-        "reference": cell.reference,
+        "reference": cell.run.reference,
         "controller": str(cell.controller),
         "kinematic": cell.controller.kinematic,
         "dynamic": cell.controller.dynamic,
@@ -290,7 +285,7 @@ def group_rows(rows: Iterable[CompareRow]) -> dict[tuple[str, str], list[Compare
     """Return the rows by scenario and reference, in order."""
     groups: dict[tuple[str, str], list[CompareRow]] = {}
     for row in rows:
-        groups.setdefault((row.cell.scenario, row.cell.reference), []).append(row)
+        groups.setdefault((row.cell.scenario, row.cell.run.reference), []).append(row)
     return groups
 
 

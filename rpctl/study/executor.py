@@ -170,8 +170,7 @@ class ProcessExecutor(Executor):
 
     def _started(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            context = mp.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self.workers, context, _watch_parent)
+            self._pool = ProcessPoolExecutor(self.workers, mp.get_context("spawn"), _watch_parent)
             # All start with the first chunk: one that started while another dies would change the
             # dictionary of processes that the pool's thread is walking, and that thread would fail.
             vars(self._pool)["_safe_to_dynamically_spawn_children"] = False

@@ -204,8 +204,7 @@ class Design(Record):
         size = self.size(parameters)
         if self.kind == "monte-carlo":
             stream = np.random.SeedSequence(self.seed, spawn_key=STREAM)
-            generator = np.random.Generator(np.random.PCG64(stream))
-            return generator.random((size, parameters))
+            return np.random.Generator(np.random.PCG64(stream)).random((size, parameters))
         if self.kind == "grid":
             axis = np.linspace(0.0, 1.0, round(size ** (1.0 / parameters)))
             mesh = np.meshgrid(*[axis] * parameters, indexing="ij")

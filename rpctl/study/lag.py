@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from rpctl.arrays import Array, read_only
 from rpctl.control.output_groups import MAX_LAG
 from rpctl.control.velocity_output import VelocityOutput
-from rpctl.errors import RpctlError, require_known, require_positive
+from rpctl.errors import RpctlError, fault_at, require_known, require_positive
 from rpctl.reference.recorded.table_file import (
     read_rows,
     read_values,
@@ -104,7 +104,7 @@ def read_speed_log(path: str | Path) -> SpeedLog:
     rows = read_rows(path)
     header = next(rows, None)
     if header is None:
-        raise refusal(path, [(None, f"empty; give a header such as {EXAMPLE}, and rows")])
+        raise fault_at(path, None, f"empty; give a header such as {EXAMPLE}, and rows")
     (line, names), fault = header, ""
     channels = _channels(names)
     if "t" not in names:
@@ -112,7 +112,7 @@ def read_speed_log(path: str | Path) -> SpeedLog:
     elif not channels:
         fault = f"no commanded speed has a measured one beside it; name the columns as {EXAMPLE}"
     if fault:
-        raise refusal(path, [(line, fault)])
+        raise fault_at(path, line, fault)
     wanted = ["t", *(name for pair in channels.values() for name in pair)]
     table, _, faults = read_values(rows, names, wanted)
     if faults:
@@ -341,8 +341,7 @@ def response(t: Array, command: Array, start: Array, lag: float, dead_time: floa
     acting = np.searchsorted(t, middles, side="right")[:, None]
     held = np.where(acting, command[np.maximum(acting[:, 0] - 1, 0)], start)
     left = np.exp(-np.diff(times) / max(lag, 1e-9))[:, None]
-    values = _scan(left, (1.0 - left) * held, start)
-    return values[np.searchsorted(times, t)]
+    return _scan(left, (1.0 - left) * held, start)[np.searchsorted(times, t)]
 
 
 def _scan(factors: Array, terms: Array, start: Array) -> Array:

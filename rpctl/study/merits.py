@@ -147,8 +147,10 @@ def verdict(totals: Totals, count: int, tolerance: float = ON_PATH_M) -> RunVerd
         return RunVerdict(OVER_LIMIT, f"it broke limits of {' and '.join(found)}")
     away = {"base": totals.base_last / samples, "end effector": totals.tip_last / samples}
     name, mean = max(away.items(), key=lambda each: float(each[1]))
-    sentence = f"{name} is {float(mean):.3g} m from its reference in the last quarter"
-    return RunVerdict(TRACKED if mean <= tolerance else AWAY, sentence)
+    return RunVerdict(
+        TRACKED if mean <= tolerance else AWAY,
+        f"{name} is {float(mean):.3g} m from its reference in the last quarter",
+    )
 
 
 def run_merits(run: Run, tolerance: float = ON_PATH_M) -> tuple[dict[str, float], RunVerdict]:

@@ -102,8 +102,7 @@ def setting(config: Config, path: str) -> float | None:
     for key in path.split("."):
         value = value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)
     if value is None:  # a gain that the period sets
-        gains = usual_gains(config.run.control_period)
-        value = getattr(gains, key.removeprefix("joint_"), None)
+        value = getattr(usual_gains(config.run.control_period), key.removeprefix("joint_"), None)
     return float(value) if isinstance(value, int | float) else None
 
 
@@ -141,8 +140,7 @@ class _Search:
                 "parameters": self._ends(),
             },
         }
-        path = self.out / SEARCH_FOLDER / JOURNAL_FILE
-        self._journal = Journal(path, follows_from, "a search")
+        self._journal = Journal(self.out / SEARCH_FOLDER / JOURNAL_FILE, follows_from, "a search")
         for record in self._journal.begin(resume):
             self._known |= zip(map(_key, record["points"]), record["costs"], strict=True)
 
@@ -216,8 +214,7 @@ class _Search:
         seed, judged = study.settings.seed, dict[str, Judged]()
         design = Design(count=asked.validation, seed=seed + 1)
         for name, config in {BEFORE: study.experiment.config, AFTER: self.found}.items():
-            experiment = replace(study.experiment, config=config, seed=seed + 1)
-            runner = Runner(self.robot, experiment)
+            runner = Runner(self.robot, replace(study.experiment, config=config, seed=seed + 1))
             (judged[name],) = self._judged(runner, design, np.empty((1, 0)))
         change = cost_change(asked, judged[BEFORE], judged[AFTER], seed)
         smaller = int((judged[AFTER][0] < judged[BEFORE][0]).sum())

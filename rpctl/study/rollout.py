@@ -182,7 +182,6 @@ def rollout(
     own["merits"] = None if merits is None else tuple(merits)
     own["reference"] = None if isinstance(reference, str) else reference
     experiment = Experiment(base, scattered.names, **own)
-    points = Design(count=count, seed=seed).points(len(scattered.names))
-    values = settings_at(scattered, points)
+    values = settings_at(scattered, Design(count=count, seed=seed).points(len(scattered.names)))
     table = Runner(robot, experiment).rows(values, np.arange(count), progress)
     return Rollouts(experiment, scattered.names, values, table)

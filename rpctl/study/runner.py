@@ -92,8 +92,7 @@ class Runner:
 
     def __call__(self, chunk: RunChunk) -> RunTable:
         """Return the rows of a chunk, which depend on its settings and numbers only."""
-        table = self.rows(chunk.values, chunk.indices)
-        return replace(table, index=chunk.rows)
+        return replace(self.rows(chunk.values, chunk.indices), index=chunk.rows)
 
     def rows(
         self,
@@ -222,10 +221,9 @@ def run_rows(
         size: Of a chunk; None: as suits the workers.
     """
     size = size or chunk_size(len(rows), executor.workers)
-    starts = range(0, len(rows), size)
     chunks = [
         RunChunk(rows[k : k + size], numbers[k : k + size], values[rows[k : k + size]])
-        for k in starts
+        for k in range(0, len(rows), size)
     ]
     for _, table in executor.map_chunks(runner, chunks):
         yield table

@@ -66,10 +66,11 @@ def scatter_of(given: Scatter | Mapping[str, Any] | None, config: Config) -> Sca
         UnknownNameError: A path is none of the configuration's; those that there are are listed.
         RpctlError: A distribution is none.
     """
-    scatter = given
-    if not isinstance(scatter, Scatter):
-        items = (scatter or {}).items()
-        scatter = Scatter({name: distribution_of(value, name) for name, value in items})
+    scatter = (
+        given
+        if isinstance(given, Scatter)
+        else Scatter({name: distribution_of(each, name) for name, each in (given or {}).items()})
+    )
     choices = scattered_paths(config)
     for name in scatter.names:
         if not any(fnmatchcase(name, choice.replace(PATTERN, "?*")) for choice in choices):
@@ -151,8 +152,7 @@ def settings_at(scatter: Scatter, points: Array) -> Array:
         points: Shares, from 0 to 1.
     """
     values = scatter.values(points)
-    inner = scatter.values(np.clip(points, TAIL, 1.0 - TAIL))
-    return np.where(np.isfinite(values), values, inner)
+    return np.where(np.isfinite(values), values, scatter.values(np.clip(points, TAIL, 1.0 - TAIL)))
 
 
 def key_path(config: Config, name: str) -> list[str]:
@@ -318,13 +318,12 @@ def distribution_of(value: object, where: str) -> Distribution:
     if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers):
         raise RpctlError(f"{where}.{name} is {numbers!r}; give numbers")
     try:
-        found: Distribution = DISTRIBUTIONS[name](*map(float, numbers))
+        return DISTRIBUTIONS[name](*map(float, numbers))
     except TypeError:
         wanted = SIGNATURES.get(name, "[low, high]")
         raise RpctlError(f"{where}.{name} has {len(numbers)} numbers; give {wanted}") from None
     except RpctlError as error:
         raise RpctlError(f"{where}: {error}") from None
-    return found
 
 
 def distribution_table(distribution: Distribution) -> dict[str, list[float]]:

@@ -137,8 +137,7 @@ def worst_rows(values: Array, count: int) -> NDArray[np.intp]:
         values: Of each run (N,), larger is worse; NaN where a run has none.
         count: How many rows.
     """
-    order = np.argsort(-np.where(np.isnan(values), np.inf, values), kind="stable")
-    return order[:count]
+    return np.argsort(-np.where(np.isnan(values), np.inf, values), kind="stable")[:count]
 
 
 def envelope(series: Array, levels: Sequence[float] = (0.05, 0.5, 0.95)) -> Array:
@@ -195,8 +194,7 @@ class Sensitivity:
         """The parameters, what matters most first."""
         keys = (MAIN[self.method],) if self.method in MAIN else RANKS
         size = np.max([[abs(each.value) for each in self.measures[key]] for key in keys], axis=0)
-        order = np.argsort(-size, kind="stable")
-        return tuple(self.parameters[j] for j in order)
+        return tuple(self.parameters[j] for j in np.argsort(-size, kind="stable"))
 
 
 class Importance(NamedTuple):
@@ -289,8 +287,7 @@ def sensitivity(
     elif varies:  # SALib would divide by a variance of zero
         found = _indices(design, points, finite)
     if not varies:
-        names = NAMES[method]
-        found = dict.fromkeys(names, (Interval(0.0, 0.0, 0.0),) * points.shape[1])
+        found = dict.fromkeys(NAMES[method], (Interval(0.0, 0.0, 0.0),) * points.shape[1])
     return Sensitivity(merit, method, tuple(parameters), found, int((~known).sum()))
 
 

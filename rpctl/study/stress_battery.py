@@ -104,8 +104,7 @@ class Stress:
 
 
 def _no_effort_limits(robot: Robot) -> str | None:
-    limited = np.isfinite(robot.effort_limits).any()
-    return None if limited else "its file has no effort limits"
+    return None if np.isfinite(robot.effort_limits).any() else "its file has no effort limits"
 
 
 def _no_wheels(robot: Robot) -> str | None:

@@ -148,8 +148,7 @@ class StressReport:
         self, plant: str, law: LawPair, stress: Stress | None = None, level: float = 0.0
     ) -> StressRow:
         """Return the row of one level of a ladder; without a ladder that of nothing stressed."""
-        nominal = stress is None or level == stress.nominal
-        levels = () if nominal or stress is None else ((stress.name, level),)
+        levels = () if stress is None or level == stress.nominal else ((stress.name, level),)
         return self._by_levels[plant, law, levels]
 
     @cached_property

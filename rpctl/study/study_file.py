@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from rpctl.errors import DescriptionError, Finding, RpctlError
+from rpctl.errors import RpctlError, fault_at
 from rpctl.files import toml
 from rpctl.files.caps import read_text
 from rpctl.files.records import fields_of, read_record
@@ -53,7 +53,7 @@ def read_study(path: str | Path, robot: Robot, backend: str = "auto") -> Study:
     try:
         study.design.size(len(study.scatter.names))
     except RpctlError as error:
-        raise DescriptionError(path, [Finding("error", None, f"study: {error}")]) from None
+        raise fault_at(path, None, f"study: {error}") from None
     return study
 
 

@@ -243,7 +243,6 @@ def _optimum(folder: Path) -> Mapping[str, Any] | None:
     if not path.is_file():
         return None
     try:
-        found: Mapping[str, Any] = read_json(read_text(path, "MAX_TOML_BYTES", "a study's optimum"))
+        return read_json(read_text(path, "MAX_TOML_BYTES", "a study's optimum"))
     except ValueError as error:
         raise RpctlError(f"{path}: {error}; remove it, and optimise again") from None
-    return found

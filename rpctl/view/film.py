@@ -141,8 +141,10 @@ def _picture_count(run: Run, path: Path, rate: int) -> int:
         raise RpctlError(f"a GIF cannot have {rate} pictures a second; give 50, 25, 20, 10, 5 or 4")
     count = int(np.floor((run.t[-1] - run.t[0]) * rate + FRAME_TOLERANCE)) + 1
     if count > cap("MAX_PICTURES"):
-        fault = f"{path}: a film of {count:,} pictures, over {cap('MAX_PICTURES'):,}"
-        raise RpctlError(f"{fault}; give a lower rate; {how_to_raise('MAX_PICTURES')}")
+        raise RpctlError(
+            f"{path}: a film of {count:,} pictures, over {cap('MAX_PICTURES'):,}; "
+            f"give a lower rate; {how_to_raise('MAX_PICTURES')}"
+        )
     return count
 
 
@@ -150,8 +152,10 @@ def _checked(size: Size) -> Size:
     """Return a size that can be drawn and encoded; colours are stored for two pixels at a time."""
     for edge in size:
         if edge % 2 or not MIN_EDGE_PX <= edge <= MAX_EDGE_PX:
-            wanted = f"even numbers from {MIN_EDGE_PX} to {MAX_EDGE_PX}"
-            raise RpctlError(f"size {size[0]}x{size[1]}: give {wanted}, as 1280x720")
+            raise RpctlError(
+                f"size {size[0]}x{size[1]}: give even numbers from {MIN_EDGE_PX} to "
+                f"{MAX_EDGE_PX}, as 1280x720"
+            )
     return size
 
 

@@ -68,6 +68,11 @@ def fold(name: str, length: int) -> str:
     return "\n".join(line.strip() for line in lines)
 
 
+def capital(text: str) -> str:
+    """Return a text that begins with a capital; what follows stays."""
+    return text[:1].upper() + text[1:]
+
+
 def literal(text: str) -> str:
     """Return a text of others that Matplotlib draws as it is: no formula, and never left out.
 

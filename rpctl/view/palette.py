@@ -101,8 +101,7 @@ def style_sheet(dark: bool = True) -> str:
     lines = {f"c{k}": pair for k, pair in enumerate(LINES)}
     sheets = []
     for k, scheme in enumerate(("light", "dark")):
-        pairs = {**COLOURS, **lines}.items()
-        variables = "".join(f" --{name}: {pair[k]};" for name, pair in pairs)
+        variables = "".join(f" --{name}: {pair[k]};" for name, pair in {**COLOURS, **lines}.items())
         sheets.append(f":root {{ color-scheme: {scheme};{variables} }}\n")
     return (
         f"{sheets[0]}@media (prefers-color-scheme: dark) {{ {sheets[1]} }}\n" if dark else sheets[0]

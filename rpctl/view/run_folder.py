@@ -97,8 +97,7 @@ def write_folder(
         RpctlError: The folder cannot be made or written to.
     """
     make_folder(folder)
-    path = run.save(folder / RUN_FILE, precision)
-    run = replace(run, digest=digest(path))
+    run = replace(run, digest=digest(run.save(folder / RUN_FILE, precision)))
     for name in find_faults(folder, run.digest or "").keys() & set(MADE_FILES):
         (folder / name).unlink(missing_ok=True)
     made = make_files(run, folder, run.load_robot(), megabytes)

@@ -12,6 +12,7 @@ import pytest
 import rpctl
 from rpctl import EndEffector, Horizon, PaperKinematic, ReducedDynamics, Robot, Run
 from rpctl.arrays import Array
+from rpctl.control.balance import Balance
 from rpctl.control.horizon.planner import Planned
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, Unregistered, kinematic_by_name
@@ -147,5 +148,6 @@ COUNTED |= {"largest_delay", "restarts"}  # where a process plans
 @pytest.mark.parametrize("make", [*KINEMATIC_LAWS.values(), *DYNAMIC_LAWS.values()])
 def test_every_law_has_a_report(paper: Robot, make: Callable[[], KinematicLaw]) -> None:
     law = make()
-    report = law.start(ReducedDynamics(paper), PERIOD).report()
+    robot = rpctl.load("balancer") if isinstance(law, Balance) else paper
+    report = law.start(ReducedDynamics(robot), PERIOD).report()
     assert set(report) == (COUNTED if isinstance(law, Horizon | EndEffector) else set())

@@ -121,7 +121,7 @@ def swapped(original: Callable[..., Array], *arguments: Any) -> Array:
 
 def wheel_sign(original: Callable[..., None], dynamics: Any, robot: Robot) -> None:
     original(dynamics, robot)
-    dynamics._columns[:, 1] *= -1.0
+    dynamics.columns[:, 1] *= -1.0
 
 
 def without_wheel_inertia(model: pin.Model, robot: Robot) -> None:

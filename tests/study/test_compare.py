@@ -290,7 +290,7 @@ def test_what_the_table_of_the_readme_claims(paper: Robot) -> None:
         if row.cell.controller == PROPOSED:
             assert not row.figures.violations
             assert row.figures.final_lateral is not None
-            assert row.cell.reference != "line" or row.figures.final_lateral < NOTHING
+            assert row.cell.run.reference != "line" or row.figures.final_lateral < NOTHING
     found = verdicts(rows, PROPOSED)
     assert len(found) == 12
     assert [verdict for verdict in found if verdict.worse_than_paper] == []

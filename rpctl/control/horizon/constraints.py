@@ -95,8 +95,7 @@ class WheelSpeeds:
 
     def _rates(self, joints: Array, casters: Array) -> Array:
         """Return the map (n, dof) from ν to the wheels' rates over their limits."""
-        q = self._model.configuration(joints, casters=casters)
-        B = self._model.dynamics.actuation(q)
+        B = self._model.dynamics.actuation(self._model.configuration(joints, casters=casters))
         return B.T[self._limited] / self._limits[:, None]
 
     def __call__(self, sample: Sample) -> list[LinearRows]:

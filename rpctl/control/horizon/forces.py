@@ -38,7 +38,6 @@ class Ground:
 
     Attributes:
         edges: Number of rows about tipping.
-        grip_rows: Number of rows about slipping for each split of the load.
     """
 
     def __init__(
@@ -57,7 +56,6 @@ class Ground:
         # One row a contact about tipping if the polygon changes with the posture.
         steady = contacts.stance is not None
         self.edges = len(self.stance.inward) if steady else len(contacts.points)
-        self.grip_rows = GRIP_POLYGON_FACES * len(contacts.along)
 
     def update(self, q: Array) -> None:
         """Update the contacts to those at q (nq,)."""

@@ -143,7 +143,8 @@ class HorizonLaw:
         plan = self._plan
         if plan is None or t > plan.ends:
             self.unplanned += 1
-            return self._fallback(dynamics, self._reading(reference), t, q, nu)
+            read = reference if self._stage is None else self._stage.reading(reference)
+            return self._fallback(dynamics, read, t, q, nu)
         self.largest_age = max(self.largest_age, t - self._measured_at)
         # What is followed may have jumped along with a measured pose: then the plan is none of it.
         return self._follower(plan, t, q if self._made_for is reference else None)
@@ -185,10 +186,6 @@ class HorizonLaw:
         if self._fault:
             found.append(f"a plan of the horizon law failed: {self._fault}")
         return tuple(found)
-
-    def _reading(self, reference: Reference) -> Reference:
-        """Return what the plans track by now: the reference, or the way up to it."""
-        return reference if self._stage is None else self._stage.reading(reference)
 
     def _approach(self, reference: Reference, t: float, q: Array, nu: Array) -> Reference:
         """Return what a plan is to track: from far off, a new way up to the reference."""

@@ -211,8 +211,7 @@ class Planner:
         sample = Sample(motion, target, places)
         lower, upper = self._hard_bounds.linearise(sample)
         soft = [rows for bound in self._soft for rows in bound(sample)]
-        errors = self.cost.errors(sample)
-        return Linearisation(motion.jacobian, errors, extra, soft, lower, upper)
+        return Linearisation(motion.jacobian, self.cost.errors(sample), extra, soft, lower, upper)
 
     def _target(self, reference: Reference, t: float, q: Array) -> Target:
         """Return the reference ahead, in scaled time."""
@@ -265,11 +264,11 @@ def _soft_bounds(
     if law.base_obstacles and model.base:
         found.append(partial(base_clearance, model, law.base_obstacles, radius))
     if law.end_effector_obstacles:
-        tip = law.end_effector_obstacles, law.end_effector_radius
-        found.append(partial(arm_clearance, *tip))
+        found.append(partial(arm_clearance, law.end_effector_obstacles, law.end_effector_radius))
     if law.body_clearance is not None:
-        obstacles = law.base_obstacles, law.end_effector_obstacles
-        found += body_clearance(model, law.body_clearance, *obstacles)
+        found += body_clearance(
+            model, law.body_clearance, law.base_obstacles, law.end_effector_obstacles
+        )
     return found
 
 

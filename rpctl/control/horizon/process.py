@@ -192,11 +192,6 @@ class PlanningProcess:
             )
 
     @property
-    def pid(self) -> int | None:
-        """Number of the process; None without one."""
-        return None if self._process is None else self._process.pid
-
-    @property
     def busy(self) -> bool:
         """Whether it owes a plan."""
         return self._asked is not None

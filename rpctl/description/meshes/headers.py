@@ -129,8 +129,7 @@ def _check_glb(content: bytes) -> Size:
     if content[:4] != b"glTF" or content[16:GLB_HEAD] != JSON_CHUNK:
         raise MeshFaultError("not readable: no GLB of version 2; export it again")
     try:
-        header = json.loads(content[GLB_HEAD : GLB_HEAD + length])
-        return _glb_size(header)
+        return _glb_size(json.loads(content[GLB_HEAD : GLB_HEAD + length]))
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
         raise MeshFaultError(
             f"not readable: its header is damaged ({type(error).__name__}); export it again"

@@ -233,9 +233,8 @@ def measure_solid(head: Mapping[str, Any], arrays: Sequence[Any]) -> Answer:
     Raises:
         MeshFaultError: It encloses nothing.
     """
-    trimesh = library("trimesh")
     vertices, faces = arrays
-    mesh = trimesh.Trimesh(vertices * head["scale"], faces.astype(np.int64))
+    mesh = library("trimesh").Trimesh(vertices * head["scale"], faces.astype(np.int64))
     closed = bool(mesh.is_watertight and mesh.is_winding_consistent)
     try:
         body = mesh if closed else mesh.convex_hull

@@ -92,8 +92,7 @@ class MeshPaths:
                     "refused: only package:// and paths from the URDF's folder are read; "
                     "write one of these"
                 )
-            whole = path if path[0] == "/" else f"{self._folder}/{path}"
-            return [(whole, None)]
+            return [(path if path[0] == "/" else f"{self._folder}/{path}", None)]
         package, _, rest = name.removeprefix(PACKAGE).partition("/")
         if package in ("", ".", ".."):
             raise MeshError("refused: package:// without the name of a package; name it")
@@ -131,8 +130,9 @@ def check_meshes(first: Mapping[str, int], paths: MeshPaths) -> list[Finding]:
         joined = [_missing_packages(wanted, first, next(iter(missing.values())).fix)]
     for fault, meshes in faults.items():
         others = f" and {len(meshes) - 1} more" if len(meshes) > 1 else ""
-        text = f'mesh "{excerpt(meshes[0])}"{others}: {fault}'
-        joined.append(Finding("warning", first[meshes[0]], text))
+        joined.append(
+            Finding("warning", first[meshes[0]], f'mesh "{excerpt(meshes[0])}"{others}: {fault}')
+        )
     return joined
 
 
@@ -145,5 +145,8 @@ def _missing_packages(
         more = f" and {len(meshes) - 1} more" if len(meshes) > 1 else ""
         said.append(f"{package} (line {lines[meshes[0]]}{more})")
     fix = fix.replace("above it", "above them")
-    text = f"{len(wanted)} packages of meshes were not found: {', '.join(said)}; {fix}"
-    return Finding("warning", min(lines[meshes[0]] for meshes in wanted.values()), text)
+    return Finding(
+        "warning",
+        min(lines[meshes[0]] for meshes in wanted.values()),
+        f"{len(wanted)} packages of meshes were not found: {', '.join(said)}; {fix}",
+    )

@@ -75,8 +75,9 @@ def _answer(request: bytes, jobs: Mapping[str, Job]) -> bytes:
     except MeshFaultError as error:
         return pack({"fault": str(error)})
     except MemoryError:
-        fault = f"refused: it needs too much memory; {how_to_raise('MAX_MESH_MEMORY')}"
-        return pack({"fault": fault})
+        return pack(
+            {"fault": f"refused: it needs too much memory; {how_to_raise('MAX_MESH_MEMORY')}"}
+        )
     except RecursionError:
         return pack({"fault": "refused: its parts hold each other too deeply"})
     except Exception as error:  # readers of foreign formats fail in every way there is

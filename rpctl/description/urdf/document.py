@@ -246,9 +246,8 @@ def _ends_early(text: str) -> bool:
     """Whether a text that is not well-formed is so only for what is missing at its end."""
     if text.rstrip().endswith("robot>"):
         return False
-    parser = _parser()
     try:
-        parser.feed(text.encode("utf-8"))
+        _parser().feed(text.encode("utf-8"))
     except etree.XMLSyntaxError:
         return False
     return True
@@ -344,8 +343,10 @@ def _wide(data: bytes, codec: str) -> str:
     try:
         return data.decode(codec)
     except UnicodeDecodeError as error:
-        fault = f"not {codec[:6].upper()} as its first bytes say (byte {error.start})"
-        raise Refusal(f"{fault}: damaged or truncated; save the file as UTF-8") from None
+        raise Refusal(
+            f"not {codec[:6].upper()} as its first bytes say (byte {error.start}): "
+            "damaged or truncated; save the file as UTF-8"
+        ) from None
 
 
 def _narrow(data: bytes, codec: str, findings: Findings) -> str:
@@ -353,8 +354,12 @@ def _narrow(data: bytes, codec: str, findings: Findings) -> str:
         return data.decode(codec)
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        fault = f"byte 0x{data[error.start]:02X} is not {codec.upper()}, the file's encoding"
-        findings.add_at("warning", line, f"{fault}; it is read as Latin-1, save the file as UTF-8")
+        findings.add_at(
+            "warning",
+            line,
+            f"byte 0x{data[error.start]:02X} is not {codec.upper()}, the file's encoding; "
+            "it is read as Latin-1, save the file as UTF-8",
+        )
         return data.decode("latin-1")
 
 
@@ -367,6 +372,10 @@ def _declared(data: bytes, findings: Findings) -> str:
         if BYTEWISE.fullmatch(codec := codecs.lookup(name).name):
             return codec
     line = data.count(b"\n", 0, declared.start(1)) + 1
-    fault = f'the declared encoding "{name}" is not the file\'s'
-    findings.add_at("warning", line, f'{fault}; it is read as UTF-8, declare encoding="UTF-8"')
+    findings.add_at(
+        "warning",
+        line,
+        f'the declared encoding "{name}" is not the file\'s; '
+        'it is read as UTF-8, declare encoding="UTF-8"',
+    )
     return "utf-8"

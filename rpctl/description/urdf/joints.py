@@ -90,8 +90,11 @@ def _read_loss(findings: Findings, dynamics: Any, name: str, key: str) -> float:
 
 def _require_kind(findings: Findings, element: Any, name: str, kind: str) -> None:
     if kind in ("floating", "planar"):
-        fix = "rpctl places the base itself; make it fixed, or remove the joint and its parent"
-        findings.error(element, f'joint "{name}" is {kind}; {fix}')
+        findings.error(
+            element,
+            f'joint "{name}" is {kind}; '
+            "rpctl places the base itself; make it fixed, or remove the joint and its parent",
+        )
     elif kind not in KNOWN_KINDS:
         has = f'type "{excerpt(kind)}"' if kind else "no type"
         findings.error(element, f'joint "{name}" has {has}; use one of {", ".join(KNOWN_KINDS)}')
@@ -113,11 +116,13 @@ def _read_axis(findings: Findings, element: Any, name: str, kind: str) -> Array:
         if given is None:
             given = etree.SubElement(element, "axis", xyz="1 0 0")  # some readers have another
         elif length <= MIN_AXIS_LENGTH and len(findings.items) == before:
-            text = f'axis of joint "{name}" is zero; give a direction such as "0 0 1"'
-            findings.error(given, text)
+            findings.error(
+                given, f'axis of joint "{name}" is zero; give a direction such as "0 0 1"'
+            )
         elif abs(length - 1.0) > AXIS_LENGTH_TOLERANCE and length > MIN_AXIS_LENGTH:
-            text = f'axis of joint "{name}" has length {length:.6g}; it is made a unit vector'
-            findings.warn(given, text)
+            findings.warn(
+                given, f'axis of joint "{name}" has length {length:.6g}; it is made a unit vector'
+            )
             given.set("xyz", " ".join(repr(value / length) for value in axis))
     return read_only(np.array(axis) / length if length > MIN_AXIS_LENGTH else np.zeros(3))
 

@@ -54,8 +54,11 @@ def _read_inertial(findings: Findings, link: Any) -> tuple[float | None, Array, 
     mass_element, inertia_element = (findings.only(inertial, tag) for tag in ("mass", "inertia"))
     if mass_element is None or inertia_element is None:
         missing = "mass" if mass_element is None else "inertia"
-        fix = "add it, or remove the <inertial> and let --density estimate it"
-        findings.error(inertial, f'<inertial> of link "{name}" has no <{missing}>; {fix}')
+        findings.error(
+            inertial,
+            f'<inertial> of link "{name}" has no <{missing}>; '
+            "add it, or remove the <inertial> and let --density estimate it",
+        )
         return 0.0, *nothing
     before = len(findings.items)
     mass = findings.number(mass_element, "value")
@@ -67,8 +70,10 @@ def _read_inertial(findings: Findings, link: Any) -> tuple[float | None, Array, 
         findings.error(mass_element, f'mass {mass:g} of link "{name}" is negative; give its kg')
     elif all(finding.severity != "error" for finding in findings.items[before:]):
         if mass > MAX_MASS_KG:
-            text = f'mass {mass:g} kg of link "{name}" is very large; is it in grams? give kg'
-            findings.warn(mass_element, text)
+            findings.warn(
+                mass_element,
+                f'mass {mass:g} kg of link "{name}" is very large; is it in grams? give kg',
+            )
         _doubt_inertia(findings, inertia_element, name, mass, inertia)
     return mass, origin[:3, 3], inertia
 
@@ -89,8 +94,11 @@ def _doubt_inertia(
                 f'link "{name}" has an inertia but the mass 0; give its mass, or no inertia',
             )
     elif most == least == 0:
-        text = f'link "{name}" is a point mass: its inertia is 0; give it if the link turns'
-        findings.add_at("info", element.sourceline, text)
+        findings.add_at(
+            "info",
+            element.sourceline,
+            f'link "{name}" is a point mass: its inertia is 0; give it if the link turns',
+        )
     elif least < -slack or least <= slack < most:
         findings.warn(
             element,

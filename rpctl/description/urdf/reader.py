@@ -126,16 +126,22 @@ def _document(data: bytes, findings: Findings) -> Any:
     """Return the <robot> element, or raise one clear refusal."""
     most = cap("MAX_BYTES")
     if len(data) > most:
-        text = f"the file is over {most} bytes; a URDF names its meshes, it does not hold them"
-        raise Refusal(f"{text}; {how_to_raise('MAX_BYTES')}")
+        raise Refusal(
+            f"the file is over {most} bytes; a URDF names its meshes, it does not hold them; "
+            f"{how_to_raise('MAX_BYTES')}"
+        )
     root = parse_document(data, findings)
     count = len(root.findall("link"))
     if not count:
         if root.find("group") is not None or root.find("disable_collisions") is not None:
-            fix = "give the URDF beside it"
-            raise Refusal(f"this is SRDF, what MoveIt adds to a URDF; {fix}", root.sourceline)
-        text = "the robot has no <link>; a URDF has at least one"
-        raise Refusal(f"{text}, and xacro's macros alone are no robot", root.sourceline)
+            raise Refusal(
+                "this is SRDF, what MoveIt adds to a URDF; give the URDF beside it", root.sourceline
+            )
+        raise Refusal(
+            "the robot has no <link>; a URDF has at least one, and xacro's macros alone are no "
+            "robot",
+            root.sourceline,
+        )
     require_few_links(count, root.sourceline)
     return root
 
@@ -163,8 +169,11 @@ def check_spelling(findings: Findings, root: Any) -> None:
                 continue
             near = get_close_matches(tag[:60], known, n=1, cutoff=MIN_SPELLING_LIKENESS)
             if near:
-                text = f"<{tag}> in <{parent.tag}> is not URDF, it is left out; "
-                findings.warn(child, f"{text}did you mean <{near[0]}>?")
+                findings.warn(
+                    child,
+                    f"<{tag}> in <{parent.tag}> is not URDF, it is left out; "
+                    f"did you mean <{near[0]}>?",
+                )
 
 
 def check_names(findings: Findings, root: Any) -> None:
@@ -174,8 +183,9 @@ def check_names(findings: Findings, root: Any) -> None:
         if any(
             category(sign) == "Cc" for sign in name
         ):  # it could end its line, or steer a terminal
-            text = f'{element.tag} "{name}" has a control character in its name; remove it'
-            findings.error(element, text)
+            findings.error(
+                element, f'{element.tag} "{name}" has a control character in its name; remove it'
+            )
     for tag in ("link", "joint"):
         lines: dict[str, int] = {}
         for element in root.findall(tag):
@@ -203,8 +213,10 @@ def check_tree(
     for joint in joints:
         for end in (joint.parent, joint.child):
             if end not in names:
-                text = f'joint "{joint.name}" names an unknown link "{end}"; correct the name'
-                findings.error(elements[joint.name], text)
+                findings.error(
+                    elements[joint.name],
+                    f'joint "{joint.name}" names an unknown link "{end}"; correct the name',
+                )
         if joint.child in parents:
             findings.error(
                 elements[joint.name],
@@ -222,8 +234,10 @@ def check_tree(
         findings.error(root, "the joints form a cycle; a URDF is a tree with one root link")
     else:
         for name in sorted(_in_cycles({child: each.parent for child, each in parents.items()})):
-            text = f'link "{name}" is in a cycle, not below the root; correct a parent'
-            findings.error(elements[parents[name].name], text)
+            findings.error(
+                elements[parents[name].name],
+                f'link "{name}" is in a cycle, not below the root; correct a parent',
+            )
 
 
 def _in_cycles(above: Mapping[str, str]) -> set[str]:
@@ -264,8 +278,11 @@ def resolve_mimics(findings: Findings, root: Any, joints: Sequence[Joint]) -> tu
         if fault:
             findings.error(element, f'joint "{joint.name}" {fault}')
         elif mimic != joint.mimic:
-            text = f'joint "{joint.name}" mimics "{joint.mimic.joint}", itself a mimic; '
-            findings.warn(element, f'{text}read as one of "{mimic.joint}"')
+            findings.warn(
+                element,
+                f'joint "{joint.name}" mimics "{joint.mimic.joint}", itself a mimic; '
+                f'read as one of "{mimic.joint}"',
+            )
             element.set("joint", mimic.joint)
             element.set("multiplier", repr(mimic.multiplier))
             element.set("offset", repr(mimic.offset))

@@ -58,8 +58,9 @@ def is_xacro(path: Path, data: bytes) -> bool:
     """
     if path.suffix.lower() == ".xacro":
         return True
-    may = b"<xacro:" in data or b"$(" in data
-    return may and XACRO.search(COMMENT.sub(b"", data)) is not None
+    return (b"<xacro:" in data or b"$(" in data) and XACRO.search(
+        COMMENT.sub(b"", data)
+    ) is not None
 
 
 def expand(path: Path, settings: ReadSettings = READ_DEFAULTS) -> Expansion:
@@ -141,8 +142,11 @@ def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
             fault = f"its expansion takes over {seconds} s; {how_to_raise('MAX_XACRO_SECONDS')}"
         raise refusal(path, fault) from None
     if answer is None:
-        fault = f"its expansion takes over {cap('MAX_XACRO_MEMORY')} bytes of memory"
-        raise refusal(path, f"{fault}; {how_to_raise('MAX_XACRO_MEMORY')}")
+        raise refusal(
+            path,
+            f"its expansion takes over {cap('MAX_XACRO_MEMORY')} bytes of memory; "
+            f"{how_to_raise('MAX_XACRO_MEMORY')}",
+        )
     return answer | {"open": warning}
 
 

@@ -207,8 +207,7 @@ class Hooks:
 
     def lines(self, pattern: str) -> list[int | None]:
         """Return the lines of the file being evaluated that hold a pattern; else [None]."""
-        text = self._text_of(self.file)
-        lines = enumerate(text.split("\n"), 1)
+        lines = enumerate(self._text_of(self.file).split("\n"), 1)
         return [k for k, line in lines if re.search(pattern, line)] or [None]
 
     def _want(self, package: str, line: int | None, use: str) -> None:

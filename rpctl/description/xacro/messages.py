@@ -54,9 +54,11 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
         lines += missing_argument(path, answer, settings)
     elif "variable" in answer:
         name = excerpt(answer["variable"])
-        fault = f'xacro: environment variable "{name}" has no value, for a file sees none of yours'
-        place = answer.get("file") or path
-        lines.append(say(place, answer.get("line"), f"{fault}; add {ENVIRONMENT}{name}:=VALUE"))
+        fault = (
+            f'xacro: environment variable "{name}" has no value, for a file sees none of yours; '
+            f"add {ENVIRONMENT}{name}:=VALUE"
+        )
+        lines.append(say(answer.get("file") or path, answer.get("line"), fault))
     elif "error" in answer and not lines:
         lines += _fault(path, answer)
     elif not lines:
@@ -179,16 +181,17 @@ def _fault(path: Path, answer: Answer) -> list[str]:
     """Return the message on what xacro refuses."""
     if answer["old"]:
         file, tag, line = answer["old"][0]
-        old = "this is xacro from before ROS Jade, whose own elements had no prefix"
-        fix = f"write <xacro:{tag}> for <{tag}>, and so for all, its calls, too"
-        return [say(file, line, f"{old}: {fix}")]
+        fault = (
+            "this is xacro from before ROS Jade, whose own elements had no prefix: write "
+            f"<xacro:{tag}> for <{tag}>, and so for all, its calls, too"
+        )
+        return [say(file, line, fault)]
     macros, wants = answer.get("macros"), [w[0] for w in answer["wants"] if w[3] != "text"]
     within = f' (in macro "{excerpt(macros[-1])}")' if macros else ""
     missing = ", ".join(dict.fromkeys(wants))
     fix = f"it may be in a package that was not found ({missing}); {DECLARE}" if wants else RUN_IT
     fault = f"xacro: {answer['error']}{within}; {fix}"
-    place = answer.get("file") or path
-    return [say(place, answer.get("line"), fault), *_choosing(answer)]
+    return [say(answer.get("file") or path, answer.get("line"), fault), *_choosing(answer)]
 
 
 def _choosing(answer: Answer) -> list[str]:

@@ -189,8 +189,7 @@ def name_packages(document: Any, folders: Mapping[str, str]) -> None:
     """
     longest = sorted(folders.items(), key=lambda each: -len(each[1]))
     for mesh in document.getElementsByTagName("mesh"):
-        path = mesh.getAttribute("filename")
-        plain = path.removeprefix(FILE)
+        plain = mesh.getAttribute("filename").removeprefix(FILE)
         if plain.startswith(PACKAGE):  # $(find) of a package that is not there
             mesh.setAttribute("filename", plain)
         within = [each for each in longest if plain.startswith(f"{each[1]}/")]

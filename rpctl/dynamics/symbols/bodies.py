@@ -131,7 +131,7 @@ def _choose_origins(drafts: list[_Draft]) -> None:
             ahead = (turn_z(parent.spin).T @ draft.pose[:3, 3])[1]
             draft.shift[2] = ahead / level if level > SLANTED else 0.0
         elif draft.child > 0 and not drafts[draft.child].slides:
-            draft.shift[2] = _origin(drafts, draft.child)[2]
+            draft.shift[2] = _origin_of(drafts, drafts[draft.child])[2]
     for draft in drafts[1:]:
         if draft.slides:
             draft.shift = -_axes(drafts, draft).T @ _origin_of(drafts, draft)
@@ -141,10 +141,6 @@ def _axes(drafts: list[_Draft], draft: _Draft) -> Array:
     """Return the axes (3, 3) of a spun frame in its parent's at position 0."""
     spun = turn_z(drafts[draft.parent].spin).T @ draft.pose[:3, :3] @ turn_z(draft.spin)
     return np.asarray(spun)
-
-
-def _origin(drafts: list[_Draft], i: int) -> Array:
-    return _origin_of(drafts, drafts[i])
 
 
 def _origin_of(drafts: list[_Draft], draft: _Draft) -> Array:

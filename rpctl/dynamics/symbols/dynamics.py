@@ -289,10 +289,7 @@ class SymbolicDynamics:
     @cached_property
     def _whole(self) -> list[list[float]]:
         """The ten numbers of each body of the robot, with those that a planar root hides."""
-        numbers: list[list[float]] = cleaned(
-            felt(self._bodies, inertias_of(self.robot), grounded=True)
-        ).tolist()
-        return numbers
+        return list(cleaned(felt(self._bodies, inertias_of(self.robot), grounded=True)).tolist())
 
     def solve_positive(self, M: Any, b: Any) -> Any:
         """Return M⁻¹ b (n, 1) of a symmetric positive definite M (n, n), without pivots."""

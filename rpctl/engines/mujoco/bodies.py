@@ -70,8 +70,7 @@ def is_physical(given: Inertial) -> bool:
 
 def head_link(robot: Robot, joint: int) -> str:
     """Return the link whose frame is that of a joint of the model."""
-    name = robot.model.names[joint]
-    known = robot.description.joint.get(name)
+    known = robot.description.joint.get(robot.model.names[joint])
     return robot.description.root if joint == 1 or known is None else known.child
 
 

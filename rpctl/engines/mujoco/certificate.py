@@ -115,8 +115,7 @@ def find_certificate(texts: Mapping[str, str], path: object) -> MjcfCertificate:
         certificate = _from_plain(read_json(data.decode("utf-8")))
     except (ValueError, KeyError, TypeError, AttributeError, zlib.error, binascii.Error) as fault:
         raise InputError(path, f"its certificate is damaged ({fault}); export again") from None
-    told = texts.get("rpctl_certificate_sha256")
-    if told != hashlib.sha256(data).hexdigest():
+    if texts.get("rpctl_certificate_sha256") != hashlib.sha256(data).hexdigest():
         raise InputError(path, "its certificate was edited: its digest is another; export again")
     return certificate
 

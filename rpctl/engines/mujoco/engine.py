@@ -119,8 +119,7 @@ class MujocoRun(RollingBody):
     """A robot in MuJoCo as a user loads it, or mended; an ``EngineRun``."""
 
     def __init__(self, robot: Robot, model: Any, touching: Touching, friction: float) -> None:
-        root = PREFIX + robot.description.root
-        super().__init__(robot, model, root, touching, friction)
+        super().__init__(robot, model, PREFIX + robot.description.root, touching, friction)
         self.notes: tuple[str, ...] = ()
         self._load = np.zeros(len(self.contacts))
 

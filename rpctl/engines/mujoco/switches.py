@@ -33,6 +33,7 @@ from rpctl.equivalence.contact.model import (
 from rpctl.equivalence.contact.mujoco_body import (
     Touching,
     add_shape,
+    add_tie,
     mujoco_library,
     one_directional,
 )
@@ -86,10 +87,7 @@ class _Mender:
         """Tie swivels to the one that they follow; return whether there is one."""
         ties = tie_polynomials(self._robot)
         for name, coefficients in ties.items():
-            tie = self._spec.add_equality(name1=name, name2=self._robot.drive.steered[0].joint)
-            tie.type = self._mujoco.mjtEq.mjEQ_JOINT
-            tie.objtype = self._mujoco.mjtObj.mjOBJ_JOINT
-            tie.data[:5] = coefficients
+            add_tie(self._spec, name, self._robot.drive.steered[0].joint, coefficients)
         return bool(ties)
 
     def open_to_all(self) -> None:
@@ -285,8 +283,9 @@ def _inertia(robot: Robot) -> Iterator[Switch]:
         fault = f"the inertias of {listed(unphysical, MAX_NAMED)} are unphysical and get changed"
         faults[fault] = "give the sum of the links fixed together to the body that moves"
     if robot.armature.any():
-        setting = 'set <joint armature="..."/> to that of the <transmission>'
-        faults["rotors have no inertia"] = setting
+        faults["rotors have no inertia"] = (
+            'set <joint armature="..."/> to that of the <transmission>'
+        )
     if faults:
         yield Switch("inertia", "; ".join(faults), "; ".join(faults.values()))
 

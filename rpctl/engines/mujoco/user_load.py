@@ -48,8 +48,7 @@ def load_as_user(robot: Robot) -> tuple[Any, tuple[str, ...]]:
         raise EngineFault(f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
     spec.option.gravity = robot.model.gravity.linear
     spec.body(PREFIX + robot.description.root).add_freejoint()
-    kind = mujoco.mjtGeom.mjGEOM_PLANE
-    spec.worldbody.add_geom(name=GROUND, type=kind, size=[0.0, 0.0, 1.0])
+    spec.worldbody.add_geom(name=GROUND, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
     return spec, notes
 
 

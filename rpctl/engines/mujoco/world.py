@@ -16,7 +16,7 @@ from rpctl.engines.engine import LinkMotion, wheel_slips
 from rpctl.engines.mujoco.bodies import add_bodies, add_motors, body_name
 from rpctl.engines.mujoco.ground import GRIP, GROUND, GroundContacts
 from rpctl.engines.mujoco.settings import BASE, LEAST, ContactSettings, Heights, read_heights
-from rpctl.equivalence.contact.mujoco_body import MujocoBody, mujoco_library, muted
+from rpctl.equivalence.contact.mujoco_body import MujocoBody, add_tie, mujoco_library, muted
 from rpctl.errors import DivergedError, RpctlError, require_positive
 from rpctl.robot.model import Robot
 
@@ -253,13 +253,14 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     add_motors(spec, robot)
     ground = GroundContacts(spec, robot, settings, friction)
     ground.add_all()
+    stiffness = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP
     for joint in robot.mimics:
         if joint.mimic is not None and joint.mimic.joint not in robot.locked:
             line = joint.mimic.offset, joint.mimic.multiplier
-            _tie(spec, joint.name, joint.mimic.joint, line, settings)
+            add_tie(spec, joint.name, joint.mimic.joint, line, stiffness)
     polynomials, notes = tie_polynomials(robot), ground.notes
     for name, coefficients in polynomials.items():
-        _tie(spec, name, robot.drive.steered[0].joint, coefficients, settings)
+        add_tie(spec, name, robot.drive.steered[0].joint, coefficients, stiffness)
     followers = tuple(s.joint for s in robot.drive.followers if s.joint not in polynomials)
     if polynomials:
         turned = ", ".join(polynomials)
@@ -318,18 +319,3 @@ def tie_polynomials(robot: Robot) -> dict[str, tuple[float, ...]]:
             return {}
         found[name] = tuple(fitted.tolist())
     return found
-
-
-def _tie(
-    spec: Any,
-    follower: str,
-    leader: str,
-    coefficients: Sequence[float],
-    settings: ContactSettings,
-) -> None:
-    """Make a joint's position a polynomial of another's."""
-    mujoco = mujoco_library()
-    tie = spec.add_equality(name1=follower, name2=leader)
-    tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
-    tie.data[: len(coefficients)] = coefficients
-    tie.solref, tie.solimp = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP

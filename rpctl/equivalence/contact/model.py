@@ -24,7 +24,13 @@ from rpctl.arrays import Array
 from rpctl.description.records import Shape
 from rpctl.drive.drive import Wheel
 from rpctl.dynamics.stance import Supports, find_supports
-from rpctl.equivalence.contact.mujoco_body import RollingBody, Touching, add_shape, mujoco_library
+from rpctl.equivalence.contact.mujoco_body import (
+    RollingBody,
+    Touching,
+    add_shape,
+    add_tie,
+    mujoco_library,
+)
 from rpctl.equivalence.file_wheels import WheelSize, wheel_size
 from rpctl.equivalence.mujoco_engine import NAME_PREFIX, MujocoModel
 from rpctl.equivalence.raw_file import read_file
@@ -189,10 +195,8 @@ class _Builder:
             self._touch(spec, link, name, shape.kind, size, shape.origin).condim = 1
         for joint in self._robot.mimics:
             if joint.mimic is not None and joint.mimic.joint not in self._robot.locked:
-                equal = spec.add_equality(name1=joint.name, name2=joint.mimic.joint)
-                equal.type, equal.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
-                equal.data[:2] = joint.mimic.offset, joint.mimic.multiplier
-                equal.solref, equal.solimp = SOLREF, SOLIMP
+                line = joint.mimic.offset, joint.mimic.multiplier
+                add_tie(spec, joint.name, joint.mimic.joint, line, (SOLREF, SOLIMP))
 
     def _touch(
         self, spec: Any, link: str, name: str, kind: str, size: list[float], pose: Array

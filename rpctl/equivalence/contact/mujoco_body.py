@@ -87,6 +87,29 @@ def add_shape(body: Any, name: str, kind: str, size: Sequence[float], pose: Arra
     return body.add_geom(name=name, type=number, size=size, pos=place, quat=turn)
 
 
+def add_tie(
+    spec: Any,
+    follower: str,
+    leader: str,
+    coefficients: Sequence[float],
+    stiffness: tuple[Sequence[float], Sequence[float]] | None = None,
+) -> None:
+    """Make a joint's position a polynomial of another's.
+
+    Args:
+        spec: What is built (``MjSpec``).
+        follower: The joint that follows.
+        leader: The joint that leads.
+        coefficients: Of the polynomial, the constant one first.
+        stiffness: ``solref`` and ``solimp``; None: MuJoCo's.
+    """
+    mujoco, tie = mujoco_library(), spec.add_equality(name1=follower, name2=leader)
+    tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+    tie.data[: len(coefficients)] = coefficients
+    if stiffness is not None:
+        tie.solref, tie.solimp = stiffness
+
+
 def free_inertia(model: Any, data: Any) -> Array:
     """Return the inertia (nv, nv) of all of a model's coordinates, at the posture computed last."""
     M = np.zeros((model.nv, model.nv))

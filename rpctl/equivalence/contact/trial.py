@@ -186,7 +186,7 @@ def gaps(
     engine: ContactMotion,
 ) -> Iterator[Gap]:
     """Yield the rows of a trial."""
-    weight, span = _weight(robot), _span(contacts)
+    weight, width = _weight(robot), span(contacts)
     turned = float(np.abs(np.diff(engine.pose[:, 2])).sum())
     apart = np.hypot(*(reduced.pose - engine.pose)[:, :2].T)[:, None]
     way = PATH_BAND * travelled(engine.pose) + PATH_BAND_FLOOR_M
@@ -198,14 +198,14 @@ def gaps(
     )
     # Seen from each side's own root link: where the robot is, is the path's row.
     balance = (reduced.zmp - reduced.pose[:, :2]) - (engine.zmp - engine.pose[:, :2])
-    yield gap_row("zero-moment point", balance, ZMP_BAND * span, "m", AXES)
+    yield gap_row("zero-moment point", balance, ZMP_BAND * width, "m", AXES)
     if contacts.determinate:
         load = reduced.load - engine.load
         yield gap_row("wheel loads", load, LOAD_BAND * weight, "N", contacts.names)
     slides = np.array([robot.description.joint[name].kind == "prismatic" for name in joints], bool)
     for label, unit, kind, reach in (
         ("forces", "N", slides, weight),
-        ("torques", "N·m", ~slides, weight * span),
+        ("torques", "N·m", ~slides, weight * width),
     ):
         if kind.any():
             names = [name for name, one in zip(joints, kind, strict=True) if one]
@@ -245,7 +245,8 @@ def _weight(robot: Robot) -> float:
     return robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
 
 
-def _span(contacts: Contacts) -> float:
+def span(contacts: Contacts) -> float:
+    """Return the largest distance between two contacts, m."""
     points = contacts.points
     return float(np.hypot(*(points[:, None] - points[None]).T).max())
 

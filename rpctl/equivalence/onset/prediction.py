@@ -105,15 +105,13 @@ def manoeuvres(
         robot.drive.type != "skid-steer"
     ):  # it turns by scrubbing, which the reduced model leaves out
         radius = circle_radius(robot, contacts)
-        turn = (1.0, 0.0, 1.0 / radius)
-        yield Manoeuvre(f"circle of {radius:.2g} m", ending, "m/s", twist=turn)
+        yield Manoeuvre(f"circle of {radius:.2g} m", ending, "m/s", twist=(1.0, 0.0, 1.0 / radius))
     rate = 1.0 / robot.mass
     yield Manoeuvre("drives off", ending, "N", acceleration=rate)
     yield Manoeuvre("brakes", ending, "N", acceleration=-rate, before=braking_time)
     height = pushed_height(dynamics)
     for words, push in (("to its left", (0.0, 1.0)), ("ahead", (1.0, 0.0))):
-        name = f"pushed {words} at {height:.2g} m"
-        yield Manoeuvre(name, ending, "N", height=height, push=push)
+        yield Manoeuvre(f"pushed {words} at {height:.2g} m", ending, "N", height=height, push=push)
 
 
 def circle_radius(robot: Robot, contacts: Contacts) -> float:

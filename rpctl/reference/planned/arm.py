@@ -125,8 +125,7 @@ class Arm:
         draws = self.middle + DRAWN_RANGE * self.half_range * rng.uniform(
             -1, 1, (POSTURE_DRAWS, len(self.joints))
         )
-        scores = [self._comfort(positions, height) for positions in np.vstack([self.home, draws])]
-        return np.vstack([self.home, draws])[int(np.argmax(scores))]
+        return max([self.home, *draws], key=lambda positions: self._comfort(positions, height))
 
     def _comfort(self, positions: Array, height: float | None) -> float:
         found, _, jacobian = self.jacobian(np.zeros(3), positions)

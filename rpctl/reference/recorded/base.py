@@ -235,8 +235,7 @@ def _refuse_contradiction(
         line = places.line
         fault = f"a base that heeds {HEADING} comes no nearer to x, y than {places.largest:.2g} m"
     if fault:
-        fix = f"turn {HEADING} into the way, or leave it out"
-        raise rows.table.refuse([(line, f"{fault}; {fix}")])
+        raise rows.table.refuse([(line, f"{fault}; turn {HEADING} into the way, or leave it out")])
 
 
 def _heading_rows(t: Array, way: Smoothed, turning: Smoothed | None) -> HeadingRows:

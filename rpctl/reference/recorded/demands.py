@@ -117,8 +117,7 @@ def find_demands(dynamics: ReducedDynamics, reference: TimedPath, table: Table) 
     at = reference.time_law(times).s + 1e-9
     rows = np.clip(np.searchsorted(table.t, at, side="right") - 1, 0, len(table.t) - 1)
     lines = np.array(table.lines)[rows]
-    found = [_demand(dynamics, each, times, lines) for each in asked]
-    beyond = [each for each in found if each is not None]
+    beyond = filter(None, (_demand(dynamics, each, times, lines) for each in asked))
     return sorted(beyond, key=lambda demand: demand.ratio, reverse=True)
 
 

@@ -179,9 +179,8 @@ def reference_from_table(
         _check_rows(robot, rows.changed_table())
     if goal is not None:
         path, joints = plan_reach(robot, goal, limits, path)
-    end = float(table.t[-1])
     starts, ends = any(k.starts_moving for k in fits), any(k.ends_moving for k in fits)
-    law = recorded_time(end, starts, ends)
+    law = recorded_time(float(table.t[-1]), starts, ends)
     moves = goal is not None or any(name in table.columns for name in robot.joint_names)
     arm = spline_curve(joints) if moves else constant(robot.home)
     return _with_recording(robot, TimedPath(path or still(np.zeros(3)), arm, law), rows, retime)

@@ -16,7 +16,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.description.urdf.findings import Fault, excerpt, parse_numbers
-from rpctl.errors import DescriptionError, Finding
+from rpctl.errors import DescriptionError, Finding, fault_at
 from rpctl.files.caps import cap, how_to_raise, read_text
 
 MAX_LINE = 20_000  # characters of a row: a hundred for each of as many columns as there may be
@@ -60,15 +60,23 @@ def read_rows(path: str | Path) -> Iterator[TextRow]:
         if not content.strip(", ") or content.startswith("#"):
             continue
         if len(content) > MAX_LINE:
-            fault = f"a row of {len(content)} characters; {MAX_LINE} are the most"
-            raise refusal(path, [(line, f"{fault}; keep to t and the columns of a robot")])
+            raise fault_at(
+                path,
+                line,
+                f"a row of {len(content)} characters; {MAX_LINE} are the most; keep to t and the "
+                "columns of a robot",
+            )
         cells = [cell.strip() for cell in _cells(path, line, content)]
         if len(cells) > most_columns:
-            fault = f"{len(cells)} columns; {most_columns} are the most"
-            raise refusal(path, [(line, f"{fault}; {how_to_raise('MAX_COLUMNS')}")])
+            raise fault_at(
+                path,
+                line,
+                f"{len(cells)} columns; {most_columns} are the most; {how_to_raise('MAX_COLUMNS')}",
+            )
         if count > most_rows:  # the header is none of them
-            fault = f"over {most_rows} rows; thin it out, or {how_to_raise('MAX_ROWS')}"
-            raise refusal(path, [(line, fault)])
+            raise fault_at(
+                path, line, f"over {most_rows} rows; thin it out, or {how_to_raise('MAX_ROWS')}"
+            )
         count += 1
         yield line, cells
 
@@ -79,8 +87,9 @@ def _cells(path: str | Path, line: int, content: str) -> list[str]:
     try:
         return next(csv.reader([content], strict=True, skipinitialspace=True))
     except csv.Error as error:
-        fault = f"not CSV: {error} in a cell with quotation marks; numbers need none"
-        raise refusal(path, [(line, fault)]) from None
+        raise fault_at(
+            path, line, f"not CSV: {error} in a cell with quotation marks; numbers need none"
+        ) from None
 
 
 def separator_fault(cells: list[str]) -> str:
@@ -211,7 +220,7 @@ def read_table(path: str | Path, joints: Sequence[str] = ()) -> Table:
     rows = read_rows(path)
     first = next(rows, None)
     if first is None:
-        raise refusal(path, [(None, "empty; give a header such as t,x,y,theta, and rows")])
+        raise fault_at(path, None, "empty; give a header such as t,x,y,theta, and rows")
     header, names = first
     faults = header_faults(names, joints)
     if faults:

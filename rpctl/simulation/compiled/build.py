@@ -169,8 +169,7 @@ def require_equal(
         answered += 1
         if computed["limits"].any():
             require_within_limits(known.robot, computed["efforts"])
-        expected = _by_pinocchio(known, simulated, near, sample, computed)
-        for name, value in expected.items():
+        for name, value in _by_pinocchio(known, simulated, near, sample, computed).items():
             require_same(known.robot, name, computed[name], value)
     require_answers(known.robot, answered)
 
@@ -191,8 +190,7 @@ def _random_sample(
     q = robot.configuration_at(
         pose, near(robot.home), SPREAD * rng.normal(size=len(robot.drive.steered))
     )
-    still = np.zeros(robot.dof)
-    rest = Rest(q, np.asarray(simulated.efforts(q, simulated.bias(q, still))))
+    rest = Rest(q, np.asarray(simulated.efforts(q, simulated.bias(q, np.zeros(robot.dof)))))
     twist, rates = near(np.array([0.3, 0.0, 0.2])), near(np.zeros(3))
     state = ReferenceState(
         pose + off * rng.normal(size=3),
@@ -244,8 +242,7 @@ def _by_machine(
     more = {s: Rows(np.empty((1, s.width, len(inputs)))) for s in loop.log.values()}
     if loop.fold is not None and loop.fold.tip is not None:
         more[loop.fold.tip] = Rows(np.zeros((1, loop.fold.tip.width)))
-    row = tabulate(known.robot, lambda t: state, np.zeros(1)).rows
-    lanes.advance(0, np.zeros(1), row, more)
+    lanes.advance(0, np.zeros(1), tabulate(known.robot, lambda t: state, np.zeros(1)).rows, more)
     if lanes.workspace[loop.law.failed].any():
         return None
     taken: dict[str, Buffer] = {

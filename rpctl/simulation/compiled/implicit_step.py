@@ -176,8 +176,7 @@ class BrakedPlaces:
 
 def inertia_layout(dynamics: SymbolicDynamics) -> Layout:
     """Return where the entries of M stand in a column: those of its lower half."""
-    q = casadi.SX.sym("q", dynamics.robot.nq)
-    return Layout({"M": lower_half(dynamics.inertia(q))})
+    return Layout({"M": lower_half(dynamics.inertia(casadi.SX.sym("q", dynamics.robot.nq)))})
 
 
 def lower_half(M: Any) -> Any:

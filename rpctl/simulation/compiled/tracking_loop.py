@@ -139,24 +139,10 @@ def _add(
     """Record the first samples of a chunk."""
     if not count:
         return
-    sets, which = _distinct(log["limits"][:count])
+    sets, which = np.unique(log["limits"][:count], axis=0, return_inverse=True)
     columns = {name: log[name][:count] for name in ("q", "nu", "tau", "nu_d")}
     columns["nu_cmd"] = np.empty((count, 0))
     columns["work"], columns["lost"] = log["energy"][:count].T
     names = compiled.program.law.limit_names
-    samples = Samples(table.at(slice(count)), columns, which)
+    samples = Samples(table.at(slice(count)), columns, which.ravel().astype(float))
     recorder.add_batch(samples, [names(row) for row in sets])
-
-
-def _distinct(rows: Array) -> tuple[list[Array], Array]:
-    """Return the distinct ones of rows (K, n), K > 0, and the number (K,) of each row's.
-
-    Most rows are the one before.
-    """
-    changes = (rows[1:] != rows[:-1]).any(axis=1)
-    starts = np.concatenate([[0], 1 + np.flatnonzero(changes)])
-    known: dict[bytes, int] = {}
-    numbers = [known.setdefault(rows[k].tobytes(), len(known)) for k in starts]
-    lasting = np.diff(np.append(starts, len(rows)))
-    distinct = [np.frombuffer(row, dtype=float) for row in known]
-    return distinct, np.repeat(np.array(numbers, dtype=float), lasting)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl import math as casadi  # imported when a function is asked for
-from rpctl.arrays import Array
+from rpctl.arrays import NOTHING, Array
 from rpctl.control.law import Limit
 from rpctl.dynamics.symbols.basis import SINGULAR
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
@@ -32,7 +32,6 @@ from rpctl.simulation.run.log import Log
 from rpctl.simulation.run.part import PartWriter
 
 BATCH = 256  # samples that wait at most until they are kept
-NOTHING = np.empty(0)
 NOTHING_FELT: Mapping[str, Array] = MappingProxyType({})
 FELT = ("root_pose", "ground_load", "wheel_slip")  # what only some plants know
 
@@ -159,8 +158,7 @@ class _Reference:
         standing = np.hstack([steered, np.zeros((len(nu), len(self._turning)))])
         state = reference.state
         q = reference_configurations(self._robot, state.pose, state.joints, standing)
-        given = q, nu, steps[:, None]
-        angles, margin = self._rolling(*given, kept=(self._angles, self._rates))
+        angles, margin = self._rolling(q, nu, steps[:, None], kept=(self._angles, self._rates))
         for k in np.flatnonzero(~(margin[:, 0] > SINGULAR)):
             self._dynamics.basis(q[k])  # refuses steering that fixes no one motion
         return angles
@@ -302,11 +300,10 @@ class Recorder:
         if (ends or self._taken == self._total) and (not len(chosen) or chosen[-1] != count - 1):
             chosen = np.append(chosen, count - 1)
         self._reference = self._reference or _Reference(self._derivation, samples)
-        nothing = np.empty((count, 0))
         columns = {
             "t": samples.reference.t,
             "limits": samples.limits,
-            **dict.fromkeys(FELT, nothing),
+            **dict.fromkeys(FELT, np.empty((count, 0))),
             **samples.columns,
             **self._reference.take(samples),
         }

@@ -11,7 +11,7 @@ from rpctl.arrays import Array
 from rpctl.control.controller import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.output_groups import OutputGroup
-from rpctl.control.registry import law_sentences
+from rpctl.control.registry import law_sentences, name_of
 from rpctl.control.safeguards import require_callable
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -148,7 +148,7 @@ def configured(
     if "initial_error" in run:
         run["initial_error"] = tuple(run["initial_error"])
     if reference is not None:
-        called_so = reference if isinstance(reference, str) else _called(reference)
+        called_so = reference if isinstance(reference, str) else name_of(reference)
         run["reference"] = given.get("name") or called_so
     tables = {name: given[name] for name in CONFIG_TABLES if given.get(name) is not None}
     if "plant" in tables:
@@ -222,8 +222,7 @@ def simulate(
         with suppress(RpctlError):  # what is sound of the last batch is logged
             recorder.flush(ends=True)
         if ended is not None and recorder.rows >= MIN_SAMPLES:
-            missed = () if around is None else (NOT_LOOKED_FOR,)
-            ended(made.run(robot, missed, error))
+            ended(made.run(robot, () if around is None else (NOT_LOOKED_FOR,), error))
         raise
     return replace(made.run(robot), collisions=bodies)
 
@@ -287,11 +286,10 @@ class _Made:
     def header(self, *notes: str, whole: bool = True) -> Header:
         """Return what there is to say of it now; ``notes`` come last."""
         written = () if self.part is None else self.part.notes
-        asked = run_notes(self.loop.config, whole)
         return replace(
             self.planned,
             **self.loop.known(),
-            notes=(*asked, *self.loop.notes, *written, *notes),
+            notes=(*run_notes(self.loop.config, whole), *self.loop.notes, *written, *notes),
             bound_limits=self.recorder.bound_limits,
         )
 
@@ -382,11 +380,6 @@ def _as_plant(plant: str | Plant | PlantModel, robot: Robot) -> Plant:
             "start(robot, rest)"
         )
     return Plant(kind="own", own=plant)
-
-
-def _called(reference: Reference) -> str:
-    """Return what a log calls a reference of the user's."""
-    return str(getattr(reference, "__name__", type(reference).__name__))
 
 
 def default_duration(reference: Reference) -> float:

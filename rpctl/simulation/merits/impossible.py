@@ -57,8 +57,10 @@ def _jack_knifed(run: Run) -> Outcome | None:
         beyond = (angle < max(lower, -FOLDED) + NEAR) | (angle > min(upper, FOLDED) - NEAR)
         if beyond.any():
             at = int(np.argmax(beyond))
-            limits = f"{math.degrees(max(lower, -FOLDED)):.3g}° to "
-            limits += f"{math.degrees(min(upper, FOLDED)):.3g}°"
+            limits = (
+                f"{math.degrees(max(lower, -FOLDED)):.3g}° to "
+                f"{math.degrees(min(upper, FOLDED)):.3g}°"
+            )
             return Outcome(
                 JACK_KNIFED, f"{swivel.joint} leaves {limits} at {run.t[at]:.3g} s: the trailer "
                 f"has folded, {math.degrees(np.abs(angle).max()):.3g}° at most"

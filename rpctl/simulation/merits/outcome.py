@@ -172,8 +172,10 @@ def _collision(
         least = float(np.fmin.reduce(clearance))
         if least < deepest:
             when = float(t[int(np.argmax(clearance < -TOUCH_M))])
-            text = f"{POINT_NAMES[obstacle.body]} ran into the {shape_text(obstacle.shape)}"
-            text += f" at {when:.3g} s, {length(-least)} deep at worst"
+            text = (
+                f"{POINT_NAMES[obstacle.body]} ran into the {shape_text(obstacle.shape)}"
+                f" at {when:.3g} s, {length(-least)} deep at worst"
+            )
             deepest, found = least, Outcome(COLLIDED, text)
     return found
 

@@ -15,16 +15,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
-import numpy as np
-
-from rpctl.arrays import Array
+from rpctl.arrays import NOTHING, Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.motion import Step
 from rpctl.robot.model import Robot
 from rpctl.simulation.plants.settings import Wrench
-
-NOTHING = np.empty(0)
 
 
 class Ground(NamedTuple):

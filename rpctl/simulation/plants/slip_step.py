@@ -290,8 +290,7 @@ class SlipStepper:
         v = at.velocity(y)
         if losses is not None:
             force = force + at.reduced(losses.force(v))
-        rest = at.M.dot(y - stage.y0) - stage.w * force
-        return _Residual(rest, v, grip, loads, force)
+        return _Residual(at.M.dot(y - stage.y0) - stage.w * force, v, grip, loads, force)
 
     def _correction(
         self, stage: _Stage, now: _Residual, coupled: bool, sure: bool = False

@@ -100,8 +100,7 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
     """
     plant = config.plant
     if plant.own is not None:
-        running = plant.own.start(dynamics.robot, rest)
-        return OwnInterface(running, rest, dynamics.robot.dof)
+        return OwnInterface(plant.own.start(dynamics.robot, rest), rest, dynamics.robot.dof)
     if config.output is not None:
         if plant.kind not in ("rolling", "contact"):
             raise RpctlError(

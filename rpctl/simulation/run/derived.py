@@ -79,13 +79,12 @@ class Derivation:
         robot, q = self.robot, log.q
         base = robot.base_poses(q)
         joints = _positions(robot, q, robot.joint_names)
-        e = _tracking_errors(robot, base, joints, log)
         return {
             "base": base + TURN * log.turns[:, None] * [0.0, 0.0, 1.0],
             "joints": joints,
             "steering": _positions(robot, q, steered_joints(robot)),
             "others": _positions(robot, q, other_joints(robot)),
-            "e": e,
+            "e": _tracking_errors(robot, base, joints, log),
             "q_ref": reference_configurations(robot, log.base_ref, log.joints_ref, log.wheels_ref),
         }
 

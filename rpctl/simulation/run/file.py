@@ -208,8 +208,7 @@ def read_header(data: bytes, path: str | Path) -> Header:
         if not header.wall_time > 0.0:
             faults.append(f"header.wall_time is {header.wall_time:g}, no positive number")
     if header is None or faults:
-        told = [one_line(fault)[:MAX_TOLD] for fault in faults[:2]]
-        raise EntryError("; ".join(told))
+        raise EntryError("; ".join([one_line(fault)[:MAX_TOLD] for fault in faults[:2]]))
     return header
 
 

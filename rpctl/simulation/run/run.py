@@ -153,8 +153,7 @@ class Run(Header):
             RunFileError: The file is missing, is no run, is damaged, or has another schema.
         """
         header, arrays = read_part(path) if is_folder(path) else read_run(path)
-        log = Log(arrays, header.bound_limits, _Derived(header, path))
-        return run_of(header, log)
+        return run_of(header, Log(arrays, header.bound_limits, _Derived(header, path)))
 
     def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
         """Return the robot of this run: as it was simulated here, or as the file of a run holds it.

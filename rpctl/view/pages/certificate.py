@@ -40,8 +40,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
     Returns:
         The path.
     """
-    page = certificate_page(certificate).encode("utf-8", "backslashreplace")
-    return write_atomically(path, page)
+    return write_atomically(path, certificate_page(certificate).encode("utf-8", "backslashreplace"))
 
 
 def certificate_page(certificate: Certificate) -> str:
@@ -143,10 +142,9 @@ def draw_plan(trial: ContactTrial, axes: Axes) -> None:
     tracks = np.array([style.placed(trial.footprint, pose) for pose in engine[::TRACK_STRIDE]])
     for track in tracks.transpose(1, 0, 2):
         axes.plot(*track.T, color=style.DESIRED, lw=0.8, ls=(0, (2, 4)))
-    words = "MuJoCo: free body, friction"
-    axes.plot(*engine[:, :2].T, color=style.TIP, label=words, **BROAD)
-    words = "reduced model: rolling as an equation"
-    axes.plot(*reduced[:, :2].T, color=style.BASE, label=words, **THIN)
+    axes.plot(*engine[:, :2].T, color=style.TIP, label="MuJoCo: free body, friction", **BROAD)
+    equation = "reduced model: rolling as an equation"
+    axes.plot(*reduced[:, :2].T, color=style.BASE, label=equation, **THIN)
     axes.fill(*style.placed(outline, engine[0]).T, fill=False, ec=style.DESIRED, lw=1.0)
     axes.fill(*style.placed(outline, engine[-1]).T, color=style.TIP, alpha=0.25, lw=0.0)
     axes.fill(*style.placed(outline, reduced[-1]).T, fill=False, ec=style.BASE, lw=1.4)

@@ -187,8 +187,7 @@ def overlay(robot: Robot | RpctlError, run: Run, times: Array) -> dict[str, Any]
     """
     frames = np.searchsorted(run.t - run.t[0], times)
     most, limits = np.abs(run.tau).max(axis=0), np.array(run.robot.effort_limits)
-    known = np.isfinite(limits) & (limits > 0.0)
-    scale = np.where(known, limits, np.maximum(most, 1e-12))
+    scale = np.where(np.isfinite(limits) & (limits > 0.0), limits, np.maximum(most, 1e-12))
     largest = np.maximum.reduceat(np.abs(run.tau), frames)  # up to the next frame
     return {
         "effort": {

@@ -89,8 +89,9 @@ class LegendEntry:
 
 def stand_in_entry(stand_ins: Sequence[StandIn]) -> LegendEntry | None:
     """Return the entry that names what stands in for missing meshes; None where nothing does."""
-    told = note(stand_ins, most=len(stand_ins))
-    return LegendEntry("stand-in", label(stand_ins), title=told) if stand_ins else None
+    if not stand_ins:
+        return None
+    return LegendEntry("stand-in", label(stand_ins), title=note(stand_ins, most=len(stand_ins)))
 
 
 def asset(name: str) -> str:
@@ -132,9 +133,8 @@ def render(template: str, **content: Any) -> Markup:
 
 @cache
 def _environment() -> jinja2.Environment:
-    folder = files("rpctl.view").joinpath("templates")
     return jinja2.Environment(
-        loader=jinja2.FunctionLoader(lambda name: folder.joinpath(name).read_text("utf-8")),
+        loader=jinja2.PackageLoader("rpctl.view"),
         autoescape=True,
         finalize=_shown,
         undefined=jinja2.StrictUndefined,

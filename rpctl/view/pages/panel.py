@@ -13,6 +13,7 @@ from rpctl.simulation.merits.path_error import lag, length
 from rpctl.simulation.merits.summary import Summary
 from rpctl.simulation.run.run import Run
 from rpctl.view.charts import has_base
+from rpctl.view.labels import capital
 from rpctl.view.pages.page import Badge, Cell, LegendEntry, Section, Table, stand_in_entry
 from rpctl.view.pages.settings import GAINS_LABEL, setting_text, setting_texts
 from rpctl.view.scene.stage import OBSTACLE_TITLES
@@ -144,7 +145,7 @@ def _sentences(run: Run, summary: Summary) -> Iterator[str]:
         yield f"Nearest to {', '.join(map(clearance_text, summary.clearances))}."
     for each in (*summary.collision_notes, summary.energy_sentence):
         if each:
-            yield f"{each[:1].upper()}{each[1:]}."
+            yield f"{capital(each)}."
     if summary.ground.sentence:
         yield f"On the ground: {summary.ground.sentence}."
     if summary.felt_ground is not None:
@@ -187,8 +188,12 @@ def _certificate(certificate: Mapping[str, Any]) -> Section:
         (each["name"], f"{each['against']}: {each['note']}") for each in certificate["skipped"]
     ]
     samples, seed = certificate.get("samples"), certificate.get("seed")
-    sampling = f"Worst of {samples} random states, seed {seed}."
-    return Section("Dynamics", [_verified(certificate)], rows=rows, quiet=sampling)
+    return Section(
+        "Dynamics",
+        [_verified(certificate)],
+        rows=rows,
+        quiet=f"Worst of {samples} random states, seed {seed}.",
+    )
 
 
 def residual(passed: bool, value: float | None, limit: float) -> str:
@@ -249,8 +254,9 @@ def compare_panel(
     rows = {name: cells for name, cells in rows.items() if set(cells) != {NONE}}
     rows["Outcome"] = [outcome_badge(summary) for summary in summaries]
     rows["Limits"] = [limits_badge(summary) for summary in summaries]
-    checked = [run.certificate for run in runs]
-    rows["Dynamics"] = [NONE if each is None else _verified(each) for each in checked]
+    rows["Dynamics"] = [
+        NONE if run.certificate is None else _verified(run.certificate) for run in runs
+    ]
     return [
         Section("Tracking error", table=Table(names, list(rows.items()), coloured=True)),
         Section("Settings", table=Table(names, _setting_rows(runs), coloured=True)),

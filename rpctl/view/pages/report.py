@@ -126,8 +126,7 @@ def write_report(
         return write_atomically(path, comparison_page(runs, names or _names(runs)))
     found = robot or robot_of(runs[0])
     scene = scene or build_scene(found, runs[0])
-    page = report_page(runs[0], found, scene, summary or summarize(runs[0]))
-    return write_atomically(path, page)
+    return write_atomically(path, report_page(runs[0], found, scene, summary or summarize(runs[0])))
 
 
 def report_page(run: Run, robot: Robot | RpctlError, scene: Scene, summary: Summary) -> bytes:

@@ -40,7 +40,7 @@ from rpctl.view.scene.scene import (
     opening_commands,
     part_cloud,
 )
-from rpctl.view.scene.stage import obstacle_commands, obstacle_corners
+from rpctl.view.scene.stage import level, obstacle_commands, obstacle_corners
 from rpctl.view.serve.server import EVENTS, GO, STOP
 
 MIN_REACH_M = 2.0  # m; how far the sliders move the base, at least
@@ -162,7 +162,6 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
     reach = max(MIN_REACH_M, REACH_RATIO * size)
     around = np.array([[-reach, -reach, 0.0], [reach, reach, 0.0]])
     area = None if motion is None else _area(motion, box, robot.drive.floor)
-    place = np.array([q[0], q[1], 0.0])
     moves = bool(robot.drive.base_speeds)
     shown = area if area is not None else box + around if moves else box
     markers = build_markers(robot, size)
@@ -180,7 +179,7 @@ def _data(robot: Robot, bodies: Bodies, motion: LiveMotion | None) -> dict[str, 
         "ground": robot.drive.floor,
         "start": read_root(q),
         "reach": [-reach, reach] if moves else None,
-        "robot": (box - place).tolist(),
+        "robot": (box - [q[0], q[1], 0.0]).tolist(),
         "area": None if area is None else area.tolist(),
         "trail": trails.trail_width(*shown),
     }
@@ -208,7 +207,7 @@ def _commands(
         skeleton(robot, REFERENCE, ghost),
     ]
     if motion is not None:
-        desired = np.column_stack([motion.desired[:, :2], np.full(len(motion.desired), ground)])
+        desired = level(motion.desired[:, :2], ground)
         paths = {"base-desired": desired, "base": desired[:1]}
         size = float(box[1, 2]) - ground
         commands += obstacle_commands(motion.obstacles, lower, upper, ground, size)

@@ -30,6 +30,7 @@ from rpctl.study.merits import (
 from rpctl.study.optimise import optimum_sentence
 from rpctl.study.statistics import LEVELS, MeritStatistics
 from rpctl.study.study_result import StudyResult, WorstRun, read_result
+from rpctl.view.labels import capital
 from rpctl.view.pages.page import Badge, render_page
 from rpctl.view.pages.report import report_page, report_policy
 from rpctl.view.plots.figures import svg_address, to_png
@@ -129,13 +130,11 @@ def _figures(result: StudyResult) -> list[tuple[str, str, str]]:
     """Return the share of runs that succeeded, and the study's merit, as the head of the page."""
     success = result.success
     rows = [("Succeeded", percent(success.value), share_span(success))]
-    for each in result.statistics:
-        if each.name != result.merit:
-            continue
+    for each in (each for each in result.statistics if each.name == result.merit):
         unit = _unit(result, each)
         for level, name in ((0.5, "median"), (0.95, "95 % of runs below")):
             found = each.quantiles[level]
-            title = f"{_capital(merit_words(result.merit))}: {name}"
+            title = f"{capital(merit_words(result.merit))}: {name}"
             span = f"{number(found.low, unit)} to {number(found.high, unit)}"
             rows.append((title, number(found.value, unit), span))
     return rows
@@ -164,14 +163,6 @@ def _quantiles(result: StudyResult, found: MeritStatistics) -> dict[str, Any]:
     }
 
 
-def _capital(text: str) -> str:
-    """Return a text that begins with a capital; unlike ``str.capitalize`` it leaves the rest."""
-    return text[:1].upper() + text[1:]
-
-
-# ---- settings -----------------------------------------------------------------------------
-
-
 def _optimum(result: StudyResult) -> dict[str, Any] | None:
     """Return the settings that ``--optimize`` found beside those of the file."""
     if result.optimum is None:
@@ -182,7 +173,7 @@ def _optimum(result: StudyResult) -> dict[str, Any] | None:
         before = "–" if each["before"] is None else number(each["before"])
         span = " to ".join(number(end) for end in each["range"])
         rows.append((name, str(parameter_words(name)), [before, number(each["after"]), span]))
-    return {"sentence": _capital(optimum_sentence(result.optimum)[1]), "rows": rows}
+    return {"sentence": capital(optimum_sentence(result.optimum)[1]), "rows": rows}
 
 
 def _scatter(result: StudyResult) -> list[tuple[str, str, str]]:

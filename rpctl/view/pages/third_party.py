@@ -119,7 +119,6 @@ def _meshcat_licences() -> Iterator[Licence]:
     yield Licence(MESHCAT, "MIT", own)
     words = own[own.index(PERMISSION) :]
     for each in json.loads(_meshcat_file(BUNDLED_LICENCES)):
-        work = f"{each['name']} {each['version']}"
         # One package names the MIT licence and its author, and leaves out the words.
         text = each["licenseText"] or f"Copyright (c) {each['author']}\n\n{words}"
-        yield Licence(work, each["license"], text)
+        yield Licence(f"{each['name']} {each['version']}", each["license"], text)

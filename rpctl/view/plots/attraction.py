@@ -55,8 +55,7 @@ def attraction_figure(rows: Sequence[Row[Start]], title: str) -> Figure:
     references = list(dict.fromkeys(each.reference for each in found))
     size = PANEL_IN * max(2, len(references)), HEAD_IN + PANEL_IN * len(laws)
     figure = Figure(size, layout="constrained", facecolor=style.PAPER)
-    shape = len(laws), len(references)
-    panels = figure.subplots(*shape, squeeze=False, sharex=True, sharey=True)
+    panels = figure.subplots(len(laws), len(references), squeeze=False, sharex=True, sharey=True)
     times = time_colours()
     for each in found:
         axes = panels[laws.index(each.kinematic), references.index(each.reference)]
@@ -103,8 +102,7 @@ def _panel(axes: Axes, rows: Sequence[Row[Start]], found: Fraction, times: Scala
     axes.set_title(f"{found.kinematic}, {name}: {found.converged} of {found.starts}",
                    fontsize=TEXT_PT, color=style.INK, pad=4)  # fmt: skip
     axes.tick_params(labelsize=SMALL_PT, colors=style.INK, length=2)
-    for spine in axes.spines.values():
-        spine.set(color=style.FAINT)
+    axes.spines[:].set(color=style.FAINT)
 
 
 def colour_of(figures: Figures, times: ScalarMappable) -> Any:

@@ -44,8 +44,9 @@ def study_figure(rows: Sequence[CompareRow], title: str, proposed: LawPair) -> F
         HEAD_IN + LINE_IN * (len(laws) + 2) * len(scenarios),
     )
     figure = Figure(size, layout="constrained", facecolor=style.PAPER)
-    shape = len(scenarios), len(references)
-    panels = figure.subplots(*shape, squeeze=False, sharex="col", sharey=True)
+    panels = figure.subplots(
+        len(scenarios), len(references), squeeze=False, sharex="col", sharey=True
+    )
     colours = {PAPER: style.TIP, proposed: style.BASE}
     for line, scenario in zip(panels, scenarios, strict=True):
         line[0].set_ylabel(literal(scenario), **BOLD)
@@ -73,8 +74,7 @@ def _style(axes: Axes, laws: Sequence[LawPair], colours: dict[LawPair, str]) -> 
     axes.tick_params(length=0, labelsize=SMALL_PT - 1, colors=style.INK, pad=2)
     for label, law in zip(axes.get_yticklabels(), laws, strict=False):  # the first column
         label.set_color(style.INK if law in colours else style.DESIRED)
-    for spine in axes.spines.values():
-        spine.set(color=style.FAINT, linewidth=0.6)
+    axes.spines[:].set(color=style.FAINT, linewidth=0.6)
 
 
 def _mark(axes: Axes, figures: Figures, line: int, colour: str) -> None:

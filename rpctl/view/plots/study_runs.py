@@ -26,7 +26,7 @@ from rpctl.study.merits import (
 )
 from rpctl.study.statistics import EITHER_SIDE, LEVELS, Sensitivity, envelope, importances
 from rpctl.study.study_result import StudyResult
-from rpctl.view.labels import fold, literal
+from rpctl.view.labels import capital, fold, literal
 from rpctl.view.palette import RAMP, light
 from rpctl.view.plots import style
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT, style_axes
@@ -144,7 +144,7 @@ def draw_envelope(result: StudyResult, name: str, axes: Axes) -> None:
     axes.fill_between(t, values[1], values[3], color=style.BASE, alpha=0.38, lw=0.0,
                       label="25 to 75 %")  # fmt: skip
     axes.plot(t, values[2], color=style.BASE, lw=1.5, label="median")
-    _style(axes, f"{words[:1].upper()}{words[1:]} over time", "time (s)", f"error ({unit.name})")
+    _style(axes, f"{capital(words)} over time", "time (s)", f"error ({unit.name})")
     axes.set(xlim=(t[0], t[-1]), yscale=y.scale, ylim=(y.low, y.high))
     if y.log:
         axes.yaxis.set_major_formatter("{x:g}")
@@ -158,8 +158,7 @@ def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
     unit = unit_of(result.units.get(merit, ""), _largest(values))
     inside, good = unit.factor * values[known], result.succeeded[known]
     words = merit_words(merit)
-    title = f"{words[:1].upper()}{words[1:]}"
-    _style(axes, title, f"{words} ({unit.name})".removesuffix(" ()"), "runs")
+    _style(axes, capital(words), f"{words} ({unit.name})".removesuffix(" ()"), "runs")
     if not len(inside) or np.ptp(inside) <= SAME * np.abs(inside).max():
         only = number(float(inside[0]), Unit(1.0, unit.name)) if len(inside) else "no value"
         text = f"{only} in {known.sum()} of {len(known)} runs"
@@ -169,8 +168,7 @@ def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
     x = span_of(inside, zero=False)
     axes.hist([inside[good], inside[~good]], x.edges(), stacked=True,
               color=[style.BASE, style.TIP], label=["succeeded", "did not"])  # fmt: skip
-    middle = float(np.median(inside))
-    axes.axvline(middle, color=style.INK, **style.LIMIT_STYLE, label="median")
+    axes.axvline(float(np.median(inside)), color=style.INK, **style.LIMIT_STYLE, label="median")
     axes.set(xscale=x.scale, xlim=(x.low, x.high))
     if x.log:
         axes.xaxis.set_major_formatter("{x:g}")

@@ -86,9 +86,7 @@ def build_markers(robot: Robot, size: float) -> Markers:
         robot: The robot.
         size: Its size, m; frames and arrows are in proportion.
     """
-    indices = range(ROOT_JOINT, robot.model.njoints)
-    joint_nodes: dict[int, list[threejs.Json]] = {j: [] for j in indices}
-    markers = Markers(joint_nodes, [], [], [])
+    markers = Markers({j: [] for j in range(ROOT_JOINT, robot.model.njoints)}, [], [], [])
     links = _names([link.name for link in robot.description.links])
     wheels = _names([wheel.joint for wheel in robot.drive.wheels])
     for index, link in enumerate(robot.description.links):
@@ -147,7 +145,6 @@ def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
 
     Its x axis is the way that the wheel rolls, its z axis points up.
     """
-    point = contact_point(robot, data, wheel)
     axle = data.oMi[robot.model.getJointId(wheel.joint)].rotation @ np.array(wheel.axis)
     rolling = np.array([axle[1], -axle[0]]) / math.hypot(axle[0], axle[1])
     heading = robot.drive.heading
@@ -155,7 +152,7 @@ def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
         rolling = -rolling
     contact = np.eye(4)
     contact[:2, 0], contact[:2, 1] = rolling, (-rolling[1], rolling[0])
-    contact[:3, 3] = point
+    contact[:3, 3] = contact_point(robot, data, wheel)
     return contact, axle
 
 

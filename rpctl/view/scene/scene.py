@@ -29,6 +29,7 @@ from rpctl.view.scene.robot_meshes import (
 )
 from rpctl.view.scene.stage import (
     ground_command,
+    level,
     lights_command,
     obstacle_commands,
     obstacle_corners,
@@ -140,7 +141,7 @@ def free_scene(robot: Robot, motions: Sequence[EngineRecording]) -> Scene:
     """
     bodies = build_bodies(robot)
     shown = [
-        Motion(bodies, each.t, _free_poses(robot, each), {"base": _on_ground(each.root, 0.0)})
+        Motion(bodies, each.t, _free_poses(robot, each), {"base": level(each.root[:, :2], 0.0)})
         for each in motions
     ]
     return _compose(shown, (), 0.0)
@@ -269,17 +270,13 @@ def _paths(run: Run, frames: NDArray[np.int64]) -> dict[str, Array]:
     desired = _desired_samples(run.t, frames)
     height = run.robot.drive.floor
     paths = {
-        "base-desired": _on_ground(run.base_ref[desired], height),
-        "base": _on_ground(run.log.base[_trail_samples(run.t, frames, MAX_BASE_POINTS)], height),
+        "base-desired": level(run.base_ref[desired, :2], height),
+        "base": level(run.log.base[_trail_samples(run.t, frames, MAX_BASE_POINTS), :2], height),
     }
     if run.log.ee.shape[1] == 3:
         actual = _trail_samples(run.t, frames, MAX_TIP_POINTS)
         paths |= {"tip-desired": run.log.ee_ref[desired], "tip": run.log.ee[actual]}
     return paths
-
-
-def _on_ground(poses: Array, height: float) -> Array:
-    return np.column_stack([poses[:, :2], np.full(len(poses), height)])
 
 
 def _trail_samples(t: Array, frames: NDArray[np.int64], most: int) -> NDArray[np.int64]:

@@ -82,9 +82,8 @@ def grid_lines(centre: Array, radius: float, step: float, height: float) -> tupl
     flat = np.concatenate([np.column_stack([across, along]), np.column_stack([along, across])])
     distance = np.linalg.norm(flat, axis=1) / (count * step)
     opacity = np.clip(1.0 - distance, 0.0, 1.0) ** 1.2
-    points = np.column_stack([flat + origin, np.full(len(flat), height)])
     visible = opacity.reshape(-1, 2).max(axis=1).repeat(2) > 0.0
-    return points[visible], opacity[visible]
+    return level(flat + origin, height)[visible], opacity[visible]
 
 
 def lights_command(lower: Array, upper: Array) -> bytes:
@@ -215,7 +214,7 @@ def obstacle_corners(
     found = [np.empty((0, 3))]
     for obstacle in obstacles:
         edge = near(rims([obstacle]), lower, upper)
-        found += [_level(edge, ground), _level(edge, ground + HEIGHT_RATIOS[obstacle.body] * size)]
+        found += [level(edge, ground), level(edge, ground + HEIGHT_RATIOS[obstacle.body] * size)]
     return np.concatenate(found)
 
 
@@ -261,11 +260,10 @@ def column(disc: Disc, height: float, width: float, dashed: bool) -> list[FadedM
         width: Of its edge, m.
         dashed: Whether its edge is dashed.
     """
-    edge = _level(rim(disc), 0.0)
+    edge = level(rim(disc), 0.0)
     count = len(edge) - 1
-    centre = np.array([[disc.x, disc.y, 0.0]])
     fan = np.column_stack([np.full(count, count + 1), np.arange(count), np.arange(1, count + 1)])
-    floor = np.concatenate([edge, centre]), fan
+    floor = np.concatenate([edge, [[disc.x, disc.y, 0.0]]]), fan
     return [
         (floor, np.full(count + 2, FLOOR_OPACITY)),
         *_edges(edge, width, dashed),
@@ -298,7 +296,7 @@ def wall(
         return np.asarray(np.clip(1.0 - away, 0.0, 1.0) ** FADE_EXPONENT)
 
     stops = np.linspace(0.0, 1.0, WALL_PIECES + 1)[:, None]
-    edge = _level(line[0] + stops * (line[1] - line[0]), 0.0)
+    edge = level(line[0] + stops * (line[1] - line[0]), 0.0)
     beyond = edge - TINT_RATIO * radius * np.array([*plane.normal, 0.0])
     floor = np.stack([edge, beyond], 1).reshape(-1, 3), trails.strip(len(edge), 2)
     shade = np.column_stack([1.5 * FLOOR_OPACITY * fade(edge), np.zeros(len(edge))]).reshape(-1)
@@ -348,7 +346,8 @@ def _sides(edge: Array, height: float, opacity: Array) -> FadedMesh:
     return mesh, np.column_stack([FOOT_OPACITY * opacity, TOP_OPACITY * opacity]).reshape(-1)
 
 
-def _level(points: Array, height: float) -> Array:
+def level(points: Array, height: float) -> Array:
+    """Return points (n, 3) at one height, m, above or below places (n, 2)."""
     return np.column_stack([points, np.full(len(points), height)])
 
 

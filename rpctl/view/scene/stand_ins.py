@@ -218,10 +218,8 @@ def note(stand_ins: Iterable[StandIn], most: int = NAMED_LINKS) -> str:
 
 
 def label(stand_ins: Iterable[StandIn]) -> str:
-    """Return the badge of a scene's stand-ins; empty where there are none."""
+    """Return the badge of a scene's stand-ins."""
     count = len(set(stand_ins))
-    if not count:
-        return ""
     return f"Mesh missing: {count} link{'s' if count > 1 else ''}, hatched"
 
 

@@ -61,8 +61,7 @@ def _trail(name: str, colour: str, mesh: Mesh | None) -> list[threejs.Json]:
     """Return the node of a trail, whose material pages recolour; none of a path without length."""
     if mesh is None:
         return []
-    position = threejs.attribute(mesh[0].astype(np.float32))
-    shape = threejs.geometry({"position": position}, mesh[1])
+    shape = threejs.geometry({"position": threejs.attribute(mesh[0].astype(np.float32))}, mesh[1])
     paint = {"name": name, "type": "MeshBasicMaterial", "color": number_of(colour), "side": 2}
     look: threejs.Json = {"geometry": shape, "material": paint, "renderOrder": 3}
     return [threejs.node("Mesh", name, frustumCulled=False, **look)]

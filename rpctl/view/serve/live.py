@@ -65,11 +65,6 @@ class StopRequest:
     def __init__(self) -> None:
         self.running = self.asked = False
 
-    def begin(self) -> None:
-        """A simulation begins."""
-        self.asked = False
-        self.running = True
-
     def ask(self, _: object = None) -> None:
         """End the simulation if one runs; called from any thread."""
         if self.running:
@@ -119,16 +114,14 @@ class LiveFigures:
     def charts(self) -> list[dict[str, Any]]:
         """Return the charts for the page: title, unit, limits and the names of the lines."""
         short = shorten([self._robot.actuators[i] for i in self._shown])
-        limits = [-PERCENT, PERCENT] if self._percent else []
-        unit = "% of limit" if self._percent else "N·m or N, no limits"
         errors = ["base", "heading"] if self._robot.drive.base_speeds else []
         errors += ["end effector"] if self._robot.end_effector is not None else []
         return [
             {"title": "Errors", "unit": "mm, heading mrad", "limits": [], "lines": errors},
             {
                 "title": "Efforts",
-                "unit": unit,
-                "limits": limits,
+                "unit": "% of limit" if self._percent else "N·m or N, no limits",
+                "limits": [-PERCENT, PERCENT] if self._percent else [],
                 "lines": list(short.names),
                 "names": short.shared,
             },
@@ -194,7 +187,7 @@ class Broadcast:
         """
         if not self._started:
             self._started = True
-            self._stop.begin()
+            self._stop.asked, self._stop.running = False, True
             # A page is opened, then listens: each has a limited time.
             opened = self._server.wait_delivered
             if self._awaits and self._wait(lambda wait: opened(1, wait), PAGE_OPEN_TIMEOUT_S):

@@ -134,7 +134,7 @@ def test_rows_of_the_grip_tell_slipping(rng: np.random.Generator) -> None:
         _, found = reaction(dynamics, q, nu, nu_dot)
         if found.load.min() <= 0.0:
             continue
-        held = bool(forces.foreseen(q, nu, nu_dot)[-ground.grip_rows :, 0].max() <= 0.0)
+        held = bool(forces.foreseen(q, nu, nu_dot)[forces.efforts + ground.edges :, 0].max() <= 0.0)
         said.add(held)
         # The polygon lies inside the circle, and touches it from within by 1 - cos(π/8).
         most = found.slip_ratio.max()

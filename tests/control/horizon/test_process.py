@@ -74,8 +74,8 @@ class Steps:
     def pid(self) -> int:
         process = self.law.process
         assert process is not None
-        assert process.pid is not None
-        return process.pid
+        assert process._process is not None
+        return process._process.pid
 
     def until_solved(self, more: int = 1) -> None:
         """Step until there are more plans; the time stays where it is, but for rounding."""
@@ -205,7 +205,7 @@ robot = rpctl.load("paper")
 controllers = [rpctl.Controller(robot, "eight", Horizon(steps=4)) for _ in range({count})]
 q = robot.configuration_at([0.0, 0.0, 0.0], robot.home)
 def pids():
-    return [c._both._kinematic._controller.process.pid for c in controllers]
+    return [c._both._kinematic._controller.process._process.pid for c in controllers]
 def step(c, t):
     return c.step(t, q, 0.0 * q[: robot.dof])
 t = 0.0

@@ -15,7 +15,6 @@ from rpctl.arrays import Array
 from rpctl.control.law import Limit
 from rpctl.reference.motion import state_of, tabulate
 from rpctl.reference.named import reference_by_name
-from rpctl.simulation.compiled.tracking_loop import _distinct
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop import recorder as recorder_module
 from rpctl.simulation.loop.recorder import LoopSample, Recorder, Samples
@@ -112,14 +111,6 @@ def test_sets_of_limits_keep_their_numbers(robot: Robot) -> None:
     later = samples.rows(slice(10, COUNT))
     into.add_batch(later._replace(limits=2.0 - later.limits), SETS[::-1])
     check_same(into.log(), one_by_one(robot))
-
-
-def test_rows_that_repeat_are_found_once() -> None:
-    """The compiled loop tells by a row of flags which limits bind at a sample."""
-    rows = (np.random.default_rng(0).random((200, 5)) < 0.1).astype(float)
-    distinct, numbers = _distinct(rows)
-    assert len({row.tobytes() for row in distinct}) == len(distinct) > 5
-    np.testing.assert_array_equal(np.array(distinct)[numbers.astype(int)], rows)
 
 
 def test_what_is_no_motion_ends_the_log_before_it(robot: Robot) -> None:

@@ -22,7 +22,17 @@ from rpctl.simulation.plants.plant import Plant
 
 BEYOND = (math.inf, -math.inf, math.nan, 1e308, -1e308)
 TINY = (5e-324, 1e-320, 1e-200)  # numbers that are not 0, and whose squares are
-MAY_BE_TINY = {"delay", "beta", "dropped", "lag", "dead_time", "losses", "effort_lag", "jitter"}
+MAY_BE_TINY = {
+    "delay",
+    "beta",
+    "dropped",
+    "lag",
+    "dead_time",
+    "losses",
+    "effort_lag",
+    "jitter",
+    "lateness",
+}
 SHORT = RunSettings(duration=0.006)
 KINDS = [*KINEMATIC_LAWS.values(), *DYNAMIC_LAWS.values(), Weights, Bounds, RunSettings, Plant]
 

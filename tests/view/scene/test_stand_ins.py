@@ -35,7 +35,7 @@ def mast(folder: Path, *inside: str) -> Robot:
     cart = write_cart(folder).read_text(encoding="utf-8").replace("</robot>", "")
     link = urdf.link("mast", *inside)
     joint = urdf.joint("mast_joint", "fixed", ("base", "mast"), "0 0 0.3")
-    return rpctl.load(write(folder, f"{cart}{link}{joint}</robot>", "mast.urdf"))
+    return rpctl.load(write(folder, f"{cart}{link}{joint}</robot>", "mast.urdf"), root="planar")
 
 
 def hatched(bodies: Bodies) -> list[np.ndarray[Any, Any]]:
@@ -139,7 +139,9 @@ def test_hatches_are_equally_wide_on_every_scale(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("missing", [True, False])
 def test_pages_report_film_and_notebook_tell_of_it(tmp_path: Path, missing: bool) -> None:
-    robot = mast(tmp_path, HEAVY, GONE) if missing else rpctl.load(write_cart(tmp_path))
+    robot = (
+        mast(tmp_path, HEAVY, GONE) if missing else rpctl.load(write_cart(tmp_path), root="planar")
+    )
     run = short_run(robot, 0.2)
     scene = build_scene(robot, run)
     report = write_report(run, tmp_path / "report.html", robot=robot).read_text("utf-8")

@@ -198,7 +198,7 @@ def frames(stream: Stream) -> list[list[float]]:
 
 
 def test_frames_are_what_is_simulated(tmp_path: Path) -> None:
-    robot = rpctl.load(write_gripper(tmp_path), free="*")
+    robot = rpctl.load(write_gripper(tmp_path), free="*", root="planar")
     stream = Stream()
     watcher = Broadcast(robot, Unopened(), stream, 1.0)
     settings = RunSettings("eight", 1.0, (0.1, -0.2, 0.3))
