@@ -170,8 +170,8 @@ class Posture:
 
     def slope(self, steady: SteadyMotion, joints: Array) -> Array:
         """Return how what is left over of a motion changes with tilt and steering."""
-        speeds = float(steady.nu[0]), 0.0, 0.0
-        gap = self._left(steady, 0.0)
+        turn = 0.0 if self.steered else float(steady.nu[1])
+        speeds, gap = (float(steady.nu[0]), turn, 0.0), self._left(steady, 0.0)
         columns = [
             self._left(self._motion(self.at(own, joints), speeds, own, joints), 0.0) - gap
             for own in steady.posture + STEP * np.eye(len(steady.posture))
@@ -241,7 +241,7 @@ class Balance(Record):
         DEAD_TIME,
         Setting(
             "s", "Lateness", "From a measurement to its efforts; 10 ms if neither it nor a delay "
-            "is given, which withstands 0 to 25.",
+            "is given, which withstands 0 to 20.",
         ),
     ] = None  # fmt: skip
 

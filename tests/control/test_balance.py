@@ -46,6 +46,15 @@ def test_a_balancer_stands_with_its_mass_above_its_axle() -> None:
     assert steady.posture[0] < -0.01  # its arm reaches forward, so it leans back
 
 
+def test_a_turn_that_tilts_a_robot_has_its_steady_motion() -> None:
+    """Its arm ahead, a fast turn pulls it out, and so the robot leans back by more."""
+    posture = posture_of("balancer")
+    slow, fast = (posture.steady(0.2, turn, np.array([0.8])) for turn in (0.0, 6.0))
+    for steady in (slow, fast):
+        assert np.abs(posture.dynamics.forward(steady.q, steady.nu, steady.tau)).max() < 1e-5
+    assert abs(fast.posture[0] - slow.posture[0]) > 1e-3
+
+
 def test_a_bicycle_leans_into_its_bend() -> None:
     """Of a point mass the lean is atan(v ω/g); wheels and their spin add some per cent."""
     posture = posture_of("whipple")
