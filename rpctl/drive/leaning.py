@@ -47,7 +47,8 @@ def find_leaning(tree: FrozenTree, spec: DriveSpec, asked: bool = False) -> Driv
 
     Wheels are the joints that turn without limits about level axles and end lowest, all joints
     at 0. Shapes tell what else stands on the ground. Unless it is asked for, a robot of which only
-    wheels have shapes is left to those who hold it level: nobody knows what else stands there.
+    wheels have shapes, or whose meshes are missing, is left to those who hold it level: nobody
+    knows what else stands there.
 
     Args:
         tree: The robot, with its locked joints.
@@ -70,7 +71,7 @@ def find_leaning(tree: FrozenTree, spec: DriveSpec, asked: bool = False) -> Driv
     above = [tree.free_joints(wheel.joint.parent) for wheel in wheels]
     if coaxial(*wheels):
         kind = WHEEL_LEGS if any(above) else SELF_BALANCING
-        if kind == SELF_BALANCING and not (asked or _shown(tree, wheels)):
+        if kind == SELF_BALANCING and not (asked or _all_known(tree, wheels)):
             return None
         return _drive(tree, spec, kind, wheels, (PAIR,))
     steering = [joints for joints in above if joints]
@@ -78,7 +79,7 @@ def find_leaning(tree: FrozenTree, spec: DriveSpec, asked: bool = False) -> Driv
         return None
     if steering[0][0].kind == "prismatic" or tree.is_level(steering[0][0]):
         return None
-    if not (asked or _shown(tree, wheels) or tree.is_leaning(steering[0][0])):
+    if not (asked or _all_known(tree, wheels) or tree.is_leaning(steering[0][0])):
         return None
     return _drive(
         tree, spec, LEANING_BICYCLE, wheels, (f'one behind the other, "{steering[0][0].name}" '
@@ -129,13 +130,16 @@ def _alone(tree: FrozenTree, wheels: list[WheelCandidate]) -> bool:
     )
 
 
-def _shown(tree: FrozenTree, wheels: list[WheelCandidate]) -> bool:
-    """Return whether any link but the wheels has a shape."""
-    return any(
-        shape.kind == "mesh" or max(shape.size) > 0.0
-        for link in _others(tree, wheels)
-        for shape in link.shapes
-    )
+def _all_known(tree: FrozenTree, wheels: list[WheelCandidate]) -> bool:
+    """Return whether links but the wheels have shapes, and all of them can be read."""
+    shapes = [shape for link in _others(tree, wheels) for shape in link.shapes]
+    try:
+        for shape in shapes:
+            if shape.kind == "mesh":
+                read_shape(str(shape.mesh), shape.size, tree.description.mesh_paths)
+    except MeshError:
+        return False
+    return any(shape.kind == "mesh" or max(shape.size) > 0.0 for shape in shapes)
 
 
 def mesh_reaches(tree: FrozenTree, link: Link, ground: float) -> bool:

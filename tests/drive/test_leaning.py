@@ -8,6 +8,7 @@ import pytest
 
 import rpctl
 from rpctl.errors import DriveError
+from tests import urdf
 from tests.drive.drive_cases import Files, body
 from tests.vehicles import Parts, rear_axle
 
@@ -51,6 +52,13 @@ def test_of_a_body_without_shapes_nobody_knows_what_stands(files: Files) -> None
     rear_axle(parts)
     assert files.load(parts, root=None).drive.type == "differential"
     assert files.load(parts, root="free").drive.type == "self-balancing"
+
+
+def test_a_mesh_that_is_missing_may_be_a_caster(files: Files) -> None:
+    parts = pair()
+    parts.link("tail", 0.1, urdf.shape('mesh filename="lost.stl"', "visual"))
+    parts.joint("tail_mount", "fixed", ("base", "tail"), "-0.3 0 0.05", "0 0 1")
+    assert files.load(parts, root=None).drive.type == "differential"
 
 
 @pytest.mark.parametrize("lean", ["0 0 1", "-0.3 0 0.95"])
