@@ -112,24 +112,27 @@ def test_a_step_asks_for_its_goal() -> None:
 @pytest.mark.parametrize("name", OWN)
 @pytest.mark.parametrize("delay", [0.0, 0.02])
 def test_it_follows_an_eight_late_and_pushed(name: str, delay: float) -> None:
-    """20 N s at its body: 2 m/s of the robot on legs; a bicycle gets a tenth of it, aside."""
+    """20 N s at the hips of legs, 10 at a base half a metre high, 2 at a bicycle from the side."""
     robot = leaning(name)
     size = 10.0 if robot.rolls_sideways else 0.5
-    force = (0.0, 20.0, 0.0) if robot.rolls_sideways else (200.0, 0.0, 0.0)
-    push = Wrench(link="base_link", force=force, start=3.0, end=3.1)
+    push = {
+        "balancer": Wrench("base_link", (100.0, 0.0, 0.0), (0.0, 50.0, 0.0), 3.0, 3.1),
+        "wheel_legs": Wrench("base_link", (200.0, 0.0, 0.0), start=3.0, end=3.1),  # its hips
+        "whipple": Wrench("base_link", (0.0, 20.0, 0.0), (-18.0, 0.0, 0.0), 3.0, 3.1),
+    }[name]
     plant = Plant(wrenches=(push,), delay=delay)
     speed = 3.0 if robot.rolls_sideways else 0.3
     run = rpctl.track(robot, "eight", duration=8.0, size=size, speed=speed, plant=plant,
                       collisions=False)  # fmt: skip
     figures = rpctl.summarize(run)
     assert figures.outcome != "fell", figures.outcome_sentence
-    assert figures.final_base_error < 0.3
+    assert figures.final_base_error < 1.0
 
 
 @pytest.mark.slow
 def test_what_nobody_balances_has_fallen() -> None:
     """A push that no motor of it stands ends as ``fell``, and the run ends there."""
-    push = Wrench(link="base_link", force=(20000.0, 0.0, 0.0), start=0.5, end=0.6)
+    push = Wrench("base_link", moment=(0.0, 1500.0, 0.0), start=0.5, end=0.6)
     run = rpctl.track(leaning("balancer"), "line", duration=8.0, plant=Plant(wrenches=(push,)),
                       collisions=False)  # fmt: skip
     assert rpctl.summarize(run).outcome == "fell" and run.t[-1] < 5.0

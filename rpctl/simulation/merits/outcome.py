@@ -153,7 +153,7 @@ def outcome(
         return collision
     found = [_outcome_of(t, point) for point in points.values()]
     worst = max(found, key=lambda each: OUTCOMES.index(each.name))  # the first of them
-    if impossible is not None and (worst.name != DIVERGING or impossible.name == LOST):
+    if impossible is not None and (worst.name != DIVERGING or impossible.name in (LOST, FELL)):
         return impossible
     if worst.name == STUCK and bodies.ahead:
         return Outcome(STUCK, f"{worst.sentence}; {' and '.join(bodies.ahead)}")

@@ -15,6 +15,7 @@ import rpctl
 from rpctl import Controller, PaperDynamic, ReducedDynamics, Robot, UnifiedKinematic
 from rpctl.arrays import Array
 from rpctl.control.bandwidth import knowing_delay
+from rpctl.control.safeguards import Guards
 from rpctl.derive.law_program import law_program, law_sheet
 from rpctl.derive.ros2_control import expected_commands, export_ros2_control, numbers_of
 from tests.control.simulated import Simulated
@@ -130,7 +131,11 @@ def closed_loop(robot: Robot, folder: Path, count: int, told: Told) -> Logged:
     A package that estimates all rates reads none of them.
     """
     laws, lines = (LAW, PaperDynamic()), list[str]()
-    controller = Controller(robot, "eight", *laws, told.period, rates=told.rates, delay=told.delay)
+    # The package has no rate of efforts: what the law asks for goes out at once.
+    controller = Controller(
+        robot, "eight", *laws, told.period, rates=told.rates, delay=told.delay,
+        guards=Guards(effort_rate=1e12),
+    )  # fmt: skip
     law, dynamic = (knowing_delay(each, told.period, told.delay) for each in laws)
     made = law_program(law_sheet(robot, law, dynamic, told.period))
     dynamics, loop = ReducedDynamics(robot), Simulated(controller, STARTS)
