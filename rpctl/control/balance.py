@@ -50,6 +50,7 @@ STEADY = 1e-9  # of the weight, at 1 m: what may be left over of a steady motion
 GRAVITY = 9.81  # m/s²
 LEAST_SPEED = 0.5  # m/s: a slower bicycle is balanced as if it went so fast
 MAX_LEAN, MAX_STEERING = 0.5, 0.6  # rad: in a bend that a bicycle is asked for
+MENDING_LEAN, TINY = 0.3, 1e-12  # rad: it leans by no more to mend its speed and its place
 REDUNDANT = 1e-6  # of the largest cost: that of efforts which work against each other
 LATENESS_S = 0.01  # s: what nobody tells, and is foretold
 AHEAD, AHEAD_STEP = 50, 0.04  # how far ahead the reference is looked at: steps, and their length, s
@@ -85,6 +86,8 @@ class Posture:
         names = robot.quasi_velocities
         self.first = 1 if robot.rolls_sideways else 2  # index in ν of the tilt's rate
         self.index = np.arange(self.first, len(names))  # of tilt, steering and arm in ν
+        # of x: what it leans for, a bicycle for its place to the side and its heading
+        self.outer = [1, 2] if robot.rolls_sideways else [0, ERRORS + len(self.index)]
         self.steered = [swivel.joint for swivel in robot.drive.steered]
         undriven = [name for name in names[self.first + 1 :] if name not in robot.actuators]
         if undriven or not any(wheel.driven for wheel in robot.drive.wheels):
@@ -343,6 +346,11 @@ class Design(NamedTuple):
     K: Array  # (n_act, n)
     ahead: Array  # (AHEAD, n_act, 1 + n_steered) by how tilt and steering change in a step ahead
 
+    def leans_less(self, x: Array, outer: list[int]) -> float:
+        """Return the share of some deviations for which it leans by no more than MENDING_LEAN."""
+        asked = np.linalg.norm(self.K[:, outer] @ x[outer])
+        return float(min(1.0, MENDING_LEAN * np.linalg.norm(self.K[:, ERRORS]) / max(asked, TINY)))
+
     def foretold(self, x: Array, sent: Sequence[Array]) -> Array:
         """Return x (n,) when what is sent now acts, given what was sent before that, in order."""
         for u in sent:
@@ -397,6 +405,7 @@ class BalanceController(ReportsNothing):
         x = np.concatenate([-goal.error, x])
         (low, high), part = self._near(state.twist[0])
         x = (high if part > 0.5 else low).foretold(x, self._sent)
+        x[posture.outer] *= min(design.leans_less(x, posture.outer) for design in (low, high))
         changes = np.diff(postures, axis=0)
         changes = (1.0 - share) * changes[:-1] + share * changes[1:]
         asked = steady.tau.copy()
