@@ -274,7 +274,7 @@ class Balance(Record):
     turning: Annotated[float, POSITIVE, Setting("rad/s²", "Turning", "Acceleration.")] = 5.0
     joints: Annotated[
         float, POSITIVE, Setting("rad/s²", "Joints", "Accelerations of arm and steering.")
-    ] = 10.0
+    ] = 40.0
     lateness: Annotated[
         float | None,
         DEAD_TIME,
