@@ -79,6 +79,18 @@ class Rest(NamedTuple):
     tau: Array  # (n_act,) N·m or N
 
 
+class EffortCommand(Command):
+    """A command of a law that finds its efforts itself: no dynamic law is asked for any."""
+
+    efforts: Efforts
+
+    def __new__(cls, nu_d: Array, nu_d_dot: Array, efforts: Efforts) -> EffortCommand:
+        """Make a command that has its efforts."""
+        made = super().__new__(cls, nu_d, nu_d_dot)
+        made.efforts = efforts
+        return made
+
+
 class KinematicFunction(Protocol):
     """A function from the robot's state and its reference to a command."""
 
