@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -26,7 +27,8 @@ from scipy.linalg import solve_discrete_are
 
 from rpctl.arrays import Array
 from rpctl.control.balance import Posture, sampled
-from rpctl.control.horizon.regulation import Bounds, Regulated, Regulator, Steps
+from rpctl.control.horizon.planner import SOFTENED_SLACK
+from rpctl.control.horizon.regulation import Box, Regulated, Regulator, Steps
 from rpctl.control.law import EffortCommand, Efforts, Limit
 from rpctl.control.output_groups import DEAD_TIME
 from rpctl.control.sampling import TIME_ROUNDING
@@ -37,8 +39,10 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import BASE_NV
 
 STRIDE = 5  # steps between motions that are linearised exactly
+DIGITS = 9  # of speeds and positions: motions that are the same to that are one
+MAX_REMEMBERED = 64  # of them
 DIFFERENCE = 1e-5  # rad or m: of differences of P's twist
-SLOWEST = 0.1  # m/s: that a heading moves a base aside, also where its reference stands
+SLOW, FORGETS = 0.1, 0.05  # m/s, 1/s: beside a reference that stands nothing brings a base back
 REDUNDANT = 1e-6  # of the largest cost: that of efforts which work against each other
 LATENESS_S = 0.01  # s: what nobody tells, and is foretold
 ANGLE = 1.0  # rad: heading errors are taken for less
@@ -72,7 +76,7 @@ class LeaningHorizon(Record):
     max_tilt: Annotated[float, POSITIVE, Setting("rad", "", "Beyond, it costs much.")] = 0.5
     leash: Annotated[
         float, POSITIVE, Setting("m", "", "Position errors are taken for less than that.")
-    ] = 0.5
+    ] = 0.25
     lateness: Annotated[
         float | None,
         DEAD_TIME,
@@ -127,17 +131,20 @@ class Course:
     def __init__(self, law: LeaningHorizon, posture: Posture, period: float) -> None:
         self._law, self._posture, self._period = law, posture, period
         self.Q = np.diag(law.weights(posture))
+        self._exact = lru_cache(MAX_REMEMBERED)(self._about)
         self._reference: Reference | None = None
-        self._anchors: dict[int, Point] = {}
+        self._points: dict[int, Point] = {}
         self._wanted: dict[int, Array] = {}
 
-    def follow(self, reference: Reference, first: int) -> None:
-        """Follow a reference; forget all before a multiple of the step."""
-        if reference is not self._reference:
-            self._reference, self._anchors, self._wanted = reference, {}, {}
-        for known, oldest in ((self._anchors, first // STRIDE), (self._wanted, first)):
-            for k in [k for k in known if k < oldest]:
-                del known[k]  # type: ignore[attr-defined]
+    def follow(self, reference: Reference, first: int) -> bool:
+        """Follow a reference, and forget all before a multiple; return whether it is another."""
+        other = reference is not self._reference
+        if other:
+            self._reference, self._points, self._wanted = reference, {}, {}
+        for k in [k for k in self._points if k < first]:
+            del self._points[k]
+            self._wanted.pop(k, None)
+        return other
 
     def state(self, t: float) -> ReferenceState:
         """Return the reference at a time (s)."""
@@ -146,12 +153,13 @@ class Course:
 
     def point(self, k: int) -> Point:
         """Return the steady motion at k steps: between exact ones, in proportion."""
-        (a, part), anchor = divmod(k, STRIDE), self._anchor
-        if not part:
-            return anchor(a)
-        share = part / STRIDE
-        pairs = zip(anchor(a), anchor(a + 1), strict=True)
-        return Point(*((1.0 - share) * one + share * other for one, other in pairs))
+        if k not in self._points:
+            share = k % STRIDE / STRIDE
+            one = self._exact(*self._speeds(k - k % STRIDE))
+            other = self._exact(*self._speeds(k - k % STRIDE + STRIDE)) if share else one
+            pairs = zip(one, other, strict=True)
+            self._points[k] = Point(*((1.0 - share) * x + share * y for x, y in pairs))
+        return self._points[k]
 
     def wanted(self, k: int) -> Array:
         """Return tilt, steering, arm and ν (n − 3,) at k steps."""
@@ -178,21 +186,21 @@ class Course:
         tau = np.array([point.tau for point in points[:N]])
         return Steps(F, G, np.matvec(D, drift), self.Q, R, points[N].P), tau
 
-    def _anchor(self, a: int) -> Point:
-        if a not in self._anchors:
-            self._anchors[a] = self._exact(self.state(a * STRIDE * self._law.dt))
-        return self._anchors[a]
+    def _speeds(self, k: int) -> tuple[float, float, tuple[float, ...]]:
+        """Return speed, turning rate and arm's positions at k steps, to 1e-9."""
+        state = self.state(k * self._law.dt)
+        v, omega = self._posture.possible(*state.twist[[0, 2]].tolist())
+        return round(v, DIGITS), round(omega, DIGITS), tuple(state.joints.round(DIGITS).tolist())
 
-    def _exact(self, state: ReferenceState) -> Point:
-        """Return the steady motion that a state of the reference asks for.
+    def _about(self, v: float, omega: float, joints: tuple[float, ...]) -> Point:
+        """Return the steady motion of a speed (m/s), a turning rate (rad/s) and an arm.
 
         Raises:
             RpctlError: There is none.
             UnfitLawError: No efforts bring the robot back to it.
         """
         posture, law = self._posture, self._law
-        v, omega = posture.possible(*state.twist[[0, 2]].tolist())
-        steady = posture.steady(v, omega, state.joints)
+        steady = posture.steady(v, omega, np.array(joints))
         own, B = posture.linear(steady)
         A, n = self._beside(steady.q, steady.nu, own, omega), BASE_NV + len(own)
         B = np.vstack([np.zeros((BASE_NV, B.shape[1])), B])
@@ -212,9 +220,9 @@ class Course:
         """Return A of ξ about a motion, of which that of the other states is known."""
         dynamics, index = self._posture.dynamics, self._posture.index
         v, w, _ = dynamics.twist(q, nu)
-        v = math.copysign(max(abs(v), SLOWEST), v)
+        left = -FORGETS * max(1.0 - abs(v) / SLOW, 0.0)
         A = np.zeros((BASE_NV + len(own),) * 2)
-        A[:BASE_NV, :BASE_NV] = [[0.0, omega, -w], [-omega, 0.0, v], [0.0, 0.0, 0.0]]
+        A[:BASE_NV, :BASE_NV] = [[0.0, omega, -w], [-omega, left, v], [0.0, 0.0, 0.0]]
         A[BASE_NV:, BASE_NV:] = own
         for k, along in enumerate(dynamics.basis(q)[:, index].T, start=BASE_NV):
             sides = (dynamics.twist(dynamics.integrate(q, h * along), nu)
@@ -226,9 +234,9 @@ class Course:
 
 
 class LeaningPlan(NamedTuple):
-    """A motion about the steady motions, from a multiple of the step on."""
+    """A motion about the steady motions."""
 
-    first: int
+    begins: float  # s
     motion: Regulated
     tau: Array  # (N, m) of the steady motions
 
@@ -258,7 +266,6 @@ class LeaningHorizonLaw:
             np.array([law.max_tilt, *(joint.upper for joint in limited)]),
         )
         self._plan: LeaningPlan | None = None
-        self._made_for: Reference | None = None
         self.solves = self.fallbacks = self.softened = 0
 
     def __call__(
@@ -267,16 +274,13 @@ class LeaningHorizonLaw:
         """Return the efforts, from a new plan if it is time for one."""
         law, posture, course = self._law, self._posture, self._course
         acts = t + self._late
-        k, part = divmod(acts + TIME_ROUNDING, law.dt)
-        first, share = int(k), max(part - TIME_ROUNDING, 0.0) / law.dt
-        before = math.floor((t + TIME_ROUNDING) / law.dt)
-        course.follow(reference, before)
+        first, other = round(acts / law.dt), course.follow(reference, math.floor(t / law.dt))
         xi = self._foretold(self._deviation(t, q, nu), course.point(first).brief)
         xi[BASE_NV:] += self._wanted(t) - self._wanted(acts)
         plan = self._plan
-        if plan is None or plan.first != first or self._made_for is not reference:
-            self._plan, self._made_for = plan, _ = self._solved(first, xi), reference
-        motion = plan.motion
+        if plan is None or other or acts - plan.begins > law.dt - TIME_ROUNDING:
+            self._plan = plan = LeaningPlan(acts, *self._solved(first, xi))
+        motion, share = plan.motion, (acts - plan.begins) / law.dt
         planned = (1.0 - share) * motion.x[0] + share * motion.x[1]
         steady = (1.0 - share) * plan.tau[0] + share * plan.tau[1]
         u = motion.u[0] - motion.gain @ (xi - planned)
@@ -288,8 +292,8 @@ class LeaningHorizonLaw:
             self._sent.append(tau - steady)
             self._sent.popleft()
         change = motion.x[1] - motion.x[0]
-        nu_d = (self._wanted(acts) + planned[BASE_NV:])[-len(nu) :]
-        nu_d_dot = (change[BASE_NV:] + course.wanted(first + 1) - course.wanted(first))[-len(nu) :]
+        change[BASE_NV:] += course.wanted(first + 1) - course.wanted(first)
+        nu_d, nu_d_dot = (self._wanted(acts) + planned[BASE_NV:])[-len(nu) :], change[-len(nu) :]
         names = (posture.robot.actuators[i] for i in np.flatnonzero(np.abs(asked) >= limits))
         bind = tuple(Limit(name, "effort") for name in names)
         return EffortCommand(nu_d, nu_d_dot / law.dt, Efforts(tau, bind))
@@ -322,21 +326,25 @@ class LeaningHorizonLaw:
             xi = brief @ np.concatenate([xi, u])
         return xi
 
-    def _solved(self, first: int, xi: Array) -> LeaningPlan:
-        """Return the plan from a multiple of the step on."""
+    def _solved(self, first: int, xi: Array) -> tuple[Regulated, Array]:
+        """Return the motion from ξ on, and the steady motions' efforts (N, m).
+
+        Args:
+            first: The step that is nearest.
+            xi: ξ (n,).
+        """
         steps, tau = self._course.steps(first)
         count, N = len(self._range[0]), self._law.steps
         wanted = np.array([self._course.wanted(k) for k in range(first + 1, first + N + 1)])
         limits = self._posture.robot.effort_limits
         lower, upper = (each - wanted[:, :count] for each in self._range)
-        bounds = Bounds(
-            (-limits - tau, limits - tau), (lower, upper), np.arange(BASE_NV, BASE_NV + count)
-        )
-        motion = Regulator(steps)(xi, bounds)
+        which = np.arange(BASE_NV, BASE_NV + count)
+        box = Box((-limits - tau, limits - tau), (lower, upper), which)
+        motion = Regulator(steps)(xi, box)
         self.solves += 1
         self.fallbacks += not motion.solved
-        self.softened += motion.slack > 0.0
-        return LeaningPlan(first, motion, tau)
+        self.softened += motion.slack > SOFTENED_SLACK
+        return motion, tau
 
 
 def _short(angle: float) -> float:

@@ -32,7 +32,7 @@ class Steps(NamedTuple):
     P: Array  # (n, n) after the last
 
 
-class Bounds(NamedTuple):
+class Box(NamedTuple):
     """Hard bounds of inputs, and soft ones of some states, after each step."""
 
     inputs: tuple[Array, Array]  # lower and upper (N, m)
@@ -80,18 +80,18 @@ class Regulator:
             P = steps.Q + F.T @ (P @ closed)
             P, p = 0.5 * (P + P.T), closed.T @ pushed
 
-    def __call__(self, start: Array, bounds: Bounds) -> Regulated:
-        """Return the best motion within bounds.
+    def __call__(self, start: Array, box: Box) -> Regulated:
+        """Return the best motion within box.
 
         Args:
             start: Initial state (n,).
-            bounds: What it keeps to; states as far as they can.
+            box: What it keeps to; states as far as they can.
         """
         free = self._rolled(start)
-        excess = self._excess(free, bounds)
+        excess = self._excess(free, box)
         if not (excess > BROKEN).any():
             return free
-        rows, hard = self._rows(bounds), 2 * free.u.size
+        rows, hard = self._rows(box), 2 * free.u.size
         inverse, above = np.linalg.inv(self._W), excess
         candidates = np.empty(0, dtype=np.intp)
         for _ in range(MAX_ROUNDS):
@@ -123,25 +123,25 @@ class Regulator:
         return Regulated(x, k - np.matvec(self._K, x[:-1]), self._K[0])
 
     @staticmethod
-    def _excess(motion: Regulated, bounds: Bounds) -> Array:
+    def _excess(motion: Regulated, box: Box) -> Array:
         """Return by how much a motion exceeds each bound: of inputs, then of states."""
         sides = []
-        for values, limits in ((motion.u, bounds.inputs),
-                               (motion.x[1:, bounds.which], bounds.states)):  # fmt: skip
+        for values, limits in ((motion.u, box.inputs),
+                               (motion.x[1:, box.which], box.states)):  # fmt: skip
             lower, upper = limits
             sides += [lower - values, values - upper]
         return np.concatenate([side.ravel() for side in sides])
 
-    def _rows(self, bounds: Bounds) -> Array:
+    def _rows(self, box: Box) -> Array:
         """Return the derivatives of all bounds by c (rows, N m)."""
         N, n, m = self._steps.G.shape
         x, unit = np.zeros((n, N * m)), np.eye(N * m)
-        inputs, states = np.empty((N, m, N * m)), np.empty((N, len(bounds.which), N * m))
+        inputs, states = np.empty((N, m, N * m)), np.empty((N, len(box.which), N * m))
         for i in range(N):
             own = slice(i * m, (i + 1) * m)
             inputs[i] = unit[own] - self._K[i] @ x
             x = self._closed[i] @ x
             x[:, own] += self._steps.G[i]
-            states[i] = x[bounds.which]
+            states[i] = x[box.which]
         parts = (-inputs, inputs, -states, states)
         return np.concatenate([part.reshape(-1, N * m) for part in parts])
