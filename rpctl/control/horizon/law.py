@@ -21,7 +21,7 @@ from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, 
 from rpctl.control.sampling import TIME_ROUNDING
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import SingularBasisError
+from rpctl.errors import SingularBasisError, UnfitLawError
 from rpctl.files.records import Setting
 from rpctl.reference.motion import Reference
 from rpctl.robot.leaning import LeaningRobot
@@ -88,6 +88,11 @@ class Horizon(PlannerSettings):
             RpctlError: The process that plans cannot be started.
         """
         if isinstance(dynamics.robot, LeaningRobot):
+            if self.base_obstacles or self.end_effector_obstacles or self.body_clearance:
+                raise UnfitLawError(
+                    f"{dynamics.robot.name} leans: the horizon law keeps it clear of nothing; "
+                    "leave out obstacles and body_clearance"
+                )
             return cast(HorizonLaw, LeaningHorizonLaw(self.leaning, dynamics, period))
         process = None
         if self.asynchronous and _simulated.get() is None:

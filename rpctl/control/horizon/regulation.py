@@ -33,11 +33,11 @@ class Steps(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Hard bounds of inputs, and soft ones of some states, after each step."""
+    """Bounds of inputs, which are hard, and of r of the states after each step, which are soft."""
 
-    inputs: tuple[Array, Array]  # lower and upper (N, m)
-    states: tuple[Array, Array]  # lower and upper (N, r)
-    which: Indices  # (r,) states that have bounds
+    lower: Array  # (N, m + r)
+    upper: Array  # (N, m + r)
+    states: Indices  # (r,)
 
 
 class Regulated(NamedTuple):
@@ -48,14 +48,12 @@ class Regulated(NamedTuple):
         u: (N, m).
         gain: K of the first step (m, n).
         solved: Whether it is the solution; else no bound is kept.
-        slack: The largest, of a state.
     """
 
     x: Array
     u: Array
     gain: Array
     solved: bool = True
-    slack: float = 0.0
 
 
 class Regulator:
@@ -71,77 +69,63 @@ class Regulator:
         self._closed = np.empty((N, n, n))  # F − G K
         P, p = steps.P, np.zeros(n)
         for i in reversed(range(N)):
-            F, G, d = steps.F[i], steps.G[i], steps.d[i]
-            PG, pushed = P @ G, P @ d + p
-            self._W[i] = W = steps.R[i] + G.T @ PG
-            _, found, _ = dposv(W, np.column_stack([PG.T @ F, G.T @ pushed]))
-            self._K[i], self._k[i] = found[:, :n], -found[:, n]
-            self._closed[i] = closed = F - G @ found[:, :n]
-            P = steps.Q + F.T @ (P @ closed)
-            P, p = 0.5 * (P + P.T), closed.T @ pushed
+            F, G, pushed = steps.F[i], steps.G[i], P @ steps.d[i] + p
+            PG = P @ G
+            self._W[i] = steps.R[i] + G.T @ PG
+            _, found, _ = dposv(self._W[i], np.column_stack([PG.T @ F, G.T @ pushed]))
+            self._K[i], self._k[i] = K, _ = found[:, :n], -found[:, n]
+            self._closed[i] = closed = F - G @ K
+            p, P = (
+                closed.T @ pushed,
+                steps.Q + K.T @ steps.R[i] @ K + closed.T @ P @ closed,
+            )  # stays symmetric
 
     def __call__(self, start: Array, box: Box) -> Regulated:
-        """Return the best motion within box.
+        """Return the best motion within bounds.
 
         Args:
             start: Initial state (n,).
             box: What it keeps to; states as far as they can.
         """
-        free = self._rolled(start)
-        excess = self._excess(free, box)
-        if not (excess > BROKEN).any():
-            return free
-        rows, hard = self._rows(box), 2 * free.u.size
-        inverse, above = np.linalg.inv(self._W), excess
-        candidates = np.empty(0, dtype=np.intp)
+        found = free = self._rolled(start, self._k)
+        above = excess = self._excess(free, box)
+        candidates, shape = np.empty(0, dtype=np.intp), (*free.u.shape, 1)
+        rows = self._rows(box) if (excess > BROKEN).any() else excess
         for _ in range(MAX_ROUNDS):
-            candidates = np.union1d(candidates, np.flatnonzero(above > BROKEN))
-            A, soft = rows[candidates], np.flatnonzero(candidates >= hard)
-            blocks = A.reshape(len(A), *free.u.shape)[..., None]
-            pull = (inverse @ blocks)[..., 0].reshape(A.shape)
-            D = pull @ A.T
-            D[soft, soft] += 1.0 / SLACK_CURVATURE
-            multipliers = least_multipliers(D, -excess[candidates])
+            broken = np.flatnonzero(above > BROKEN)
+            if not len(broken):
+                return found
+            candidates = np.union1d(candidates, broken)
+            A = rows[candidates]
+            pull = np.linalg.solve(self._W, A.reshape(-1, *shape)).reshape(A.shape)
+            curvature = (candidates % box.lower.shape[1] >= shape[1]) / SLACK_CURVATURE
+            multipliers = least_multipliers(pull @ A.T + np.diag(curvature), -excess[candidates])
             if multipliers is None:
-                return free._replace(solved=False)
-            c = -(multipliers @ pull)
-            above = excess + rows @ c
-            slack = multipliers[soft] / SLACK_CURVATURE
-            above[candidates[soft]] -= slack
-            if not (above > BROKEN).any():
-                found = self._rolled(start, c.reshape(free.u.shape))
-                return found._replace(slack=float(slack.max(initial=0.0)))
+                break
+            found = self._rolled(start, self._k - (multipliers @ pull).reshape(free.u.shape))
+            above = self._excess(found, box)
+            above[candidates] -= curvature * multipliers
         return free._replace(solved=False)
 
-    def _rolled(self, start: Array, c: Array | None = None) -> Regulated:
-        """Return the motion from an initial state on, under c (N, m)."""
-        G, d, k = self._steps.G, self._steps.d, self._k if c is None else self._k + c
-        x = np.empty((len(k) + 1, len(start)))
-        x[0] = start
-        for i in range(len(k)):
-            x[i + 1] = self._closed[i] @ x[i] + G[i] @ k[i] + d[i]
-        return Regulated(x, k - np.matvec(self._K, x[:-1]), self._K[0])
+    def _rolled(self, start: Array, pushed: Array) -> Regulated:
+        """Return the motion from an initial state on, under k + c (N, m)."""
+        x, (_, G, d, *_) = [start], self._steps
+        for i, push in enumerate(pushed):
+            x.append(self._closed[i] @ x[-1] + G[i] @ push + d[i])
+        return Regulated(np.array(x), pushed - np.matvec(self._K, x[:-1]), self._K[0])
 
     @staticmethod
     def _excess(motion: Regulated, box: Box) -> Array:
-        """Return by how much a motion exceeds each bound: of inputs, then of states."""
-        sides = []
-        for values, limits in ((motion.u, box.inputs),
-                               (motion.x[1:, box.which], box.states)):  # fmt: skip
-            lower, upper = limits
-            sides += [lower - values, values - upper]
-        return np.concatenate([side.ravel() for side in sides])
+        """Return by how much a motion is below each lower bound, and above each upper one."""
+        values = np.hstack([motion.u, motion.x[1:, box.states]])
+        return np.concatenate([box.lower - values, values - box.upper]).ravel()
 
     def _rows(self, box: Box) -> Array:
-        """Return the derivatives of all bounds by c (rows, N m)."""
+        """Return the derivatives of what :meth:`_excess` returns by c (rows, N m)."""
         N, n, m = self._steps.G.shape
-        x, unit = np.zeros((n, N * m)), np.eye(N * m)
-        inputs, states = np.empty((N, m, N * m)), np.empty((N, len(box.which), N * m))
-        for i in range(N):
-            own = slice(i * m, (i + 1) * m)
-            inputs[i] = unit[own] - self._K[i] @ x
-            x = self._closed[i] @ x
-            x[:, own] += self._steps.G[i]
-            states[i] = x[box.which]
-        parts = (-inputs, inputs, -states, states)
-        return np.concatenate([part.reshape(-1, N * m) for part in parts])
+        x, unit, values = np.zeros((n, N * m)), np.eye(N * m).reshape(N, m, -1), list[Array]()
+        for K, closed, G, own in zip(self._K, self._closed, self._steps.G, unit, strict=True):
+            u, x = own - K @ x, closed @ x + G @ own
+            values += [u, x[box.states]]
+        found = np.concatenate(values)
+        return np.concatenate([-found, found])
