@@ -78,6 +78,12 @@ class Rest(NamedTuple):
     tau: Array  # (n_act,) N·m or N
 
 
+class EffortCommand(Command):
+    """A command of a law that finds its efforts itself: no dynamic law is asked for any."""
+
+    efforts: Efforts
+
+
 class KinematicFunction(Protocol):
     """A function from the robot's state and its reference to a command."""
 
