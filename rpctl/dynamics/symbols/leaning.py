@@ -38,16 +38,15 @@ class LeaningEquations:
         q, nu, tau = f.q, casadi.SX.sym("nu", dof), casadi.SX.sym("tau", n_act)
         v, v_dot = casadi.SX.sym("v", nv), casadi.SX.sym("v_dot", nv)
         nu_dot, multipliers = casadi.SX.sym("nu_dot", dof), casadi.SX.sym("lambda", rows)
-        L, still = casadi.vertcat(f.A, f.W), casadi.SX.zeros(rows)
-        rate = casadi.jtimes(L @ v, q, f.rate @ v)
+        still = casadi.SX.zeros(rows)
         force = self._tree_force(robot, q, v, v_dot) - f.A.T @ multipliers
         force -= casadi.SX(effort_columns(robot)) @ tau
         if robot.losses is not None:
             known = robot.losses
             force += (known.damping + known.friction / casadi.sqrt(v * v + known.rate**2)) * v
         left = casadi.vertcat(
-            L @ v - casadi.vertcat(still, nu),
-            L @ v_dot + rate - casadi.vertcat(still, nu_dot),
+            f.L @ v - casadi.vertcat(still, nu),
+            f.L @ v_dot + f.L_rate(v) - casadi.vertcat(still, nu_dot),
             force,
         )
         z = casadi.vertcat(v, v_dot, nu_dot, multipliers)
@@ -74,5 +73,5 @@ class LeaningEquations:
             tau: Actuator efforts (n_act,).
             z: v, v̇, ν̇ and λ there.
         """
-        of_z, given = (found.full() for found in self._function(q, nu, tau, z))
+        of_z, given = self._function(q, nu, tau, z)
         return np.asarray(-np.linalg.solve(of_z, given))
