@@ -321,6 +321,14 @@ class LeaningProjector:
         angles = ", ".join(f"{n} at {robot.joint_position(q, n):.3g}" for n in names)
         return f"tilt {robot.tilt(q):.3g} rad{', ' if angles else ''}{angles}"
 
+    @staticmethod
+    def dexpinv(slide: Array, v: Array) -> Array:
+        """Return dexp⁻¹ of the free-flyer, as :func:`rpctl.dynamics.projection.dexpinv`."""
+        found, u = v.copy(), pin.Motion(slide[:FREE_NV])
+        bracket = u.cross(pin.Motion(v[:FREE_NV]))
+        found[:FREE_NV] += 0.5 * bracket.vector + u.cross(bracket).vector / 12.0
+        return found
+
     def settle(self, q: Array) -> Array:
         """Return q (nq,) moved the least way that brings both wheels back to the ground.
 

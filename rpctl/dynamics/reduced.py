@@ -119,6 +119,10 @@ class ReducedDynamics:
         moved = np.asarray(pin.integrate(self._model, q, v))
         return self._projector.settle(moved)
 
+    def dexpinv(self, slide: Array, v: Array) -> Array:
+        """Return dexp⁻¹ of the root; see :func:`rpctl.dynamics.projection.dexpinv`."""
+        return self._projector.dexpinv(slide, v)
+
     def twist(self, q: Array, nu: Array) -> Array:
         """Return the base's twist (3,) at ν: P's speed forward and left (m/s), turning rate."""
         return np.asarray(self.at(q).twist @ nu)
@@ -193,6 +197,14 @@ class ReducedDynamics:
         if info:
             raise RpctlError(f"{self.robot.name}: the reduced inertia is not positive definite")
         return np.asarray(nu_dot)
+
+    def rates(
+        self, q: Array, nu: Array, tau: Array, outside: Array | None = None
+    ) -> tuple[Array, Array, float]:
+        """Return v (nv,), ν̇ (dof,) and the power (W) of what drives; see :meth:`forward`."""
+        at = self.at(q)
+        power = nu.dot(at.B.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
+        return at.S.dot(nu), self.forward(q, nu, tau, outside), power
 
     def lossless(self, q: Array, nu: Array, tau: Array) -> tuple[Array, Array]:
         """Return M (dof, dof) and B τ − h (dof,): M ν̇ = B τ − h + ℓ.
