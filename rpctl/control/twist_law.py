@@ -47,6 +47,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
+from rpctl.kernels.calls import interpreted
 from rpctl.kernels.program import Call, statement
 from rpctl.kernels.sheet import Sheet
 from rpctl.reference.motion import (
@@ -245,7 +246,7 @@ class LeaningWish(ReportsNothing):
         slow = SLOW_TURNS_S if robot.rolls_sideways else SLOW_TILTS_S
         law = replace(law, approach=None, horizon=law.horizon or slow)
         horizons = law.joint_horizons(dynamics, period).tolist()
-        self._ask = formula(law.with_numbers(law.numbers(period)), level, horizons)
+        self._ask = interpreted(formula(law.with_numbers(law.numbers(period)), level, horizons))
         self._robot, self._own = robot, len(upright.base_speeds)
 
     def row(
@@ -270,7 +271,7 @@ class LeaningWish(ReportsNothing):
         arm = robot.joint_positions(q)
         rates = nu[robot.dof - len(arm) :]
         at = [*robot.base_pose(q), *dynamics.twist(q, nu), *arm, *rates]
-        asked, change, _ = (each.full()[:, 0] for each in self._ask(row_of(state), at))
+        asked, change, _ = self._ask(row_of(state), at)
         nu_d, nu_d_dot = np.zeros(robot.dof), np.zeros(robot.dof)
         for into, given, arm_given in (
             (nu_d, asked, state.joint_rates), (nu_d_dot, change, state.joint_accelerations),

@@ -27,9 +27,8 @@ from rpctl.dynamics.rolling import RANK_MARGIN, mimic_rows
 from rpctl.errors import RpctlError, SingularBasisError
 from rpctl.kernels.calls import interpreted
 from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.leaning import FREE_NQ, FREE_NV, UP, Axle, LeaningRobot, contact_arm
+from rpctl.robot.leaning import FREE_NQ, FREE_NV, KEPT_ROBOTS, UP, Axle, LeaningRobot, contact_arm
 
-KEPT_ROBOTS = 4  # whose formulas are kept
 MAX_SETTLING = 20  # steps of Newton's that bring wheels back to the ground
 SETTLED_M = 1e-13  # m, of the robot's size
 

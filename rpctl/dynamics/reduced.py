@@ -15,13 +15,13 @@ import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from rpctl.arrays import Array
-from rpctl.dynamics.leaning import KEPT_ROBOTS, LeaningProjector
+from rpctl.dynamics.leaning import LeaningProjector
 from rpctl.dynamics.projection import Projection, Projector
 from rpctl.dynamics.rolling import RollingConstraints, find_rolling
 from rpctl.dynamics.symbols.leaning import MotionCode
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT, Workspace
-from rpctl.robot.leaning import LeaningRobot
+from rpctl.robot.leaning import KEPT_ROBOTS, LeaningRobot
 from rpctl.robot.losses import Losses
 from rpctl.robot.model import Robot
 
