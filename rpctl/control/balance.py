@@ -37,11 +37,10 @@ from rpctl.control.law import (
 )
 from rpctl.control.output_groups import DEAD_TIME
 from rpctl.dynamics.derivatives import linearize
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.reduced import LeaningDynamics, ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.reference.motion import ReferenceState
-from rpctl.robot.leaning import LeaningRobot
 
 SPEEDS = (-4.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
 STEPS, STEP = 30, 1e-6  # of Newton's to a steady motion, and of its differences, rad
@@ -66,6 +65,8 @@ class SteadyMotion(NamedTuple):
     tau: Array  # (n_act,)
     posture: Array  # (1 + n_steered,) tilt and steering, rad
     joints: Array  # (n_joints,) rad or m
+    lacking: float  # of the weight, at 1 m: what tilts it and no actuator gives
+    turn: float  # rad/s
 
 
 class Posture:
@@ -79,10 +80,12 @@ class Posture:
     """
 
     def __init__(self, dynamics: ReducedDynamics) -> None:
-        robot = dynamics.robot
-        if not isinstance(robot, LeaningRobot):
-            raise UnfitLawError(f"{robot.name} does not lean, so there is nothing to balance")
-        self.robot, self.dynamics = robot, dynamics
+        if not isinstance(dynamics, LeaningDynamics):
+            raise UnfitLawError(
+                f"{dynamics.robot.name} does not lean, so there is nothing to balance"
+            )
+        self.robot, self.dynamics = dynamics.robot, dynamics
+        robot = self.robot
         names = robot.quasi_velocities
         self.first = 1 if robot.rolls_sideways else 2  # index in ν of the tilt's rate
         self.index = np.arange(self.first, len(names))  # of tilt, steering and arm in ν
@@ -209,19 +212,17 @@ class Posture:
             into[0], into[len(into) - len(arm) :] = base[0], arm
             if not self.steered:
                 into[1] = base[2]
-        force = self.dynamics.inverse(q, nu, nu_dot)
-        B = self.dynamics.actuation(q) * self.scale
-        tau = self.scale * np.linalg.lstsq(B, force, rcond=None)[0]
-        return SteadyMotion(q, nu, nu_dot, tau, own, state.joints)
+        force, B, twist = self.dynamics.required(q, nu, nu_dot)
+        tau = self.scale * np.linalg.lstsq(B * self.scale, force, rcond=None)[0]
+        lacking = (force - B @ tau)[self.first] / (GRAVITY * self.robot.mass)
+        turn = float(twist[2])
+        return SteadyMotion(q, nu, nu_dot, tau, own, state.joints, float(lacking), turn)
 
     def _left(self, motion: SteadyMotion, omega: float) -> Array:
         """Return what no actuator gives, of the weight's moment, and what turns too much."""
-        dynamics, (q, nu, nu_dot, tau, _, _) = self.dynamics, motion
-        lacking = dynamics.inverse(q, nu, nu_dot) - dynamics.actuation(q) @ tau
-        left = lacking[self.first] / (GRAVITY * self.robot.mass)
         if not self.steered:
-            return np.array([left])
-        return np.array([left, dynamics.twist(q, nu)[2] - omega])
+            return np.array([motion.lacking])
+        return np.array([motion.lacking, motion.turn - omega])
 
     def linear(self, steady: SteadyMotion, way: float = 0.0) -> tuple[Array, Array]:
         """Return A (n, n) and B (n, n_act) of x about a motion.

@@ -46,6 +46,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
+from rpctl.kernels.calls import interpreted
 from rpctl.kernels.program import Call, statement
 from rpctl.kernels.sheet import Sheet
 from rpctl.reference.motion import (
@@ -240,7 +241,8 @@ class LeaningWish(ReportsNothing):
             seen = math.vertsplit(error)
         else:
             seen = sheet.resolved(law.leash(sheet, math.vertsplit(error)))
-        self._robot, self._leash = robot, math.Function("leash", [error], [math.vertcat(*seen)])
+        leash = math.Function("leash", [error], [math.vertcat(*seen)])
+        self._robot, self._leash = robot, interpreted(leash)
 
     def row(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -265,7 +267,7 @@ class LeaningWish(ReportsNothing):
         """
         robot, state = self._robot, require_state(self._robot, reference(t), t)
         whole = base_error(state.pose, robot.base_pose(q))
-        error = self._leash(whole).full()[:, 0]
+        error = self._leash(whole)[0].copy()
         error[1] *= np.sinc(whole[2] / np.pi)
         nu_d, nu_d_dot = np.zeros(robot.dof), np.zeros(robot.dof)
         for into, base, arm in (

@@ -357,7 +357,7 @@ def places(prefix: str, **sizes: int) -> dict[str, Place]:
 
 
 def dexpinv(slide: Any, v: Any) -> Any:
-    """Return dexp⁻¹ of the planar root to second order, see ``dynamics.motion.dexpinv``."""
+    """Return dexp⁻¹ of the planar root to second order, see ``dynamics.projection``."""
     x, y, turn = (slide[i] for i in range(ROOT_NV))
     bx, by = turn * -v[1] + v[2] * y, turn * v[0] - v[2] * x
     change = casadi.vertcat(0.5 * bx - turn * by / 12.0, 0.5 * by + turn * bx / 12.0)
