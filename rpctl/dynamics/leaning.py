@@ -300,6 +300,14 @@ class LeaningProjector:
         angles = ", ".join(f"{n} at {robot.joint_position(q, n):.3g}" for n in names)
         return f"tilt {robot.tilt(q):.3g} rad{', ' if angles else ''}{angles}"
 
+    @staticmethod
+    def dexpinv(slide: Array, v: Array) -> Array:
+        """Return dexp⁻¹ of the root in space to second order, as a planar root's is."""
+        u, corrected = pin.Motion(slide[:FREE_NV]), v.copy()
+        once = u.cross(pin.Motion(v[:FREE_NV]))
+        corrected[:FREE_NV] += 0.5 * once.vector + u.cross(once).vector / 12.0
+        return corrected
+
     def settle(self, q: Array) -> Array:
         """Return q (nq,) moved the least way that brings both wheels back to the ground.
 

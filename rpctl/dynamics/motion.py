@@ -1,4 +1,4 @@
-"""One step of the motion on the configuration manifold, SE(2) × joints.
+"""One step of the motion on the configuration manifold, SE(2) or SE(3) × joints.
 
 [ARS97] U. M. Ascher, S. J. Ruuth, R. J. Spiteri, "Implicit-explicit Runge-Kutta methods for
 time-dependent partial differential equations", Applied Numerical Mathematics 25, 1997.
@@ -74,8 +74,8 @@ def rk4_step(
 ) -> Step:
     """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ, explicitly.
 
-    A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the planar
-    root, so q stays on the manifold and the order is that of the classical method.
+    A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the root, so
+    q stays on the manifold and the order is that of the classical method.
     """
     model, losses = dynamics.robot.model, dynamics.robot.losses
 
@@ -86,7 +86,7 @@ def rk4_step(
         motion.append(v)
         push = None if outside is None else outside(place)
         power = speed.dot(at.B.dot(tau)) + (0.0 if push is None else speed.dot(push))
-        return dexpinv(slide, v), dynamics.forward(place, speed, tau, push), power
+        return dynamics.dexpinv(slide, v), dynamics.forward(place, speed, tau, push), power
 
     motion: list[Array] = []
     half, sixth = 0.5 * dt, dt / 6.0
@@ -99,7 +99,7 @@ def rk4_step(
         v = np.array(motion)
         lost = -float((losses.force(v) * v).sum(axis=1).dot(RK4_WEIGHTS))
     return Step(
-        q=np.asarray(pin.integrate(model, q, sixth * (v1 + 2.0 * (v2 + v3) + v4))),
+        q=dynamics.integrate(q, sixth * (v1 + 2.0 * (v2 + v3) + v4)),
         nu=nu + sixth * (a1 + 2.0 * (a2 + a3) + a4),
         work=float(sixth * (p1 + 2.0 * (p2 + p3) + p4)),
         lost=sixth * lost,
@@ -138,27 +138,14 @@ def imex_step(
     brake = losses.force(v2)
     push = (1.0 - DELTA) * (push + pushed(place)) + (1.0 - GAMMA) * (S.T @ brake)
     a2 = solve_positive(M, push)
-    end = pin.integrate(model, q, dt * (DELTA * v1 + (1.0 - DELTA) * dexpinv(slide, v2)))
+    end = dynamics.integrate(q, dt * (DELTA * v1 + (1.0 - DELTA) * dynamics.dexpinv(slide, v2)))
     at = dynamics.at(end)
     after = braked(losses, dynamics.inertia(end), at.S, nu + dt * (DELTA * a1 + a2), own, middle)
     v3 = at.S @ after
     impulse = dt * ((1.0 - GAMMA) * brake + GAMMA * losses.force(v3))
     work = tau @ (start.B.T @ nu + at.B.T @ after) + given @ nu + pushed(end) @ after
     lost = -0.5 * float(impulse @ (v1 + v3))
-    return Step(np.asarray(end), after, 0.5 * dt * float(work), lost)
-
-
-def dexpinv(slide: Array, v: Array) -> Array:
-    """Return dexp⁻¹ of the planar root to second order: v + ½[u, v] + ¹⁄₁₂[u, [u, v]].
-
-    Only the root's three velocities (body frame) fail to commute.
-    """
-    x, y, turn = slide[:3]
-    bx, by = turn * -v[1] + v[2] * y, turn * v[0] - v[2] * x
-    corrected = v.copy()
-    corrected[0] += 0.5 * bx - turn * by / 12.0
-    corrected[1] += 0.5 * by + turn * bx / 12.0
-    return corrected
+    return Step(end, after, 0.5 * dt * float(work), lost)
 
 
 CONVERGED = 1e-9  # of the largest rate: the error after a correction that small is its square
@@ -295,10 +282,10 @@ def travel(dynamics: ReducedDynamics, q: Array, stretch: Stretch) -> Array:
 
     def stage(slide: Array, speed: Array) -> Array:
         S = dynamics.basis(q if dynamics.constant else pin.integrate(model, q, slide))
-        return dexpinv(slide, S @ speed)
+        return dynamics.dexpinv(slide, S @ speed)
 
     v1 = stage(np.zeros(model.nv), mean - 0.5 * change)
     v2 = stage(0.5 * dt * v1, mean)
     v3 = stage(0.5 * dt * v2, mean)
     v4 = stage(dt * v3, mean + 0.5 * change)
-    return np.asarray(pin.integrate(model, q, dt / 6.0 * (v1 + 2.0 * (v2 + v3) + v4)))
+    return dynamics.integrate(q, dt / 6.0 * (v1 + 2.0 * (v2 + v3) + v4))

@@ -205,6 +205,19 @@ class Projector:
             S.setflags(write=False)
             self.constant = LevelProjection(S, self, np.zeros(len(rolling.matrix.harmonics)), None)
 
+    @staticmethod
+    def dexpinv(slide: Array, v: Array) -> Array:
+        """Return dexp⁻¹ of the planar root to second order: v + ½[u, v] + ¹⁄₁₂[u, [u, v]].
+
+        Only the root's three velocities (body frame) fail to commute.
+        """
+        x, y, turn = slide[:3]
+        bx, by = turn * -v[1] + v[2] * y, turn * v[0] - v[2] * x
+        corrected = v.copy()
+        corrected[0] += 0.5 * bx - turn * by / 12.0
+        corrected[1] += 0.5 * by + turn * bx / 12.0
+        return corrected
+
     def settle(self, q: Array) -> Array:
         """Return q (nq,) as it is: a planar root keeps its wheels on the ground."""
         return q

@@ -60,6 +60,7 @@ class ReducedDynamics:
 
     Attributes:
         columns: Map (nv, n_act) from the actuators' efforts to their generalised force.
+        dexpinv: dexp⁻¹ of the root, of a way and a velocity (nv,), as a step needs it.
     """
 
     def __init__(self, robot: Robot, gliding: Collection[str] = ()) -> None:
@@ -67,7 +68,7 @@ class ReducedDynamics:
         self._model = robot.model
         self._workspace = Workspace(robot.model)
         self._projector = find_projector(robot, gliding)
-        self.columns = self._projector.columns
+        self.columns, self.dexpinv = self._projector.columns, self._projector.dexpinv
         self._losses = robot.losses
 
     @property

@@ -20,7 +20,8 @@ import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from rpctl.arrays import Array
-from rpctl.dynamics.motion import DELTA, GAMMA, dexpinv, solve_positive
+from rpctl.dynamics.motion import DELTA, GAMMA, solve_positive
+from rpctl.dynamics.projection import Projector
 from rpctl.dynamics.stance import ContactLoads, share_load
 from rpctl.dynamics.stops import Stops, impact, stopped
 from rpctl.errors import RpctlError
@@ -152,7 +153,9 @@ class SlipStepper:
         push, _ = self._push(at2, middle.y, given, wrenches)
         a2 = solve_positive(at2.M, push)
         brake = (middle.y - y0) / own
-        end = self.tree.integrate(at.q, dt * (DELTA * v1 + (1.0 - DELTA) * dexpinv(slide, v2)))
+        end = self.tree.integrate(
+            at.q, dt * (DELTA * v1 + (1.0 - DELTA) * Projector.dexpinv(slide, v2))
+        )
         at3 = self.tree.at(end)
         y0 = y + dt * (DELTA * a1 + (1.0 - DELTA) * a2 + (1.0 - GAMMA) * brake)
         last = self._solve(at3, y0, own, y + dt * (a2 + brake), given, wrenches)
