@@ -93,7 +93,7 @@ def test_the_correction_is_the_rate_of_the_logarithm(
             for s in (step, -step)
         )
         rate = (ahead - behind) / (2 * step)
-        np.testing.assert_allclose(dynamics.dexpinv(u, v), rate, atol=1e-6)
+        np.testing.assert_allclose(dynamics.dexpinv(u, v), rate, atol=1e-7)
 
 
 LAG = np.array([0.1, 0.03, 0.0, 5.0])
