@@ -141,10 +141,11 @@ class LeaningRobot(Robot):
                                + joint.mimic.offset)  # fmt: skip
 
     def _attitude(self, theta: float, tilt: float, other: float) -> Array:
-        """Return the root link's quaternion (4,): heading, then pitch, then roll."""
+        """Return the root link's quaternion (4,): heading, then roll, then pitch about its axle."""
         pitch, roll = (other, tilt) if self.rolls_sideways else (tilt, other)
         ahead = pin.rpy.rpyToMatrix(0.0, 0.0, self.drive.heading)
-        lean = ahead @ pin.rpy.rpyToMatrix(roll, pitch, 0.0) @ ahead.T
+        rolled, pitched = pin.rpy.rpyToMatrix(roll, 0.0, 0.0), pin.rpy.rpyToMatrix(0.0, pitch, 0.0)
+        lean = ahead @ rolled @ pitched @ ahead.T
         turn = pin.rpy.rpyToMatrix(0.0, 0.0, theta)
         return np.asarray(pin.Quaternion(turn @ lean).coeffs())
 
