@@ -420,7 +420,7 @@ class BalanceController(ReportsNothing):
         return Efforts(tau, tuple(Limit(name, "effort") for name in names))
 
     def _look(self, goal: Goal) -> tuple[Array, float]:
-        """Return tilt and steering (AHEAD + 2, ·) of the steps ahead, and how far the first is gone.
+        """Return tilt and steering (AHEAD + 2, ·) of steps ahead, and how far the first is gone.
 
         The steps are those of time itself, so that each is looked at once.
         """

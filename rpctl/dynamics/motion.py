@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from rpctl.arrays import Array
+from rpctl.dynamics.projection import dexpinv
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.robot.losses import Losses
@@ -228,11 +229,7 @@ def follow(nu: Array, commands: Array, durations: Array, lag: Array) -> tuple[Ar
         lag: T of each quasi-velocity (dof,), s.
     """
     x = durations[:, None] / np.maximum(lag, NO_LAG)  # (n, dof)
-    left = np.exp(-x)  # of the distance to the command, after the stretch
-    mean = -np.expm1(-x) / x
-    change = np.where(
-        x > SERIES_RATIO, 12.0 * ((mean - left) / x - 0.5 * mean), x * (0.5 * x - 1.0)
-    )
+    left, mean, change = of_gap(x, np.tanh(0.5 * x), np.where)
     gaps = np.empty_like(x)
     for gap, command, share in zip(gaps, commands, left, strict=True):
         gap[:] = nu - command
@@ -240,50 +237,37 @@ def follow(nu: Array, commands: Array, durations: Array, lag: Array) -> tuple[Ar
     return nu, list(map(Stretch, durations.tolist(), commands + gaps * mean, gaps * change))
 
 
-def joined(stretches: list[Stretch], longest: float) -> list[Stretch]:
-    """Return neighbouring stretches joined until they are as long as ``longest`` (s).
+def of_gap(x: Any, half: Any, chosen: Any) -> tuple[Any, Any, Any]:
+    """Return, of the gap to a held command, what a lag leaves, the mean, and the line's change.
 
-    The integral and the first moment of ν stay exact.
+    Args:
+        x: t/T, numbers or symbols, above 0.
+        half: tanh(x/2), of which e⁻ˣ is made.
+        chosen: What takes a condition and what holds where it is true, and where not.
     """
-    found, group, length = [], list[Stretch](), 0.0
-    for stretch in stretches:
-        if group and length + stretch.duration > longest:
-            found.append(_one(group, length))
-            group, length = [], 0.0
-        group.append(stretch)
-        length += stretch.duration
-    return [*found, _one(group, length)] if group else found
+    left, mean = (1.0 - half) / (1.0 + half), 2.0 * half / (1.0 + half) / x
+    far = 12.0 * ((mean - left) / x - 0.5 * mean)
+    return left, mean, chosen(x > SERIES_RATIO, far, x * (0.5 * x - 1.0))
 
 
-def _one(group: list[Stretch], length: float) -> Stretch:
-    """Return one stretch of this length (s) for those of a group."""
-    if len(group) == 1:
-        return group[0]
-    durations, mean, change = map(np.array, zip(*group, strict=True))
-    middle = np.cumsum(durations) - 0.5 * (durations + length)
-    moment = (durations * middle) @ mean + durations**2 @ change / 12.0
-    return Stretch(length, durations @ mean / length, 12.0 * moment / length**2)
-
-
-def travel(dynamics: ReducedDynamics, q: Array, stretch: Stretch) -> Array:
+def travel(dynamics: Any, q: Any, stretch: Stretch) -> Any:
     """Return q (nq,) after a stretch: q̇ = S(q) ν, by the method of :func:`rk4_step`.
 
     Args:
-        dynamics: The reduced dynamics.
+        dynamics: The reduced dynamics, or the symbolic ones of symbols.
         q: Configuration at the beginning (nq,).
         stretch: ν on the way.
 
     Raises:
         SingularBasisError: On the way the steered wheels fix no one motion.
     """
-    model = dynamics.robot.model
     dt, mean, change = stretch
 
-    def stage(slide: Array, speed: Array) -> Array:
-        S = dynamics.basis(q if dynamics.constant else pin.integrate(model, q, slide))
-        return dynamics.dexpinv(slide, S @ speed)
+    def stage(slide: Any, speed: Any) -> Any:
+        S = dynamics.basis(q if dynamics.constant else dynamics.integrate(q, slide))
+        return dexpinv(slide, S @ speed)
 
-    v1 = stage(np.zeros(model.nv), mean - 0.5 * change)
+    v1 = stage(np.zeros(dynamics.robot.nv), mean - 0.5 * change)
     v2 = stage(0.5 * dt * v1, mean)
     v3 = stage(0.5 * dt * v2, mean)
     v4 = stage(dt * v3, mean + 0.5 * change)

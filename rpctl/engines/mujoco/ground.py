@@ -142,7 +142,7 @@ class GroundContacts:
         pose[:3, 3] = wheel.offset * axis
         # A ball that slides, though its file lets it turn one way.
         ball = wheel.slides and not wheel.driven and "sphere" in wheel.source
-        friction = settings.caster_friction if ball else self._friction
+        friction = self._settings.caster_friction if ball else self._friction
         self._add(self._wheel_body(wheel), wheel.joint, kind, size, pose, friction)
         self.owners[wheel.joint] = wheel.joint
 
