@@ -19,7 +19,6 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -41,14 +40,12 @@ from rpctl.dynamics.reduced import LeaningDynamics, ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
 from rpctl.reference.motion import ReferenceState
+from rpctl.robot.leaning import GRAVITY, LEAST_LEAN, MAX_LEAN
 
 SPEEDS = (-4.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
 STEPS, STEP = 30, 1e-6  # of Newton's to a steady motion, and of its differences, rad
 STRIDE = 0.1  # rad: no step of Newton's is longer
 STEADY = 1e-9  # of the weight, at 1 m: what may be left over of a steady motion
-GRAVITY = 9.81  # m/s²
-LEAST_SPEED = 0.5  # m/s: a slower bicycle is balanced as if it went so fast
-MAX_LEAN, MAX_STEERING = 0.5, 0.6  # rad: in a bend that a bicycle is asked for
 MENDING_LEAN, TINY = 0.3, 1e-12  # rad: it leans by no more to mend its speed and its place
 REDUNDANT = 1e-6  # of the largest cost: that of efforts which work against each other
 LATENESS_S = 0.01  # s: what nobody tells, and is foretold
@@ -101,6 +98,8 @@ class Posture:
             )
         limits = robot.effort_limits
         self.scale = np.where(np.isfinite(limits), limits, 1.0)
+        # m/s: a slower bicycle is balanced as if it went so fast
+        self.slowest = robot.balancing_speed(LEAST_LEAN) if self.steered else -math.inf
 
     def of(self, q: Array) -> Array:
         """Return tilt, steering and arm (dof − first,) at q (nq,), rad or m."""
@@ -119,19 +118,10 @@ class Posture:
         """
         if not self.steered:
             return state
-        v = max(float(state.twist[0]), LEAST_SPEED)
-        widest = min(self._bend * v, math.tan(MAX_LEAN) * GRAVITY / v)
+        v = max(float(state.twist[0]), self.slowest)
+        widest = min(self.robot.sharpest_bend * v, math.tan(MAX_LEAN) * GRAVITY / v)
         omega = min(max(float(state.twist[2]), -widest), widest)
         return state._replace(twist=np.array([v, 0.0, omega]))
-
-    @cached_property
-    def _bend(self) -> float:
-        """The largest curvature of a bicycle's way, 1/m, at half its steering."""
-        robot, (swivel,) = self.robot, self.robot.drive.steered
-        joint = robot.description.joint[swivel.joint]
-        most = min(0.5 * min(abs(joint.lower), abs(joint.upper)), MAX_STEERING)
-        base = abs(math.dist(robot.drive.point, swivel.pivot) + swivel.trail)
-        return math.tan(most) / base
 
     def short(self, x: Array) -> Array:
         """Return a deviation x with those of joints without limits the short way round."""
@@ -370,7 +360,7 @@ class BalanceController(ReportsNothing):
 
     def __init__(self, law: Balance, posture: Posture, period: float) -> None:
         self._posture, robot = posture, posture.robot
-        self._speeds = np.array([v for v in SPEEDS if v > LEAST_SPEED / 2 or not posture.steered])
+        self._speeds = np.array([v for v in SPEEDS if v > 0.5 * posture.slowest])
         steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds.tolist()]
         self._designs = [law.design(posture, each, period) for each in steady]
         slopes = [posture.slope(each, robot.home) for each in steady]

@@ -76,6 +76,7 @@ class Rest(NamedTuple):
 
     q: Array  # (nq,)
     tau: Array  # (n_act,) N·m or N
+    nu: Array | None = None  # (dof,) of a bicycle, which cannot stand; None: none
 
 
 class EffortCommand(Command):

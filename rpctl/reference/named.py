@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TypeGuard
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known
 from rpctl.reference import paths
 from rpctl.reference.fitting import (
+    LIMIT_SHARE,
     Usage,
     assumptions,
     fit_arm,
@@ -27,13 +29,14 @@ from rpctl.reference.motion import configurations
 from rpctl.reference.path_reference import PathReference, Waves, waves
 from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, comfortable_radius, robot_length
 from rpctl.robot.collision import TOUCH_M, CollisionModel, collision_model
+from rpctl.robot.leaning import GRAVITY, MAX_LEAN, LeaningRobot
 from rpctl.robot.model import Robot
 from rpctl.robot.pair_motion import approach_rates, joint_motion, joint_travel
 
 RAMP_TIME = 3.0  # s, of a path for a robot 1 m long
 LAP_TIME = 20.0  # s; such a path is run through once in this time, soft start included
 LAP_RATE = 2.0 * math.pi / (LAP_TIME - 0.5 * RAMP_TIME)
-CURVATURE_SAMPLES = 101  # points at which a path's speed and curvature are evaluated
+CURVE = np.linspace(0.0, 2.0 * math.pi, 101)  # where a path's speed and curvature are evaluated
 LONGEST_DEFAULT = 120.0  # s; a longer lap is tracked so far unless the user says more
 SMALLEST_SHARE = 0.25  # of the robot's length: a path that shrinks for slow wheels stays larger
 
@@ -140,6 +143,9 @@ def _fit(
     """
     least = _least_size(shape, comfortable_radius(dynamics.robot))
     size = wish.size or (length if shape.size is None else max(shape.size * length, least))
+    if _rides(dynamics.robot) and shape.size is not None:
+        speed = wish.speed or dynamics.robot.balancing_speed(MAX_LEAN)
+        size = wish.size or max(size, (speed / _leaning_speed(shape, 1.0)) ** 2)
     fixed = wish.size is not None or wish.speed is not None or shape.size is None
     reference, usage = _paced(dynamics, shape, size, wish, arm)
     time = _lap(shape, size) / reference.rate
@@ -160,14 +166,37 @@ def _paced(
     stretch = size if shape.size is None else size / shape.size
     # Accelerations stay what they are.
     comfort = shape.speed * stretch ** (-0.5 if shape.size is None else 0.5)
-    path, speed = shape.make(size), wish.speed or comfort
+    path, robot = shape.make(size), dynamics.robot
+    if _rides(robot):  # it leans as far as it may, and begins in motion
+        comfort = min(robot.balancing_speed(MAX_LEAN), _leaning_speed(shape, size))
+    speed = wish.speed or comfort
     rate, lap = speed / _top_speed(path), _lap(shape, size)
     ramp = RAMP_TIME * math.sqrt(stretch) * max(1.0, speed / comfort)
     ramp = min(ramp, lap * min(wish.laps or 1.0, 1.0) / rate)  # half of the way at most
-    reference = PathReference(path, rate, arm, ramp, lap=lap)
-    if wish.speed is not None:
-        return reference, usage_of(dynamics, reference)
-    return slow_down(dynamics, reference)
+    ramp = 0.0 if _rides(robot) else ramp
+    reference, usage = PathReference(path, rate, arm, ramp, lap=lap), None
+    if wish.speed is None:
+        reference, usage = slow_down(dynamics, reference)
+    else:
+        usage = usage_of(dynamics, reference)
+    if _rides(robot):
+        robot.require_speed(reference.rate * float(path(CURVE).twist[:, 0, 0].min()))
+    return reference, usage
+
+
+def _rides(robot: Robot) -> TypeGuard[LeaningRobot]:
+    """Return whether a robot is a bicycle that leans: it can neither stand nor go slowly."""
+    return isinstance(robot, LeaningRobot) and robot.rolls_sideways
+
+
+def _leaning_speed(shape: NamedPath, size: float) -> float:
+    """Return the largest speed (m/s) with which a bicycle leans by a share of what it may."""
+    path = shape.make(size)
+    moved, _, turned = _directions(path).T
+    if not turned.any():
+        return math.inf
+    most = GRAVITY * math.tan(LIMIT_SHARE * MAX_LEAN)
+    return _top_speed(path) * math.sqrt(most / float((moved * turned).max()))
 
 
 def _lap(shape: NamedPath, size: float) -> float:
@@ -190,8 +219,8 @@ def _least_size(shape: NamedPath, radius: float) -> float:
 
 
 def _directions(path: paths.Path) -> Array:
-    """Return the size of the direction of travel (CURVATURE_SAMPLES, 3) along a lap."""
-    return np.abs(path(np.linspace(0.0, 2.0 * math.pi, CURVATURE_SAMPLES)).twist[:, 0])
+    """Return the size of the direction of travel (101, 3) along a lap."""
+    return np.abs(path(CURVE).twist[:, 0])
 
 
 MARGIN_M = 0.01  # m: what links keep where they would touch at the full swing

@@ -21,6 +21,9 @@ from rpctl.robot.model import NamedState, Robot
 FREE_NQ, FREE_NV = 7, 6  # x, y, z and a quaternion (x, y, z, w); linear and angular velocity
 MAX_TILT = 1.2  # rad; a robot that pitches or rolls so far lies on the ground
 MAX_DRAWN_TILT = 0.5  # rad; of random configurations
+GRAVITY = 9.81  # m/s²
+MAX_LEAN, MAX_STEERING = 0.5, 0.6  # rad: in a bend that a bicycle is asked for
+LEAST_LEAN = 0.1  # rad: a bicycle whose steering holds up less is too slow to be balanced
 KEPT_ROBOTS = 4  # of which something is kept
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -82,6 +85,33 @@ class LeaningRobot(Robot):
     def rolls_sideways(self) -> bool:
         """Whether its tilt is a roll, as a bicycle's; else it is a pitch."""
         return self.drive.type == LEANING_BICYCLE
+
+    @cached_property
+    def sharpest_bend(self) -> float:
+        """The largest curvature of a bicycle's way, 1/m, at half its steering."""
+        (swivel,) = self.drive.steered
+        joint = self.description.joint[swivel.joint]
+        most = min(0.5 * min(abs(joint.lower), abs(joint.upper)), MAX_STEERING)
+        return math.tan(most) / abs(math.dist(self.drive.point, swivel.pivot) + swivel.trail)
+
+    def balancing_speed(self, lean: float) -> float:
+        """Return the speed (m/s) at which half a bicycle's steering holds up a lean (rad)."""
+        return math.sqrt(GRAVITY * math.tan(lean) / self.sharpest_bend)
+
+    def require_speed(self, v: float) -> None:
+        """Refuse what is too slow for a bicycle.
+
+        Args:
+            v: The least speed of its way, m/s, forward positive.
+
+        Raises:
+            RpctlError: It is a bicycle, and slower than steering balances it.
+        """
+        if self.rolls_sideways and v < (least := self.balancing_speed(LEAST_LEAN)):
+            raise RpctlError(
+                f"{self.name} falls over at {v:.3g} m/s, the least speed of its way: steering "
+                f"balances it from {least:.3g} m/s on; give a faster way that begins in motion"
+            )
 
     def configuration(
         self,

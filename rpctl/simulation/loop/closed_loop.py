@@ -238,12 +238,12 @@ def rest_at_start(simulated: ReducedDynamics, config: Config, reference: Referen
         reference: What is tracked.
 
     Raises:
-        RpctlError: The error at the start is none that the robot can have.
+        RpctlError: The error at the start is none that the robot can have, or a bicycle stands.
     """
     robot = simulated.robot
     first = require_state(robot, reference(0.0), 0.0)
     q = start_configuration(robot, first, config.run.initial_error)
-    return rest_at(simulated, config.plant, q)
+    return rest_at(simulated, config.plant, q, first)
 
 
 def start_configuration(

@@ -22,6 +22,7 @@ from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.world import MujocoWorld, build
 from rpctl.equivalence.contact.leaning_body import LeaningBody
 from rpctl.errors import RpctlError
+from rpctl.robot.leaning import FREE_NV
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
 from rpctl.simulation.plants.interfaces import PlantState, SpeedInterface, felt
@@ -130,6 +131,15 @@ class LeaningMotion(LeaningBody, MujocoMotion):
     def nu(self) -> Array:
         """Quasi-velocities (dof,) of the motion that it has, rolling or not."""
         return np.asarray(self._projector.equations(self.q)[self._projector.rows :] @ self.v)
+
+    def start(self, nu: Array) -> None:
+        """Set it in motion as it would roll with ν (dof,)."""
+        rows, data = self._projector.rows, self.data
+        v = np.linalg.solve(self._projector.equations(self.q), np.concatenate([np.zeros(rows), nu]))
+        data.qvel[self.root_rate] = [*data.xmat[self.root].reshape(3, 3) @ v[:3], *v[3:FREE_NV]]
+        data.qvel[self._joints[1]] = v[self._columns]
+        self.mujoco.mj_forward(self.mjm, data)
+        self._before = self.energy
 
     def _held(self) -> Array:
         held, heading = super()._held(), self.robot.drive.heading

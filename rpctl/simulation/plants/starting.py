@@ -12,6 +12,7 @@ from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known
+from rpctl.reference.motion import ReferenceState
 from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
@@ -73,13 +74,24 @@ def perturbed_plant(robot: Robot) -> Plant:
     return Plant(delay=DELAY_S, joint_friction=friction, masses={"*": MASS_RATIO})
 
 
-def rest_at(simulated: ReducedDynamics, plant: Plant, q: Array) -> Rest:
+def rest_at(
+    simulated: ReducedDynamics, plant: Plant, q: Array, first: ReferenceState | None = None
+) -> Rest:
     """Return the simulated robot at rest at q (nq,), and the efforts that hold it there.
 
-    One that leans is put into balance.
+    One that leans is put into balance; a bicycle goes as its reference does at first.
+
+    Raises:
+        RpctlError: It is a bicycle, and its reference too slow for it.
     """
     if isinstance(simulated.robot, LeaningRobot):
         robot = simulated.robot
+        if first is not None and robot.rolls_sideways:
+            robot.require_speed(float(first.twist[0]))
+            posture = Posture(simulated)
+            v, _, omega = posture.possible(first).twist.tolist()
+            steady = posture.steady(v, omega, first.joints)
+            return Rest(robot.placed(steady.q, robot.base_pose(q)), steady.tau, steady.nu)
         steady = Posture(simulated).steady(0.0, 0.0, robot.joint_positions(q))
         return Rest(robot.placed(steady.q, robot.base_pose(q)), steady.tau)
     holding = simulated.efforts(q, simulated.bias(q, np.zeros(simulated.robot.dof)))
@@ -145,9 +157,15 @@ def start_motion(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Motio
     if plant.kind == "slipping":
         return SlippingMotion(dynamics.robot, plant.slipping, run.friction, rest.q, run.plant_step)
     if plant.kind == "contact":
-        kind = LeaningMotion if isinstance(dynamics.robot, LeaningRobot) else MujocoMotion
-        return kind(dynamics.robot, plant.contact, run.friction, rest.q)
-    return RollingMotion(dynamics, rest.q, run.plant_step)
+        if not isinstance(dynamics.robot, LeaningRobot):
+            return MujocoMotion(dynamics.robot, plant.contact, run.friction, rest.q)
+        touching = LeaningMotion(dynamics.robot, plant.contact, run.friction, rest.q)
+        if rest.nu is not None:
+            touching.start(rest.nu)
+        return touching
+    rolling = RollingMotion(dynamics, rest.q, run.plant_step)
+    rolling.nu = rolling.nu if rest.nu is None else rest.nu
+    return rolling
 
 
 class SteppedPlant:
