@@ -238,7 +238,7 @@ class Controller:
         self._unknown = self._sent = ControllerOutput(efforts, speeds, Command(still, still))
         # The law that balances foretells for itself, and takes rates as they are measured.
         rates, foretold = ("measured", 0.0) if self._leans else (self._rates, self._delay)
-        self._reader = SampleReader(robot, self.period, self._delay, rates == "measured")
+        self._reader = SampleReader(robot, self.period, foretold, rates == "measured")
         self._estimate = StateEstimate(
             self._dynamics, self.period, foretold, rates, acting, self._compiled
         )

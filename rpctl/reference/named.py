@@ -29,7 +29,7 @@ from rpctl.reference.motion import configurations
 from rpctl.reference.path_reference import PathReference, Waves, waves
 from rpctl.reference.sizing import WISHES, Sizing, SizingRequest, comfortable_radius, robot_length
 from rpctl.robot.collision import TOUCH_M, CollisionModel, collision_model
-from rpctl.robot.leaning import GRAVITY, MAX_LEAN, LeaningRobot
+from rpctl.robot.leaning import MAX_LEAN, LeaningRobot
 from rpctl.robot.model import Robot
 from rpctl.robot.pair_motion import approach_rates, joint_motion, joint_travel
 
@@ -125,7 +125,8 @@ def _require_sense(robot: Robot, name: str, wish: SizingRequest) -> None:
         wish.refuse(f"a {name} has no size; give its speed, rad/s", "size")
     if not shape.closed:
         wish.refuse(f"a {name} does not close; give its size, the length in m", "laps")
-    least = _least_size(shape, turning_radius(drive, robot.description.joint))
+    radius = turning_radius(drive, robot.description.joint)
+    least = _least_size(shape, 1.0 / robot.sharpest_bend if _rides(robot) else radius)
     if wish.size is not None and wish.size < least:
         raise RpctlError(
             f"{robot.name} cannot steer along a {name} of {wish.size:g} m; "
@@ -141,11 +142,13 @@ def _fit(
     Where the limits make a lap take twice its usual time, it shrinks as long as that helps: wheels
     that are busy turning the base gain nothing by tighter bends.
     """
-    least = _least_size(shape, comfortable_radius(dynamics.robot))
+    robot = dynamics.robot
+    radius = comfortable_radius(robot)
+    if _rides(robot):  # at its own pace, the bend by a share of its steering leans it by that, too
+        faster = max(1.0, (wish.speed or 0.0) / robot.balancing_speed(MAX_LEAN))
+        radius = faster**2 / (LIMIT_SHARE * robot.sharpest_bend)
+    least = _least_size(shape, radius)
     size = wish.size or (length if shape.size is None else max(shape.size * length, least))
-    if _rides(dynamics.robot) and shape.size is not None:
-        speed = wish.speed or dynamics.robot.balancing_speed(MAX_LEAN)
-        size = wish.size or max(size, (speed / _leaning_speed(shape, 1.0)) ** 2)
     fixed = wish.size is not None or wish.speed is not None or shape.size is None
     reference, usage = _paced(dynamics, shape, size, wish, arm)
     time = _lap(shape, size) / reference.rate
@@ -167,13 +170,13 @@ def _paced(
     # Accelerations stay what they are.
     comfort = shape.speed * stretch ** (-0.5 if shape.size is None else 0.5)
     path, robot = shape.make(size), dynamics.robot
-    if _rides(robot):  # it leans as far as it may, and begins in motion
-        comfort = min(robot.balancing_speed(MAX_LEAN), _leaning_speed(shape, size))
+    if _rides(robot):
+        comfort = robot.balancing_speed(MAX_LEAN)
     speed = wish.speed or comfort
     rate, lap = speed / _top_speed(path), _lap(shape, size)
     ramp = RAMP_TIME * math.sqrt(stretch) * max(1.0, speed / comfort)
     ramp = min(ramp, lap * min(wish.laps or 1.0, 1.0) / rate)  # half of the way at most
-    ramp = 0.0 if _rides(robot) else ramp
+    ramp = 0.0 if _rides(robot) else ramp  # it begins in motion
     reference, usage = PathReference(path, rate, arm, ramp, lap=lap), None
     if wish.speed is None:
         reference, usage = slow_down(dynamics, reference)
@@ -187,16 +190,6 @@ def _paced(
 def _rides(robot: Robot) -> TypeGuard[LeaningRobot]:
     """Return whether a robot is a bicycle that leans: it can neither stand nor go slowly."""
     return isinstance(robot, LeaningRobot) and robot.rolls_sideways
-
-
-def _leaning_speed(shape: NamedPath, size: float) -> float:
-    """Return the largest speed (m/s) with which a bicycle leans by a share of what it may."""
-    path = shape.make(size)
-    moved, _, turned = _directions(path).T
-    if not turned.any():
-        return math.inf
-    most = GRAVITY * math.tan(LIMIT_SHARE * MAX_LEAN)
-    return _top_speed(path) * math.sqrt(most / float((moved * turned).max()))
 
 
 def _lap(shape: NamedPath, size: float) -> float:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_discrete_are
 
 import rpctl
 from rpctl import Plant, ReducedDynamics, Wrench
-from rpctl.control.balance import Balance, Posture, sampled
+from rpctl.control.balance import ERRORS, Balance, Posture, sampled
 from rpctl.control.law import LeaningCommand
 from rpctl.errors import RpctlError, UnfitLawError
 from tests.leaning import OWN, leaning
@@ -68,7 +68,7 @@ def test_the_regulator_is_stable_however_late_it_is(name: str, late: int) -> Non
     """It foretells 10 ms; efforts come 0, 10 or 20 ms late. The poles are those of the loop."""
     posture, law = posture_of(name), Balance()
     steady = posture.steady(3.0 if name == "whipple" else 0.5, 0.0, posture.robot.home)
-    F, G, K = law.design(posture, steady, PERIOD)
+    F, G, K, _ = law.design(posture, steady, PERIOD)
     (n, m), told = G.shape, 5
     depth = max(late, told)
     size = n + depth * m
@@ -87,6 +87,102 @@ def test_the_regulator_is_stable_however_late_it_is(name: str, late: int) -> Non
     loop[n : n + m] = now
     loop[n + m :, n:-m] += np.eye(size - n - m)
     assert np.abs(np.linalg.eigvals(loop)).max() < 1.0
+
+
+def test_what_the_reference_will_ask_acts_as_the_best_regulator_has_it() -> None:
+    """Changes of the tilt to come, as states that move up by one each period, are regulated, too.
+
+    The gains of the first two steps of .04 s, 20 periods each, are those of that larger regulator.
+    """
+    posture, law = posture_of("balancer"), Balance()
+    steady = posture.steady(0.5, 0.0, posture.robot.home)
+    F, G, _, ahead = law.design(posture, steady, PERIOD)
+    (n, m), periods = G.shape, 40
+    # Q and R are the law's: of place .1 m, heading .3 rad, tilt and arm .1 rad, of .3 m/s and so on
+    Q = np.zeros((n + periods, n + periods))
+    scales = [0.1, 0.1, 0.3, 0.1, 0.1, 0.3, 1.0, 1.0, 1.0]  # rates: v, ω, tilt, arm
+    Q[:n, :n] = np.diag(1.0 / np.array(scales) ** 2)
+    B = posture.linear(steady)[1][[5, 6, 8]] / np.array([[3.0], [5.0], [40.0]])
+    R = B.T @ B
+    large = np.zeros((n + periods, n + periods))
+    large[:n, :n] = F
+    large[ERRORS, n] = -1.0  # of the tilt from what is wanted, which changes now
+    large[n:-1, n + 1 :] = np.eye(periods - 1)
+    push = np.vstack([G, np.zeros((periods, m))])
+    P = solve_discrete_are(large, push, Q, R)
+    gains = -np.linalg.solve(R + push.T @ P @ push, push.T @ P @ large)[:, n:]
+    for k in range(2):
+        mean = gains[:, 20 * k : 20 * (k + 1)].mean(axis=1)
+        assert ahead[k, :, 0] == pytest.approx(mean, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_it_leans_by_three_tenths_to_mend_its_place(name: str) -> None:
+    posture = posture_of(name)
+    steady = posture.steady(3.0 if name == "whipple" else 0.5, 0.0, posture.robot.home)
+    design, outer = Balance().design(posture, steady, PERIOD), posture.outer
+    x = np.zeros(len(design.F))
+    assert design.leans_less(x, outer) == 1.0
+    x[outer[0]] = 1e-3
+    assert design.leans_less(x, outer) == 1.0
+    x[outer[0]] = 50.0
+    leant, share = 0.3 * design.K[:, ERRORS], design.leans_less(x, outer)
+    asked = design.K[:, outer] @ x[outer]
+    assert np.linalg.norm(share * asked) == pytest.approx(np.linalg.norm(leant))
+
+
+def test_a_bicycle_goes_in_a_circle_from_the_start_however_late_it_is() -> None:
+    """It begins as its reference does, and a delay that is told leaves it nothing behind."""
+    for delay in (0.0, 0.02):
+        run = rpctl.track(leaning("whipple"), "circle", size=8.0, speed=3.0, duration=1.0,
+                          delay=delay, collisions=False)  # fmt: skip
+        assert run.nu[0, 0] == pytest.approx(3.0, abs=1e-9)
+        assert np.abs(run.log.e[:, :3]).max() < 1e-4
+
+
+def test_a_bicycle_that_goes_too_slowly_is_refused() -> None:
+    """v² tan(.6)/1.02 = 9.81 tan(.1) of trail and wheelbase as they are: 1.21 m/s."""
+    robot = leaning("whipple")
+    assert robot.balancing_speed(0.1) == pytest.approx(
+        np.sqrt(9.81 * np.tan(0.1) * 1.02 / np.tan(0.6)), rel=0.05
+    )
+    for name, wish in (("eight", {"speed": 0.65}), ("line", {"speed": 1.0}), ("reverse", {})):
+        with pytest.raises(RpctlError, match="falls over at .* m/s, the least speed of its way"):
+            rpctl.load_reference(robot, name, **wish)
+    with pytest.raises(RpctlError, match=r"7\.\d+ m is the least size"):
+        rpctl.load_reference(robot, "eight", size=3.0)
+
+
+def test_a_bicycle_goes_at_its_own_pace_in_bends_of_half_its_steering() -> None:
+    """Half of tan(.6) is steered in the sharpest bend, and tan(lean) is at most half of tan(.5)."""
+    robot = leaning("whipple")
+    reference = rpctl.load_reference(robot, "eight")
+    v, _, omega = np.array([reference(t).twist for t in np.linspace(0.0, 40.0, 400)]).T
+    assert v.max() == pytest.approx(np.sqrt(9.81 * np.tan(0.5) * 1.02 / np.tan(0.6)), rel=0.05)
+    assert np.abs(omega / v).max() == pytest.approx(0.5 * np.tan(0.6) / 1.02, rel=0.05)
+    assert np.abs(v * omega).max() < 0.5 * 9.81 * np.tan(0.5)
+    wider = rpctl.load_reference(robot, "circle", speed=6.0)
+    v, _, omega = wider(1.0).twist
+    assert v * omega < 0.55 * 9.81 * np.tan(0.5)
+
+
+def test_a_balancer_comes_to_its_eight() -> None:
+    """From .1 m and .1 rad off; the second half of 6 s is within 3 cm, its end within 1."""
+    run = rpctl.track(leaning("balancer"), "eight", duration=6.0, initial_error=(0.1, -0.1, 0.1),
+                      collisions=False)  # fmt: skip
+    away = np.hypot(*run.log.e[:, :2].T)
+    assert away[len(away) // 2 :].max() < 0.03 and away[-1] < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "within"), [("balancer", 0.01), ("wheel_legs", 0.01),
+                                              ("whipple", 0.05)])  # fmt: skip
+@pytest.mark.parametrize("delay", [0.0, 0.02])
+def test_it_settles_on_its_own_eight(name: str, within: float, delay: float) -> None:
+    """From the default start, in the last quarter."""
+    run = rpctl.track(leaning(name), "eight", delay=delay, collisions=False)
+    away = np.hypot(*run.log.e[:, :2].T)
+    assert away[3 * len(away) // 4 :].max() < within
 
 
 def test_what_cannot_be_balanced_is_refused() -> None:
