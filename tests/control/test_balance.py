@@ -147,7 +147,7 @@ def test_a_bicycle_that_goes_too_slowly_is_refused() -> None:
         np.sqrt(9.81 * np.tan(0.1) * 1.02 / np.tan(0.6)), rel=0.05
     )
     for name, wish in (("eight", {"speed": 0.65}), ("line", {"speed": 1.0}), ("reverse", {})):
-        with pytest.raises(RpctlError, match="falls over at .* m/s, the least speed of its way"):
+        with pytest.raises(RpctlError, match=r"falls over at .* m/s, the least speed of its way"):
             rpctl.load_reference(robot, name, **wish)
     with pytest.raises(RpctlError, match=r"7\.\d+ m is the least size"):
         rpctl.load_reference(robot, "eight", size=3.0)
