@@ -47,7 +47,7 @@ from rpctl.equivalence.contact.trial import (
 )
 from rpctl.equivalence.mujoco_engine import EngineRefused
 from rpctl.errors import RpctlError
-from rpctl.robot.leaning import FREE_NQ, FREE_NV, MAX_DRAWN_TILT, LeaningRobot, contact_arm
+from rpctl.robot.leaning import FREE_NQ, MAX_DRAWN_TILT, LeaningRobot, contact_arm
 from rpctl.robot.vary import without_losses
 
 BICYCLE_SPEED, FASTER, LEAN = 3.0, 1.0, 0.1  # m/s from the start, and more at the end; rad
@@ -156,14 +156,6 @@ class LeaningModel(LeaningBody, ContactModel):
         """Quasi-velocities (dof,)."""
         return np.asarray(self._dynamics.at(self.q).W @ self.v)
 
-    def launch(self, q: Array, nu: Array) -> None:
-        """Put the robot on the ground at q (nq,), in motion (dof,)."""
-        v, R = self._dynamics.basis(q) @ nu, pin.XYZQUATToSE3(q[:FREE_NQ]).rotation
-        self.put(q, 0.0)
-        self.data.qvel[self.root_rate] = [*(R @ v[:3]), *v[3:FREE_NV]]
-        self.data.qvel[self._joints[1]] = v[self._columns]
-        self.mujoco.mj_forward(self.mjm, self.data)
-
 
 class _Reduced(ReducedRobot):
     """The reduced model as :class:`LeaningModel` is asked."""
@@ -216,7 +208,8 @@ def leaning_trial(robot: LeaningRobot) -> ContactTrial | Skipped:
         regulator, model = Regulator(dynamics), LeaningModel(dynamics)
     except (RpctlError, EngineRefused) as reason:
         return Skipped(CHECK_NAME, CONTACT_ORACLE, str(reason))
-    model.launch(regulator.q, regulator.nu)
+    model.start(regulator.q)
+    model.launch(dynamics.basis(regulator.q) @ regulator.nu)
     for _ in range(round(SETTLING_S / TICK_S)):
         model.advance(regulator.efforts(0.0, model.q, model.nu), TICK_S)
     rolling = _Reduced(dynamics, dynamics.integrate(model.q, np.zeros(robot.nv)))
