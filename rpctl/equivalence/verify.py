@@ -307,10 +307,14 @@ def _engine(
 def _with_trials(robot: Robot, certificate: Certificate, trials: Collection[str]) -> Certificate:
     """Return a certificate with trials in MuJoCo; what was asked for and cannot be made fails."""
     from rpctl.equivalence.contact import trial as contact_trial
+    from rpctl.equivalence.contact.leaning_trial import leaning_trial
     from rpctl.equivalence.onset import trial as onset_trial
 
+    rolls: Callable[[Any], Any] = (
+        leaning_trial if robot.drive.leans else contact_trial.contact_trial
+    )
     known: dict[str, tuple[str, Callable[[Robot], Any]]] = {
-        "contact": (contact_trial.CHECK_NAME, contact_trial.contact_trial),
+        "contact": (contact_trial.CHECK_NAME, rolls),
         "onset": (onset_trial.TRIAL_NAME, onset_trial.onset_trial),
     }
     made: dict[str, Any] = {}

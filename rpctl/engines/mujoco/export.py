@@ -92,8 +92,13 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bo
 
 def _require_possible(robot: Robot) -> None:
     """Refuse robots whose wheels no plain MuJoCo model has."""
-    robot.require_level()
     drive = robot.drive
+    if drive.leans:
+        raise RpctlError(
+            f"{robot.name} leans on two wheels, and a file is proven by how it stands and rolls by "
+            "itself, which this robot does only while a law balances it; simulate it with "
+            "`rpctl track --plant contact`, prove it with `rpctl verify --contact`"
+        )
     if not drive.wheels:
         raise RpctlError(
             f"{robot.name} has no wheels; a fixed base is read by MuJoCo from its URDF as it is"

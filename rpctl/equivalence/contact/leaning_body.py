@@ -51,3 +51,10 @@ class LeaningBody(MujocoBody):
         v[3:FREE_NV] = rate[3:]
         v[self._columns] = self.data.qvel[self._joints[1]]
         return v
+
+    def launch(self, v: Array) -> None:
+        """Give the robot a velocity (nv,) where it is."""
+        R = self.data.xmat[self.root].reshape(3, 3)
+        self.data.qvel[self.root_rate] = [*(R @ v[:3]), *v[3:FREE_NV]]
+        self.data.qvel[self._joints[1]] = v[self._columns]
+        self.mujoco.mj_forward(self.mjm, self.data)

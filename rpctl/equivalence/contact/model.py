@@ -129,46 +129,7 @@ class Contact:
     zmp: Array
 
 
-class ContactModel(RollingBody):
-    """MuJoCo's model of a robot on the ground, and its state.
-
-    Args:
-        robot: The robot; its file's numbers and shapes are used, not its Pinocchio model. Of the
-            drive: which joints carry wheels, and how a roller lies on its wheel.
-        friction: Coefficient between wheels and ground.
-
-    Attributes:
-        contacts: The wheels' joints, then the supports, as ``Contacts.names``.
-        notes: What the file does not say of them.
-        ground: What the ground did in the first step of the last advance.
-    """
-
-    def __init__(self, robot: Robot, friction: float = FRICTION) -> None:
-        builder = _Builder(robot, friction)
-        tree = MujocoModel(robot, release=builder.release)
-        crowned = {wheel.joint: NAME_PREFIX + wheel.joint for wheel in robot.drive.wheels}
-        touching = Touching(tuple(builder.geoms.values()), builder.geoms, crowned)
-        super().__init__(robot, tree.mjm, tree.mjm.body(tree.root).name, touching, friction)
-        self.notes = tuple(builder.notes)
-        self.ground = Contact(np.zeros(len(self.contacts)), np.zeros(3), np.zeros(2))
-
-    def advance(self, tau: Array, dt: float) -> None:
-        """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
-        for step in self.steps(tau, round(dt / STEP_S)):
-            if step == 0:
-                self.ground = self._ground()
-
-    def _ground(self) -> Contact:
-        load, total, moment = np.zeros(len(self.contacts)), np.zeros(3), np.zeros(2)
-        frames, places = self.data.contact.frame.reshape(-1, 3, 3), self.data.contact.pos
-        for k, contact, wrench in self.bearing():
-            load[contact] += wrench[0]
-            total += frames[k].T @ wrench[:3]
-            moment += wrench[0] * places[k][:2]
-        return Contact(load, total, moment / max(float(load.sum()), MIN_LOAD_N))
-
-
-class _Builder:
+class Builder:
     """Sets a robot's bodies on a ground; ``geoms`` are those that meet it, with their contacts."""
 
     def __init__(self, robot: Robot, friction: float) -> None:
@@ -186,7 +147,7 @@ class _Builder:
         plane = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
         plane.contype, plane.conaffinity = 2, 0
         for wheel in self._robot.drive.wheels:
-            tread = tyre(self._robot, wheel)
+            tread = self.tread(wheel)
             size = [tread.radius, tread.radius, tread.half_width]
             self._touch(spec, tread.link, wheel.joint, "ellipsoid", size, tread.pose)
             self.notes += [tread.note] if tread.note else []
@@ -208,3 +169,48 @@ class _Builder:
         geom.solref, geom.solimp = SOLREF, SOLIMP
         self.geoms[geom.name] = name
         return geom
+
+    def tread(self, wheel: Wheel) -> Tyre:
+        """Return the tread of a wheel."""
+        return tyre(self._robot, wheel)
+
+
+class ContactModel(RollingBody):
+    """MuJoCo's model of a robot on the ground, and its state.
+
+    Args:
+        robot: The robot; its file's numbers and shapes are used, not its Pinocchio model. Of the
+            drive: which joints carry wheels, and how a roller lies on its wheel.
+        friction: Coefficient between wheels and ground.
+
+    Attributes:
+        contacts: The wheels' joints, then the supports, as ``Contacts.names``.
+        notes: What the file does not say of them.
+        ground: What the ground did in the first step of the last advance.
+    """
+
+    builder = Builder
+
+    def __init__(self, robot: Robot, friction: float = FRICTION) -> None:
+        builder = self.builder(robot, friction)
+        tree = MujocoModel(robot, release=builder.release)
+        crowned = {wheel.joint: NAME_PREFIX + wheel.joint for wheel in robot.drive.wheels}
+        touching = Touching(tuple(builder.geoms.values()), builder.geoms, crowned)
+        super().__init__(robot, tree.mjm, tree.mjm.body(tree.root).name, touching, friction)
+        self.notes = tuple(builder.notes)
+        self.ground = Contact(np.zeros(len(self.contacts)), np.zeros(3), np.zeros(2))
+
+    def advance(self, tau: Array, dt: float) -> None:
+        """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
+        for step in self.steps(tau, round(dt / STEP_S)):
+            if step == 0:
+                self.ground = self._ground()
+
+    def _ground(self) -> Contact:
+        load, total, moment = np.zeros(len(self.contacts)), np.zeros(3), np.zeros(2)
+        frames, places = self.data.contact.frame.reshape(-1, 3, 3), self.data.contact.pos
+        for k, contact, wrench in self.bearing():
+            load[contact] += wrench[0]
+            total += frames[k].T @ wrench[:3]
+            moment += wrench[0] * places[k][:2]
+        return Contact(load, total, moment / max(float(load.sum()), MIN_LOAD_N))

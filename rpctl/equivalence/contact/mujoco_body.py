@@ -456,7 +456,7 @@ class RollingBody(MujocoBody):
             q: Configuration.
             tied: Whether tie rods hold the swivels that follow others.
         """
-        self.put(q, -self.robot.drive.ground)
+        self.put(q, -self.robot.drive.floor)
         self.mujoco.mj_forward(self.mjm, self.data)
         if tied:
             self.tie()

@@ -186,26 +186,24 @@ def gaps(
     engine: ContactMotion,
 ) -> Iterator[Gap]:
     """Yield the rows of a trial."""
-    weight, width = _weight(robot), span(contacts)
+    whole, width = weight(robot), span(contacts)
     turned = float(np.abs(np.diff(engine.pose[:, 2])).sum())
     apart = np.hypot(*(reduced.pose - engine.pose)[:, :2].T)[:, None]
     way = PATH_BAND * travelled(engine.pose) + PATH_BAND_FLOOR_M
     yield gap_row("path", apart, way, "m")
-    turn = _wrapped(reduced.pose[:, 2:] - engine.pose[:, 2:])
+    turn = wrapped(reduced.pose[:, 2:] - engine.pose[:, 2:])
     yield gap_row("heading", turn, HEADING_BAND * turned + HEADING_BAND_FLOOR, "rad")
-    yield gap_row(
-        "force of the ground", reduced.force - engine.force, LOAD_BAND * weight, "N", AXES
-    )
+    yield gap_row("force of the ground", reduced.force - engine.force, LOAD_BAND * whole, "N", AXES)
     # Seen from each side's own root link: where the robot is, is the path's row.
     balance = (reduced.zmp - reduced.pose[:, :2]) - (engine.zmp - engine.pose[:, :2])
     yield gap_row("zero-moment point", balance, ZMP_BAND * width, "m", AXES)
     if contacts.determinate:
         load = reduced.load - engine.load
-        yield gap_row("wheel loads", load, LOAD_BAND * weight, "N", contacts.names)
+        yield gap_row("wheel loads", load, LOAD_BAND * whole, "N", contacts.names)
     slides = np.array([robot.description.joint[name].kind == "prismatic" for name in joints], bool)
     for label, unit, kind, reach in (
-        ("forces", "N", slides, weight),
-        ("torques", "N·m", ~slides, weight * width),
+        ("forces", "N", slides, whole),
+        ("torques", "N·m", ~slides, whole * width),
     ):
         if kind.any():
             names = [name for name, one in zip(joints, kind, strict=True) if one]
@@ -215,7 +213,7 @@ def gaps(
             yield gap_row(f"joint {label}", effort, band, unit, names)
     rolling = rolling_casters(robot, contacts, engine)
     if rolling:
-        swung = _wrapped(reduced.casters - engine.casters)[:, list(rolling.values())]
+        swung = wrapped(reduced.casters - engine.casters)[:, list(rolling.values())]
         yield gap_row("casters", swung, CASTER_BAND, "rad", list(rolling))
 
 
@@ -232,7 +230,7 @@ def rolling_casters(robot: Robot, contacts: Contacts, engine: ContactMotion) -> 
         contacts: Its contacts with the ground, wheels first.
         engine: What the engine's robot did, loads (K, n_contacts) in N included.
     """
-    least, kept = MIN_CASTER_LOAD * _weight(robot), {}
+    least, kept = MIN_CASTER_LOAD * weight(robot), {}
     swivels = {swivel.joint: swivel for swivel in robot.drive.swivels}
     for column, name in enumerate(caster_names(robot)):
         wheels = list(robot.drive.carried(swivels[name]))
@@ -241,7 +239,8 @@ def rolling_casters(robot: Robot, contacts: Contacts, engine: ContactMotion) -> 
     return kept
 
 
-def _weight(robot: Robot) -> float:
+def weight(robot: Robot) -> float:
+    """Return a robot's weight, N."""
     return robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
 
 
@@ -251,7 +250,7 @@ def span(contacts: Contacts) -> float:
     return float(np.hypot(*(points[:, None] - points[None]).T).max())
 
 
-def _wrapped(angles: Array) -> Array:
+def wrapped(angles: Array) -> Array:
     """Return differences of angles in (−π, π]; NaN stays NaN."""
     return np.asarray(np.arctan2(np.sin(angles), np.cos(angles)))
 
@@ -284,7 +283,6 @@ def contact_trial(robot: Robot) -> ContactTrial | Skipped:
     Returns:
         The trial, or the row that says why there is none.
     """
-    robot.require_level()
     robot = without_losses(robot)
     dynamics = ReducedDynamics(robot)
     try:

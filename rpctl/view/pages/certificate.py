@@ -137,7 +137,9 @@ def _load_part(trial: ContactTrial) -> tuple[str, Sequence[str], Array, Array]:
 
 def draw_plan(trial: ContactTrial, axes: Axes) -> None:
     """Draw the ground seen from above: paths, the robot at the ends, and its contacts' tracks."""
-    outline = trial.footprint[ConvexHull(trial.footprint).vertices]
+    outline = trial.footprint
+    if len(outline) > 2:
+        outline = outline[ConvexHull(outline).vertices]
     engine, reduced = _finite(trial.engine), _finite(trial.reduced)
     tracks = np.array([style.placed(trial.footprint, pose) for pose in engine[::TRACK_STRIDE]])
     for track in tracks.transpose(1, 0, 2):

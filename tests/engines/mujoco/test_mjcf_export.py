@@ -250,3 +250,8 @@ def test_a_robot_that_is_not_its_file_is_not_written(robot: rpctl.Robot, tmp_pat
 def test_a_fixed_base_is_refused(tmp_path: Path) -> None:
     with pytest.raises(rpctl.RpctlError, match="has no wheels"):
         export_mjcf(rpctl.load("arm"), tmp_path / "arm.xml")
+
+
+def test_a_robot_that_leans_is_refused_with_the_reason(tmp_path: Path) -> None:
+    with pytest.raises(rpctl.RpctlError, match=r"balancer leans.*while a law balances it"):
+        export_mjcf(rpctl.load("balancer"), tmp_path / "balancer.xml")
