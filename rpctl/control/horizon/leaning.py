@@ -17,7 +17,7 @@ Every step there is a new plan; until the next, τ = τ_plan − K (x − x_plan
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -49,7 +49,7 @@ class LeaningHorizon(Record):
     ] = 0.02
     max_tilt: Annotated[float, POSITIVE, Setting("rad", "", "Beyond, it costs much.")] = 0.5
     regulator: Annotated[Balance, Setting("", "", "Its cost, and how late it is.")] = field(
-        default_factory=Balance
+        default_factory=partial(Balance, place=0.05, heading=0.2, speed=0.15, turn=0.3)
     )
 
 
@@ -99,11 +99,14 @@ class Course:
         return Point(*((1.0 - share) * a + share * b for a, b in zip(*ends, strict=True)))
 
     def _wanted(self, k: int) -> Array:
-        """Return tilt, steering, arm and ν (n − 3,) of the steady motion at k steps."""
-        state, (v, omega, joints) = self.state(k * self._law.dt), self._speeds(k)
-        names, speeds = self._posture.robot.drive.base_speeds, {"v": v, "omega": omega}
-        rates = [*(speeds.get(name, 0.0) for name in names), *state.joint_rates]
-        return np.array([*self.point(k).own, *joints, *rates])
+        """Return tilt and steering of the steady motion at k steps, and the reference's arm and ν.
+
+        Its speed may be none of a steady motion: a bicycle's that sets off.
+        """
+        state = self.state(k * self._law.dt)
+        speeds = dict(zip(("v", "vl", "omega"), state.twist.tolist(), strict=True))
+        rates = (speeds.get(name, 0.0) for name in self._posture.robot.drive.base_speeds)
+        return np.array([*self.point(k).own, *state.joints, *rates, *state.joint_rates])
 
     def steps(self, first: int) -> tuple[Steps, Array, Array]:
         """Return N steps from a multiple on, and the steady motions' efforts and states.
