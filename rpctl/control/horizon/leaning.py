@@ -197,10 +197,9 @@ class LeaningHorizonLaw:
         self._sent = [*self._sent, tau - held][1:]
         change = (x[1] - x[0])[ERRORS:] + course.wanted(first + 1) - course.wanted(first)
         nu_d = course.at(acts) + now[ERRORS:]  # finite as τ is, and looked at
-        command = EffortCommand(nu_d[-len(nu) :], change[-len(nu) :] / dt)
         binding = np.array(self._robot.actuators)[np.abs(asked) >= limits].tolist()
-        command.efforts = Efforts(tau, tuple(Limit(name, "effort") for name in binding))
-        return command
+        efforts = Efforts(tau, tuple(Limit(name, "effort") for name in binding))
+        return EffortCommand(nu_d[-len(nu) :], change[-len(nu) :] / dt, efforts)
 
     def report(self) -> dict[str, float]:
         """Return how many solves there were, and of how many failed."""
