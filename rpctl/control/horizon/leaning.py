@@ -11,7 +11,7 @@ before it turns, and before it speeds up. The cost is that of
 the last step's motion going on for ever. So where no bound binds and the reference is steady, this
 is that equation's regulator.
 
-Every step there is a new plan; until the next, τ = τ_plan − K (x − x_plan).
+Every step there is a new plan, made within its sample; until the next, τ = τ_plan − K (x − x_plan).
 """
 
 from __future__ import annotations

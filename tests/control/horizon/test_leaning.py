@@ -179,10 +179,10 @@ def test_what_it_does_not_do_is_refused() -> None:
 def test_it_follows_an_eight(name: str, delay: float) -> None:
     """From the default start error; a bicycle at 3 m/s."""
     settings = {"size": 10.0, "speed": 3.0} if name == "whipple" else {}
-    run = rpctl.track(leaning(name), "eight", kinematic=Horizon(), duration=14.0, collisions=False,
+    run = rpctl.track(leaning(name), "eight", kinematic=Horizon(), duration=10.0, collisions=False,
                       plant=Plant(delay=delay), **settings)  # fmt: skip
     assert rpctl.summarize(run).outcome == "tracked"
-    late = run.t > 7.0
+    late = run.t > 6.0
     assert np.hypot(*run.log.e[late, :2].T).max() < 0.01
 
 
