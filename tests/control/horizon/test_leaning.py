@@ -22,6 +22,7 @@ from tests.leaning import OWN, leaning
 
 PERIOD, SEED = 0.002, 7
 UNBOUND = 1e6
+BETWEEN = 1.013  # s: no multiple of a step
 SMALL = 1e-5  # of deviations: a leash takes 1e-9 of them
 
 
@@ -92,12 +93,17 @@ def steady_reference(v: float, omega: float, joints: Array) -> Reference:
     return reference
 
 
-@pytest.mark.parametrize("name", OWN)
-def test_where_nothing_binds_it_is_the_regulator(name: str) -> None:
-    """In a bend that goes on for ever: K of the Riccati equation, from the model itself."""
+@pytest.mark.parametrize(
+    ("name", "late"), [("balancer", 0.0), ("wheel_legs", 0.0), ("whipple", 0.0), ("balancer", 0.02)]
+)
+def test_where_nothing_binds_it_is_the_regulator(name: str, late: float) -> None:
+    """In a bend that goes on for ever: K of the Riccati equation, from the model itself.
+
+    A step later the robot has moved on under the steady motion's efforts.
+    """
     posture = Posture(ReducedDynamics(leaning(name)))
     robot, v = posture.robot, 3.0 if name == "whipple" else 1.0
-    steady, cost = posture.steady(v, 0.3, robot.home), Balance(place=0.07, lateness=0.0)
+    steady, cost = posture.steady(v, 0.3, robot.home), Balance(place=0.07, lateness=late)
     A, B = posture.linear(steady)
     F, G = sampled(A, B, 0.02)
     Q, R = cost.costs(posture, B)
@@ -107,13 +113,22 @@ def test_where_nothing_binds_it_is_the_regulator(name: str) -> None:
     steered = len(posture.steered)
     own = steady.posture + x[3 : 4 + steered]
     joints = robot.home + x[4 + steered : 3 + len(posture.index)]
-    q = robot.configuration_at(x[:3], joints, own[1:], float(own[0]))
-    law = LeaningHorizonLaw(LeaningHorizon(regulator=cost), posture.dynamics, PERIOD)
+    reference = steady_reference(v, 0.3, robot.home)
+    (x_r, y_r, turned), (ahead, left, more) = reference(BETWEEN).pose, x[:3]
+    cos, sin = np.cos(turned), np.sin(turned)
+    place = [x_r + cos * ahead - sin * left, y_r + sin * ahead + cos * left, turned + more]
+    q = robot.configuration_at(np.array(place), joints, own[1:], float(own[0]))
     nu = steady.nu + x[-robot.dof :]
-    command = law(posture.dynamics, steady_reference(v, 0.3, robot.home), 0.0, q, nu)
+    law = LeaningHorizonLaw(LeaningHorizon(regulator=cost), posture.dynamics, PERIOD)
+    command = law(posture.dynamics, reference, BETWEEN, q, nu)
+    if late:
+        x = F @ x
     asked = command.efforts.tau - steady.tau
     assert asked == pytest.approx(-K @ x, rel=1e-6, abs=1e-8)
     assert np.abs(asked).max() > 1e-5 and not command.efforts.limits
+    after = F @ x - G @ K @ x
+    assert command.nu_d == pytest.approx((steady.nu + x[-robot.dof :]), abs=1e-9)
+    assert command.nu_d_dot == pytest.approx((after - x)[-robot.dof :] / 0.02, rel=1e-5, abs=1e-8)
 
 
 def sets_off(at: float, acceleration: float, joints: Array) -> Reference:
@@ -137,8 +152,8 @@ def test_it_leans_before_it_sets_off() -> None:
     found = []
     for acceleration in (0.0, 1.0):
         law = LeaningHorizonLaw(LeaningHorizon(), dynamics, PERIOD)
-        reference = sets_off(0.3, acceleration, robot.home)
-        command = law(dynamics, reference, 0.0, q, np.zeros(robot.dof))
+        reference = sets_off(BETWEEN + 0.3, acceleration, robot.home)
+        command = law(dynamics, reference, BETWEEN, q, np.zeros(robot.dof))
         found.append(command.efforts.tau - steady.tau)
     resting, leaning_ahead = found
     assert np.abs(resting).max() < 1e-6
