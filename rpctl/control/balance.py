@@ -245,6 +245,23 @@ def sampled(A: Array, B: Array, period: float) -> tuple[Array, Array]:
     return both[:n, :n], both[:n, n:]
 
 
+def cost_to_go(
+    posture: Posture, steady: SteadyMotion, F: Array, G: Array, Q: Array, R: Array
+) -> Array:
+    """Return the P (n, n) of ½ xᵀP x, the least cost of going on for ever about a motion.
+
+    Raises:
+        UnfitLawError: No efforts bring the robot back to it.
+    """
+    try:
+        return np.asarray(solve_discrete_are(F, G, Q, R))
+    except (np.linalg.LinAlgError, ValueError):
+        raise UnfitLawError(
+            f"{posture.robot.name} cannot be balanced at {steady.nu[0]:.3g} m/s: no efforts bring "
+            "it back"
+        ) from None
+
+
 @dataclass(frozen=True)
 class Balance(Record):
     """A linear-quadratic regulator about the steady motion of the moment; see this module.
@@ -290,12 +307,8 @@ class Balance(Record):
         """
         return BalanceController(self, Posture(ReducedDynamics(dynamics.robot)), period)
 
-    def design(self, posture: Posture, steady: SteadyMotion, period: float) -> Design:
-        """Return the regulator about a motion.
-
-        Raises:
-            UnfitLawError: No efforts bring the robot back to it.
-        """
+    def costs(self, posture: Posture, B: Array) -> tuple[Array, Array]:
+        """Return Q (n, n) and R (n_act, n_act) of a model whose inputs act through B (n, n_act)."""
         robot, count = posture.robot, len(posture.index)
         rates, accelerations = np.full(robot.dof, self.rate), np.full(robot.dof, self.joints)
         rates[0], accelerations[0] = self.speed, self.acceleration
@@ -303,18 +316,21 @@ class Balance(Record):
             rates[1], accelerations[1] = self.turn, self.turning
         places = [self.place, self.place, self.heading, self.tilt, *[self.joint] * (count - 1)]
         Q = np.diag(1.0 / np.concatenate([places, rates]) ** 2)
-        A, B = posture.linear(steady)
         driven = np.delete(B[ERRORS + count :] / accelerations[:, None], posture.first, axis=0)
         R = driven.T @ driven
         R += REDUNDANT * np.diag(np.diag(R).max() / posture.scale**2 * posture.scale.min() ** 2)
+        return Q, R
+
+    def design(self, posture: Posture, steady: SteadyMotion, period: float) -> Design:
+        """Return the regulator about a motion.
+
+        Raises:
+            UnfitLawError: No efforts bring the robot back to it.
+        """
+        A, B = posture.linear(steady)
         F, G = sampled(A, B, period)
-        try:
-            P = solve_discrete_are(F, G, Q, R)
-        except (np.linalg.LinAlgError, ValueError):
-            raise UnfitLawError(
-                f"{robot.name} cannot be balanced at {steady.nu[0]:.3g} m/s: no efforts bring it "
-                "back"
-            ) from None
+        Q, R = self.costs(posture, B)
+        P = cost_to_go(posture, steady, F, G, Q, R)
         left = np.linalg.solve(R + G.T @ P @ G, G.T)
         K = left @ P @ F
         loop = (F - G @ K).T

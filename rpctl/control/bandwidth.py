@@ -101,7 +101,9 @@ def knowing_delay(law: Any, period: float, delay: float | None) -> Any:
     if getattr(law, "gain", 0.0) is None:
         found = dataclasses.replace(found, gain=min(gains.gain, MOST_GAIN))
     if hasattr(law, "leaning"):
-        found = dataclasses.replace(found, leaning=knowing_delay(law.leaning, period, delay))
+        regulator = knowing_delay(law.leaning.regulator, period, delay)
+        leaning = dataclasses.replace(law.leaning, regulator=regulator)
+        found = dataclasses.replace(found, leaning=leaning)
     return found
 
 

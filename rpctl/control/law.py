@@ -84,6 +84,12 @@ class EffortCommand(Command):
 
     efforts: Efforts
 
+    def __new__(cls, nu_d: Array, nu_d_dot: Array, efforts: Efforts) -> EffortCommand:
+        """Make a command that has its efforts besides."""
+        made = super().__new__(cls, nu_d, nu_d_dot)
+        made.efforts = efforts
+        return made
+
 
 class KinematicFunction(Protocol):
     """A function from the robot's state and its reference to a command."""

@@ -18,7 +18,9 @@ from scipy.linalg.lapack import dposv
 
 from rpctl.arrays import Array
 from rpctl.control.horizon.prediction import Indices
-from rpctl.control.horizon.qp import BROKEN, MAX_ROUNDS, SLACK_CURVATURE, least_multipliers
+from rpctl.control.horizon.qp import BROKEN, MAX_ROUNDS, least_multipliers
+
+STIFFNESS = 1e6  # of the cost of states beyond bounds: .1 rad outweigh a second at 5 m/s too much
 
 
 class Steps(NamedTuple):
@@ -98,7 +100,7 @@ class Regulator:
             candidates = np.union1d(candidates, broken)
             A = rows[candidates]
             pull = np.linalg.solve(self._W, A.reshape(-1, *shape)).reshape(A.shape)
-            curvature = (candidates % box.lower.shape[1] >= shape[1]) / SLACK_CURVATURE
+            curvature = (candidates % box.lower.shape[1] >= shape[1]) / STIFFNESS
             multipliers = least_multipliers(pull @ A.T + np.diag(curvature), -excess[candidates])
             if multipliers is None:
                 break
