@@ -385,6 +385,12 @@ class LeaningDynamics(ReducedDynamics):
         power = found.v.dot(self.columns.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
         return found.v.copy(), found.nu_dot.copy(), float(power)
 
+    def moved(self, q: Array, nu: Array) -> Array:
+        """Return q (nq,) moved along ν for a time of 1 s, its wheels on the ground."""
+        code = motion_code(self.robot)
+        found = None if code is None else code(q, nu)
+        return self.integrate(q, self.basis(q) @ nu if found is None else found.v)
+
     def required(self, q: Array, nu: Array, nu_dot: Array) -> Required:
         """Return what a motion takes; see :meth:`inverse`."""
         code = motion_code(self.robot)

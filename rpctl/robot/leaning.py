@@ -108,7 +108,7 @@ class LeaningRobot(Robot):
         """
         q: Array = pin.neutral(self.model)
         self.set_positions(q, joints or {})
-        data = self.model.createData()
+        data = _last_seen(self).data
 
         def lower(other: float) -> list[float]:
             """Return how low both wheels reach (2,), the root link's origin at height 0."""
