@@ -82,8 +82,8 @@ class Robot:
         if self.drive.leans:
             raise RpctlError(
                 f"{self.name} leans on two wheels, and this is for robots whose root link stays "
-                "level; inspect, verify, track on the ideal or the perturbed plant and linearize "
-                "take it (--root planar holds it upright where its wheels allow that)"
+                "level; inspect, verify, track, Controller, study, stress, compare, attraction and "
+                "linearize take it (--root planar holds it upright where its wheels allow that)"
             )
 
     @cached_property
