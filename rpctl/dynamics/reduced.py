@@ -210,7 +210,14 @@ class ReducedDynamics:
     def rates(
         self, q: Array, nu: Array, tau: Array, outside: Array | None = None
     ) -> tuple[Array, Array, float]:
-        """Return v (nv,), ν̇ (dof,) and the power (W) of what drives; see :meth:`forward`."""
+        """Return v (nv,), ν̇ (dof,) and the power (W) of what drives.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,), N·m or N.
+            outside: As :meth:`forward` takes it.
+        """
         at = self.at(q)
         power = nu.dot(at.B.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
         return at.S.dot(nu), self.forward(q, nu, tau, outside), power
