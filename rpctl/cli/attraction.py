@@ -90,7 +90,6 @@ def attraction_command(
     require_positive("--duration", settings.duration)
     cells = settings.cells()
     loaded = options.load(robot)
-    loaded.require_level()
     if not loaded.drive.base_speeds:
         raise RpctlError(f"{loaded.name} has a fixed base: it starts where it is")
     folder = writable_folder(settings.out, loaded.name, "attraction", FILES)

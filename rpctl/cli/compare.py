@@ -94,7 +94,8 @@ class GridOptions:
         Raises:
             UnknownNameError: There is no such law, scenario or reference.
         """
-        pairs = controllers(split_names(self.laws), None if self.dynamic == AUTO else self.dynamic)
+        dynamic = None if self.dynamic == AUTO else self.dynamic
+        pairs = controllers(split_names(self.laws), dynamic, robot)
         scenarios = split_names(self.scenarios) or list(SCENARIOS)
         require_known("scenario", scenarios, SCENARIOS)
         references = split_names(self.references) or list(REFERENCES)
@@ -150,7 +151,6 @@ def compare_command(
     """
     run = settings.run()
     loaded = options.load(robot)
-    loaded.require_level()
     cells = selection.cells(loaded, run)
     folder = writable_folder(settings.out, loaded.name, "compare", FILES)
     rows = run_shown("compare", CellRunner(References(loaded), timed=True), cells, settings.jobs)

@@ -202,7 +202,6 @@ def stress_command(
     replays. Exit 1 if the first of the laws fails where nothing is stressed.
     """
     loaded = options.load(robot)
-    loaded.require_level()
     battery, bound = selection.battery(loaded), settings.tolerance
     bound = TOLERANCE_RATIO * robot_length(loaded) if bound is None else bound
     require_positive("--tolerance", bound)

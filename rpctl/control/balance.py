@@ -16,6 +16,7 @@ is told, or taken to be.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -89,6 +90,8 @@ class Posture:
         # of x: what it leans for, a bicycle for its place to the side and its heading
         self.outer = [1, 2] if robot.rolls_sideways else [0, ERRORS + len(self.index)]
         self.steered = [swivel.joint for swivel in robot.drive.steered]
+        turning = [joint.kind == "continuous" for joint in robot.joints]
+        self._turning = 1 + len(self.steered) + np.flatnonzero(turning)  # index in x
         undriven = [name for name in names[self.first + 1 :] if name not in robot.actuators]
         if undriven or not any(wheel.driven for wheel in robot.drive.wheels):
             what = ", ".join(undriven) or "its wheels"
@@ -125,10 +128,8 @@ class Posture:
 
     def short(self, x: Array) -> Array:
         """Return a deviation x with those of joints without limits the short way round."""
-        turning = [j.kind == "continuous" for j in self.robot.joints]
-        first = 1 + len(self.steered)
-        for k in np.flatnonzero(turning):
-            x[first + k] = math.remainder(x[first + k], 2.0 * math.pi)
+        for k in self._turning:
+            x[k] = math.remainder(x[k], 2.0 * math.pi)
         return x
 
     def steady(self, v: float, omega: float, joints: Array) -> SteadyMotion:
@@ -172,11 +173,10 @@ class Posture:
 
     def moved(self, before: SteadyMotion, state: ReferenceState, own: Array) -> SteadyMotion:
         """Return a motion near another one: of a reference, with a tilt and a steering (own)."""
-        way = np.concatenate([own - before.posture, state.joints - before.joints])
-        q = before.q
-        if np.abs(way).max() > STEADY:
-            q = self.dynamics.integrate(q, self.dynamics.basis(q)[:, self.index] @ way)
-        return self._motion(q, state, own)
+        way = np.zeros(self.robot.dof)
+        way[self.index] = np.concatenate([own - before.posture, state.joints - before.joints])
+        far = max(way.max(), -way.min()) > STEADY
+        return self._motion(self.dynamics.moved(before.q, way) if far else before.q, state, own)
 
     def slope(self, steady: SteadyMotion, joints: Array) -> Array:
         """Return how what is left over of a motion changes with tilt and steering."""
@@ -355,8 +355,8 @@ class Design(NamedTuple):
 
     def leans_less(self, x: Array, outer: list[int]) -> float:
         """Return the share of some deviations for which it leans by no more than MENDING_LEAN."""
-        asked = np.linalg.norm(self.K[:, outer] @ x[outer])
-        return float(min(1.0, MENDING_LEAN * np.linalg.norm(self.K[:, ERRORS]) / max(asked, TINY)))
+        asked, by_lean = math.hypot(*(self.K[:, outer] @ x[outer])), math.hypot(*self.K[:, ERRORS])
+        return min(1.0, MENDING_LEAN * by_lean / max(asked, TINY))
 
     def foretold(self, x: Array, sent: Sequence[Array]) -> Array:
         """Return x (n,) when what is sent now acts, given what was sent before that, in order."""
@@ -376,8 +376,8 @@ class BalanceController(ReportsNothing):
 
     def __init__(self, law: Balance, posture: Posture, period: float) -> None:
         self._posture, robot = posture, posture.robot
-        self._speeds = np.array([v for v in SPEEDS if v > 0.5 * posture.slowest])
-        steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds.tolist()]
+        self._speeds = [v for v in SPEEDS if v > 0.5 * posture.slowest]
+        steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds]
         self._designs = [law.design(posture, each, period) for each in steady]
         slopes = [posture.slope(each, robot.home) for each in steady]
         self._slopes: list[Array] = [np.asarray(np.linalg.inv(each)) for each in slopes]
@@ -410,7 +410,7 @@ class BalanceController(ReportsNothing):
         wanted = np.concatenate([steady.posture, steady.joints, command.nu_d])
         x = posture.short(np.concatenate([posture.of(q), nu]) - wanted)
         x = np.concatenate([-goal.error, x])
-        (low, high), part = self._near(state.twist[0])
+        (low, high), part = self._near(float(state.twist[0]))
         x = (high if part > 0.5 else low).foretold(x, self._sent)
         x[posture.outer] *= min(design.leans_less(x, posture.outer) for design in (low, high))
         changes = np.diff(postures, axis=0)
@@ -441,16 +441,16 @@ class BalanceController(ReportsNothing):
         while self._last < first + AHEAD + 1:
             self._last += 1
             state = posture.possible(goal.reference(self._last * AHEAD_STEP))
-            slope = self._slopes[self._index(state.twist[0])]
+            slope = self._slopes[self._index(float(state.twist[0]))]
             self._ahead.append(posture.follow(self._ahead[-1], state, slope))
         return np.array([each.posture for each in self._ahead]), share
 
     def _index(self, v: float) -> int:
         """Return the entry of the table below a speed (m/s)."""
-        return int(np.clip(np.searchsorted(self._speeds, v) - 1, 0, len(self._speeds) - 2))
+        return min(max(bisect_left(self._speeds, v) - 1, 0), len(self._speeds) - 2)
 
     def _near(self, v: float) -> tuple[list[Design], float]:
         """Return the two designs next to a speed (m/s), and how far it is to the second."""
         k = self._index(v)
         low, high = self._speeds[k : k + 2]
-        return self._designs[k : k + 2], float(np.clip((v - low) / (high - low), 0.0, 1.0))
+        return self._designs[k : k + 2], min(max((v - low) / (high - low), 0.0), 1.0)

@@ -253,6 +253,13 @@ class LeaningProjection(Projection):
         return np.asarray(found)
 
     @cached_property
+    def multipliers(self) -> Array:
+        """Map (rows, nv) from a force Aᵀλ to λ: no two rows say the same, so there is one λ."""
+        lu, pivots = self._factors
+        found, _ = dgetrs(lu, pivots.copy(), np.eye(len(lu)), trans=1)
+        return np.asarray(found[: self.projector.rows])
+
+    @cached_property
     def twist(self) -> Array:
         """Map (3, dof) from ν to P's speed ahead and to the left (m/s), and the turning rate."""
         return np.asarray(self.projector.twist(self._q) @ self.S)

@@ -210,7 +210,14 @@ class ReducedDynamics:
     def rates(
         self, q: Array, nu: Array, tau: Array, outside: Array | None = None
     ) -> tuple[Array, Array, float]:
-        """Return v (nv,), ν̇ (dof,) and the power (W) of what drives; see :meth:`forward`."""
+        """Return v (nv,), ν̇ (dof,) and the power (W) of what drives.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,), N·m or N.
+            outside: As :meth:`forward` takes it.
+        """
         at = self.at(q)
         power = nu.dot(at.B.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
         return at.S.dot(nu), self.forward(q, nu, tau, outside), power
@@ -384,6 +391,12 @@ class LeaningDynamics(ReducedDynamics):
             return super().rates(q, nu, tau, outside)
         power = found.v.dot(self.columns.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
         return found.v.copy(), found.nu_dot.copy(), float(power)
+
+    def moved(self, q: Array, nu: Array) -> Array:
+        """Return q (nq,) moved along ν for a time of 1 s, its wheels on the ground."""
+        code = motion_code(self.robot)
+        found = None if code is None else code(q, nu)
+        return self.integrate(q, self.basis(q) @ nu if found is None else found.v)
 
     def required(self, q: Array, nu: Array, nu_dot: Array) -> Required:
         """Return what a motion takes; see :meth:`inverse`."""

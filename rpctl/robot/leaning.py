@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ MAX_DRAWN_TILT = 0.5  # rad; of random configurations
 GRAVITY = 9.81  # m/s²
 MAX_LEAN, MAX_STEERING = 0.5, 0.6  # rad: in a bend that a bicycle is asked for
 LEAST_LEAN = 0.1  # rad: a bicycle whose steering holds up less is too slow to be balanced
+ROUNDING_M = 1e-16  # m: by which both wheels' heights may differ where nothing makes them
 KEPT_ROBOTS = 4  # of which something is kept
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -136,27 +138,27 @@ class LeaningRobot(Robot):
         """
         q: Array = pin.neutral(self.model)
         self.set_positions(q, joints or {})
-        data = self.model.createData()
+        data = _last_seen(self).data
 
-        def lower(other: float) -> Array:
+        def lower(other: float) -> list[float]:
             """Return how low both wheels reach (2,), the root link's origin at height 0."""
             q[3:FREE_NQ] = self._attitude(theta, tilt, other)
             pin.forwardKinematics(self.model, data, q)
-            return np.array([self.lowest(data, axle) for axle in self.axles])
+            return [self.lowest(data, axle) for axle in self.axles]
 
         def unlike(other: float) -> float:
             first, second = lower(other)
-            return float(first - second)
+            return first - second
 
-        ends = [-MAX_TILT, 0.0, MAX_TILT]
-        gaps = [unlike(end) for end in ends]
-        if gaps[1] and (gaps[0] > 0.0) == (gaps[2] > 0.0):
-            raise RpctlError(
-                f"{self.name}: at a tilt of {tilt:.3g} rad no attitude brings both wheels to the "
-                "ground; give joints that let them"
-            )
-        other = 0.0 if not gaps[1] else brentq(unlike, ends[0], ends[2], xtol=1e-15, rtol=1e-15)
-        q[:3] = x, y, -lower(other).mean()
+        other = 0.0
+        if abs(unlike(other)) > ROUNDING_M:
+            if (unlike(-MAX_TILT) > 0.0) == (unlike(MAX_TILT) > 0.0):
+                raise RpctlError(
+                    f"{self.name}: at a tilt of {tilt:.3g} rad no attitude brings both wheels to "
+                    "the ground; give joints that let them"
+                )
+            other = brentq(unlike, -MAX_TILT, MAX_TILT, xtol=1e-15, rtol=1e-15)
+        q[:3] = x, y, -0.5 * sum(lower(other))
         return q
 
     def set_positions(self, q: Array, joints: Mapping[str, float]) -> None:
@@ -170,21 +172,28 @@ class LeaningRobot(Robot):
                 self.set_joint(q, joint.name, joint.mimic.multiplier * followed
                                + joint.mimic.offset)  # fmt: skip
 
-    def _attitude(self, theta: float, tilt: float, other: float) -> Array:
-        """Return the root link's quaternion (4,): heading, then roll, then pitch about its axle."""
+    def _attitude(self, theta: float, tilt: float, other: float) -> tuple[float, ...]:
+        """Return the root link's quaternion (4,): heading, then roll, then pitch about its axle.
+
+        Of a drive with heading h it is k(θ + h) i(roll) j(pitch) k(−h); what k turns from both
+        sides turns as a plane does, (w, z) by the half sum of both angles, (x, y) by the
+        difference's.
+        """
         pitch, roll = (other, tilt) if self.rolls_sideways else (tilt, other)
-        ahead = pin.rpy.rpyToMatrix(0.0, 0.0, self.drive.heading)
-        rolled, pitched = pin.rpy.rpyToMatrix(roll, 0.0, 0.0), pin.rpy.rpyToMatrix(0.0, pitch, 0.0)
-        lean = ahead @ rolled @ pitched @ ahead.T
-        turn = pin.rpy.rpyToMatrix(0.0, 0.0, theta)
-        return np.asarray(pin.Quaternion(turn @ lean).coeffs())
+        turn = 0.5 * math.remainder(theta, 2.0 * math.pi)
+        ahead = turn + self.drive.heading
+        (a, b), (c, d) = ((math.cos(0.5 * x), math.sin(0.5 * x)) for x in (roll, pitch))
+        level, upright = complex(b * c, a * d), complex(a * c, b * d)  # x + y i and w + z i
+        level, upright = level * cmath.rect(1.0, ahead), upright * cmath.rect(1.0, turn)
+        return level.real, level.imag, upright.imag, upright.real
 
     @staticmethod
     def lowest(data: pin.Data, axle: Axle) -> float:
         """Return the height of a wheel's lowest point, m; ``data`` holds the joints' places."""
         place = data.oMi[axle.joint]
-        z = place.act(axle.centre)[2]
-        return float(axle.lowest(z, (place.rotation @ axle.left)[2], math.sqrt))
+        up = place.rotation[2]
+        z = float(up.dot(axle.centre) + place.translation[2])
+        return float(axle.lowest(z, float(up.dot(axle.left)), math.sqrt))
 
     def base_pose(self, q: Array) -> Array:
         """Return the pose (x, y, θ) of P and of the forward direction in the world; m, rad.
@@ -204,13 +213,15 @@ class LeaningRobot(Robot):
     def _see(self, q: Array, data: pin.Data) -> tuple[float, float, float, float]:
         pin.forwardKinematics(self.model, data, q)
         held = [axle for axle in self.axles if not axle.steers]
-        places = [data.oMi[axle.joint] for axle in held]
-        lefts = [(o.rotation @ axle.left).tolist() for o, axle in zip(places, held, strict=True)]
+        lefts, share = list[list[float]](), 1.0 / len(held)
         x = y = across = ahead = 0.0
-        for place, axle, left in zip(places, held, lefts, strict=True):
-            centre, arm = place.act(axle.centre).tolist(), contact_arm(left, axle, math.sqrt)
-            x, y = x + (centre[0] + arm[0]) / len(held), y + (centre[1] + arm[1]) / len(held)
+        for axle in held:
+            place = data.oMi[axle.joint]
+            left, centre = place.rotation.dot(axle.left).tolist(), place.act(axle.centre).tolist()
+            arm = contact_arm(left, axle, math.sqrt)
+            x, y = x + share * (centre[0] + arm[0]), y + share * (centre[1] + arm[1])
             across, ahead = across - left[0], ahead + left[1]
+            lefts.append(left)
         tilt = self._tilt(lefts[0], data.oMi[ROOT_JOINT].rotation[:, 2].tolist())
         return x, y, math.atan2(across, ahead), tilt
 

@@ -82,8 +82,9 @@ class Robot:
         if self.drive.leans:
             raise RpctlError(
                 f"{self.name} leans on two wheels, and this is for robots whose root link stays "
-                "level; inspect, verify (--contact too), linearize and track on all plants but "
-                "slipping take it (--root planar holds it upright where its wheels allow that)"
+                "level; inspect, verify (--contact too), track and Controller on all plants but "
+                "slipping, study, stress, compare, attraction and linearize take it (--root planar "
+                "holds it upright where its wheels allow that)"
             )
 
     @cached_property

@@ -136,6 +136,7 @@ class LawPair:
 PAPER = LawPair("paper", "paper")
 PROPOSED = LawPair("end-effector", "integral")  # what rpctl proposes for a robot with an arm
 PROPOSED_ARMLESS = LawPair("horizon", "integral")  # the same without an end effector to keep
+PROPOSED_LEANING = LawPair("unified", "balance")
 # Dynamic laws differ only if limits bind or the model is wrong: one kinematic law shows that.
 LAW_PAIRS = (
     PAPER,
@@ -151,21 +152,29 @@ LAW_PAIRS = (
 
 def proposed(robot: Robot) -> LawPair:
     """Return the controller that rpctl proposes for a robot."""
+    if robot.drive.leans:
+        return PROPOSED_LEANING
     return PROPOSED if robot.joints else PROPOSED_ARMLESS
 
 
-def controllers(laws: Sequence[str] = (), dynamic: str | None = None) -> list[LawPair]:
+def controllers(
+    laws: Sequence[str] = (), dynamic: str | None = None, robot: Robot | None = None
+) -> list[LawPair]:
     """Return the controllers that are asked for.
 
     Args:
         laws: ``KINEMATIC+DYNAMIC``, or ``KINEMATIC`` alone: with ``dynamic``, else every pair of
             :data:`PAIRS` that has it. Nothing: all kinematic laws.
         dynamic: The dynamic law of kinematic laws that stand alone.
+        robot: Whose; of one that leans, laws are those that balance it, which follow a wish alike
+            or plan.
 
     Raises:
         UnknownNameError: There is no such law.
     """
     chosen: list[LawPair] = []
+    if robot is not None and robot.drive.leans:
+        laws, dynamic = laws or ("unified", "horizon"), dynamic or PROPOSED_LEANING.dynamic
     for name in laws or KINEMATIC_LAWS:
         kinematic, _, own = name.partition("+")
         require_known("kinematic law", [kinematic], KINEMATIC_LAWS)

@@ -304,7 +304,8 @@ def default_pair(robot: Robot) -> LawPair:
 
 def default_pairs(robot: Robot) -> tuple[LawPair, ...]:
     """Return the pairs of laws that are stressed if nobody names others: the robot's own first."""
-    return tuple(dict.fromkeys((default_pair(robot), *OTHERS)))
+    others = () if robot.drive.leans else OTHERS  # which balance no robot
+    return tuple(dict.fromkeys((default_pair(robot), *others)))
 
 
 def laws_of(robot: Robot, pair: LawPair) -> tuple[KinematicLaw, DynamicLaw]:

@@ -216,7 +216,7 @@ plant_step = 0.002       # s
 law = "unified"
 
 [dynamic]
-law = "integral"
+law = "{dynamic}"
 
 # What differs from run to run: a number, or uniform = [low, high], log-uniform = [low, high],
 # normal = [mean, standard deviation], normal = [mean, standard deviation, low, high],
@@ -233,12 +233,13 @@ law = "integral"
 {optimize}
 [optimize.parameters]
 "kinematic.horizon" = [0.2, 1.5]
-"dynamic.gain" = {{ log-uniform = [1.0, 50.0] }}
+{gain}
 
 # Merits of this robot, all smaller if better:
 {merits}#
 # What can be scattered (PATTERN: names of joints or links, as "arm_*"):
 {paths}"""
+GAIN = '"dynamic.gain" = { log-uniform = [1.0, 50.0] }'
 SHOWN = StudySettings(duration=5.0, samples=100)
 SEARCHED = Optimisation(statistic="quantile", evaluations=64, runs=16, validation=100)
 EXAMPLES: dict[str, tuple[str, list[float], str]] = {  # of what differs, by path
@@ -265,6 +266,8 @@ def study_template(robot: Robot) -> str:
         robot=robot.name,
         study=_commented(_said(SHOWN)),
         reference="eight" if moves else "ee-square",
+        dynamic="balance" if robot.drive.leans else "integral",
+        gain='"dynamic.place" = [0.05, 0.5]' if robot.drive.leans else GAIN,
         scatter=_commented(lines),
         optimize=_commented(_said(SEARCHED)),
         merits="".join(

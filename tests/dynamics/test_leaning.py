@@ -13,6 +13,7 @@ from rpctl import ReducedDynamics
 from rpctl.arrays import Array
 from rpctl.dynamics.leaning import LeaningProjector
 from rpctl.dynamics.motion import rk4_step
+from rpctl.dynamics.reduced import LeaningDynamics
 from rpctl.errors import SingularBasisError
 from rpctl.files import toml
 from tests.dynamics.whipple import (
@@ -149,3 +150,26 @@ def test_a_step_is_of_order_four_and_keeps_wheels_on_the_ground(name: str) -> No
     finest = end(128)
     coarse, fine = (np.abs(end(steps) - finest).max() for steps in (16, 32))
     assert 11.0 < coarse / fine < 22.0
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_the_ground_carries_the_weight_of_what_stands(name: str) -> None:
+    robot = leaning(name)
+    dynamics, still = ReducedDynamics(robot), np.zeros(robot.dof)
+    q = robot.configuration_at(np.array([0.4, -0.3, 2.0]), robot.home)
+    tau = np.linalg.lstsq(dynamics.actuation(q), dynamics.bias(q, still), rcond=None)[0]
+    at, (force, _) = dynamics.at(q), dynamics.reaction(q, still, tau)
+    found = at.multipliers @ force
+    assert off(at.A.T @ found, force) < 1e-12
+    assert found[-2:].sum() == pytest.approx(9.81 * robot.mass, rel=1e-9)  # the heights' rows
+    assert found[-2:].min() > 0.0
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_machine_code_leads_a_robot_as_its_basis_does(name: str) -> None:
+    robot, rng = leaning(name), np.random.default_rng(2)
+    dynamics = ReducedDynamics(robot)
+    assert isinstance(dynamics, LeaningDynamics)
+    q, nu = robot.random_configuration(rng), 0.1 * rng.normal(size=robot.dof)
+    wanted = dynamics.integrate(q, dynamics.basis(q) @ nu)
+    assert np.abs(dynamics.moved(q, nu) - wanted).max() < 1e-12

@@ -127,6 +127,16 @@ def test_controllers_by_name() -> None:
             controllers([name])
 
 
+def test_a_robot_that_leans_gets_laws_that_balance_it() -> None:
+    robot = rpctl.load("balancer")
+    assert list(map(str, controllers(robot=robot))) == ["unified+balance", "horizon+balance"]
+    assert controllers(["kanayama"], robot=robot) == [LawPair("kanayama", "balance")]
+    assert controllers(["paper+paper"], robot=robot) == [PAPER]  # and its row says why not
+    found = ran(robot, "nominal", "line", proposed(robot))
+    assert found.failure is None
+    assert found.peak_effort is not None
+
+
 def test_a_timed_law_does_as_the_law_does(paper: Robot) -> None:
     seconds: list[float] = []
     laws = (UnifiedKinematic(), rpctl.IntegralDynamic())

@@ -123,6 +123,7 @@ def test_laws_are_the_robot_s_own_first() -> None:
     assert laws_of(robot, own) == (Config().kinematic, Config().dynamic)
     assert [type(law).__name__ for law in laws_of(robot, paper)] == [
         "PaperKinematic", "PaperDynamic"]  # fmt: skip
+    assert default_pairs(rpctl.load("balancer")) == (LawPair("unified", "balance"),)
 
 
 def errors_along(found: Battery) -> list[float]:

@@ -151,8 +151,8 @@ def test_all_faults_are_named_at_once(paper: Robot, tmp_path: Path) -> None:
     assert len(str(caught.value).splitlines()) == 3
 
 
-FEW = ["paper", "mecanum", "car", "panda"]  # an arm on wheels, wheels alone, steering, an arm
-ALL = [entry.name for entry in ENTRIES if not entry.leans]
+FEW = ["paper", "mecanum", "car", "panda", "balancer"]  # arm and wheels, each alone, one that leans
+ALL = [entry.name for entry in ENTRIES]
 
 
 @pytest.mark.parametrize("name", cells(ALL, FEW))
