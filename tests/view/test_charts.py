@@ -111,13 +111,11 @@ def test_no_peak_is_lost(paper_run: Run) -> None:
 @pytest.mark.parametrize(("name", "other"), [("balancer", "roll"), ("whipple", "pitch")])
 def test_the_tilt_is_drawn_against_what_nothing_raises(name: str, other: str) -> None:
     """1 rad either way; headings change nothing; a bicycle hardly pitches as it rolls."""
-    robot, tilts = leaning(name), np.array([0.0, 0.2, -0.7, 0.9])
+    robot = leaning(name)
     run = rpctl.track(robot, "line", duration=0.02, collisions=False)
-    headings = (0.0, 1.0, 2.5, -3.0)
-    q = np.array(
-        [robot.configuration(theta=h, tilt=x) for h, x in zip(headings, tilts, strict=True)]
-    )
-    found = chart(replace(run, q=q), "Tilt")
+    tilts, headings = (np.linspace(*ends, len(run.t)) for ends in ((-0.7, 0.9), (-3.0, 3.0)))
+    q = [robot.configuration(theta=h, tilt=x) for h, x in zip(headings, tilts, strict=True)]
+    found = chart(vary(run, q=np.array(q)), "Tilt")
     assert (found.unit, found.limits) == ("rad", (-1.0, 1.0))
     lines = {line.label: line.values for line in found.lines}
     own = lines.pop("roll" if name == "whipple" else "pitch")
