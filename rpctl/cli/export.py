@@ -299,7 +299,9 @@ def derive_command(
         loaded = options.load(robot)
         text, cost = derive(loaded, settings.form, settings.parameters, settings.speed), None
         if isinstance(loaded, LeaningRobot):
-            shown = linear_form(loaded, settings.speed)._asdict() | shown
+            form = linear_form(loaded, settings.speed)
+            matrices = {name: matrix.tolist() for name, matrix in form.matrices.items()}
+            shown = form._asdict() | {"matrices": matrices} | shown
     elif settings.parameters or settings.speed is not None:
         raise RpctlError(
             "--law has numbers only, for all speeds; leave --parameters and --speed out"

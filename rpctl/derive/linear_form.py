@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.balance import ERRORS, GRAVITY, Posture
+from rpctl.control.balance import ERRORS, GRAVITY, STEADY, Posture
 from rpctl.derive.text import escaped, rendered
 from rpctl.dynamics.derivatives import linearize
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -76,9 +76,11 @@ def linear_form(robot: LeaningRobot, speed: float | None = None) -> LinearForm:
     A, B = posture.linear(steady)
     places = _places(robot)
     rates = {_rate(name): words for name, words in meanings(robot).items()}
-    at = zip((*places, *robot.actuators), (*steady.posture, *robot.home, *steady.tau), strict=True)
+    at = np.concatenate([steady.posture, robot.home, steady.tau])
+    at[np.abs(at) <= STEADY] = 0.0
+    there = zip((*places, *robot.actuators), at.tolist(), strict=True)
     return LinearForm(
-        robot.name, speed, FIRST_ORDER, places | rates, dict(at), robot.actuators,
+        robot.name, speed, FIRST_ORDER, places | rates, dict(there), robot.actuators,
         {"A": _clean(A[ERRORS:, ERRORS:]), "B": _clean(B[ERRORS:])},
     )  # fmt: skip
 
@@ -91,9 +93,8 @@ def _bicycle(robot: LeaningRobot) -> LinearForm:
     def at(speed: float) -> tuple[Array, Array]:
         nu = np.array([speed, *np.zeros(robot.dof - 1)])
         A, _ = linearize(robot, q, nu, np.zeros(len(robot.actuators)))
-        return -(M @ A[robot.nv :, robot.nv :])[1:, 1:], -(M @ A[robot.nv :, : robot.nv] @ along)[
-            1:, 1:
-        ]
+        M_A = -M @ A[robot.nv :]
+        return M_A[1:, robot.nv + 1 :], (M_A[:, : robot.nv] @ along)[1:, 1:]
 
     (_, standing), (C1, rolling) = at(0.0), at(1.0)
     matrices = {"M": M[1:, 1:], "C1": C1, "K0": standing / GRAVITY, "K2": rolling - standing}
@@ -113,8 +114,8 @@ def _places(robot: LeaningRobot) -> dict[str, str]:
         ahead = np.array([1.0, *np.zeros(robot.dof - 1)])
         side = "left" if ReducedDynamics(robot).twist(q, ahead)[2] > 0.0 else "right"
         found[swivel.joint] = f"steering, to the {side} positive, rad"
-    units = zip(robot.joint_names, robot.units, strict=True)
-    return found | {name: f"position, {unit}" for name, unit in units}
+    units = {joint.name: "m" if joint.kind == "prismatic" else "rad" for joint in robot.joints}
+    return found | {name: f"position, {unit}" for name, unit in units.items()}
 
 
 def _rate(name: str) -> str:

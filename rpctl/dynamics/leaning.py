@@ -325,7 +325,13 @@ class LeaningProjector:
         robot = self.robot
         names = [name for name in robot.quasi_velocities if name in robot.entries]
         angles = ", ".join(f"{n} at {robot.joint_position(q, n):.3g}" for n in names)
-        return f"tilt {robot.tilt(q):.3g} rad{', ' if angles else ''}{angles}"
+        data = robot.model.createData()
+        pin.forwardKinematics(robot.model, data, q)
+        rises = [(data.oMi[axle.joint].rotation @ axle.left)[2] for axle in robot.axles]
+        k = int(np.argmax(np.abs(rises)))
+        lean = np.degrees(np.arcsin(min(abs(rises[k]), 1.0)))
+        axle = f"the axle of {robot.drive.wheels[k].joint} {lean:.3g}° off the level"
+        return f"{axle}{', ' if angles else ''}{angles}"
 
     @staticmethod
     def dexpinv(slide: Array, v: Array) -> Array:

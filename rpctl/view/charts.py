@@ -10,6 +10,7 @@ import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.simulation.merits.collision_facts import GROUND, SELF
+from rpctl.simulation.merits.impossible import LYING
 from rpctl.simulation.run.run import Run
 from rpctl.view.labels import literal, shorten
 
@@ -18,6 +19,8 @@ BASE_SPEED_LABELS = {
     "vx": ("vx", "m/s"),
     "vy": ("vy", "m/s"),
     "omega": ("ω", "rad/s"),
+    "pitch_rate": ("pitch rate", "rad/s"),
+    "roll_rate": ("roll rate", "rad/s"),
 }
 PRINTED_SYMBOLS = {"vx": "$v_x$", "vy": "$v_y$"}
 ALL_SPLITS = "all splits of the load"  # what a band shows
@@ -73,6 +76,25 @@ def _base_error(run: Run) -> list[Chart]:
     )
     panel = Panel("base", "Base error", "m or rad", legend="own")
     return [Chart("Base error", "m, rad", lines, errors=True, panel=panel)]
+
+
+def _tilt(run: Run) -> list[Chart]:
+    """Return how a root link that leans pitches forward and rolls to the right."""
+    if not run.robot.drive.leans:
+        return []
+    x, y, z, w = run.q[:, 3:7].T
+    rises = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)])  # of its x and y axes
+    cos, sin = np.cos(run.robot.drive.heading), np.sin(run.robot.drive.heading)
+    ahead, left = np.array([[cos, sin], [-sin, cos]]) @ rises
+    pitch = np.arctan2(-ahead, 1.0 - 2.0 * (x * x + y * y))
+    roll = np.arcsin(np.clip(left, -1.0, 1.0))
+    lines = (
+        Line("pitch", "rad", pitch, 0, printed="pitch, forward"),
+        Line("roll", "rad", roll, 1, printed="roll, to the right", dash=1),
+    )
+    note = "forward, and to the right; fallen beyond the dashed lines"
+    panel = Panel("tilt", "Tilt, limits dashed", "rad", legend="own")
+    return [Chart("Tilt", "rad", lines, (-LYING, LYING), note=note, panel=panel)]
 
 
 def _tip_error(run: Run) -> list[Chart]:
@@ -287,8 +309,8 @@ def _units(lines: Iterable[Line], between: str = ", ") -> str:
 
 
 MAKERS: tuple[Callable[[Run], list[Chart]], ...] = (
-    _base_error, _tip_error, _joint_errors, _speeds, _efforts, _tip_margin, _grip, _loads, _slips,
-    _clearances,
+    _base_error, _tilt, _tip_error, _joint_errors, _speeds, _efforts, _tip_margin, _grip, _loads,
+    _slips, _clearances,
 )  # fmt: skip
 
 
@@ -296,6 +318,7 @@ MAKERS: tuple[Callable[[Run], list[Chart]], ...] = (
 PANELS = (
     "paths",
     "base",
+    "tilt",
     "joints",
     "tip",
     "speeds",

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import brentq
 
 import rpctl
 from rpctl import ReducedDynamics
@@ -113,15 +114,42 @@ def test_wheels_stay_on_the_ground(name: str) -> None:
         assert np.abs(projector.heights(q)).max() < 1e-13
 
 
-def test_a_bicycle_that_steers_across_is_singular() -> None:
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_a_bicycle_that_steers_across_is_singular(tilt: float) -> None:
+    """The front wheel's way turns across the rear wheel's near 90°: det [A; W] vanishes there."""
     robot = leaning("whipple")
-    q = robot.configuration(joints={"steering_joint": np.pi / 2}, tilt=0.0)
-    A, W = (getattr(ReducedDynamics(robot).at(robot.configuration()), name) for name in "AW")
-    assert np.linalg.matrix_rank(np.vstack([A, W])) == robot.nv
-    condition = np.linalg.cond(LeaningProjector(robot).equations(q))
-    if condition > 1e9:
-        with pytest.raises(SingularBasisError, match="steering_joint at 1"):
-            ReducedDynamics(robot).at(q)
+    projector = LeaningProjector(robot)
+
+    def at(angle: float) -> Array:
+        return robot.configuration(joints={"steering_joint": angle}, tilt=tilt)
+
+    def determinant(angle: float) -> float:
+        return float(np.linalg.det(projector.equations(at(angle))))
+
+    angle = brentq(determinant, 1.4, 1.8, xtol=1e-15, rtol=1e-15)
+    assert angle == pytest.approx(np.pi / 2, abs=0.1)
+    with pytest.raises(SingularBasisError, match=rf"steering_joint at {angle:.3g}"):
+        ReducedDynamics(robot).at(at(angle))
+    for near in (angle - 0.02, angle + 0.02):
+        assert np.isfinite(ReducedDynamics(robot).basis(at(near))).all()
+
+
+@pytest.mark.parametrize("name", ["balancer", "wheel_legs"])
+def test_a_pair_of_wheels_that_lies_on_its_side_is_singular(name: str) -> None:
+    """With the axle upright no lowest point is left; pitch and legs alone are singular nowhere."""
+    robot = leaning(name)
+    q, rng = robot.configuration(), np.random.default_rng(5)
+    q[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(np.pi / 2, 0.0, 0.0)).coeffs()
+    with pytest.raises(SingularBasisError, match=r"the axle of wheel_left_joint 90° off the level"):
+        ReducedDynamics(robot).forward(q, np.zeros(robot.dof), np.zeros(len(robot.actuators)))
+    names = robot.joint_names
+    for tilt in (-3.0, -np.pi / 2, 0.0, np.pi / 2):
+        folded = np.tile(rng.choice([-np.pi, -np.pi / 2, 0.0, np.pi / 2], 2), 2)
+        posture = dict(zip(names, folded[: len(names)].tolist(), strict=True))
+        equations = LeaningProjector(robot).equations(
+            robot.configuration(joints=posture, tilt=tilt)
+        )
+        assert np.linalg.cond(equations) < 200.0
 
 
 def test_a_torus_touches_below_its_section() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rpctl
 from rpctl import Run
 from rpctl.simulation.merits.collision_facts import GROUND, SELF, CollisionFacts, LinkClearance
 from rpctl.view.charts import Chart, charts, grip_top
@@ -15,6 +16,7 @@ from rpctl.view.pages.motion_data import (
     MAX_POINTS,
     chart_data,
 )
+from tests.leaning import leaning
 from tests.runs import vary
 
 
@@ -104,3 +106,22 @@ def test_no_peak_is_lost(paper_run: Run) -> None:
     assert drawn.max() == pytest.approx(55.0)
     assert times[drawn.argmax()] == pytest.approx(run.t[17_777], abs=step)
     assert times[drawn.argmin()] == pytest.approx(run.t[4_321], abs=step)
+
+
+@pytest.mark.parametrize(("name", "other"), [("balancer", "roll"), ("whipple", "pitch")])
+def test_the_tilt_is_drawn_against_what_nothing_raises(name: str, other: str) -> None:
+    """1 rad either way; headings change nothing; a bicycle hardly pitches as it rolls."""
+    robot = leaning(name)
+    run = rpctl.track(robot, "line", duration=0.02, collisions=False)
+    tilts, headings = (np.linspace(*ends, len(run.t)) for ends in ((-0.7, 0.9), (-3.0, 3.0)))
+    q = [robot.configuration(theta=h, tilt=x) for h, x in zip(headings, tilts, strict=True)]
+    found = chart(vary(run, q=np.array(q)), "Tilt")
+    assert (found.unit, found.limits) == ("rad", (-1.0, 1.0))
+    lines = {line.label: line.values for line in found.lines}
+    own = lines.pop("roll" if name == "whipple" else "pitch")
+    assert own == pytest.approx(tilts, abs=1e-12)
+    assert np.abs(lines[other]).max() < (0.05 if name == "whipple" else 1e-12)
+
+
+def test_a_level_robot_has_no_tilt(paper_run: Run) -> None:
+    assert "Tilt" not in titles(paper_run)

@@ -21,6 +21,7 @@ from rpctl.view import run_folder
 from rpctl.view.pages.report import robot_of, write_report
 from rpctl.view.scene.robot_meshes import base_marker
 from rpctl.view.scene.scene import base_poses, build_scene, joint_poses
+from tests.leaning import leaning
 from tests.runs import vary
 from tests.view.readers import embedded
 from tests.view.samples import write_cart
@@ -34,6 +35,15 @@ def test_the_marker_moves_as_the_base_does(paper: Robot, paper_run: Run) -> None
     signs = np.sign(np.einsum("kij,kij->ki", poses[..., 3:], whole[..., 3:]))[..., None]
     whole[..., 3:] *= signs  # of either sign a quaternion is the same turn
     np.testing.assert_allclose(poses, whole, atol=1e-12)
+
+
+def test_the_marker_leans_as_the_base_does() -> None:
+    robot = leaning("balancer")
+    q = np.array([robot.configuration(0.3, -0.2, 1.0, tilt=tilt) for tilt in (0.0, 0.4)])
+    poses, whole = base_poses(q, leans=True), joint_poses(robot, q)[:, :2]
+    whole[..., 3:] *= np.sign(np.einsum("kij,kij->ki", poses[..., 3:], whole[..., 3:]))[..., None]
+    np.testing.assert_allclose(poses, whole, atol=1e-12)
+    assert poses[0, 1, 2] == pytest.approx(-robot.drive.ground)  # the wheels' radius up
 
 
 def test_the_marker_points_forward_and_lies_among_the_contacts(paper_run: Run) -> None:

@@ -1,7 +1,8 @@
 /* The robot's kinematics: poses of joints and of the hand (the end effector), its Jacobian, and
    inverse kinematics within the joints' limits. Poses are { R, p }: a rotation, row after row, and
-   a position (m), in the world, whose z is up. `joints` and `hand` are those of the page's data. */
-function makeKinematics(joints, hand) {
+   a position (m), in the world, whose z is up. `joints` and `hand` are those of the page's
+   data; `height` is the root link's, m. */
+function makeKinematics(joints, hand, height) {
   const STEPS = 60; // of one reach
   const LONGEST = 0.25; // m or rad; a joint's longest step
   const CLOSE = 1e-10; // m; nearer, the hand is there
@@ -47,7 +48,7 @@ function makeKinematics(joints, hand) {
 
   function trunk([x, y, heading]) {
     const c = Math.cos(heading), s = Math.sin(heading);
-    return { R: [c, -s, 0, s, c, 0, 0, 0, 1], p: [x, y, 0] };
+    return { R: [c, -s, 0, s, c, 0, 0, 0, 1], p: [x, y, height] };
   }
 
   /* Return the poses of joints (all, or the indices given), for a pose (x, y, heading) of the root

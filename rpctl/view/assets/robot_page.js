@@ -29,7 +29,7 @@
   if (!watching) recall();
   show();
   if (scene) scene.camera(data.area ? "area" : "robot");
-  const kinematics = makeKinematics(data.joints, data.goal && data.goal.hand);
+  const kinematics = makeKinematics(data.joints, data.goal && data.goal.hand, data.height);
   const live = data.live && makeLive(data, { show: follow, ghost, extend, clear, begin });
   goal = data.goal && makeGoal(data, { base, values, show, busy }, scene, kinematics, live);
   Object.assign(window.rpctl, { kinematics, goal, ready: scene !== null });

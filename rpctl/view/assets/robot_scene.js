@@ -59,7 +59,7 @@ function makeScene(data) {
   function pose(base, values, who = "robot") {
     const { root: trunk, joints } = skeletons[who];
     const before = trunk.position.clone();
-    trunk.position.set(base[0], base[1], 0);
+    trunk.position.set(base[0], base[1], data.height);
     trunk.rotation.set(0, 0, base[2]);
     joints.forEach(({ at, slides, axis }, i) => {
       if (slides) at.position.copy(axis).multiplyScalar(values[i]);

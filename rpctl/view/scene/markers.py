@@ -159,7 +159,7 @@ def _contact(robot: Robot, data: pin.Data, wheel: Wheel) -> tuple[Array, Array]:
 def _attach_point(robot: Robot, markers: Markers, size: float) -> None:
     """Attach P, with the robot's forward direction, to the root link."""
     drive = robot.drive
-    pose = _turned(drive.heading, (*drive.point, drive.floor))
+    pose = _turned(drive.heading, (*drive.point, drive.ground))
     shapes = [
         _mesh("disc", "point", _scaled(0.012 * size)),
         _mesh("arrow", "point", _scaled(0.16 * size)),

@@ -165,7 +165,7 @@ def _motion_of(robot: Robot | RpctlError, run: Run, triangles: int = MAX_TRIANGL
     frames = _frames(run.t)
     if isinstance(robot, RpctlError):
         bodies = base_marker(run, str(robot))
-        poses, desired = base_poses(run.q[frames]), base_poses(run.q_ref[frames])
+        poses, desired = (base_poses(q[frames], run.robot.drive.leans) for q in (run.q, run.q_ref))
     else:
         bodies = build_bodies(robot, triangles)
         poses = joint_poses(robot, run.q[frames], run.log.root_pose[frames])
@@ -392,13 +392,16 @@ def joint_poses(robot: Robot, q: Array, roots: Array | None = None) -> Array:
     return poses
 
 
-def base_poses(q: Array) -> Array:
-    """Return the poses (n, 2, 7) of the universe and the root link at configurations (n, nq).
+def base_poses(q: Array, leans: bool = False) -> Array:
+    """Return the poses (n, 2, 7) of the universe and the root link, level or not, at q (n, nq).
 
     A pose is the position in the world, m, and the unit quaternion (x, y, z, w).
     """
     poses = np.zeros((len(q), ROOT_JOINT + 1, 7))
     poses[:, :, 6] = 1.0
+    if leans:
+        poses[:, ROOT_JOINT] = q[:, :7]
+        return poses
     half = 0.5 * np.arctan2(q[:, 3], q[:, 2])
     poses[:, ROOT_JOINT, :2] = q[:, :2]
     poses[:, ROOT_JOINT, 5:] = np.column_stack([np.sin(half), np.cos(half)])

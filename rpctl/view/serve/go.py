@@ -121,6 +121,7 @@ class GoServer:
         robot = self._robot
         if robot is None:
             raise RpctlError("no page has shown the robot yet")
+        robot.require_level()  # a page is sent the pose of a level root link
         request = read_request(robot, asked)
         if not self._busy.acquire(blocking=False):
             raise RpctlError("the robot is on its way already; stop it first")

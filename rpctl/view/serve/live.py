@@ -267,7 +267,11 @@ def broadcast(
         duration: s.
         say: Called with what the user should know: the page's URL first.
         obstacles: What it keeps clear of.
+
+    Raises:
+        RpctlError: The robot leans.
     """
+    robot.require_level()  # a page is sent the pose of a level root link
     states = [reference(t) for t in np.linspace(0.0, duration, DESIRED_POINTS)]
     start = configuration_along(robot, states[0])
     motion = LiveMotion(start, np.array([state.pose for state in states]), duration, obstacles)
