@@ -309,9 +309,9 @@ class VelocityController:
     def followed(self, reference: Reference) -> Reference:
         """Return a reference with its joints after their own dead times, where these differ."""
         known = self._staggered
-        if np.ptp(self._dead_times) and (known is None or known.reference is not reference):
+        if known is None or known.reference is not reference:
             known = self._staggered = Staggered(reference, self._dead_times)
-        return known or reference
+        return known if np.ptp(self._dead_times) else reference
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
         """Return the time at which the base's next command acts, and the state then.
