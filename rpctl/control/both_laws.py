@@ -66,6 +66,7 @@ class BothLaws:
         compiled: Whether they run as machine code.
         speeds: The velocity output; None where efforts are sent.
         ahead: The state that the last answer is of, as predicted; None before.
+        reference: What that answer follows.
     """
 
     def __init__(
@@ -110,7 +111,7 @@ class BothLaws:
         ahead = sample
         if self.speeds is not None:
             ahead, reference = self.speeds.predict(*sample), self.speeds.followed(reference)
-        self.ahead = ahead
+        self.ahead, self.reference = ahead, reference
         answer = self._by_kernel(ahead, reference)
         if answer is not None:
             return answer

@@ -462,12 +462,9 @@ class Controller:
             else bool(falls_short(sample.nu, output.speeds))
         )
         looks = at_limit or self._watchdog.bound or self._output is not None
-        # Of what is followed, not of a way up to that.
-        e = (
-            tracking_error(self.robot, self._following.now(sample.t), sample.q)
-            if looks
-            else NOTHING
-        )
+        # Of what is followed, not of a way up to that, at the time for which the laws answer.
+        at, reference = self._both.ahead or sample, self._both.reference
+        e = tracking_error(self.robot, reference(at.t), at.q) if looks else NOTHING
         slows = self._output is not None and self._following.keep_up(sample.t, math.hypot(*e[:2]))
         error = 0.0 if slows else float(np.abs(e).max(initial=0.0))  # it has another chance
         if not self._watchdog.lost(sample.t, at_limit, error):

@@ -110,8 +110,9 @@ class StateKernel:
     def __init__(self, robot: Robot, efforts: bool | None, compiled: bool) -> None:
         def make() -> tuple[dict[str, Buffer], Sequence[Program]]:
             known = SymbolicDynamics(robot)
-            made = following_calls(known) if efforts is None else state_calls(known, efforts)
-            calls, buffers = made
+            calls, buffers = (
+                following_calls(known) if efforts is None else state_calls(known, efforts)
+            )
             body = tuple(When(buffers[name], (call,)) for name, call in calls.items())
             act = buffers["act"]
             reads = (Read(RowStream("acts", act.size, laned=False), act),) if compiled else ()
@@ -222,11 +223,13 @@ def following_calls(known: SymbolicDynamics) -> tuple[dict[str, Call], dict[str,
     left, mean, change = of_gap(x, math.tanh(0.5 * x), math.if_else)
     gap = nu - command
     moved = travel(known, q, Stretch(dt, command + gap * mean, gap * change))
-    found = {"q": math.if_else(known.regular(q), moved, q), "nu": command + gap * left}
     call = statement(
         "following",
         [place[name] for name in ("q", "nu", "lag", "act")],
-        [(place[name][0], value) for name, value in found.items()],
+        [
+            (place["q"][0], math.if_else(known.regular(q), moved, q)),
+            (place["nu"][0], command + gap * left),
+        ],
     )
     return {"moving": call}, {name: buffer for name, (buffer, _) in place.items()}
 

@@ -6,6 +6,7 @@ import math as numbers
 from bisect import bisect
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -292,7 +293,7 @@ class VelocityController:
         robot, self._period, self._running = dynamics.robot, period, running
         self._dynamics, self._names = dynamics, robot.quasi_velocities
         self._joints = [(self._names.index(n), robot.entries[n]) for n in robot.joint_names]
-        self._staggered: Staggered | None = None
+        self._staggered: tuple[Reference, Reference] | None = None  # as it is, and staggered
         told = output.lag_of(self._names), output.dead_times_of(self._names)
         self._late = LagEstimate(*told, period)
         self._dead_times = self._late.dead_times  # as learnt, in place
@@ -308,10 +309,10 @@ class VelocityController:
 
     def followed(self, reference: Reference) -> Reference:
         """Return a reference with its joints after their own dead times, where these differ."""
-        known = self._staggered
-        if np.ptp(self._dead_times) and (known is None or known.reference is not reference):
-            known = self._staggered = Staggered(reference, self._dead_times)
-        return known or reference
+        if self._staggered is None or self._staggered[0] is not reference:
+            # The laws and who watches them ask for one time after another.
+            self._staggered = reference, lru_cache(1)(Staggered(reference, self._dead_times))
+        return self._staggered[1] if len({*self._dead_times.tolist()}) > 1 else reference
 
     def predict(self, t: float, q: Array, nu: Array) -> MeasuredSample:
         """Return the time at which the base's next command acts, and the state then.
