@@ -339,8 +339,9 @@ class Design(NamedTuple):
 
     def leans_less(self, x: Array, outer: list[int]) -> float:
         """Return the share of some deviations for which it leans by no more than MENDING_LEAN."""
-        asked = np.linalg.norm(self.K[:, outer] @ x[outer])
-        return float(min(1.0, MENDING_LEAN * np.linalg.norm(self.K[:, ERRORS]) / max(asked, TINY)))
+        asked = float(np.linalg.norm(self.K[:, outer] @ x[outer]))
+        lean = MENDING_LEAN * float(np.linalg.norm(self.K[:, ERRORS]))
+        return min(1.0, lean / max(asked, TINY))
 
     def foretold(self, x: Array, sent: Sequence[Array]) -> Array:
         """Return x (n,) when what is sent now acts, given what was sent before that, in order."""
