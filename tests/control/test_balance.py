@@ -9,8 +9,10 @@ from scipy.linalg import expm, solve_discrete_are
 import rpctl
 from rpctl import Plant, ReducedDynamics, Wrench
 from rpctl.control.balance import ERRORS, Balance, Posture, sampled
-from rpctl.control.law import LeaningCommand
+from rpctl.control.law import LeaningCommand, Rest
 from rpctl.errors import RpctlError, UnfitLawError
+from rpctl.simulation.config import Config
+from rpctl.simulation.plants.starting import start_motion
 from tests.leaning import OWN, leaning
 
 PERIOD = 0.002
@@ -140,15 +142,26 @@ def test_a_bicycle_goes_in_a_circle_from_the_start_however_late_it_is() -> None:
         assert np.abs(run.log.e[:, :3]).max() < 1e-4
 
 
+def test_a_bicycle_on_contact_begins_in_motion() -> None:
+    posture = posture_of("whipple")
+    robot, steady = posture.robot, posture.steady(3.0, 0.0, np.empty(0))
+    rest = Rest(steady.q, steady.tau, steady.nu)
+    motion = start_motion(posture.dynamics, Config(plant=Plant(kind="contact")), rest)
+    assert motion.nu == pytest.approx([3.0, 0.0, 0.0], abs=1e-9)
+    before = robot.base_pose(motion.q)
+    motion.advance(steady.tau, 0.02)
+    assert robot.base_pose(motion.q)[0] - before[0] == pytest.approx(0.06, abs=1e-3)
+
+
 def test_a_bicycle_that_goes_too_slowly_is_refused() -> None:
     """v² tan(.6)/1.02 = 9.81 tan(.1) of trail and wheelbase as they are: 1.21 m/s."""
     robot = leaning("whipple")
     assert robot.balancing_speed(0.1) == pytest.approx(
         np.sqrt(9.81 * np.tan(0.1) * 1.02 / np.tan(0.6)), rel=0.05
     )
-    for name, wish in (("eight", {"speed": 0.65}), ("line", {"speed": 1.0}), ("reverse", {})):
+    for name, speed in (("eight", 0.65), ("line", 1.0), ("reverse", None)):
         with pytest.raises(RpctlError, match=r"falls over at .* m/s, the least speed of its way"):
-            rpctl.load_reference(robot, name, **wish)
+            rpctl.load_reference(robot, name, speed=speed)
     with pytest.raises(RpctlError, match=r"7\.\d+ m is the least size"):
         rpctl.load_reference(robot, "eight", size=3.0)
 
@@ -223,6 +236,19 @@ def test_it_follows_an_eight_late_and_pushed(name: str, delay: float) -> None:
     figures = rpctl.summarize(run)
     assert figures.outcome != "fell", figures.outcome_sentence
     assert figures.final_base_error < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "height"), [("balancer", 0.0), ("balancer", 0.5),
+                                              ("wheel_legs", 0.0)])  # fmt: skip
+def test_a_push_of_20_newton_seconds_is_survived(name: str, height: float) -> None:
+    """At its body's origin, the hips of legs, or so high (m) above; efforts come at once."""
+    push = Wrench("base_link", (200.0, 0.0, 0.0), (0.0, 200.0 * height, 0.0), 0.3, 0.4)
+    robot = leaning(name)
+    run = rpctl.track(robot, "line", duration=2.5, speed=0.05, plant=Plant(wrenches=(push,)),
+                      collisions=False)  # fmt: skip
+    tilts = np.abs([robot.tilt(q) for q in run.q[::10]])
+    assert rpctl.summarize(run).outcome != "fell" and tilts.max() < 0.7 and tilts[-1] < 0.35
 
 
 @pytest.mark.slow
