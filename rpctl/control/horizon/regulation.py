@@ -20,7 +20,7 @@ from rpctl.arrays import Array
 from rpctl.control.horizon.prediction import Indices
 from rpctl.control.horizon.qp import BROKEN, MAX_ROUNDS, least_multipliers
 
-STIFFNESS = 1e6  # of the cost of states beyond bounds: .1 rad outweigh a second at 5 m/s too much
+STIFFNESS = 1e6  # of the cost of states beyond bounds: .1 rad cost as 15 m/s too much for a step
 
 
 class Steps(NamedTuple):

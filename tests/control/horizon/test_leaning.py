@@ -145,8 +145,8 @@ def sets_off(at: float, acceleration: float, joints: Array) -> Reference:
 
 def test_it_leans_before_it_sets_off() -> None:
     """Wheels that roll back bring the mass ahead of them: what a push would do otherwise."""
-    dynamics = ReducedDynamics(leaning("balancer"))
-    robot = dynamics.robot
+    robot = leaning("balancer")
+    dynamics = ReducedDynamics(robot)
     steady = Posture(dynamics).steady(0.0, 0.0, robot.home)
     q = robot.configuration_at(np.zeros(3), robot.home, np.empty(0), float(steady.posture[0]))
     found = []
@@ -193,9 +193,9 @@ def test_what_it_does_not_do_is_refused() -> None:
 @pytest.mark.parametrize("delay", [0.0, 0.02])
 def test_it_follows_an_eight(name: str, delay: float) -> None:
     """From the default start error; a bicycle at 3 m/s."""
-    settings = {"size": 10.0, "speed": 3.0} if name == "whipple" else {}
+    size, speed = (10.0, 3.0) if name == "whipple" else (None, None)
     run = rpctl.track(leaning(name), "eight", kinematic=Horizon(), duration=10.0, collisions=False,
-                      plant=Plant(delay=delay), **settings)  # fmt: skip
+                      plant=Plant(delay=delay), size=size, speed=speed)  # fmt: skip
     assert rpctl.summarize(run).outcome == "tracked"
     late = run.t > 6.0
     assert np.hypot(*run.log.e[late, :2].T).max() < 0.01
