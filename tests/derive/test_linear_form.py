@@ -18,6 +18,7 @@ from rpctl.cli.app import app
 from rpctl.control.balance import Posture
 from rpctl.derive.linear_form import LinearForm, linear_form
 from rpctl.derive.write import FORMATS, derive, derive_law
+from rpctl.robot.leaning import LeaningRobot
 from tests import urdf
 from tests.dynamics import whipple
 from tests.leaning import OWN, leaning
@@ -29,7 +30,7 @@ FLIP = np.diag(
 )  # the benchmark steers to the right, the catalogue's bicycle to the left
 
 
-def off(ours: Any, theirs: Array) -> float:
+def off(ours: Any, theirs: Any) -> float:
     return float(np.abs(np.array(ours) - theirs).max() / np.abs(theirs).max())
 
 
@@ -81,7 +82,7 @@ BODY, HIGH, PITCHING, YAWING = 8.0, 0.35, 0.4, 0.15
 WHEEL, SPIN, ACROSS, RADIUS, TRACK = 0.9, 0.004, 0.0025, 0.09, 0.44
 
 
-def pendulum(tmp_path: Path, ahead: float = 0.0) -> rpctl.Robot:
+def pendulum(tmp_path: Path, ahead: float = 0.0) -> LeaningRobot:
     body = urdf.inertial(BODY, (0.5, PITCHING, YAWING), xyz=f"{ahead} 0 {HIGH}")
     parts = [urdf.link("body", body, urdf.shape('box size="0.1 0.2 0.2"', xyz=f"0 0 {HIGH}"))]
     for name, y in (("left", TRACK / 2), ("right", -TRACK / 2)):
@@ -90,7 +91,9 @@ def pendulum(tmp_path: Path, ahead: float = 0.0) -> rpctl.Robot:
         parts.append(
             urdf.joint(f"{name}_joint", "continuous", ("body", f"{name}_wheel"), (0, y, 0), "0 1 0")
         )
-    return rpctl.load(write(tmp_path, urdf.robot("pendulum", *parts)))
+    robot = rpctl.load(write(tmp_path, urdf.robot("pendulum", *parts)))
+    assert isinstance(robot, LeaningRobot)
+    return robot
 
 
 def test_a_pendulum_on_wheels_by_paper_and_pencil(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from rpctl.view.pages.robot_page import robot_page
 from tests.view.chromium import opened
 from tests.view.samples import write_gripper
 
-ROBOTS = (pytest.param("tiago", marks=pytest.mark.slow), "ur5", "gripper")
+ROBOTS = (pytest.param("tiago", marks=pytest.mark.slow), "ur5", "gripper", "balancer")
 SAMPLES, SEED = 6, 3
 Base = tuple[float, float, float]
 

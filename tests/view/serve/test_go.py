@@ -18,6 +18,7 @@ from rpctl import Robot
 from rpctl.errors import RpctlError
 from rpctl.view.serve.go import GoServer, ending, read_request
 from rpctl.view.serve.server import GO, STOP
+from tests.leaning import leaning
 from tests.view.chromium import opened, wait
 from tests.view.serve.test_live import PATIENCE, command
 from tests.view.serve.test_server import ask, listen, post
@@ -127,6 +128,15 @@ def test_robot_goes_where_its_page_says_and_says_how_near_it_came(paper: Robot) 
         assert until_end(url)[1] == {"text": "Stopped.", "bad": False}
 
     served(GoServer(lambda: paper), act)
+
+
+def test_robot_that_leans_is_shown_and_goes_nowhere() -> None:
+    def act(url: str) -> None:
+        assert ask(url)[0] == 200
+        status, text = post(url, json.dumps(FINE).encode(), GO)
+        assert status == 409 and b"balancer leans on two wheels" in text
+
+    served(GoServer(lambda: leaning("balancer")), act)
 
 
 def test_ending_says_how_near_it_came(paper: Robot) -> None:

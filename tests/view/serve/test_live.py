@@ -21,7 +21,7 @@ import pinocchio as pin
 import pytest
 
 import rpctl
-from rpctl import Robot, Run
+from rpctl import Robot, RpctlError, Run
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation.config import Config, RunSettings
@@ -33,6 +33,7 @@ from rpctl.view.serve import server as streams
 from rpctl.view.serve.live import Broadcast
 from rpctl.view.serve.server import PageServer, Stream
 from tests.grids import cells
+from tests.leaning import leaning
 from tests.view.chromium import changed, opened, picture, wait
 from tests.view.samples import write_gripper
 from tests.view.serve.test_server import ask, listen, post
@@ -317,3 +318,12 @@ def test_rounding_never_asks_for_a_negative_pause(
             clock[0] += rng.uniform(0.05, 0.06)  # slower than real time: the pause is 0, rounded
     assert len(pauses) == 200
     assert min(pauses) >= 0.0
+
+
+def test_a_robot_that_leans_is_not_watched_live() -> None:
+    robot = leaning("balancer")
+    with (
+        pytest.raises(RpctlError, match="balancer leans on two wheels"),
+        live.broadcast(robot, reference_by_name(robot, "line"), 1.0, print),
+    ):
+        pass
