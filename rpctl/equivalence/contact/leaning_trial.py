@@ -65,6 +65,7 @@ class Regulator:
         dynamics: The robot's.
 
     Attributes:
+        robot: The robot.
         q: Where it starts (nq,): its centre of mass above its wheels.
         nu: Its quasi-velocities there (dof,).
 
@@ -73,14 +74,14 @@ class Regulator:
     """
 
     def __init__(self, dynamics: LeaningDynamics) -> None:
-        self._robot = robot = dynamics.robot
+        self.robot = robot = dynamics.robot
         self._first = 1 if robot.rolls_sideways else 2  # of the tilt's rate
         self._course = Course()
         self.q, self.nu = _balanced(robot), np.zeros(robot.dof)
         self.nu[0] = BICYCLE_SPEED * robot.rolls_sideways
         self._start = self._seen(self.q, self.nu)
         B, force = dynamics.actuation(self.q), dynamics.bias(self.q, self.nu)
-        self._tau = np.linalg.lstsq(B, force, rcond=None)[0]
+        self._tau = np.array(np.linalg.lstsq(B, force, rcond=None)[0], dtype=float)
         model, nv = linearize(robot, self.q, self.nu, self._tau), robot.nv
         n, m, count = len(self._start), len(self._tau), len(self._start) - robot.dof
         whole = np.zeros((n + m, n + m))  # of tilt and joints, ν, efforts
@@ -112,7 +113,7 @@ class Regulator:
 
     def _seen(self, q: Array, nu: Array) -> Array:
         """Return tilt, steering and joints, and ν."""
-        robot = self._robot
+        robot = self.robot
         steering = [robot.joint_position(q, swivel.joint) for swivel in robot.drive.steered]
         return np.array([robot.tilt(q), *steering, *robot.joint_positions(q), *nu])
 
@@ -167,7 +168,8 @@ class _Reduced(ReducedRobot):
         """Hold efforts (n_act,), N·m or N, for ``dt`` (s)."""
         dynamics, q = self.dynamics, self.q
         push, wrench = dynamics.reaction(q, self.nu, tau)
-        load = np.linalg.lstsq(dynamics.constraint(q).T, push, rcond=None)[0][-2:]
+        found, *_ = np.linalg.lstsq(dynamics.constraint(q).T, push, rcond=None)
+        load = np.array(found[-2:], dtype=float)
         force = pin.XYZQUATToSE3(q[:FREE_NQ]).rotation @ wrench[:3]
         self.ground = Contact(load, force, load @ _contacts(dynamics, q) / load.sum())
         super().advance(tau, dt)
@@ -236,7 +238,7 @@ def leaning_trial(robot: LeaningRobot) -> ContactTrial | Skipped:
 
 def _motion(regulator: Regulator, side: _Reduced | LeaningModel) -> LeaningContactMotion:
     """Return what one side does from where it is; NaN from where it cannot go on."""
-    rows, ticks, robot = list[tuple[Array, ...]](), round(DURATION_S / TICK_S), side.robot
+    rows, ticks, robot = list[tuple[Array, ...]](), round(DURATION_S / TICK_S), regulator.robot
     try:
         for tick in range(ticks + 1):
             q = side.q
