@@ -21,6 +21,7 @@ from rpctl.engines.mujoco.check import MjcfCheck
 from rpctl.engines.mujoco.export import MjcfExport
 from rpctl.errors import RpctlError, require_known
 from rpctl.files.writing import require_writable, write_atomically
+from rpctl.robot.leaning import LeaningRobot
 
 FORMATS = {  # and the options that each has alone, by field
     "mjcf": {
@@ -243,6 +244,14 @@ class DeriveOptions:
     parameters: Annotated[
         bool, typer.Option("--parameters", help="Keep masses and lengths as symbols.")
     ] = False
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M/S",
+            help="Of a robot that leans, at which its linear equations are written; a bicycle's "
+            "hold at all speeds if none is given, others' are those of standing.",
+        ),
+    ] = None
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Where to write, whole or not at all; else to stdout."),
@@ -279,6 +288,7 @@ def derive_command(
     as_json: JsonOption = False,
 ) -> None:
     """Write the reduced equations, or a law, in closed form: to read, to publish, or as code."""
+    from rpctl.derive.linear_form import linear_form
     from rpctl.derive.write import derive, derive_law  # SymPy takes long to import
 
     if settings.out is not None:
@@ -286,9 +296,14 @@ def derive_command(
     shown: dict[str, object] = {"robot": robot, "format": settings.form}
     if settings.law is None:
         _require_law(settings.dynamic, settings.precision)
-        text, cost = derive(options.load(robot), settings.form, settings.parameters), None
-    elif settings.parameters:
-        raise RpctlError("--law has numbers only; leave --parameters out")
+        loaded = options.load(robot)
+        text, cost = derive(loaded, settings.form, settings.parameters, settings.speed), None
+        if isinstance(loaded, LeaningRobot):
+            shown = linear_form(loaded, settings.speed)._asdict() | shown
+    elif settings.parameters or settings.speed is not None:
+        raise RpctlError(
+            "--law has numbers only, for all speeds; leave --parameters and --speed out"
+        )
     else:
         text, cost = derive_law(
             options.load(robot),

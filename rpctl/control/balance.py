@@ -26,26 +26,34 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
 from rpctl.arrays import Array
-from rpctl.control.law import Command, Efforts, LeaningCommand, Limit, ReportsNothing, Rest
+from rpctl.control.law import (
+    Command,
+    Efforts,
+    Goal,
+    LeaningCommand,
+    Limit,
+    ReportsNothing,
+    Rest,
+)
 from rpctl.control.output_groups import DEAD_TIME
 from rpctl.dynamics.derivatives import linearize
-from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.reduced import LeaningDynamics, ReducedDynamics
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
-from rpctl.robot.leaning import LeaningRobot
+from rpctl.reference.motion import ReferenceState
 
-SPEEDS = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
+SPEEDS = (-4.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
 STEPS, STEP = 30, 1e-6  # of Newton's to a steady motion, and of its differences, rad
 STRIDE = 0.1  # rad: no step of Newton's is longer
 STEADY = 1e-9  # of the weight, at 1 m: what may be left over of a steady motion
 GRAVITY = 9.81  # m/s²
 LEAST_SPEED = 0.5  # m/s: a slower bicycle is balanced as if it went so fast
 MAX_LEAN, MAX_STEERING = 0.5, 0.6  # rad: in a bend that a bicycle is asked for
+MENDING_LEAN, TINY = 0.3, 1e-12  # rad: it leans by no more to mend its speed and its place
 REDUNDANT = 1e-6  # of the largest cost: that of efforts which work against each other
 LATENESS_S = 0.01  # s: what nobody tells, and is foretold
-
-
-Speeds = tuple[float, float, float]  # P's speed, m/s, turning rate, rad/s, and acceleration, m/s²
+AHEAD, AHEAD_STEP = 50, 0.04  # how far ahead the reference is looked at: steps, and their length, s
+ERRORS = 3  # of P: ahead, to the left and in heading
 
 
 class SteadyMotion(NamedTuple):
@@ -57,6 +65,8 @@ class SteadyMotion(NamedTuple):
     tau: Array  # (n_act,)
     posture: Array  # (1 + n_steered,) tilt and steering, rad
     joints: Array  # (n_joints,) rad or m
+    lacking: float  # of the weight, at 1 m: what tilts it and no actuator gives
+    turn: float  # rad/s
 
 
 class Posture:
@@ -70,13 +80,17 @@ class Posture:
     """
 
     def __init__(self, dynamics: ReducedDynamics) -> None:
-        robot = dynamics.robot
-        if not isinstance(robot, LeaningRobot):
-            raise UnfitLawError(f"{robot.name} does not lean, so there is nothing to balance")
-        self.robot, self.dynamics = robot, dynamics
+        if not isinstance(dynamics, LeaningDynamics):
+            raise UnfitLawError(
+                f"{dynamics.robot.name} does not lean, so there is nothing to balance"
+            )
+        self.robot, self.dynamics = dynamics.robot, dynamics
+        robot = self.robot
         names = robot.quasi_velocities
         self.first = 1 if robot.rolls_sideways else 2  # index in ν of the tilt's rate
         self.index = np.arange(self.first, len(names))  # of tilt, steering and arm in ν
+        # of x: what it leans for, a bicycle for its place to the side and its heading
+        self.outer = [1, 2] if robot.rolls_sideways else [0, ERRORS + len(self.index)]
         self.steered = [swivel.joint for swivel in robot.drive.steered]
         undriven = [name for name in names[self.first + 1 :] if name not in robot.actuators]
         if undriven or not any(wheel.driven for wheel in robot.drive.wheels):
@@ -98,16 +112,17 @@ class Posture:
         """Return q (nq,) with P at the origin, of tilt and steering (1 + n_steered,) and arm."""
         return self.robot.configuration_at(np.zeros(3), joints, own[1:], float(own[0]))
 
-    def possible(self, v: float, omega: float) -> tuple[float, float]:
-        """Return the nearest speed (m/s) and turning rate (rad/s) that a steady motion can have.
+    def possible(self, state: ReferenceState) -> ReferenceState:
+        """Return a reference with the nearest speed and turning rate of a steady motion.
 
         A bicycle goes forward, in bends that its steering and its lean allow.
         """
         if not self.steered:
-            return v, omega
-        v = max(v, LEAST_SPEED)
+            return state
+        v = max(float(state.twist[0]), LEAST_SPEED)
         widest = min(self._bend * v, math.tan(MAX_LEAN) * GRAVITY / v)
-        return v, min(max(omega, -widest), widest)
+        omega = min(max(float(state.twist[2]), -widest), widest)
+        return state._replace(twist=np.array([v, 0.0, omega]))
 
     @cached_property
     def _bend(self) -> float:
@@ -137,9 +152,13 @@ class Posture:
         Raises:
             RpctlError: There is none near the upright one.
         """
+        still = np.zeros_like(joints)
+        state = ReferenceState(
+            np.zeros(3), np.array([v, 0.0, omega]), np.zeros(3), joints, still, still
+        )
         own = np.zeros(1 + len(self.steered))
         for _ in range(STEPS):
-            here = self._motion(self.at(own, joints), (v, omega, 0.0), own, joints)
+            here = self._motion(self.at(own, joints), state, own)
             gap = self._left(here, omega)
             if np.abs(gap).max() <= STEADY:
                 return here
@@ -149,65 +168,84 @@ class Posture:
             f"{omega:.3g} rad/s; give a wider or a slower turn, or hold joints that reach far out"
         )
 
-    def follow(
-        self, before: SteadyMotion, speeds: Speeds, joints: Array, slope: Array
-    ) -> SteadyMotion:
+    def follow(self, before: SteadyMotion, state: ReferenceState, slope: Array) -> SteadyMotion:
         """Return a steady motion a step of Newton's nearer to that of what is wished now.
 
         Args:
-            before: The one of the sample before.
-            speeds: P's speed and turning rate, and how the speed changes.
-            joints: Positions of the arm (n_joints,), rad or m.
+            before: The one of the time before.
+            state: What is wished.
             slope: Inverse of :meth:`slope` near it.
         """
-        here = self._motion(before.q, speeds, before.posture, before.joints)
-        step = -np.clip(slope @ self._left(here, speeds[1]), -STRIDE, STRIDE)
-        moved = np.concatenate([step, joints - before.joints])
+        here = self.moved(before, state, before.posture)
+        step = -np.clip(slope @ self._left(here, float(state.twist[2])), -STRIDE, STRIDE)
+        return self.moved(here, state, here.posture + step)
+
+    def moved(self, before: SteadyMotion, state: ReferenceState, own: Array) -> SteadyMotion:
+        """Return a motion near another one: of a reference, with a tilt and a steering (own)."""
+        way = np.concatenate([own - before.posture, state.joints - before.joints])
         q = before.q
-        if np.abs(moved).max(initial=0.0) > STEADY:
-            q = self.dynamics.integrate(q, self.dynamics.basis(q)[:, self.index] @ moved)
-        return self._motion(q, speeds, before.posture + step, joints)
+        if np.abs(way).max() > STEADY:
+            q = self.dynamics.integrate(q, self.dynamics.basis(q)[:, self.index] @ way)
+        return self._motion(q, state, own)
 
     def slope(self, steady: SteadyMotion, joints: Array) -> Array:
         """Return how what is left over of a motion changes with tilt and steering."""
-        turn = 0.0 if self.steered else float(steady.nu[1])
-        speeds, gap = (float(steady.nu[0]), turn, 0.0), self._left(steady, 0.0)
+        still, (v, _, omega) = np.zeros_like(joints), self.dynamics.twist(steady.q, steady.nu)
+        turn = 0.0 if self.steered else omega
+        state = ReferenceState(
+            np.zeros(3), np.array([v, 0.0, turn]), np.zeros(3), joints, still, still
+        )
+        gap = self._left(steady, 0.0)
         columns = [
-            self._left(self._motion(self.at(own, joints), speeds, own, joints), 0.0) - gap
+            self._left(self._motion(self.at(own, joints), state, own), 0.0) - gap
             for own in steady.posture + STEP * np.eye(len(steady.posture))
         ]
         return np.column_stack(columns) / STEP
 
-    def _motion(self, q: Array, speeds: Speeds, own: Array, joints: Array) -> SteadyMotion:
+    def _motion(self, q: Array, state: ReferenceState, own: Array) -> SteadyMotion:
         """Return a motion with the least efforts, of their limits, that keep it up."""
         nu, nu_dot = np.zeros((2, self.robot.dof))
-        nu[0], nu_dot[0] = speeds[0], speeds[2]
-        if not self.steered:
-            nu[1] = speeds[1]
-        force = self.dynamics.inverse(q, nu, nu_dot)
-        B = self.dynamics.actuation(q) * self.scale
-        tau = self.scale * np.linalg.lstsq(B, force, rcond=None)[0]
-        return SteadyMotion(q, nu, nu_dot, tau, own, joints)
+        for into, base, arm in (
+            (nu, state.twist, state.joint_rates), (nu_dot, state.twist_dot,
+             state.joint_accelerations),
+        ):  # fmt: skip
+            into[0], into[len(into) - len(arm) :] = base[0], arm
+            if not self.steered:
+                into[1] = base[2]
+        force, B, twist = self.dynamics.required(q, nu, nu_dot)
+        tau = self.scale * np.linalg.lstsq(B * self.scale, force, rcond=None)[0]
+        lacking = (force - B @ tau)[self.first] / (GRAVITY * self.robot.mass)
+        turn = float(twist[2])
+        return SteadyMotion(q, nu, nu_dot, tau, own, state.joints, float(lacking), turn)
 
     def _left(self, motion: SteadyMotion, omega: float) -> Array:
         """Return what no actuator gives, of the weight's moment, and what turns too much."""
-        dynamics, (q, nu, nu_dot, tau, _, _) = self.dynamics, motion
-        lacking = dynamics.inverse(q, nu, nu_dot) - dynamics.actuation(q) @ tau
-        left = lacking[self.first] / (GRAVITY * self.robot.mass)
         if not self.steered:
-            return np.array([left])
-        return np.array([left, dynamics.twist(q, nu)[2] - omega])
+            return np.array([motion.lacking])
+        return np.array([motion.lacking, motion.turn - omega])
 
-    def linear(self, steady: SteadyMotion) -> tuple[Array, Array]:
-        """Return A (n, n) and B (n, n_act) of x = (tilt, steering, arm, ν) about a motion."""
-        model = linearize(self.robot, steady.q, steady.nu, steady.tau)
+    def linear(self, steady: SteadyMotion, way: float = 0.0) -> tuple[Array, Array]:
+        """Return A (n, n) and B (n, n_act) of x about a motion.
+
+        Args:
+            steady: The motion.
+            way: Speed with which a heading leads aside, m/s; 0: the motion's own.
+        """
+        q, nu, dynamics = steady.q, steady.nu, self.dynamics
+        model = linearize(self.robot, q, nu, steady.tau)
         nv, dof, count = self.robot.nv, self.robot.dof, len(self.index)
-        along = self.dynamics.basis(steady.q)[:, self.index]
-        A = np.zeros((count + dof, count + dof))
-        A[:count, count + self.index] = np.eye(count)
-        A[count:, :count] = model.A[nv:, :nv] @ along
-        A[count:, count:] = model.A[nv:, nv:]
-        return A, np.vstack([np.zeros((count, model.B.shape[1])), model.B[nv:]])
+        along, rates = dynamics.basis(q)[:, self.index], ERRORS + count
+        A = np.zeros((rates + dof, rates + dof))
+        twist = dynamics.twist(q, nu)
+        A[0, 1], A[1, 0], A[1, 2] = twist[2], -twist[2], way or twist[0]
+        A[:ERRORS, rates:] = dynamics.at(q).twist
+        for k, each in enumerate(along.T, start=ERRORS):
+            beside = dynamics.twist(dynamics.integrate(q, STEP * each), nu)
+            A[:ERRORS, k] = (beside - twist) / STEP
+        A[ERRORS:rates, rates + self.index] = np.eye(count)
+        A[rates:, ERRORS:rates] = model.A[nv:, :nv] @ along
+        A[rates:, rates:] = model.A[nv:, nv:]
+        return A, np.vstack([np.zeros((rates, model.B.shape[1])), model.B[nv:]])
 
 
 def sampled(A: Array, B: Array, period: float) -> tuple[Array, Array]:
@@ -224,9 +262,11 @@ class Balance(Record):
     Each setting but the last is a deviation, or an acceleration, that costs as much as any other.
     """
 
+    place: Annotated[float, POSITIVE, Setting("m", "Place", "Off the reference.")] = 0.1
+    heading: Annotated[float, POSITIVE, Setting("rad", "Heading", "Off the reference's.")] = 0.3
     tilt: Annotated[float, POSITIVE, Setting("rad", "Tilt", "Off the steady motion's.")] = 0.1
-    speed: Annotated[float, POSITIVE, Setting("m/s", "Speed", "Off the wished one.")] = 0.15
-    turn: Annotated[float, POSITIVE, Setting("rad/s", "Turning", "Off the wished one.")] = 0.3
+    speed: Annotated[float, POSITIVE, Setting("m/s", "Speed", "Off the reference's.")] = 0.3
+    turn: Annotated[float, POSITIVE, Setting("rad/s", "Turning", "Off the reference's.")] = 1.0
     joint: Annotated[float, POSITIVE, Setting("rad or m", "Joints", "Arm and steering.")] = 0.1
     rate: Annotated[float, POSITIVE, Setting("rad/s", "Rates", "Of tilt and joints.")] = 1.0
     acceleration: Annotated[
@@ -235,7 +275,7 @@ class Balance(Record):
     turning: Annotated[float, POSITIVE, Setting("rad/s²", "Turning", "Acceleration.")] = 5.0
     joints: Annotated[
         float, POSITIVE, Setting("rad/s²", "Joints", "Accelerations of arm and steering.")
-    ] = 10.0
+    ] = 40.0
     lateness: Annotated[
         float | None,
         DEAD_TIME,
@@ -271,10 +311,10 @@ class Balance(Record):
         rates[0], accelerations[0] = self.speed, self.acceleration
         if not posture.steered:
             rates[1], accelerations[1] = self.turn, self.turning
-        places = np.array([self.tilt, *[self.joint] * (count - 1)])
+        places = [self.place, self.place, self.heading, self.tilt, *[self.joint] * (count - 1)]
         Q = np.diag(1.0 / np.concatenate([places, rates]) ** 2)
         A, B = posture.linear(steady)
-        driven = np.delete(B[count:] / accelerations[:, None], posture.first, axis=0)
+        driven = np.delete(B[ERRORS + count :] / accelerations[:, None], posture.first, axis=0)
         R = driven.T @ driven
         R += REDUNDANT * np.diag(np.diag(R).max() / posture.scale**2 * posture.scale.min() ** 2)
         F, G = sampled(A, B, period)
@@ -285,7 +325,18 @@ class Balance(Record):
                 f"{robot.name} cannot be balanced at {steady.nu[0]:.3g} m/s: no efforts bring it "
                 "back"
             ) from None
-        return Design(F, G, np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
+        left = np.linalg.solve(R + G.T @ P @ G, G.T)
+        K = left @ P @ F
+        loop = (F - G @ K).T
+        own = slice(ERRORS, ERRORS + 1 + len(posture.steered))
+        far, sums = P[:, own], np.zeros_like(F)
+        for _ in range(steps := round(AHEAD_STEP / period)):
+            sums = np.eye(len(F)) + loop @ sums
+        far, stride = left @ sums / steps, np.linalg.matrix_power(loop, steps)
+        ahead = np.empty((AHEAD, *(far @ P[:, own]).shape))
+        for k in range(AHEAD):
+            ahead[k], far = far @ P[:, own], far @ stride
+        return Design(F, G, K, ahead)
 
 
 class Design(NamedTuple):
@@ -294,6 +345,12 @@ class Design(NamedTuple):
     F: Array  # (n, n)
     G: Array  # (n, n_act)
     K: Array  # (n_act, n)
+    ahead: Array  # (AHEAD, n_act, 1 + n_steered) by how tilt and steering change in a step ahead
+
+    def leans_less(self, x: Array, outer: list[int]) -> float:
+        """Return the share of some deviations for which it leans by no more than MENDING_LEAN."""
+        asked = np.linalg.norm(self.K[:, outer] @ x[outer])
+        return float(min(1.0, MENDING_LEAN * np.linalg.norm(self.K[:, ERRORS]) / max(asked, TINY)))
 
     def foretold(self, x: Array, sent: Sequence[Array]) -> Array:
         """Return x (n,) when what is sent now acts, given what was sent before that, in order."""
@@ -313,7 +370,7 @@ class BalanceController(ReportsNothing):
 
     def __init__(self, law: Balance, posture: Posture, period: float) -> None:
         self._posture, robot = posture, posture.robot
-        self._speeds = np.array([v for v in SPEEDS if v > 0.0 or not posture.steered])
+        self._speeds = np.array([v for v in SPEEDS if v > LEAST_SPEED / 2 or not posture.steered])
         steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds.tolist()]
         self._designs = [law.design(posture, each, period) for each in steady]
         slopes = [posture.slope(each, robot.home) for each in steady]
@@ -321,6 +378,8 @@ class BalanceController(ReportsNothing):
         late = LATENESS_S if law.lateness is None else law.lateness
         self._sent = deque([np.zeros(len(robot.actuators))] * round(late / period))
         self._steady: SteadyMotion | None = None
+        self._ahead: deque[SteadyMotion] = deque(maxlen=AHEAD + 2)
+        self._last = 0  # step of the last of these
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         """Return τ (n_act,) and the limits that bind.
@@ -338,27 +397,54 @@ class BalanceController(ReportsNothing):
         if not isinstance(command, LeaningCommand):
             raise UnfitLawError("the kinematic law tells no goal to balance for; take unified")
         goal = command.goal
-        v, omega = posture.possible(goal.speed, goal.turn)
-        near, share = self._near(v)
-        steady = self._steady
-        if steady is None:
-            steady = posture.steady(v, omega, goal.joints)
-        speeds = v, omega, goal.acceleration
-        self._steady = steady = posture.follow(steady, speeds, goal.joints, self._slopes[near])
-        wanted = np.concatenate([steady.posture, goal.joints, command.nu_d])
+        postures, share = self._look(goal)
+        own = (1.0 - share) * postures[0] + share * postures[1]
+        state = posture.possible(goal.reference(goal.t))
+        self._steady = steady = posture.moved(self._steady or self._ahead[0], state, own)
+        wanted = np.concatenate([steady.posture, steady.joints, command.nu_d])
         x = posture.short(np.concatenate([posture.of(q), nu]) - wanted)
-        designs = self._designs[near], self._designs[near + 1]
-        x = designs[round(share)].foretold(x, self._sent)
-        K = (1.0 - share) * designs[0].K + share * designs[1].K
-        tau = np.clip(asked := steady.tau - K @ x, -limits, limits)
+        x = np.concatenate([-goal.error, x])
+        (low, high), part = self._near(state.twist[0])
+        x = (high if part > 0.5 else low).foretold(x, self._sent)
+        x[posture.outer] *= min(design.leans_less(x, posture.outer) for design in (low, high))
+        changes = np.diff(postures, axis=0)
+        changes = (1.0 - share) * changes[:-1] + share * changes[1:]
+        asked = steady.tau.copy()
+        for design, weight in ((low, 1.0 - part), (high, part)):
+            asked += weight * (np.einsum("kij,kj->i", design.ahead, changes) - design.K @ x)
+        tau = np.clip(asked, -limits, limits)
         if self._sent:
             self._sent.append(tau - steady.tau)
             self._sent.popleft()
         names = (posture.robot.actuators[i] for i in np.flatnonzero(tau != asked))
         return Efforts(tau, tuple(Limit(name, "effort") for name in names))
 
-    def _near(self, v: float) -> tuple[int, float]:
-        """Return the entry of the table below a speed (m/s), and how far that is to the next."""
-        speeds = self._speeds
-        k = int(np.clip(np.searchsorted(speeds, v) - 1, 0, len(speeds) - 2))
-        return k, float(np.clip((v - speeds[k]) / (speeds[k + 1] - speeds[k]), 0.0, 1.0))
+    def _look(self, goal: Goal) -> tuple[Array, float]:
+        """Return tilt and steering (AHEAD + 2, ·) of steps ahead, and how far the first is gone.
+
+        The steps are those of time itself, so that each is looked at once.
+        """
+        posture, (step, share) = self._posture, divmod(goal.t / AHEAD_STEP, 1.0)
+        first = int(step)
+        if not 0 <= first - (self._last + 1 - len(self._ahead)) <= len(self._ahead):
+            self._ahead.clear()
+        if not self._ahead:
+            self._last, state = first, posture.possible(goal.reference(first * AHEAD_STEP))
+            v, _, omega = state.twist.tolist()
+            self._ahead.append(posture.steady(v, omega, state.joints))
+        while self._last < first + AHEAD + 1:
+            self._last += 1
+            state = posture.possible(goal.reference(self._last * AHEAD_STEP))
+            slope = self._slopes[self._index(state.twist[0])]
+            self._ahead.append(posture.follow(self._ahead[-1], state, slope))
+        return np.array([each.posture for each in self._ahead]), share
+
+    def _index(self, v: float) -> int:
+        """Return the entry of the table below a speed (m/s)."""
+        return int(np.clip(np.searchsorted(self._speeds, v) - 1, 0, len(self._speeds) - 2))
+
+    def _near(self, v: float) -> tuple[list[Design], float]:
+        """Return the two designs next to a speed (m/s), and how far it is to the second."""
+        k = self._index(v)
+        low, high = self._speeds[k : k + 2]
+        return self._designs[k : k + 2], float(np.clip((v - low) / (high - low), 0.0, 1.0))

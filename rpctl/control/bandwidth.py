@@ -100,6 +100,8 @@ def knowing_delay(law: Any, period: float, delay: float | None) -> Any:
     found = at_bandwidth(law, gains.bandwidth, only_unset=True)
     if getattr(law, "gain", 0.0) is None:
         found = dataclasses.replace(found, gain=min(gains.gain, MOST_GAIN))
+    if hasattr(law, "leaning"):
+        found = dataclasses.replace(found, leaning=knowing_delay(law.leaning, period, delay))
     return found
 
 

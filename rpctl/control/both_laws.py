@@ -14,7 +14,16 @@ from rpctl.control.dynamic import (
     no_machine_code,
     unsupported,
 )
-from rpctl.control.law import Command, DynamicLaw, Efforts, KinematicLaw, Limit, Rest, Speeds
+from rpctl.control.law import (
+    Command,
+    DynamicLaw,
+    EffortCommand,
+    Efforts,
+    KinematicLaw,
+    Limit,
+    Rest,
+    Speeds,
+)
 from rpctl.control.law_kernel import RunningLaws, running_laws
 from rpctl.control.safeguards import (
     FAILURES,
@@ -108,6 +117,9 @@ class BothLaws:
         command = self._kinematic(sample.t, self._dynamics, reference, *ahead)
         if command is None:
             return self._kinematic.reason
+        if isinstance(command, EffortCommand):
+            self._sending.was_answered()
+            return Answer(command, command.efforts)
         sent = self._sending(sample.t, self._dynamics, ahead.q, ahead.nu, command)
         return self._sending.reason if sent is None else Answer(command, sent)
 

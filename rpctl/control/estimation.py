@@ -15,6 +15,7 @@ import numpy as np
 from rpctl import math
 from rpctl.arrays import Array
 from rpctl.control.sampling import LONGEST_SILENCE, TIME_ROUNDING, MeasuredSample
+from rpctl.dynamics.motion import NO_LAG, Stretch, of_gap, travel
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import DiffersError
@@ -94,7 +95,8 @@ class StateKernel:
 
     Args:
         robot: The robot.
-        efforts: Whether efforts move it, or only the disturbance.
+        efforts: Whether efforts move it, or only the disturbance; None: commanded speeds, which
+            nothing corrects, see :func:`following_calls`.
         compiled: Whether it is machine code.
 
     Attributes:
@@ -105,9 +107,11 @@ class StateKernel:
             ``taken`` (dof,), ``age``, ``elapsed``, ``jumped``, ``moving`` and ``correcting`` (1,).
     """
 
-    def __init__(self, robot: Robot, efforts: bool, compiled: bool) -> None:
+    def __init__(self, robot: Robot, efforts: bool | None, compiled: bool) -> None:
         def make() -> tuple[dict[str, Buffer], Sequence[Program]]:
-            calls, buffers = state_calls(SymbolicDynamics(robot), efforts)
+            known = SymbolicDynamics(robot)
+            made = following_calls(known) if efforts is None else state_calls(known, efforts)
+            calls, buffers = made
             body = tuple(When(buffers[name], (call,)) for name, call in calls.items())
             act = buffers["act"]
             reads = (Read(RowStream("acts", act.size, laned=False), act),) if compiled else ()
@@ -117,7 +121,7 @@ class StateKernel:
         if compiled:
             key = code_key(robot_identity(robot), "estimate", efforts)
             self.buffers, (self.run,) = stored(key, make)
-            if efforts:
+            if efforts is not False:
                 self._require_same(robot)
         else:
             self.buffers, (program,) = make()
@@ -151,12 +155,14 @@ class StateKernel:
         """Refuse machine code that moves the robot otherwise than Pinocchio."""
         dynamics, rng = ReducedDynamics(robot), np.random.default_rng(SEED)
         q = robot.configuration_at(np.zeros(BASE_NV), robot.home)
-        nu, tau = rng.normal(size=robot.dof), rng.normal(size=len(robot.actuators))
         at, run = self.places()
-        at["q"][:], at["nu"][:], at["acts"][0] = q, nu, (INSTANT, *tau)
+        nu, act = rng.normal(size=robot.dof), rng.normal(size=len(at["act"]) - 1)
+        at["q"][:], at["nu"][:], at["acts"][0] = q, nu, (INSTANT, *act)
         at["moving"][0] = 1.0
+        if follows := "lag" in at:
+            at["lag"][:] = 1.0
         run(0, 1)
-        expected = dynamics.forward(q, nu, tau)
+        expected = act - nu if follows else dynamics.forward(q, nu, act)
         residual = np.abs((at["nu"] - nu) / INSTANT - expected).max(initial=0.0)
         if not residual <= ROUGHLY * np.abs(expected).max(initial=1.0):
             raise DiffersError(f"machine code moves {robot.name} otherwise than Pinocchio")
@@ -199,6 +205,30 @@ def state_calls(
         for name, values in (("moving", ahead), ("correcting", found))
     }
     return calls, {name: buffer for name, (buffer, _) in place.items()}
+
+
+def following_calls(known: SymbolicDynamics) -> tuple[dict[str, Call], dict[str, Buffer]]:
+    """Return what is called when ``moving`` where speeds follow commands, and buffers, by name.
+
+    ``act`` is for how long, s, and c of T ν̇ = c − ν, and ``lag`` (dof,) is T. Where the steered
+    wheels fix no one motion, q stays.
+    """
+    dof = known.robot.dof
+    sizes = {"q": known.robot.nq, "nu": dof, "lag": dof, "act": 1 + dof, "moving": 1}
+    place = {name: symbolic(Buffer(f"following {name}", size)) for name, size in sizes.items()}
+    q, nu, lag, act = (place[name][1] for name in ("q", "nu", "lag", "act"))
+    dt, command = act[0], act[1:]
+    x = dt / math.fmax(lag, NO_LAG)
+    left, mean, change = of_gap(x, math.tanh(0.5 * x), math.if_else)
+    gap = nu - command
+    moved = travel(known, q, Stretch(dt, command + gap * mean, gap * change))
+    found = {"q": math.if_else(known.regular(q), moved, q), "nu": command + gap * left}
+    call = statement(
+        "following",
+        [place[name] for name in ("q", "nu", "lag", "act")],
+        [(place[name][0], value) for name, value in found.items()],
+    )
+    return {"moving": call}, {name: buffer for name, (buffer, _) in place.items()}
 
 
 def _corrected(known: SymbolicDynamics, at: dict[str, Any]) -> dict[str, Any]:

@@ -17,10 +17,9 @@ from rpctl.reference.motion import Reference
 class Goal(NamedTuple):
     """What a robot that leans is wished to do: how it leans for that is the dynamic law's."""
 
-    speed: float  # of P, m/s
-    turn: float  # rad/s
-    acceleration: float  # of the reference along its way, m/s²
-    joints: Array  # (n_joints,) where the arm is wanted, rad or m
+    reference: Reference  # what is tracked, whose future counts
+    t: float  # now, s
+    error: Array  # (3,) of P, in its frame, as far as it is to be mended at once; m, rad
 
 
 class Command(NamedTuple):
@@ -77,6 +76,12 @@ class Rest(NamedTuple):
 
     q: Array  # (nq,)
     tau: Array  # (n_act,) N·m or N
+
+
+class EffortCommand(Command):
+    """A command of a law that finds its efforts itself: no dynamic law is asked for any."""
+
+    efforts: Efforts
 
 
 class KinematicFunction(Protocol):

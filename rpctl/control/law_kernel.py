@@ -185,6 +185,7 @@ class RunningLaws:
         rest: State before the run; None starts every integral at zero.
 
     Attributes:
+        compiled: Whether it is machine code.
         settings: Of the laws (n,), as the kernel reads them at each sample.
         model_nu: Gets what sent speeds have led to so far (dof,).
         model_nu_dot: Gets its mean rate since the last sample (dof,).
@@ -196,6 +197,7 @@ class RunningLaws:
         self, kernel: LawKernel, settings: Array, period: float, rest: Rest | None
     ) -> None:
         law, self._kernel = kernel.fragment, kernel
+        self.compiled = isinstance(kernel.sample, MachineCode)
         space = self._space = kernel.sample.workspace()
         if rest is not None and law.start:
             begins = kernel.start.workspace()

@@ -42,11 +42,11 @@ from rpctl.control.steering import (
     of_front,
     reference_direction,
 )
-from rpctl.drive.drive import Drive
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
+from rpctl.kernels.calls import interpreted
 from rpctl.kernels.program import Call, statement
 from rpctl.kernels.sheet import Sheet
 from rpctl.reference.motion import (
@@ -60,9 +60,6 @@ from rpctl.reference.motion import (
 from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import BASE_NV, Robot
 
-# s: prediction times of robots that lean first the other way, a bicycle before it turns, one on two
-# wheels before it speeds up
-SLOW_TURNS_S, SLOW_TILTS_S = 2.0, 0.4
 NUMBERS = (int, float, np.float64)  # types of settings that formulas take for scalars
 
 
@@ -129,7 +126,7 @@ class BaseLaw(Record, ABC):
             running: Its kernel, if it is part of one that has a dynamic law as well.
         """
         if isinstance(dynamics.robot, LeaningRobot):
-            return LeaningWish(self, dynamics, period)
+            return LeaningWish(self, dynamics.robot)
         running = running or running_laws(self, None, dynamics, period, None)
         controller = CommandLaw(running, self.refusal, dynamics.robot)
         return controller if self.approach is None else self.approach.start(dynamics, controller)
@@ -228,25 +225,24 @@ class BaseLaw(Record, ABC):
 
 
 class LeaningWish(ReportsNothing):
-    """A kinematic law on a robot that leans: what it would ask of a base that stands upright.
+    """A kinematic law on a robot that leans: its leash bounds the errors that are to be mended.
+
+    How is not its own: a robot that leans has to lean first, so speed and turning rate are chosen
+    with tilt and posture, by the dynamic law.
 
     Args:
         law: The law.
-        dynamics: The robot's.
-        period: Control period, s.
+        robot: The robot.
     """
 
-    def __init__(self, law: BaseLaw, dynamics: ReducedDynamics, period: float) -> None:
-        robot = dynamics.robot
-        assert isinstance(robot, LeaningRobot)
-        upright = Drive("differential", robot.drive.wheels)  # P is where its pose is told
-        level = Robot(**{f.name: getattr(robot, f.name) for f in fields(Robot)})
-        level = replace(level, drive=upright)
-        slow = SLOW_TURNS_S if robot.rolls_sideways else SLOW_TILTS_S
-        law = replace(law, approach=None, horizon=law.horizon or slow)
-        horizons = law.joint_horizons(dynamics, period).tolist()
-        self._ask = formula(law.with_numbers(law.numbers(period)), level, horizons)
-        self._robot, self._own = robot, len(upright.base_speeds)
+    def __init__(self, law: BaseLaw, robot: LeaningRobot) -> None:
+        error, sheet = math.SX.sym("e", BASE_ERRORS), Sheet()
+        if law.leash is None:
+            seen = math.vertsplit(error)
+        else:
+            seen = sheet.resolved(law.leash(sheet, math.vertsplit(error)))
+        leash = math.Function("leash", [error], [math.vertcat(*seen)])
+        self._robot, self._leash = robot, interpreted(leash)
 
     def row(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
@@ -257,7 +253,10 @@ class LeaningWish(ReportsNothing):
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return the command: P's speed, and rates of tilt and steering that end.
+        """Return the command: the reference's own quasi-velocities, with the errors beside it.
+
+        Facing away, a robot that turns on the spot neither goes on nor heeds how far it is to the
+        side: x2 sin x3/x3 is all that leads it towards its reference.
 
         Args:
             dynamics: The robot's dynamics.
@@ -267,19 +266,20 @@ class LeaningWish(ReportsNothing):
             nu: Quasi-velocities of the robot (dof,).
         """
         robot, state = self._robot, require_state(self._robot, reference(t), t)
-        arm = robot.joint_positions(q)
-        rates = nu[robot.dof - len(arm) :]
-        at = [*robot.base_pose(q), *dynamics.twist(q, nu), *arm, *rates]
-        asked, change, _ = (each.full()[:, 0] for each in self._ask(row_of(state), at))
+        whole = base_error(state.pose, robot.base_pose(q))
+        error = self._leash(whole)[0].copy()
+        error[1] *= np.sinc(whole[2] / np.pi)
         nu_d, nu_d_dot = np.zeros(robot.dof), np.zeros(robot.dof)
-        for into, given, arm_given in (
-            (nu_d, asked, state.joint_rates), (nu_d_dot, change, state.joint_accelerations),
-        ):  # fmt: skip
-            into[0], into[robot.dof - len(arm) :] = given[0], arm_given
+        for into, base, arm in (
+            (nu_d, state.twist, state.joint_rates),
+            (nu_d_dot, state.twist_dot, state.joint_accelerations),
+        ):
+            into[0], into[robot.dof - len(arm) :] = base[0], arm
             if "omega" in robot.quasi_velocities:
-                into[1] = given[1]
-        speed, turn, ahead = float(asked[0]), float(asked[1]), float(state.twist_dot[0])
-        return LeaningCommand(nu_d, nu_d_dot, Goal(speed, turn, ahead, state.joints))
+                into[1] = base[2]
+        if not robot.rolls_sideways:
+            nu_d[0] *= np.cos(whole[2])
+        return LeaningCommand(nu_d, nu_d_dot, Goal(reference, t, error))
 
 
 def _numbers(record: BaseLaw | Leash) -> dict[str, float]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math as numbers
-from collections import deque
+from bisect import bisect
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.control.estimation import MOST_ACTS, state_kernel
 from rpctl.control.fragment import LawFragment, LawFrame
 from rpctl.control.lag_estimate import LagEstimate
 from rpctl.control.law import Command, Rest, Speeds
@@ -21,7 +21,6 @@ from rpctl.control.output_groups import (
     DEAD_TIME,
     EFFORT,
     LAG,
-    MAX_DEAD_TIME,
     POSITION,
     RATES,
     REST,
@@ -33,11 +32,10 @@ from rpctl.control.output_groups import (
 )
 from rpctl.control.sampling import TIME_ROUNDING, MeasuredSample
 from rpctl.control.speed_limits import Lateness, SpeedLimits, SpeedSample
-from rpctl.dynamics.motion import NO_LAG, follow, joined, travel
+from rpctl.dynamics.motion import NO_LAG
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import (
     SMALLEST,
-    SingularBasisError,
     SolverError,
     UnknownNameError,
     require_known,
@@ -47,7 +45,6 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.robot.model import Robot
 
 OUTPUTS = ("effort", "velocity")
-LONGEST_STEP = 0.02  # s, of the predicted motion
 STOPPING_TIME = 0.3  # s: time constant with which a controlled stop ends the motion
 
 
@@ -294,14 +291,17 @@ class VelocityController:
     ) -> None:
         robot, self._period, self._running = dynamics.robot, period, running
         self._dynamics, self._names = dynamics, robot.quasi_velocities
+        self._joints = [(self._names.index(n), robot.entries[n]) for n in robot.joint_names]
         self._staggered: Staggered | None = None
         told = output.lag_of(self._names), output.dead_times_of(self._names)
         self._late = LagEstimate(*told, period)
         self._dead_times = self._late.dead_times  # as learnt, in place
         self._learns = not output.sent_efforts(robot)
         self._own = running.settings[-2 * robot.dof :]  # the last numbers are the output's
-        # Commands, and when they were sent; the first acts already.
-        self._sent = deque([(-numbers.inf, np.zeros(robot.dof))])
+        # When commands were sent, the first of which acts already, and its number in the ring.
+        self._starts, self._first, self._command = [-numbers.inf], 0, np.zeros(robot.dof)
+        self._at, self._move = state_kernel(robot, None, running.compiled).places()
+        self._at["moving"][0] = 1.0
         # When the next one is sent; the kernel has what those so far have led to when it acts.
         self._model_time = numbers.nan
         self._seen: MeasuredSample | None = None  # the last sample, as predicted
@@ -321,17 +321,17 @@ class VelocityController:
         """
         self._learn(t, nu)
         self._follow(t, nu)
-        sent, latest = self._sent, float(self._dead_times.max(initial=0.0))
-        while len(sent) > 1 and sent[1][0] + latest <= t + TIME_ROUNDING:
-            sent.popleft()
+        latest = float(self._dead_times.max(initial=0.0))
+        over = max(self._acting(t, latest), len(self._starts) - MOST_ACTS)
+        self._first += over
+        del self._starts[:over]
         parts = {
             dead: self._ahead(t, q, nu, dead) for dead in dict.fromkeys(self._dead_times.tolist())
         }
         at, *later = parts.values()
         if later:
-            robot, at = self._dynamics.robot, MeasuredSample(at.t, at.q.copy(), at.nu.copy())
-            for name in robot.joint_names:
-                k, entry = robot.quasi_velocities.index(name), robot.entries[name]
+            at = MeasuredSample(at.t, at.q.copy(), at.nu.copy())
+            for k, entry in self._joints:
                 _, own_q, own_nu = parts[float(self._dead_times[k])]
                 at.nu[k] = own_nu[k]
                 entry.write(at.q, entry.read(own_q))
@@ -350,20 +350,22 @@ class VelocityController:
         """Return the state a dead time (s) after a sample, of what has that one."""
         if dead_time <= TIME_ROUNDING:
             return MeasuredSample(t, q, nu)
-        end, sent = t + dead_time, list(self._sent)
-        while len(sent) > 1 and sent[1][0] + dead_time <= t + TIME_ROUNDING:
-            del sent[0]
-        acting = [start + dead_time for start, _ in sent[1:]]
-        starts = [t, *(start for start in acting if start < end - TIME_ROUNDING)]
-        durations = np.diff([*starts, end])
-        commands = np.array([command for _, command in sent[: len(starts)]])
-        nu, stretches = follow(nu, commands, durations, self._late.lag)
-        with suppress(SingularBasisError):
-            # Of joints alone the mean rate is enough.
-            longest = LONGEST_STEP if dead_time == self._dead_times[0] else MAX_DEAD_TIME
-            for stretch in joined(stretches, longest):
-                q = travel(self._dynamics, q, stretch)
-        return MeasuredSample(end, q, nu)
+        at, starts, k = self._at, self._starts, self._acting(t, dead_time)
+        row, last = self._row(k), self._row(len(starts) - 1)
+        kept, last[0] = float(row[0]), t - starts[-1]
+        row[0] = dead_time + starts[k + 1] - t if k + 1 < len(starts) else dead_time
+        at["q"][:], at["nu"][:], at["lag"][:] = q, nu, self._late.lag
+        self._move(self._first + k, len(starts) - k - (last[0] <= TIME_ROUNDING))
+        row[0] = kept
+        return MeasuredSample(t + dead_time, at["q"].copy(), at["nu"].copy())
+
+    def _acting(self, t: float, dead_time: float) -> int:
+        """Return which of the commands acts at a time (s), after a dead time (s)."""
+        return max(bisect(self._starts, t - dead_time + TIME_ROUNDING) - 1, 0)
+
+    def _row(self, k: int) -> Array:
+        """Return a command's row of the ring: for how long it holds (s), and what it is."""
+        return self._at["acts"][(self._first + k) % MOST_ACTS]
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Speeds:
         """Return the speeds to send, and the limits that bind them.
@@ -381,13 +383,15 @@ class VelocityController:
         """Take note of speeds (dof,) that are sent at a time (s): they act from t + T_d on."""
         self._late.sent(t, nu)
         self._follow(t, nu)
-        while self._sent[-1][0] >= t:  # what brakes a lost robot is sent instead
-            self._sent.pop()
-        self._sent.append((t, nu))
+        while self._starts[-1] >= t:  # what brakes a lost robot is sent instead
+            self._starts.pop()
+        self._row(len(self._starts) - 1)[0] = t - self._starts[-1]
+        self._row(len(self._starts))[1:] = self._command = nu
+        self._starts.append(t)
 
     def last(self, *_: object) -> Speeds:
         """Return the speeds that were sent last: what stands in where there are no others."""
-        return Speeds(self._sent[-1][1])
+        return Speeds(self._command)
 
     def unseen(self, t: float, brakes: bool) -> Array:
         """Return the speeds (dof,) to send at a time (s) without a sample, within their limits.
@@ -395,7 +399,7 @@ class VelocityController:
         Args:
             brakes: Whether they decay, or those that were sent last go on.
         """
-        nu = self._sent[-1][1]
+        nu = self._command
         self._follow(t, nu)
         model, command = self._running.model_nu, Command(nu, 0.0 * nu)
         if brakes:
@@ -409,9 +413,9 @@ class VelocityController:
 
     def coming(self, t: float, nu: Array) -> Array:
         """Return the mean ν̇ (dof,) of the period from a time (s) on, at which ν is (dof,)."""
-        soon = t + 0.5 * self._period + TIME_ROUNDING
+        soon = t + 0.5 * self._period
         acting = [
-            next(command[k] for start, command in reversed(self._sent) if start + dead <= soon)
+            self._row(self._acting(soon, dead))[1 + k]
             for k, dead in enumerate(self._dead_times.tolist())
         ]
         return np.asarray((acting - nu) * self._own[len(nu) :])
@@ -432,9 +436,9 @@ class VelocityController:
         model_nu, model_nu_dot = self._running.model_nu, self._running.model_nu_dot
         if numbers.isnan(self._model_time):
             model_nu[:] = nu
-            self._sent = deque([(-numbers.inf, nu)])
+            self._row(0)[1:] = self._command = nu
         elif t > self._model_time:
-            command, passed = self._sent[-1][1], t - self._model_time
+            command, passed = self._command, t - self._model_time
             lag = np.maximum(self._late.lag, NO_LAG)
             left = np.exp(-passed / lag)  # of the way to the command, as in `follow`
             model_nu_dot[:] = (1.0 - left) * (command - model_nu) / passed

@@ -16,7 +16,7 @@ import numpy as np
 
 from rpctl import __version__
 from rpctl.arrays import Array
-from rpctl.control import estimation, sampling
+from rpctl.control import estimation, safeguards, sampling
 from rpctl.control.bandwidth import USUAL_PERIOD, knowing_delay
 from rpctl.control.controller import Controller, ControllerOutput
 from rpctl.control.dynamic import PaperDynamic
@@ -167,6 +167,7 @@ def _context(made: LawProgram, output: str, law: str, sources: str) -> dict[str,
         "period": made.law.period,
         "rate": round(1.0 / made.law.period),
         "estimation": estimation,
+        "safeguards": safeguards,
         "sampling": sampling,
         "longest_delay": MAX_DEAD_TIME,
         "sent": math.ceil((MAX_DEAD_TIME + sampling.LONGEST_SILENCE) / made.law.period) + 2,
@@ -210,8 +211,9 @@ def _samples(
             "states, too few to prove a controller; rpctl track shows why"
         )
     controller = Controller(
-        robot, lambda t: state, *given, compiled=False, delay=delay, rates="estimated"
-    )
+        robot, lambda t: state, *given, compiled=False, delay=delay, rates="estimated",
+        guards=safeguards.Guards(effort_rate=1e9),  # efforts beyond the limits are compared, too
+    )  # fmt: skip
     nu = np.zeros(robot.dof)
     for k in range(SAMPLES if output == "effort" else 0):
         sent = controller.step(k * made.law.period, q, nu)

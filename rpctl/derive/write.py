@@ -17,6 +17,7 @@ from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.control.twist_law import BaseLaw
 from rpctl.derive.closed_form import ClosedForm, closed_form
 from rpctl.derive.law_program import LawProgram, law_program, law_sheet
+from rpctl.derive.linear_form import linear_form, write_linear
 from rpctl.derive.program import (
     C_FLOAT,
     FUNCTIONS,
@@ -37,25 +38,43 @@ from rpctl.dynamics.symbols.basis import SymbolicConfiguration
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.errors import RpctlError, require_known
 from rpctl.robot.coordinates import BASE_NQ
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import BASE_NV, Robot
 
 FORMATS = ("text", "latex", "python", "c")
 
 
-def derive(robot: Robot, format: str = "text", parameters: bool = False) -> str:
+def derive(
+    robot: Robot, format: str = "text", parameters: bool = False, speed: float | None = None
+) -> str:
     """Derive M ν̇ + h = B τ and write it; [MS21, Eq. 1-5].
+
+    Of a robot that leans the linear equations near a straight run upright are written, see
+    :mod:`rpctl.derive.linear_form`.
 
     Args:
         robot: The robot.
         format: ``"text"`` or ``"latex"``, the closed form of a small robot; ``"python"`` or
             ``"c"``, code with no dependencies for a robot of any size.
         parameters: Whether masses, lengths and inertias stay symbols; not for code.
+        speed: Of a robot that leans, m/s.
 
     Raises:
-        RpctlError: Nothing moves, or the closed form would be too long.
+        RpctlError: Nothing moves, the closed form would be too long, or a robot that leans is asked
+            for what only others have, or the other way round.
         UnknownNameError: The format is not known.
     """
     require_known("format", [format], FORMATS)
+    if isinstance(robot, LeaningRobot):
+        if parameters:
+            raise RpctlError(
+                f"{robot.name} leans: its matrices are numbers; leave --parameters out"
+            )
+        return write_linear(linear_form(robot, speed), format)
+    if speed is not None:
+        raise RpctlError(
+            f"{robot.name} does not lean: its equations hold at any speed; leave --speed out"
+        )
     if format in ("python", "c"):
         if parameters:
             raise RpctlError(f"--format {format} has numbers only; leave --parameters out")

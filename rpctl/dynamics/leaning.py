@@ -25,10 +25,10 @@ from rpctl.arrays import Array
 from rpctl.dynamics.projection import Projection, effort_columns
 from rpctl.dynamics.rolling import RANK_MARGIN, mimic_rows
 from rpctl.errors import RpctlError, SingularBasisError
+from rpctl.kernels.calls import interpreted
 from rpctl.robot.coordinates import ROOT_JOINT
-from rpctl.robot.leaning import FREE_NQ, FREE_NV, UP, Axle, LeaningRobot, contact_arm
+from rpctl.robot.leaning import FREE_NQ, FREE_NV, KEPT_ROBOTS, UP, Axle, LeaningRobot, contact_arm
 
-KEPT_ROBOTS = 4  # whose formulas are kept
 MAX_SETTLING = 20  # steps of Newton's that bring wheels back to the ground
 SETTLED_M = 1e-13  # m, of the robot's size
 
@@ -46,6 +46,7 @@ class LeaningFormulas:
         A: Constraint matrix (rows, nv): mimic joints; both wheels' speeds ahead; their lateral one,
             or a bicycle's two; the rates of both heights.
         W: Selection of the quasi-velocities (dof, nv).
+        L: [A; W] (nv, nv).
         twist: P's speed ahead and to the left, and the turning rate, by v (3, nv).
         rate: q̇ = ``rate`` v, (nq, nv).
     """
@@ -76,23 +77,38 @@ class LeaningFormulas:
         names = [*(swivel.joint for swivel in robot.drive.steered), *robot.joint_names]
         joints = np.eye(robot.nv)[[robot.velocity_index(name) for name in names]]
         self.W = casadi.vertcat(*own, casadi.SX(joints))
+        self.L = casadi.vertcat(self.A, self.W)
+
+    def L_rate(self, v: Any) -> Any:
+        """Return d/dt [A; W] v (nv, 1) at v (nv, 1) held, symbols of its own."""
+        return casadi.jtimes(self.L @ v, self.q, self.rate @ v)
 
     @cached_property
     def functions(self) -> tuple[Callable[..., Any], ...]:
-        """[A; W], its rate times v, the twist's map, and the heights with their rates, at q."""
+        """[A; W], its rate times v, the twist's map, and the heights with the way to 0, at q."""
         v, rows = casadi.SX.sym("v", self.robot.nv), self.A.shape[0]
-        L = casadi.vertcat(self.A, self.W)
-        rate = casadi.jtimes(L @ v, self.q, self.rate @ v)
+        rise = self.A[rows - 2 :, :]
+        back = -rise.T @ casadi.solve(rise @ rise.T, self.heights)
         return (
-            self.function("equations", [self.q], [L]),
-            self.function("rates", [self.q, v], [rate]),
+            self.function("equations", [self.q], [self.L]),
+            self.function("rates", [self.q, v], [self.L_rate(v)]),
             self.function("twist", [self.q], [self.twist]),
-            self.function("heights", [self.q], [self.heights, self.A[rows - 2 :, :]]),
+            self.function("heights", [self.q], [self.heights, back]),
         )
 
-    def function(self, name: str, given: list[Any], found: list[Any]) -> Callable[..., Any]:
+    def function(self, name: str, given: list[Any], found: list[Any]) -> Callable[..., list[Array]]:
         """Return a function of dense arrays."""
-        return casadi.Function(name, given, [casadi.densify(each) for each in casadi.cse(found)])
+        dense = [casadi.densify(each) for each in casadi.cse(found)]
+        shapes, call = (
+            [each.shape for each in found],
+            interpreted(casadi.Function(name, given, dense)),
+        )
+
+        def arrays(*columns: Array) -> list[Array]:
+            flat = zip(call(*columns), shapes, strict=True)
+            return [each.reshape(shape, order="F").copy() for each, shape in flat]
+
+        return arrays
 
     def _rate(self) -> Any:
         """Return the map (nq, nv) from v to q̇."""
@@ -127,13 +143,17 @@ class LeaningFormulas:
         """Return axes (3, 3) and origin (3, 1) in the world of the wheels' joints and all above."""
         model, q = self.robot.model, self.q
         places = {ROOT_JOINT: (self._root_axes(), q[:3])}
-        wanted = {j for axle in self.robot.axles for j in model.supports[axle.joint] if j}
+        wheels = {axle.joint for axle in self.robot.axles}
+        wanted = {j for wheel in wheels for j in model.supports[wheel] if j}
         for joint in sorted(wanted - {ROOT_JOINT}):
             R, p = places[int(model.parents[joint])]
             held = model.jointPlacements[joint]
             p, R = p + R @ held.translation, R @ held.rotation
             name = model.names[joint]
             axis, entry = self.robot.description.joint[name].axis, self.robot.entries[name]
+            if joint in wheels:  # whose spin moves neither axle nor centre
+                places[joint] = R, p
+                continue
             if self.robot.description.joint[name].kind == "prismatic":
                 places[joint] = R, p + R @ axis * q[entry.index]
                 continue
@@ -256,19 +276,19 @@ class LeaningProjector:
 
     def equations(self, q: Array) -> Array:
         """Return [A; W] (nv, nv) at q (nq,)."""
-        return np.asarray(self._functions[0](q).full())
+        return self._functions[0](q)[0]
 
     def equations_rate(self, q: Array, v: Array) -> Array:
         """Return d/dt [A; W] v (nv,) at q (nq,) and v (nv,) held."""
-        return np.asarray(self._functions[1](q, v).full()[:, 0])
+        return self._functions[1](q, v)[0][:, 0]
 
     def twist(self, q: Array) -> Array:
         """Return the map (3, nv) from v to P's twist."""
-        return np.asarray(self._functions[2](q).full())
+        return self._functions[2](q)[0]
 
     def heights(self, q: Array) -> Array:
         """Return how high both wheels' lowest points are (2,), m."""
-        return np.asarray(self._functions[3](q)[0].full()[:, 0])
+        return self._functions[3](q)[0][:, 0]
 
     def at(self, q: Array) -> LeaningProjection:
         """Return the projection at q (nq,).
@@ -300,6 +320,14 @@ class LeaningProjector:
         angles = ", ".join(f"{n} at {robot.joint_position(q, n):.3g}" for n in names)
         return f"tilt {robot.tilt(q):.3g} rad{', ' if angles else ''}{angles}"
 
+    @staticmethod
+    def dexpinv(slide: Array, v: Array) -> Array:
+        """Return dexp⁻¹ of the free-flyer, as :func:`rpctl.dynamics.projection.dexpinv`."""
+        found, u = v.copy(), pin.Motion(slide[:FREE_NV])
+        bracket = u.cross(pin.Motion(v[:FREE_NV]))
+        found[:FREE_NV] += 0.5 * bracket.vector + u.cross(bracket).vector / 12.0
+        return found
+
     def settle(self, q: Array) -> Array:
         """Return q (nq,) moved the least way that brings both wheels back to the ground.
 
@@ -307,8 +335,8 @@ class LeaningProjector:
             RpctlError: No way does.
         """
         for _ in range(MAX_SETTLING):
-            heights, rise = (each.full() for each in self._functions[3](q))
-            if np.abs(heights).max() <= SETTLED_M:
+            heights, back = self._functions[3](q)
+            if max(abs(heights.min()), abs(heights.max())) <= SETTLED_M:
                 return q
-            q = pin.integrate(self.robot.model, q, -np.linalg.pinv(rise) @ heights[:, 0])
+            q = pin.integrate(self.robot.model, q, back)
         raise RpctlError(f"{self.robot.name}: its wheels cannot come back to the ground")

@@ -1,4 +1,4 @@
-"""One step of the motion on the configuration manifold, SE(2) × joints.
+"""One step of the motion on the configuration manifold, SE(2) × joints, or SE(3) × joints.
 
 [ARS97] U. M. Ascher, S. J. Ruuth, R. J. Spiteri, "Implicit-explicit Runge-Kutta methods for
 time-dependent partial differential equations", Applied Numerical Mathematics 25, 1997.
@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
 from rpctl.arrays import Array
+from rpctl.dynamics.projection import dexpinv
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.robot.losses import Losses
@@ -74,19 +75,17 @@ def rk4_step(
 ) -> Step:
     """Advance M ν̇ + h = B τ + ℓ by ``dt`` (s) under a constant τ, explicitly.
 
-    A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the planar
+    A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the
     root, so q stays on the manifold and the order is that of the classical method.
     """
     model, losses = dynamics.robot.model, dynamics.robot.losses
 
     def stage(slide: Array, speed: Array) -> tuple[Array, Array, float]:
         place = pin.integrate(model, q, slide)
-        at = dynamics.at(place)
-        v = at.S.dot(speed)
-        motion.append(v)
         push = None if outside is None else outside(place)
-        power = speed.dot(at.B.dot(tau)) + (0.0 if push is None else speed.dot(push))
-        return dexpinv(slide, v), dynamics.forward(place, speed, tau, push), power
+        v, nu_dot, power = dynamics.rates(place, speed, tau, push)
+        motion.append(v)
+        return dynamics.dexpinv(slide, v), nu_dot, power
 
     motion: list[Array] = []
     half, sixth = 0.5 * dt, dt / 6.0
@@ -99,7 +98,7 @@ def rk4_step(
         v = np.array(motion)
         lost = -float((losses.force(v) * v).sum(axis=1).dot(RK4_WEIGHTS))
     return Step(
-        q=np.asarray(pin.integrate(model, q, sixth * (v1 + 2.0 * (v2 + v3) + v4))),
+        q=dynamics.integrate(q, sixth * (v1 + 2.0 * (v2 + v3) + v4)),
         nu=nu + sixth * (a1 + 2.0 * (a2 + a3) + a4),
         work=float(sixth * (p1 + 2.0 * (p2 + p3) + p4)),
         lost=sixth * lost,
@@ -138,27 +137,15 @@ def imex_step(
     brake = losses.force(v2)
     push = (1.0 - DELTA) * (push + pushed(place)) + (1.0 - GAMMA) * (S.T @ brake)
     a2 = solve_positive(M, push)
-    end = pin.integrate(model, q, dt * (DELTA * v1 + (1.0 - DELTA) * dexpinv(slide, v2)))
+    way = DELTA * v1 + (1.0 - DELTA) * dynamics.dexpinv(slide, v2)
+    end = dynamics.integrate(q, dt * way)
     at = dynamics.at(end)
     after = braked(losses, dynamics.inertia(end), at.S, nu + dt * (DELTA * a1 + a2), own, middle)
     v3 = at.S @ after
     impulse = dt * ((1.0 - GAMMA) * brake + GAMMA * losses.force(v3))
     work = tau @ (start.B.T @ nu + at.B.T @ after) + given @ nu + pushed(end) @ after
     lost = -0.5 * float(impulse @ (v1 + v3))
-    return Step(np.asarray(end), after, 0.5 * dt * float(work), lost)
-
-
-def dexpinv(slide: Array, v: Array) -> Array:
-    """Return dexp⁻¹ of the planar root to second order: v + ½[u, v] + ¹⁄₁₂[u, [u, v]].
-
-    Only the root's three velocities (body frame) fail to commute.
-    """
-    x, y, turn = slide[:3]
-    bx, by = turn * -v[1] + v[2] * y, turn * v[0] - v[2] * x
-    corrected = v.copy()
-    corrected[0] += 0.5 * bx - turn * by / 12.0
-    corrected[1] += 0.5 * by + turn * bx / 12.0
-    return corrected
+    return Step(end, after, 0.5 * dt * float(work), lost)
 
 
 CONVERGED = 1e-9  # of the largest rate: the error after a correction that small is its square
@@ -242,11 +229,7 @@ def follow(nu: Array, commands: Array, durations: Array, lag: Array) -> tuple[Ar
         lag: T of each quasi-velocity (dof,), s.
     """
     x = durations[:, None] / np.maximum(lag, NO_LAG)  # (n, dof)
-    left = np.exp(-x)  # of the distance to the command, after the stretch
-    mean = -np.expm1(-x) / x
-    change = np.where(
-        x > SERIES_RATIO, 12.0 * ((mean - left) / x - 0.5 * mean), x * (0.5 * x - 1.0)
-    )
+    left, mean, change = of_gap(x, np.tanh(0.5 * x), np.where)
     gaps = np.empty_like(x)
     for gap, command, share in zip(gaps, commands, left, strict=True):
         gap[:] = nu - command
@@ -254,51 +237,38 @@ def follow(nu: Array, commands: Array, durations: Array, lag: Array) -> tuple[Ar
     return nu, list(map(Stretch, durations.tolist(), commands + gaps * mean, gaps * change))
 
 
-def joined(stretches: list[Stretch], longest: float) -> list[Stretch]:
-    """Return neighbouring stretches joined until they are as long as ``longest`` (s).
+def of_gap(x: Any, half: Any, chosen: Any) -> tuple[Any, Any, Any]:
+    """Return, of the gap to a held command, what a lag leaves, the mean, and the line's change.
 
-    The integral and the first moment of ν stay exact.
+    Args:
+        x: t/T, numbers or symbols, above 0.
+        half: tanh(x/2), of which e⁻ˣ is made.
+        chosen: What takes a condition and what holds where it is true, and where not.
     """
-    found, group, length = [], list[Stretch](), 0.0
-    for stretch in stretches:
-        if group and length + stretch.duration > longest:
-            found.append(_one(group, length))
-            group, length = [], 0.0
-        group.append(stretch)
-        length += stretch.duration
-    return [*found, _one(group, length)] if group else found
+    left, mean = (1.0 - half) / (1.0 + half), 2.0 * half / (1.0 + half) / x
+    far = 12.0 * ((mean - left) / x - 0.5 * mean)
+    return left, mean, chosen(x > SERIES_RATIO, far, x * (0.5 * x - 1.0))
 
 
-def _one(group: list[Stretch], length: float) -> Stretch:
-    """Return one stretch of this length (s) for those of a group."""
-    if len(group) == 1:
-        return group[0]
-    durations, mean, change = map(np.array, zip(*group, strict=True))
-    middle = np.cumsum(durations) - 0.5 * (durations + length)
-    moment = (durations * middle) @ mean + durations**2 @ change / 12.0
-    return Stretch(length, durations @ mean / length, 12.0 * moment / length**2)
-
-
-def travel(dynamics: ReducedDynamics, q: Array, stretch: Stretch) -> Array:
+def travel(dynamics: Any, q: Any, stretch: Stretch) -> Any:
     """Return q (nq,) after a stretch: q̇ = S(q) ν, by the method of :func:`rk4_step`.
 
     Args:
-        dynamics: The reduced dynamics.
+        dynamics: The reduced dynamics, or the symbolic ones of symbols.
         q: Configuration at the beginning (nq,).
         stretch: ν on the way.
 
     Raises:
         SingularBasisError: On the way the steered wheels fix no one motion.
     """
-    model = dynamics.robot.model
     dt, mean, change = stretch
 
-    def stage(slide: Array, speed: Array) -> Array:
-        S = dynamics.basis(q if dynamics.constant else pin.integrate(model, q, slide))
+    def stage(slide: Any, speed: Any) -> Any:
+        S = dynamics.basis(q if dynamics.constant else dynamics.integrate(q, slide))
         return dexpinv(slide, S @ speed)
 
-    v1 = stage(np.zeros(model.nv), mean - 0.5 * change)
+    v1 = stage(np.zeros(dynamics.robot.nv), mean - 0.5 * change)
     v2 = stage(0.5 * dt * v1, mean)
     v3 = stage(0.5 * dt * v2, mean)
     v4 = stage(dt * v3, mean + 0.5 * change)
-    return np.asarray(pin.integrate(model, q, dt / 6.0 * (v1 + 2.0 * (v2 + v3) + v4)))
+    return dynamics.integrate(q, dt / 6.0 * (v1 + 2.0 * (v2 + v3) + v4))

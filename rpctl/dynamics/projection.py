@@ -205,6 +205,11 @@ class Projector:
             S.setflags(write=False)
             self.constant = LevelProjection(S, self, np.zeros(len(rolling.matrix.harmonics)), None)
 
+    @staticmethod
+    def dexpinv(slide: Array, v: Array) -> Array:
+        """Return dexp⁻¹ of the root; see :func:`dexpinv`."""
+        return np.asarray(dexpinv(slide, v))
+
     def settle(self, q: Array) -> Array:
         """Return q (nq,) as it is: a planar root keeps its wheels on the ground."""
         return q
@@ -289,3 +294,16 @@ def _way_out(robot: Robot, names: list[str]) -> str:
         idle += [f'"{name}" (line {joint[name].line})' for name in base]
         fixes.append("say driven = true of the wheels or swivels in a drive file")
     return f"{', '.join(fixes)}, or give an effort limit above 0 to {', '.join(idle)}"
+
+
+def dexpinv(slide: Any, v: Any) -> Any:
+    """Return dexp⁻¹ of the planar root to second order: v + ½[u, v] + ¹⁄₁₂[u, [u, v]].
+
+    Only the root's three velocities (body frame) fail to commute. Both may be symbols.
+    """
+    x, y, turn = slide[0], slide[1], slide[2]
+    bx, by = turn * -v[1] + v[2] * y, turn * v[0] - v[2] * x
+    corrected = 1.0 * v
+    corrected[0] += 0.5 * bx - turn * by / 12.0
+    corrected[1] += 0.5 * by + turn * bx / 12.0
+    return corrected

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,11 +18,15 @@ from rpctl.arrays import Array
 from rpctl.dynamics.leaning import LeaningProjector
 from rpctl.dynamics.projection import Projection, Projector
 from rpctl.dynamics.rolling import RollingConstraints, find_rolling
+from rpctl.dynamics.symbols.leaning import MotionCode
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.robot.coordinates import ROOT_JOINT, Workspace
-from rpctl.robot.leaning import LeaningRobot
+from rpctl.robot.leaning import KEPT_ROBOTS, LeaningRobot
 from rpctl.robot.losses import Losses
 from rpctl.robot.model import Robot
+
+STATES, SEED = 3, 20070801  # at which machine code is compared with Pinocchio
+SAME = 1e-9  # of the largest acceleration: what may differ
 
 
 class OutsideForce(NamedTuple):
@@ -61,6 +66,10 @@ class ReducedDynamics:
     Attributes:
         columns: Map (nv, n_act) from the actuators' efforts to their generalised force.
     """
+
+    def __new__(cls, robot: Robot, gliding: Collection[str] = ()) -> ReducedDynamics:
+        """Return the dynamics of a robot, of one that leans :class:`LeaningDynamics`."""
+        return object.__new__(LeaningDynamics if isinstance(robot, LeaningRobot) else cls)
 
     def __init__(self, robot: Robot, gliding: Collection[str] = ()) -> None:
         self.robot = robot
@@ -118,6 +127,10 @@ class ReducedDynamics:
         """Return q (nq,) moved along v (nv,) for a time of 1, its wheels on the ground."""
         moved = np.asarray(pin.integrate(self._model, q, v))
         return self._projector.settle(moved)
+
+    def dexpinv(self, slide: Array, v: Array) -> Array:
+        """Return dexp⁻¹ of the root; see :func:`rpctl.dynamics.projection.dexpinv`."""
+        return self._projector.dexpinv(slide, v)
 
     def twist(self, q: Array, nu: Array) -> Array:
         """Return the base's twist (3,) at ν: P's speed forward and left (m/s), turning rate."""
@@ -193,6 +206,14 @@ class ReducedDynamics:
         if info:
             raise RpctlError(f"{self.robot.name}: the reduced inertia is not positive definite")
         return np.asarray(nu_dot)
+
+    def rates(
+        self, q: Array, nu: Array, tau: Array, outside: Array | None = None
+    ) -> tuple[Array, Array, float]:
+        """Return v (nv,), ν̇ (dof,) and the power (W) of what drives; see :meth:`forward`."""
+        at = self.at(q)
+        power = nu.dot(at.B.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
+        return at.S.dot(nu), self.forward(q, nu, tau, outside), power
 
     def lossless(self, q: Array, nu: Array, tau: Array) -> tuple[Array, Array]:
         """Return M (dof, dof) and B τ − h (dof,): M ν̇ = B τ − h + ℓ.
@@ -338,6 +359,53 @@ def find_projector(robot: Robot, gliding: Collection[str] = ()) -> Projector | L
     if isinstance(robot, LeaningRobot):
         return LeaningProjector(robot)
     return Projector(robot, find_rolling(robot, gliding))
+
+
+class Required(NamedTuple):
+    """What a motion takes of the actuators, and what these can give."""
+
+    force: Array  # (dof,) M ν̇ + h − ℓ
+    B: Array  # (dof, n_act)
+    twist: Array  # (3,) of the base
+
+
+class LeaningDynamics(ReducedDynamics):
+    """The same of a robot that leans, with machine code for what a loop asks at each sample."""
+
+    robot: LeaningRobot
+
+    def rates(
+        self, q: Array, nu: Array, tau: Array, outside: Array | None = None
+    ) -> tuple[Array, Array, float]:
+        """Return v (nv,), ν̇ (dof,) and the power (W) of what drives; see :meth:`forward`."""
+        code = motion_code(self.robot)
+        found = None if code is None else code(q, nu, tau, outside)
+        if found is None:
+            return super().rates(q, nu, tau, outside)
+        power = found.v.dot(self.columns.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
+        return found.v.copy(), found.nu_dot.copy(), float(power)
+
+    def required(self, q: Array, nu: Array, nu_dot: Array) -> Required:
+        """Return what a motion takes; see :meth:`inverse`."""
+        code = motion_code(self.robot)
+        found = None if code is None else code(q, nu)
+        if found is None:
+            return Required(self.inverse(q, nu, nu_dot), self.actuation(q), self.twist(q, nu))
+        force = found.M.dot(nu_dot) + found.bias
+        return Required(force, found.S.T.dot(self.columns), found.twist.copy())
+
+
+@lru_cache(maxsize=KEPT_ROBOTS)
+def motion_code(robot: LeaningRobot) -> MotionCode | None:
+    """Return the equations of motion as machine code; None if its numbers are not Pinocchio's."""
+    code, dynamics, rng = MotionCode(robot), ReducedDynamics(robot), np.random.default_rng(SEED)
+    for _ in range(STATES):
+        q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+        tau = rng.normal(size=len(robot.actuators))
+        found, wanted = code(q, nu, tau), dynamics.forward(q, nu, tau)
+        if found is None or np.abs(found.nu_dot - wanted).max() > SAME * np.abs(wanted).max():
+            return None
+    return code
 
 
 class LinkWrench(Protocol):

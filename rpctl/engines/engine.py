@@ -139,7 +139,8 @@ def wheel_slip(robot: Robot, wheel: Wheel, motion: LinkMotion) -> tuple[float, f
     ahead = start[1] * math.cos(heading) - start[0] * math.sin(heading)
     axle = motion.rotation @ np.array(wheel.axis)
     down = axle[2] * axle - np.array([0.0, 0.0, 1.0])
-    arm = wheel.offset * axle + wheel.radius * down / np.linalg.norm(down)
+    arm = wheel.offset * axle + (wheel.radius - wheel.tyre) * down / np.linalg.norm(down)
+    arm[2] -= wheel.tyre
     velocity = motion.velocity + np.cross(motion.omega, arm)
     left = (-1.0 if ahead < -LEVEL else 1.0) * axle[:2] / math.hypot(*axle[:2])
     return float(velocity[0] * left[1] - velocity[1] * left[0]), float(velocity[:2] @ left)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,12 +15,13 @@ from scipy.optimize import brentq
 from rpctl.arrays import Array
 from rpctl.drive.drive import LEANING_BICYCLE, Wheel
 from rpctl.errors import RpctlError
-from rpctl.robot.coordinates import ROOT_JOINT
+from rpctl.robot.coordinates import ROOT_JOINT, Workspace
 from rpctl.robot.model import NamedState, Robot
 
 FREE_NQ, FREE_NV = 7, 6  # x, y, z and a quaternion (x, y, z, w); linear and angular velocity
 MAX_TILT = 1.2  # rad; a robot that pitches or rolls so far lies on the ground
 MAX_DRAWN_TILT = 0.5  # rad; of random configurations
+KEPT_ROBOTS = 4  # of which something is kept
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -140,10 +141,11 @@ class LeaningRobot(Robot):
                                + joint.mimic.offset)  # fmt: skip
 
     def _attitude(self, theta: float, tilt: float, other: float) -> Array:
-        """Return the root link's quaternion (4,): heading, then pitch, then roll."""
+        """Return the root link's quaternion (4,): heading, then roll, then pitch about its axle."""
         pitch, roll = (other, tilt) if self.rolls_sideways else (tilt, other)
         ahead = pin.rpy.rpyToMatrix(0.0, 0.0, self.drive.heading)
-        lean = ahead @ pin.rpy.rpyToMatrix(roll, pitch, 0.0) @ ahead.T
+        rolled, pitched = pin.rpy.rpyToMatrix(roll, 0.0, 0.0), pin.rpy.rpyToMatrix(0.0, pitch, 0.0)
+        lean = ahead @ rolled @ pitched @ ahead.T
         turn = pin.rpy.rpyToMatrix(0.0, 0.0, theta)
         return np.asarray(pin.Quaternion(turn @ lean).coeffs())
 
@@ -160,20 +162,37 @@ class LeaningRobot(Robot):
         P is where a bicycle's rear wheel touches the ground, else the middle between both wheels'
         contacts; forward is across their axles.
         """
-        data = self.model.createData()
+        return np.array(self.seen(q)[:3])
+
+    def seen(self, q: Array) -> tuple[float, float, float, float]:
+        """Return the pose of P and the tilt at q (nq,), m and rad; the thread's last are kept."""
+        last, key = _last_seen(self), q.tobytes()
+        if last.key != key:
+            last.key, last.seen = key, self._see(q, last.data)
+        return last.seen
+
+    def _see(self, q: Array, data: pin.Data) -> tuple[float, float, float, float]:
         pin.forwardKinematics(self.model, data, q)
         held = [axle for axle in self.axles if not axle.steers]
         places = [data.oMi[axle.joint] for axle in held]
-        lefts = [place.rotation @ axle.left for place, axle in zip(places, held, strict=True)]
-        x, y, _ = np.mean(
-            [
-                place.act(axle.centre) + contact_arm(left, axle, math.sqrt)
-                for place, axle, left in zip(places, held, lefts, strict=True)
-            ],
-            axis=0,
-        )
-        left = np.sum(lefts, axis=0)
-        return np.array([x, y, math.atan2(-left[0], left[1])])
+        lefts = [(o.rotation @ axle.left).tolist() for o, axle in zip(places, held, strict=True)]
+        x = y = across = ahead = 0.0
+        for place, axle, left in zip(places, held, lefts, strict=True):
+            centre, arm = place.act(axle.centre).tolist(), contact_arm(left, axle, math.sqrt)
+            x, y = x + (centre[0] + arm[0]) / len(held), y + (centre[1] + arm[1]) / len(held)
+            across, ahead = across - left[0], ahead + left[1]
+        tilt = self._tilt(lefts[0], data.oMi[ROOT_JOINT].rotation[:, 2].tolist())
+        return x, y, math.atan2(across, ahead), tilt
+
+    def _tilt(self, left: Sequence[float], upright: Sequence[float]) -> float:
+        """Return its pitch or roll, rad, by an axle and the root link's upward axis."""
+        a, b, c = left
+        if self.rolls_sideways:
+            return math.asin(min(max(c, -1.0), 1.0))
+        level = math.hypot(a, b)
+        over = -a * c, -b * c, level * level  # times ``level``: ahead × left
+        sine = upright[0] * b - upright[1] * a
+        return math.atan2(sine, sum(u * v for u, v in zip(upright, over, strict=True)))
 
     def base_poses(self, q: Array) -> Array:
         """Return the poses (K, 3) of P at q (K, nq), as :meth:`base_pose`."""
@@ -187,7 +206,7 @@ class LeaningRobot(Robot):
 
     def level_place(self, q: Array) -> list[float]:
         """Return where the robot stands, seen from above: x and y of P (m), cosine and sine."""
-        x, y, theta = self.base_pose(q).tolist()
+        x, y, theta, _ = self.seen(q)
         return [x, y, math.cos(theta), math.sin(theta)]
 
     def configuration_at(
@@ -259,22 +278,14 @@ class LeaningRobot(Robot):
         """Return the state that q (nq,) and ν (dof,) stand for, by names; its tilt is left out."""
         count = len(self.drive.base_speeds)
         x, y, _ = q[:3].tolist()
-        theta = self.base_pose(q)[2] - self.drive.heading
+        theta = self.seen(q)[2] - self.drive.heading
         positions = {name: self.joint_position(q, name) for name in self.moving_joint_names}
         rates = dict(zip(self.joint_names, nu[count:].tolist(), strict=True))
-        return NamedState((x, y, float(theta)), tuple(nu[:count].tolist()), positions, rates)
+        return NamedState((x, y, theta), tuple(nu[:count].tolist()), positions, rates)
 
     def tilt(self, q: Array) -> float:
         """Return its pitch, or a bicycle's roll, at q (nq,), rad."""
-        data = self.model.createData()
-        pin.forwardKinematics(self.model, data, q)
-        held = next(axle for axle in self.axles if not axle.steers)
-        left = data.oMi[held.joint].rotation @ held.left
-        if self.rolls_sideways:
-            return math.asin(float(np.clip(left[2], -1.0, 1.0)))
-        ahead = np.array([left[1], -left[0], 0.0]) / math.hypot(left[0], left[1])
-        upright = data.oMi[ROOT_JOINT].rotation @ UP
-        return math.atan2(upright @ ahead, upright @ np.cross(ahead, left))
+        return self.seen(q)[3]
 
     def random_configuration(self, rng: np.random.Generator) -> Array:
         """Return a random q (nq,) with both wheels on the ground; as of any robot.
@@ -289,6 +300,17 @@ class LeaningRobot(Robot):
                 return self.configuration(x, y, float(theta), positions, float(tilt))
             except RpctlError:  # legs that reach the ground with no attitude
                 continue
+
+
+class _LastSeen(Workspace):
+    """Where a robot was found last, in each thread."""
+
+    key, seen = b"", (0.0, 0.0, 0.0, 0.0)
+
+
+@lru_cache(maxsize=KEPT_ROBOTS)
+def _last_seen(robot: LeaningRobot) -> _LastSeen:
+    return _LastSeen(robot.model)
 
 
 def lies(q: Array) -> bool:

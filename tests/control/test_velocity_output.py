@@ -20,6 +20,7 @@ from rpctl import (
 from rpctl.arrays import Array
 from rpctl.control.error import tracking_error
 from rpctl.control.law import KinematicLaw
+from rpctl.control.law_kernel import running_laws
 from rpctl.control.transition import Following
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.errors import UnknownNameError
@@ -314,6 +315,34 @@ def test_the_prediction_goes_by_what_was_learnt(paper: Robot) -> None:
         q, nu, *_ = plant.advance(q, nu)
     assert foretold[-6].t == pytest.approx(294 * period + 0.1, abs=1e-6)
     np.testing.assert_allclose(foretold[-6].nu, came[-1], atol=0.01)
+
+
+@pytest.mark.parametrize(("name", "compiled"), [("paper", True), ("tricycle", False)])
+def test_base_and_arm_are_foretold_each_over_its_own_dead_time(name: str, compiled: bool) -> None:
+    """What the plant comes to, whose motion is NumPy's and Pinocchio's: to 1e-10."""
+    robot, period = rpctl.load(name), 0.02
+    dynamics, arm = ReducedDynamics(robot), dict.fromkeys(robot.joint_names, 0.05)
+    output = VelocityOutput(0.15, 0.1, lags=arm, dead_times=arm)
+    lag, dead = (of(robot.quasi_velocities) for of in (output.lag_of, output.dead_times_of))
+    plant = VelocityPlant(dynamics, lag, dead, period, period)
+    running = running_laws(None, output, dynamics, period, None, compiled)
+    controller = output.start(dynamics, period, running=running)
+    q, nu = robot.configuration_at(np.zeros(3), robot.home), np.zeros(robot.dof)
+    foretold, states, commands = [], [], []
+    for k in range(40):
+        foretold.append(controller.predict(k * period, q, nu))
+        states.append((q, nu))
+        commands.append(0.3 * np.sin(k * period * np.arange(2.0, 2.0 + robot.dof)))
+        controller.sent(k * period, commands[-1])
+        plant.send(commands[-1])
+        q, nu, *_ = plant.advance(q, nu)
+    at, n = foretold[30], len(robot.joints)
+    later, sooner = states[35], states[32]
+    np.testing.assert_allclose(at.nu[:-n], later[1][:-n], atol=1e-10)
+    np.testing.assert_allclose(robot.base_pose(at.q), robot.base_pose(later[0]), atol=1e-10)
+    # The arm's dead time ends half a sample later than one: 10 ms of a lag of 50 ms.
+    left = np.exp(-0.2) * (sooner[1] - commands[29])
+    np.testing.assert_allclose(at.nu[-n:], (commands[29] + left)[-n:], atol=1e-10)
 
 
 def test_a_lag_of_nothing_is_refused(paper: Robot) -> None:

@@ -9,10 +9,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, cast
 
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach, ApproachStage
+from rpctl.control.horizon.leaning import LeaningHorizon, LeaningHorizonLaw
 from rpctl.control.horizon.planner import Asked, Follower, HorizonPlan, Planned, Planner, Planning
 from rpctl.control.horizon.process import PlanningProcess
 from rpctl.control.horizon.settings import PlannerSettings
@@ -20,9 +21,10 @@ from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, 
 from rpctl.control.sampling import TIME_ROUNDING
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import SingularBasisError
+from rpctl.errors import SingularBasisError, UnfitLawError
 from rpctl.files.records import Setting
 from rpctl.reference.motion import Reference
+from rpctl.robot.leaning import LeaningRobot
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,9 @@ class Horizon(PlannerSettings):
             "waits. Give false where you simulate the samples yourself, faster than time.",
         ),
     ] = True
+    leaning: Annotated[LeaningHorizon, Setting("", "", "On robots that lean.")] = field(
+        default_factory=LeaningHorizon
+    )
     approach: Annotated[
         Approach | None,
         Setting(
@@ -82,6 +87,13 @@ class Horizon(PlannerSettings):
         Raises:
             RpctlError: The process that plans cannot be started.
         """
+        if isinstance(dynamics.robot, LeaningRobot):
+            if self.base_obstacles or self.end_effector_obstacles or self.body_clearance:
+                raise UnfitLawError(
+                    f"{dynamics.robot.name} leans: the horizon law keeps it clear of nothing; "
+                    "leave out obstacles and body_clearance"
+                )
+            return cast(HorizonLaw, LeaningHorizonLaw(self.leaning, dynamics, period))
         process = None
         if self.asynchronous and _simulated.get() is None:
             process = PlanningProcess(self, dynamics.robot)  # it starts while this one goes on

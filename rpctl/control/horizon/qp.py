@@ -343,7 +343,7 @@ class CondensedQp:
         W[:m, :m] += A @ pull
         room = by_slack.sum(axis=1) * FREE_SLACK
         room[:m] -= excess[candidates]
-        multipliers = _least_multipliers(W, room)
+        multipliers = least_multipliers(W, room)
         if multipliers is None:
             return None
         slacks = self._slacks.copy()
@@ -352,7 +352,7 @@ class CondensedQp:
         return u, slacks, candidates[multipliers[:m] > 0.0]
 
 
-def _least_multipliers(W: Array, room: Array) -> Array | None:
+def least_multipliers(W: Array, room: Array) -> Array | None:
     """Return the λ ≥ 0 of least ½ λᵀ W λ + λᵀ room; None if there is none.
 
     With L Lᵀ = W these are the multipliers of the shortest w with L w ≤ room.

@@ -127,6 +127,11 @@ class SymbolicDynamics:
         return self._numbers.scalars()
 
     @property
+    def constant(self) -> bool:
+        """Whether S is the same at every q."""
+        return self._projector.constant is not None
+
+    @property
     def lossy(self) -> bool:
         """Whether joints have damping or friction."""
         varied = self._numbers.varied

@@ -19,6 +19,7 @@ from rpctl.drive.drive import Wheel
 from rpctl.dynamics.stance import find_supports
 from rpctl.engines.mujoco.bodies import body_name, is_physical, place_in_body
 from rpctl.engines.mujoco.settings import ContactSettings
+from rpctl.equivalence.contact.leaning_body import half_width
 from rpctl.equivalence.contact.model import about, geom_size, support_shapes, tyre
 from rpctl.equivalence.contact.mujoco_body import (
     add_shape,
@@ -26,6 +27,7 @@ from rpctl.equivalence.contact.mujoco_body import (
     vertical_inverse_masses,
 )
 from rpctl.equivalence.mujoco_engine import Inertial, combined
+from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
 GROUND = "ground"  # name of the ground's geom
@@ -120,7 +122,8 @@ class GroundContacts:
     def _wheel_body(self, wheel: Wheel) -> Any:
         return self._spec.body(body_name(self._robot.description.joint[wheel.joint].child))
 
-    def _add_wheel(self, wheel: Wheel) -> None:
+    def _tread(self, wheel: Wheel) -> tuple[str, list[float]]:
+        """Return the shape of a wheel's tread, and its size as MuJoCo counts it."""
         settings, half_width = self._settings, 0.0
         if settings.wheel_width is not None:
             half_width = 0.5 * settings.wheel_width
@@ -128,15 +131,18 @@ class GroundContacts:
             tread = tyre(self._robot, wheel)
             half_width = tread.half_width
             self.notes += [tread.note] if tread.note else []
-        kind, size = "cylinder", [wheel.radius, half_width, 0.0]
         if settings.wheel_shape == "crowned":
-            kind, size = "ellipsoid", [wheel.radius, wheel.radius, half_width]
+            return "ellipsoid", [wheel.radius, wheel.radius, half_width]
+        return "cylinder", [wheel.radius, half_width, 0.0]
+
+    def _add_wheel(self, wheel: Wheel) -> None:
+        kind, size = self._tread(wheel)
         axis = np.array(wheel.axis)
         pose = about(axis)
         pose[:3, 3] = wheel.offset * axis
         # A ball that slides, though its file lets it turn one way.
         ball = wheel.slides and not wheel.driven and "sphere" in wheel.source
-        friction = settings.caster_friction if ball else self._friction
+        friction = self._settings.caster_friction if ball else self._friction
         self._add(self._wheel_body(wheel), wheel.joint, kind, size, pose, friction)
         self.owners[wheel.joint] = wheel.joint
 
@@ -252,6 +258,23 @@ class GroundContacts:
             for numbers in (pair.solref, pair.solreffriction):
                 if numbers[0] < 0.0:  # stiffness and damping, not a time constant
                     numbers[:] = [scale * value for value in numbers]
+
+
+class LeaningContacts(GroundContacts):
+    """Adds what meets the ground of a robot that leans: its tyres, each at one point."""
+
+    def __init__(self, spec: Any, robot: Robot, settings: ContactSettings, friction: float) -> None:
+        if settings.props:
+            raise RpctlError(
+                f"{robot.name} leans on two wheels, which props would take from it; leave them out "
+                "of [plant.contact]"
+            )
+        super().__init__(spec, robot, settings, friction)
+
+    def _tread(self, wheel: Wheel) -> tuple[str, list[float]]:
+        width = self._settings.wheel_width
+        breadth = half_width(wheel) if width is None else 0.5 * width
+        return "ellipsoid", [wheel.radius, wheel.radius, breadth]
 
 
 def _harder(impedance: float, ratio: float) -> float:

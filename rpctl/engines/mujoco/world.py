@@ -14,7 +14,7 @@ from rpctl.arrays import Array
 from rpctl.drive.steering import MAX_STEERING, follower_positions
 from rpctl.engines.engine import LinkMotion, wheel_slips
 from rpctl.engines.mujoco.bodies import add_bodies, add_motors, body_name
-from rpctl.engines.mujoco.ground import GRIP, GROUND, GroundContacts
+from rpctl.engines.mujoco.ground import GRIP, GROUND, GroundContacts, LeaningContacts
 from rpctl.engines.mujoco.settings import BASE, LEAST, ContactSettings, Heights, read_heights
 from rpctl.equivalence.contact.mujoco_body import MujocoBody, add_tie, mujoco_library, muted
 from rpctl.errors import DivergedError, RpctlError, require_positive
@@ -48,13 +48,19 @@ class MujocoWorld(MujocoBody):
         if self._tied:
             self.tie()
 
+    def _held(self) -> Array:
+        """Return what is held while the robot settles, 1 or 0 of each coordinate (nv,): joints."""
+        held = np.ones(self.mjm.nv)
+        held[self.root_rate] = 0.0
+        return held
+
     def settle(self) -> None:
         """Let the robot sink into its contacts, all joints held."""
         model, data = self.mjm, self.data
         armature, flags = model.dof_armature.copy(), int(model.opt.disableflags)
         off = self.mujoco.mjtDisableBit
         model.opt.disableflags |= int(off.mjDSBL_LIMIT) | int(off.mjDSBL_EQUALITY)
-        model.dof_armature[self.root_rate.stop :] += HELD
+        model.dof_armature += HELD * self._held()
         model.opt.timestep = self._timestep
         self.mujoco.mj_step1(model, data)  # with these
         start, seen = data.time, self.q
@@ -251,7 +257,8 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     _add_ground(spec, friction, heights)
     repairs = add_bodies(spec, robot, settings)
     add_motors(spec, robot)
-    ground = GroundContacts(spec, robot, settings, friction)
+    kind = LeaningContacts if robot.drive.leans else GroundContacts
+    ground = kind(spec, robot, settings, friction)
     ground.add_all()
     stiffness = [TIE_STEPS * settings.timestep, 1.0], TIE_SOLIMP
     for joint in robot.mimics:

@@ -223,12 +223,17 @@ class MujocoBody:
     @property
     def q(self) -> Array:
         """Configuration (nq,) seen from above."""
-        q, positions = np.zeros(self.robot.nq), self.data.qpos[self._joints[0]]
+        q = np.zeros(self.robot.nq)
         write_root(q, *self.planar.tolist())
+        self._write_joints(q)
+        return q
+
+    def _write_joints(self, q: Array) -> None:
+        """Write where the moving joints are into q (nq,), in place."""
+        positions = self.data.qpos[self._joints[0]]
         q[self._index] = positions
         pairs, angles = self._index[self._pair], positions[self._pair]
         q[pairs], q[pairs + 1] = np.cos(angles), np.sin(angles)
-        return q
 
     @property
     def v(self) -> Array:

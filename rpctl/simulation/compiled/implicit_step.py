@@ -11,7 +11,15 @@ from typing import Any
 
 import casadi
 
-from rpctl.dynamics.motion import CONVERGED, DELTA, GAMMA, NEWTON_STEPS, OVERSHOOT, SURE_STEPS
+from rpctl.dynamics.motion import (
+    CONVERGED,
+    DELTA,
+    GAMMA,
+    NEWTON_STEPS,
+    OVERSHOOT,
+    SURE_STEPS,
+)
+from rpctl.dynamics.projection import dexpinv
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Place, Statement, Until, When, statement, symbolic
 from rpctl.kernels.scalars import (
@@ -322,9 +330,6 @@ def _least_rate(robot: Robot) -> float:
     return SLIDING_RATE if "prismatic" in kinds else TURNING_RATE
 
 
-ROOT_NV = 3  # velocities of the planar root
-
-
 @dataclass(frozen=True, eq=False)
 class PlantBuffers:
     """What a plant works on.
@@ -354,11 +359,3 @@ def plant_places(dynamics: SymbolicDynamics, at: PlantBuffers) -> dict[str, Plac
 def places(prefix: str, **sizes: int) -> dict[str, Place]:
     """Return new buffers with symbols, by name."""
     return {name: symbolic(Buffer(f"{prefix} {name}", size)) for name, size in sizes.items()}
-
-
-def dexpinv(slide: Any, v: Any) -> Any:
-    """Return dexp⁻¹ of the planar root to second order, see ``dynamics.motion.dexpinv``."""
-    x, y, turn = (slide[i] for i in range(ROOT_NV))
-    bx, by = turn * -v[1] + v[2] * y, turn * v[0] - v[2] * x
-    change = casadi.vertcat(0.5 * bx - turn * by / 12.0, 0.5 * by + turn * bx / 12.0)
-    return v + casadi.vertcat(change, casadi.SX(v.numel() - 2, 1))

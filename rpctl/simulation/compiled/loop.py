@@ -14,6 +14,7 @@ import casadi
 from rpctl.arrays import Array
 from rpctl.control.fragment import LawFragment
 from rpctl.control.twist_law import symbolic_error
+from rpctl.dynamics.projection import dexpinv
 from rpctl.dynamics.stops import Stops
 from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.machine_code import MachineCode
@@ -34,7 +35,6 @@ from rpctl.robot.model import Robot
 from rpctl.simulation.compiled.implicit_step import (
     ImplicitStep,
     PlantBuffers,
-    dexpinv,
     places,
     plant_places,
 )

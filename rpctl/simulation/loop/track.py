@@ -255,7 +255,7 @@ def _header(loop: Loop, derivation: Derivation, certificate: Certificate | None)
     known = ReducedDynamics(plant.known_robot(robot))
     return Header(
         robot=robot_facts(robot),
-        ground=ground_facts(derivation.contacts, config.run.friction),
+        ground=ground_facts(robot, derivation.contacts, config.run.friction),
         config=recorded(config, loop.steps),
         controller_model=None if plant.controller_model is None else plant.controller_model.name,
         kinematic_report={},

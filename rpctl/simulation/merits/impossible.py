@@ -43,7 +43,8 @@ FAST = 1.5  # of its limit: a joint that turns faster is thrown
 
 def impossible(run: Run) -> Outcome | None:
     """Return what makes a run impossible, the worst first; None if nothing does."""
-    found = _fell(run) or _jack_knifed(run) or _tips(run) or _slips(run) or _cannot_hold(run)
+    falls = _fell if run.robot.drive.leans else _tips
+    found = _jack_knifed(run) or falls(run) or _slips(run) or _cannot_hold(run)
     return found or _lost(run) or _chatters(run)
 
 
@@ -70,8 +71,6 @@ def _jack_knifed(run: Run) -> Outcome | None:
 
 def _fell(run: Run) -> Outcome | None:
     """Return that a robot that leans has leant too far to come back."""
-    if not run.robot.drive.leans:
-        return None
     lean = 2.0 * np.arcsin(np.minimum(np.hypot(*run.q[:, 3:5].T), 1.0))
     if lean.max() <= LYING:
         return None

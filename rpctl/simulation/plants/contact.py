@@ -7,17 +7,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from rpctl.arrays import Array
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
+from rpctl.dynamics.leaning import LeaningProjector
 from rpctl.dynamics.motion import Step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.rolling import find_rolling, selection
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.engines.mujoco.world import MujocoWorld, build
+from rpctl.equivalence.contact.leaning_body import LeaningBody
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config
@@ -30,6 +33,7 @@ STEEP = 0.7  # rad: likewise on a ground that is no plane
 REACH = 1.0  # m about the root link: nothing of the ground there stands above where it is let fall
 TOLD_TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
 TOLD_SINK = 2e-3  # m, likewise
+TYRES = "its wheels are tyres with the section that the drive has, which touch at one point each"
 
 
 class MujocoMotion(MujocoWorld):
@@ -52,14 +56,17 @@ class MujocoMotion(MujocoWorld):
     def __init__(self, robot: Robot, settings: ContactSettings, friction: float, q: Array) -> None:
         built = build(robot, settings, friction)
         super().__init__(robot, built)
-        self._selection = selection(robot, find_rolling(robot))
         self._level = built.heights is None
         self._height = 0.0 if built.heights is None else built.heights.highest(q[0], q[1], REACH)
-        self.place(q, self._height - robot.drive.ground)
+        self.place(q, self._height - robot.drive.floor)
         self.settle()
         self._require_standing(MAX_TILT if self._level else STEEP)
         self._before = self.energy
         self.notes: tuple[str, ...] = (*built.repairs, *built.notes, *self._settled_notes())
+
+    @cached_property
+    def _selection(self) -> Array:
+        return selection(self.robot, find_rolling(self.robot))
 
     @property
     def nu(self) -> Array:
@@ -107,6 +114,38 @@ class MujocoMotion(MujocoWorld):
         if abs(sink) > TOLD_SINK and self._level:
             said += (f"its root link stands {1e3 * sink:.1f} mm lower than the file has it",)
         return said
+
+
+class LeaningMotion(LeaningBody, MujocoMotion):
+    """A robot that leans in MuJoCo, put into balance; see :class:`MujocoMotion`.
+
+    While it settles in its contacts, its tilt and its heading are held.
+    """
+
+    @cached_property
+    def _projector(self) -> LeaningProjector:
+        return LeaningProjector(self.robot)
+
+    @property
+    def nu(self) -> Array:
+        """Quasi-velocities (dof,) of the motion that it has, rolling or not."""
+        return np.asarray(self._projector.equations(self.q)[self._projector.rows :] @ self.v)
+
+    def _held(self) -> Array:
+        held, heading = super()._held(), self.robot.drive.heading
+        along = heading if self.robot.rolls_sideways else heading + 0.5 * math.pi
+        held[self.root_rate][3:] = abs(math.cos(along)), abs(math.sin(along)), 1.0
+        return held
+
+    def _return(self, q: Array) -> None:
+        self.data.qpos[:2] = q[:2]
+        self.set_joints(q)
+
+    def _require_standing(self, most: float) -> None:
+        """Take it as it is: what holds it up is its controller."""
+
+    def _settled_notes(self) -> tuple[str, ...]:
+        return (TYRES,)
 
 
 WHEEL_TIME = 0.01  # s in which a wheel's servo comes to its speed, were there no limit of effort

@@ -20,7 +20,8 @@ import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from rpctl.arrays import Array
-from rpctl.dynamics.motion import DELTA, GAMMA, dexpinv, solve_positive
+from rpctl.dynamics.motion import DELTA, GAMMA, solve_positive
+from rpctl.dynamics.projection import dexpinv
 from rpctl.dynamics.stance import ContactLoads, share_load
 from rpctl.dynamics.stops import Stops, impact, stopped
 from rpctl.errors import RpctlError

@@ -15,7 +15,7 @@ from rpctl.errors import RpctlError, require_known
 from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
-from rpctl.simulation.plants.contact import MujocoMotion, ServoInterface
+from rpctl.simulation.plants.contact import LeaningMotion, MujocoMotion, ServoInterface
 from rpctl.simulation.plants.interfaces import (
     ArmInterface,
     EffortInterface,
@@ -145,7 +145,8 @@ def start_motion(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Motio
     if plant.kind == "slipping":
         return SlippingMotion(dynamics.robot, plant.slipping, run.friction, rest.q, run.plant_step)
     if plant.kind == "contact":
-        return MujocoMotion(dynamics.robot, plant.contact, run.friction, rest.q)
+        kind = LeaningMotion if isinstance(dynamics.robot, LeaningRobot) else MujocoMotion
+        return kind(dynamics.robot, plant.contact, run.friction, rest.q)
     return RollingMotion(dynamics, rest.q, run.plant_step)
 
 

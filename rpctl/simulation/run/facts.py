@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from rpctl.drive.drive import BASE_SPEEDS, TRAILING, Drive
 from rpctl.dynamics.ground_reaction import Contacts
 from rpctl.robot.model import Robot
@@ -151,7 +153,8 @@ class GroundFacts:
     """How the robot of a run stands on the ground.
 
     Attributes:
-        contacts: Names of the contacts, wheels first; none for a fixed base.
+        contacts: Names of the contacts, wheels first; none for a fixed base, and of a robot that
+            leans its wheels.
         points: Their places (x, y) in the root link's frame, joints at 0 or frozen, m.
         axles: Wheels (indices) that share each lateral force.
         notes: What keeps loads and margins from being defined or unique.
@@ -230,15 +233,24 @@ def _has_masses_of_file(robot: Robot) -> bool:
     return math.isclose(robot.mass, described, rel_tol=1e-9)
 
 
-def ground_facts(contacts: Contacts | None, friction: float) -> GroundFacts:
+def ground_facts(robot: Robot, contacts: Contacts | None, friction: float) -> GroundFacts:
     """Return what a run keeps of its contacts with the ground.
 
     Args:
-        contacts: None for a fixed base.
+        robot: The robot.
+        contacts: None for a fixed base, and of one that leans: its wheels.
         friction: Coefficient between wheels and ground.
     """
     if contacts is None:
-        return GroundFacts((), (), (), (), friction)
+        wheels = robot.drive.wheels
+        poses = [robot.tree.pose(robot.description.joint[wheel.joint].child) for wheel in wheels]
+        points = tuple(
+            (float(x), float(y))
+            for pose, wheel in zip(poses, wheels, strict=True)
+            for x, y, _ in [pose[:3, 3] + wheel.offset * pose[:3, :3] @ np.array(wheel.axis)]
+        )
+        names = tuple(wheel.joint for wheel in wheels)
+        return GroundFacts(names, points, (), (), friction, len(names))
     return GroundFacts(
         contacts=contacts.names,
         points=tuple((x, y) for x, y in contacts.points.tolist()),

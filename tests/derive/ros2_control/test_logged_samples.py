@@ -42,6 +42,7 @@ class Told(NamedTuple):
     rates: str | None
     measure: Measured = lambda t, q, nu: (t, q, nu)
     period: float = BINARY  # s
+    effort_rate: float | None = None  # 1/s
 
 
 class Logged(NamedTuple):
@@ -109,10 +110,14 @@ def hidden(t: float, q: Array, nu: Array) -> tuple[float, Array, Array]:
     return t, q, np.full_like(nu, np.nan)
 
 
-def driven_along(controller: Driven, samples: Logged) -> tuple[Array, list[float]]:
+def driven_along(
+    controller: Driven, samples: Logged, effort_rate: float | None = None
+) -> tuple[Array, list[float]]:
     """Return what an exported controller sends at samples, and its costs."""
     count = len(samples.commands)
     words = [f"start {controller.name} 500", "chained 1", "configure", "activate"]
+    if effort_rate is not None:
+        words.insert(1, f"parameter effort_rate {effort_rate}")
     before = "\n".join([*words, f"samples {count}"])
     with tempfile.TemporaryFile("w+") as given:
         given.write(f"{before}\n{samples.lines.read_text()}costs\n")
@@ -131,10 +136,9 @@ def closed_loop(robot: Robot, folder: Path, count: int, told: Told) -> Logged:
     A package that estimates all rates reads none of them.
     """
     laws, lines = (LAW, PaperDynamic()), list[str]()
-    # The package has no rate of efforts: what the law asks for goes out at once.
     controller = Controller(
         robot, "eight", *laws, told.period, rates=told.rates, delay=told.delay,
-        guards=Guards(effort_rate=1e12),
+        guards=Guards(effort_rate=told.effort_rate),
     )  # fmt: skip
     law, dynamic = (knowing_delay(each, told.period, told.delay) for each in laws)
     made = law_program(law_sheet(robot, law, dynamic, told.period))
@@ -159,6 +163,11 @@ def closed_loop(robot: Robot, folder: Path, count: int, told: Told) -> Logged:
     assert bool(controller.report()["estimated"]) == (told.rates != "measured")
     commands = np.array([output.efforts for output in loop.outputs])
     assert (np.abs(commands) < robot.effort_limits).all()  # what is sent is what was asked for
+    if told.effort_rate is not None:
+        most = told.effort_rate * told.period
+        changes = np.abs(np.diff(commands, axis=0, prepend=0.0) / robot.effort_limits)
+        assert changes[0].max() == pytest.approx(most)
+        assert changes.max() == pytest.approx(most)
     path = folder / "samples.txt"
     path.write_text("".join(lines))
     return Logged(path, commands)
@@ -215,6 +224,7 @@ def test_it_sends_what_the_controller_sends(name: str, output: str, folder: Path
         pytest.param("car", "late-and-unrated", SHORT, marks=pytest.mark.slow),
         pytest.param("paper", "failing", SHORT, marks=pytest.mark.slow),
         pytest.param("paper", "counted", SHORT, marks=pytest.mark.slow),
+        pytest.param("paper", "gentle", SHORT, marks=pytest.mark.slow),
         pytest.param("tiago", "late", COUNT, marks=pytest.mark.thorough),
         pytest.param("tiago", "late-and-unrated", COUNT, marks=pytest.mark.thorough),
         pytest.param("mecanum", "late-and-unrated", COUNT, marks=pytest.mark.thorough),
@@ -231,6 +241,7 @@ def test_it_knows_lateness_and_rates_as_the_controller(
         "late-and-unrated": Told(DELAY, "estimated", hidden),
         "failing": Told(0.0, None, failing),
         "counted": Told(0.0, None, Counted(robot)),
+        "gentle": Told(0.0, "measured", effort_rate=1.0),
     }[kind]
     package = folder / "package"
     export_ros2_control(robot, package, LAW, period=told.period, delay=told.delay, rates=told.rates)
@@ -238,6 +249,6 @@ def test_it_knows_lateness_and_rates_as_the_controller(
     largest = np.abs(samples.commands).max()
     for flags in (SANITIZED, FAST):
         controller = driven(robot, package, flags, "driver", told.period)
-        found, costs = driven_along(controller, samples)
+        found, costs = driven_along(controller, samples, told.effort_rate)
         assert np.abs(found - samples.commands).max() <= EXACT * largest
     say(f"{name}, {kind}", costs)
