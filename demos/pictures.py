@@ -44,7 +44,7 @@ def main(film: Path | None = None, gallery: Path = Path("runs/pictures")) -> Non
     for entry in ENTRIES:
         if entry.own:
             draw(gallery, entry.name)
-    run = rpctl.track(rpctl.load("tiago"), "eight", initial_error=START, duration=LONGEST)
+    run = rpctl.track(rpctl.load("tiago"), "eight", initial_error=START)
     write_film(run, film / "tiago.gif", size=FILM_SIZE, rate=RATE)
 
 
