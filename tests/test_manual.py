@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl.cli.app import app
-from rpctl.files import toml
 from rpctl.simulation.config import read_config
 from rpctl.simulation.merits.outcome import OUTCOMES
 from tests.grids import cells
@@ -120,7 +119,7 @@ def test_toml(page: str, tmp_path: Path) -> None:
 def test_links_and_files_exist(page: str) -> None:
     folder = (ROOT / page).parent
     links = re.findall(r"\]\(([^)#\s]+)(?:#[\w-]+)?\)", PAGES[page])
-    names = [name for name in re.findall(r"`((?:rpctl|demos|tests|docs)/[\w/.]+)`", PAGES[page])]
+    names = re.findall(r"`((?:rpctl|demos|tests|docs)/[\w/.]+)`", PAGES[page])
     lost = [each for each in links if "://" not in each and not (folder / each).exists()]
     lost = [each for each in lost if Path(each).name not in MADE]
     assert not lost + [name for name in names if not (ROOT / name).exists()]

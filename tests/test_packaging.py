@@ -87,7 +87,7 @@ def test_the_bill_names_every_dependency_with_its_range(
         assert part["scope"] == "required"
         assert part["purl"] == f"pkg:pypi/{name}"
     optional = {"av", "distributed", "drake", "mujoco", "playwright", "pyarrow", "pybullet"}
-    optional |= {"robot-descriptions", "salib", "sympy", "xacro"}
+    optional |= {"robot-descriptions", "salib", "sympy"}
     assert set(parts) == {"uPlot"} | optional
     assert {parts[name]["scope"] for name in optional} == {"optional"}
     own = bill["metadata"]["component"]

@@ -16,7 +16,7 @@ from rpctl.cli.app import COMMANDS, load_command
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.files.records import TYPE_LABELS, FieldType, OneOf, settings_of
 from rpctl.robot.catalog import ENTRIES
-from rpctl.simulation.config import Config, LimitOverrides, RunSettings
+from rpctl.simulation.config import LimitOverrides, RunSettings
 from rpctl.simulation.plants.plant import Plant
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
@@ -28,7 +28,9 @@ HEAD = "% Written from the code by docs/_ext/from_code.py.\n\n"
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     """Return a table of Markdown."""
     lines = [head, ("---",) * len(head), *rows]
-    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+    return "".join(
+        f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines
+    )
 
 
 def commands() -> str:
@@ -63,13 +65,16 @@ def _metavar(parameter: Any) -> str:
 def keys() -> str:
     """Return the page of the keys of a run's file."""
     text = (
-        "# Keys of a run's file\n\n`rpctl track ROBOT --save-config FILE` writes such a file, and a JSON "
-        "Schema beside it from which editors complete; `--config FILE` takes any part of it. Lengths "
-        "are in m, angles in rad, times in s.\n"
+        "# Keys of a run's file\n\n`rpctl track ROBOT --save-config FILE` writes such a file, and "
+        "a JSON Schema beside it from which editors complete; `--config FILE` takes any part of "
+        "it. Lengths are in m, angles in rad, times in s.\n"
     )
     for name, record in (("run", RunSettings), ("plant", Plant), ("guards", rpctl.Guards)):
         text += f"\n## [{name}]\n\n" + settings(settings_of(record))
-    limits = [(f"`{each.name}`", "numbers by pattern of joint names") for each in dataclasses.fields(LimitOverrides)]
+    limits = [
+        (f"`{each.name}`", "numbers by pattern of joint names")
+        for each in dataclasses.fields(LimitOverrides)
+    ]
     text += "\n## [limits]\n\nIn place of the URDF's.\n\n" + table(("key", "is"), limits)
     text += "\n## [output]\n\n" + settings(settings_of(rpctl.VelocityOutput))
     for kind, laws in (("kinematic", KINEMATIC_LAWS), ("dynamic", DYNAMIC_LAWS)):
@@ -82,7 +87,13 @@ def keys() -> str:
 def settings(found: dict[str, FieldType]) -> str:
     """Return a table of settings."""
     rows = [
-        (f"`{name}`", _range(each), each.setting.unit, _default(each), " ".join(each.setting.help.split()))
+        (
+            f"`{name}`",
+            _range(each),
+            each.setting.unit,
+            _default(each),
+            " ".join(each.setting.help.split()),
+        )
         for name, each in found.items()
     ]
     return table(("key", "may be", "unit", "default", "what it is"), rows)
@@ -111,41 +122,55 @@ def api() -> str:
     text = "# Python API\n\nShapes stand in brackets; everything is in SI units and radians.\n"
     for title, names in API.items():
         text += f"\n## {title}\n"
-        for name in names:
+        for name in names.split():
             kind = "autoclass" if isinstance(getattr(rpctl, name), type) else "autofunction"
             members = ":members:\n" if kind == "autoclass" else ""
             text += f"\n```{{eval-rst}}\n.. {kind}:: rpctl.{name}\n"
             text += "   :members:\n" if members else ""
             text += "```\n"
-    left = set(rpctl.__all__) - {name for names in API.values() for name in names}
+    left = set(rpctl.__all__) - {name for names in API.values() for name in names.split()}
     if left:
         raise RuntimeError(f"the API's page lacks {', '.join(sorted(left))}")
     return text
 
 
-API = {
-    "Robots": ("load", "Robot", "Drive", "Wheel", "with_payload", "CarriedLoad", "set_limits", "scale_limits", "scale_masses"),
-    "Dynamics": ("ReducedDynamics", "linearize"),
-    "Proof": ("verify", "Certificate", "draw_state"),
-    "References": ("load_reference", "as_reference", "ReferenceState"),
-    "Laws": ("BaseLaw", "Setting", "UnifiedKinematic", "PaperKinematic", "Horizon", "EndEffector", "Kanayama", "Samson", "FeedbackLinearization", "PaperDynamic", "BoundedDynamic", "IntegralDynamic", "StatelessLaw", "Tracking", "Command", "Efforts", "Limit", "Rest", "Leash", "Approach", "Disc", "HalfPlane", "derive_law"),
-    "On a robot": ("Controller", "ControllerOutput", "Guards", "OutputGroup", "GroupCommand", "VelocityOutput", "SpeedLog", "lag_from"),
-    "Runs": ("track", "Config", "Run", "summarize", "write_report"),
-    "Plants": ("Plant", "start_plant", "PlantModel", "PlantSample", "Slipping", "ContactSettings", "Wrench", "MjcfRobot", "export_mjcf", "check_mjcf"),
-    "Many runs": ("rollout", "Rollouts", "Uniform", "LogUniform", "Normal", "AnyOf", "Fixed"),
-    "Errors": ("RpctlError",),
-}  # fmt: skip
+API = {  # by what they are for
+    "Robots": (
+        "load Robot Drive Wheel with_payload CarriedLoad set_limits scale_limits scale_masses"
+    ),
+    "Dynamics": "ReducedDynamics linearize",
+    "Proof": "verify Certificate draw_state",
+    "References": "load_reference as_reference ReferenceState",
+    "Laws": (
+        "BaseLaw Setting UnifiedKinematic PaperKinematic Horizon EndEffector Kanayama Samson "
+        "FeedbackLinearization PaperDynamic BoundedDynamic IntegralDynamic StatelessLaw "
+        "Tracking Command Efforts Limit Rest Leash Approach Disc HalfPlane derive_law"
+    ),
+    "On a robot": (
+        "Controller ControllerOutput Guards OutputGroup GroupCommand VelocityOutput SpeedLog "
+        "lag_from"
+    ),
+    "Runs": "track Config Run summarize write_report",
+    "Plants": (
+        "Plant start_plant PlantModel PlantSample Slipping ContactSettings Wrench MjcfRobot "
+        "export_mjcf check_mjcf"
+    ),
+    "Many runs": "rollout Rollouts Uniform LogUniform Normal AnyOf Fixed",
+    "Errors": "RpctlError",
+}
 
 
 def gallery() -> str:
     """Return the gallery: the project's own robots, with their pictures and commands."""
-    text = "# Gallery\n\nEach kind of drive as a small robot in `urdf/`. `make pictures` draws them.\n"
+    text = (
+        "# Gallery\n\nEach kind of drive as a small robot in `urdf/`. `make pictures` draws them.\n"
+    )
     for entry in (each for each in ENTRIES if each.own):
         text += f"\n## {entry.name}\n\n{entry.summary[0].upper()}{entry.summary[1:]}.\n\n"
         text += f"![{entry.summary}](gallery/{entry.name}.png)\n\n"
-        text += f"```console\n$ rpctl track {entry.name} --reference {REFERENCES.get(entry.name, 'eight')}\n```\n"
+        reference = REFERENCES.get(entry.name, "eight")
+        text += f"```console\n$ rpctl track {entry.name} --reference {reference}\n```\n"
     return text
-
 
 
 PAGES = {

@@ -1,4 +1,4 @@
-"""Equations as MathML, which browsers draw by themselves: the manual needs no script, no network."""
+"""Equations as MathML, which browsers draw by themselves: no script, no network."""
 
 from typing import Any
 

@@ -127,6 +127,11 @@ COMMANDS = {
         "Print the URDF that a .xacro becomes; the lines of messages are those of this text.",
         "rpctl expand robot.urdf.xacro > robot.urdf",
     ),
+    "doctor": LazyCommand(
+        "rpctl.cli.doctor:doctor_command",
+        "Show versions, cache and extras, and what is missing; exit 1 if rpctl cannot run.",
+        "rpctl doctor --json",
+    ),
     "robots": LazyCommand(
         "rpctl.cli.sources:robots_command",
         "List the robots that have names: the project's own, and those of other packages.",
