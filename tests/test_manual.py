@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl.cli.app import app
 from rpctl.simulation.config import read_config
+from rpctl.simulation.loop.track import default_duration
 from rpctl.simulation.merits.outcome import OUTCOMES
 from tests.grids import cells
 
@@ -110,7 +111,7 @@ def test_toml(page: str, tmp_path: Path) -> None:
                 (s.joint, s.role) for s in found.swivels
             ]
         elif text.startswith("waypoints"):
-            assert rpctl.load_reference(rpctl.load("paper"), str(file)).duration > 1.0
+            assert default_duration(rpctl.load_reference(rpctl.load("paper"), str(file))) > 1.0
         else:
             read_config(file)
 

@@ -155,7 +155,9 @@ def test_the_table_of_dependencies_names_each(metadata: Message) -> None:
     named = {name for row in rows for name in re.findall(r"`([\w-]+)`", row)}
     assert named == {*requirements(metadata), "tomli"}
     extras = {
-        name for name in metadata.get_all("Provides-Extra", []) if name not in ("dev", "docs", "test")
+        name
+        for name in metadata.get_all("Provides-Extra", [])
+        if name not in ("dev", "docs", "test")
     }
     listed = text.partition("is an extra: ")[2].partition(".\n")[0]
     assert set(re.findall(r"`([\w-]+)`", listed)) == extras

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import rpctl
 from rpctl import Robot
-from rpctl.cli import ci, doctor
+from rpctl.cli import ci
 from rpctl.cli.app import app
 from tests.description.corpus import BASE
 
@@ -98,7 +98,7 @@ def test_doctor_tells_versions_and_what_is_missing(monkeypatch: pytest.MonkeyPat
             raise metadata.PackageNotFoundError
         return "1.0"
 
-    monkeypatch.setattr(doctor.metadata, "version", version)
+    monkeypatch.setattr(metadata, "version", version)
     shown = CliRunner().invoke(app, ["doctor"])
     assert shown.exit_code == 1
     assert "missing casadi" in shown.output
