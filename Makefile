@@ -15,7 +15,7 @@ READY_DEV := $(VENV)/.ready-dev
 unexport PYTHONDONTWRITEBYTECODE
 INSTALL = $(BIN)/python -m pip install --disable-pip-version-check --progress-bar off --no-compile
 
-.PHONY: demo test slow thorough versions lint types bench pictures clean
+.PHONY: demo test slow thorough versions lint types bench docs pictures clean
 
 demo: $(READY)
 	@echo "TIAGo follows a figure-eight; the report goes to runs/demo/report.html"
@@ -50,11 +50,15 @@ bench: $(READY_DEV)
 	$(BIN)/python -m tests.bench.table --out runs/bench $(TABLE)
 	$(BIN)/python -m pytest tests/bench --benchmark-only --override-ini addopts= $(BENCH)
 
+# The manual, to be read offline from docs/_build/index.html
+docs: $(READY_DEV)
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build
+
 pictures: $(READY_DEV)
-	$(BIN)/python demos/readme_picture.py demos
+	$(BIN)/python demos/pictures.py demos docs/gallery
 
 clean:
-	rm -rf $(VENV) runs
+	rm -rf $(VENV) runs docs/_build
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \

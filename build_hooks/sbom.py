@@ -20,7 +20,7 @@ from hatchling.builders.utils import get_reproducible_timestamp
 from packageurl import PackageURL
 from packaging.requirements import Requirement
 
-DEVELOPMENT = ("dev", "test")  # extras that no user of the wheel takes
+DEVELOPMENT = ("dev", "docs", "test")  # extras that no user of the wheel takes
 RANGE, MARKER, EXTRA = "rpctl:range", "rpctl:marker", "rpctl:extra"  # names of properties
 
 

@@ -3,7 +3,6 @@
 Its dimensions are those of ROBOTIS: a track of 160 mm, wheels of 33 mm, .22 m/s, 2.84 rad/s.
 """
 
-import tempfile
 from pathlib import Path
 
 from on_a_robot import Story, draw
@@ -12,47 +11,11 @@ import rpctl
 from rpctl.simulation.plants.settings import Noise
 
 PERIOD = 0.05  # s
-URDF = """
-<robot name="burger">
-  <link name="base_link">
-    <inertial><origin xyz="-0.032 0 0.05"/><mass value="0.85"/>
-      <inertia ixx="0.0022" ixy="0" ixz="0" iyy="0.0021" iyz="0" izz="0.0021"/></inertial>
-    <visual><origin xyz="-0.032 0 0.08"/>
-      <geometry><box size="0.138 0.138 0.142"/></geometry></visual>
-  </link>
-  {wheels}
-  <link name="caster">
-    <collision><geometry><sphere radius="0.01"/></geometry></collision>
-  </link>
-  <joint name="caster_joint" type="fixed">
-    <parent link="base_link"/><child link="caster"/><origin xyz="-0.081 0 -0.023"/></joint>
-</robot>
-"""
-WHEEL = """
-  <link name="wheel_{side}">
-    <inertial><mass value="0.0285"/>
-      <inertia ixx="0.000009" ixy="0" ixz="0" iyy="0.0000155" iyz="0" izz="0.000009"/></inertial>
-    <collision><origin rpy="1.5707963 0 0"/>
-      <geometry><cylinder radius="0.033" length="0.018"/></geometry></collision>
-  </link>
-  <joint name="wheel_{side}_joint" type="continuous">
-    <parent link="base_link"/><child link="wheel_{side}"/>
-    <origin xyz="0 {y} 0"/><axis xyz="0 1 0"/><limit effort="1.5" velocity="6.67"/>
-  </joint>
-"""
-
-
-def burger() -> rpctl.Robot:
-    """Return the robot."""
-    wheels = "".join(WHEEL.format(side=s, y=y) for s, y in (("left", 0.08), ("right", -0.08)))
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "burger.urdf")
-        file.write_text(URDF.format(wheels=wheels))
-        return rpctl.load(file)
+URDF = Path(__file__).with_name("burger.urdf")
 
 
 def main() -> None:
-    robot = burger()
+    robot = rpctl.load(URDF)
     plant = rpctl.Plant(
         kind="contact",
         contact=rpctl.ContactSettings(wheel_shape="crowned"),  # narrow tyres scrub little

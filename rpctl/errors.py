@@ -10,6 +10,7 @@ from difflib import get_close_matches
 from typing import Any, TypeGuard
 
 MAX_SHOWN = 50  # findings that one message lists
+MAX_CHOICES = 16  # names that one message lists
 MAX_MESSAGE = 600  # characters of one finding; names in a file may be of any length
 # Of a setting in SI units: beyond, squares and quotients of settings leave the numbers.
 SMALLEST, LARGEST = 1e-12, 1e12
@@ -84,9 +85,9 @@ class UnknownNameError(RpctlError):
         self.name = name
         self.choices = tuple(choices)
         near = get_close_matches(name, self.choices, n=3, cutoff=0.5)
-        hint = (
-            f"did you mean {' or '.join(near)}?" if near else f"one of: {', '.join(self.choices)}"
-        )
+        hidden = len(self.choices) - MAX_CHOICES
+        listed = [*self.choices[:MAX_CHOICES], *([f"{hidden} more"] if hidden > 0 else ())]
+        hint = f"did you mean {' or '.join(near)}?" if near else f"one of: {', '.join(listed)}"
         super().__init__(f"{kind} {name!r} is not known; {hint}")
 
 

@@ -133,7 +133,7 @@ def check_part(part: Path, long: Run) -> bool:
 
 COMPARED = (
     "compare", "paper", "--references", "line", "--scenarios", "nominal", "--duration", "0.2",
-    "--laws", "paper", "--dynamic", "paper", "--jobs", "1", "--out", "out",
+    "--laws", "paper", "--dynamic", "paper", "--workers", "1", "--out", "out",
 )  # fmt: skip
 
 

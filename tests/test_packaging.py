@@ -87,7 +87,7 @@ def test_the_bill_names_every_dependency_with_its_range(
         assert part["scope"] == "required"
         assert part["purl"] == f"pkg:pypi/{name}"
     optional = {"av", "distributed", "drake", "mujoco", "playwright", "pyarrow", "pybullet"}
-    optional |= {"robot-descriptions", "salib", "sympy", "xacro"}
+    optional |= {"robot-descriptions", "salib", "sympy"}
     assert set(parts) == {"uPlot"} | optional
     assert {parts[name]["scope"] for name in optional} == {"optional"}
     own = bill["metadata"]["component"]
@@ -155,7 +155,9 @@ def test_the_table_of_dependencies_names_each(metadata: Message) -> None:
     named = {name for row in rows for name in re.findall(r"`([\w-]+)`", row)}
     assert named == {*requirements(metadata), "tomli"}
     extras = {
-        name for name in metadata.get_all("Provides-Extra", []) if name not in ("dev", "test")
+        name
+        for name in metadata.get_all("Provides-Extra", [])
+        if name not in ("dev", "docs", "test")
     }
     listed = text.partition("is an extra: ")[2].partition(".\n")[0]
     assert set(re.findall(r"`([\w-]+)`", listed)) == extras

@@ -13,11 +13,11 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from rpctl import __version__
 from rpctl.cli.interrupts import exit_code, ignore_signals, raised_signals
-from rpctl.cli.terminal import Streams, say
+from rpctl.cli.terminal import Streams, escape, say
 from rpctl.errors import RpctlError
 
 XACRO_OPTION = "--xacro-arg"
@@ -127,6 +127,11 @@ COMMANDS = {
         "Print the URDF that a .xacro becomes; the lines of messages are those of this text.",
         "rpctl expand robot.urdf.xacro > robot.urdf",
     ),
+    "doctor": LazyCommand(
+        "rpctl.cli.doctor:doctor_command",
+        "Show versions, cache and extras, and what is missing; exit 1 if rpctl cannot run.",
+        "rpctl doctor --json",
+    ),
     "robots": LazyCommand(
         "rpctl.cli.sources:robots_command",
         "List the robots that have names: the project's own, and those of other packages.",
@@ -185,7 +190,24 @@ def load_command(name: str) -> Any:
     single.command(name, cls=WordsCommand, epilog=f"Example: {command.example}")(
         _guarded(_flatten(getattr(import_module(module), function)))
     )
-    return typer.main.get_command(single)
+    return _arranged(typer.main.get_command(single))
+
+
+def _arranged(command: Any) -> Any:
+    """Return a command whose help shows its options in panels, those of the robot last.
+
+    Their texts are no markup: ``[plant]`` is a table of TOML.
+    """
+    from rpctl.cli.options import PANELS  # it takes its time
+
+    panels = {name: panel for panel, names in PANELS.items() for name in names}
+    order = [*panels]
+    for option in command.params:
+        if isinstance(option, TyperOption):
+            option.rich_help_panel = panels.get(str(option.name))
+            option.help = escape(option.help or "")
+    command.params.sort(key=lambda each: order.index(each.name) if each.name in panels else -1)
+    return command
 
 
 def _flatten(command: Callable[..., Any]) -> Callable[..., Any]:

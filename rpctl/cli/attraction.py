@@ -29,8 +29,8 @@ class AttractionOptions:
     reference: Annotated[
         str, typer.Option(metavar="NAME|FILE,...", help="References, as track takes them.")
     ] = "eight"
-    kinematic: Annotated[
-        str, typer.Option(metavar="NAME,...", help=f"Laws, of {', '.join(KINEMATIC_LAWS)}.")
+    laws: Annotated[
+        str, typer.Option(metavar="NAME,...", help=f"Of {', '.join(KINEMATIC_LAWS)}.")
     ] = "unified"
     dynamic: Annotated[
         str | None,
@@ -48,7 +48,7 @@ class AttractionOptions:
         ),
     ] = 200
     duration: Annotated[float, typer.Option(metavar="S", help="Of each run, s.")] = DURATION
-    jobs: Annotated[
+    workers: Annotated[
         int, typer.Option(min=1, help="Processes; as many as there are processors.")
     ] = os.cpu_count() or 1
     out: Annotated[
@@ -62,7 +62,7 @@ class AttractionOptions:
         Raises:
             UnknownNameError: There is no such law.
         """
-        laws, references = split_names(self.kinematic), split_names(self.reference)
+        laws, references = split_names(self.laws), split_names(self.reference)
         for law in laws:
             kinematic_by_name(law)
         if self.dynamic is not None:
@@ -93,7 +93,7 @@ def attraction_command(
     if not loaded.drive.base_speeds:
         raise RpctlError(f"{loaded.name} has a fixed base: it starts where it is")
     folder = writable_folder(settings.out, loaded.name, "attraction", FILES)
-    rows = run_shown("attraction", CellRunner(References(loaded)), cells, settings.jobs)
+    rows = run_shown("attraction", CellRunner(References(loaded)), cells, settings.workers)
     summary = {
         "robot": loaded.name,
         "drive": str(loaded.drive.type),

@@ -121,7 +121,7 @@ class CompareOptions:
     initial_error: Annotated[
         str, typer.Option(metavar="X,Y,THETA", help="Tracking error at the start, m, m, rad.")
     ] = ",".join(map(str, INITIAL_ERROR))
-    jobs: Annotated[
+    workers: Annotated[
         int, typer.Option(min=1, help="Processes; as many as there are processors.")
     ] = os.cpu_count() or 1
     out: Annotated[
@@ -153,7 +153,7 @@ def compare_command(
     loaded = options.load(robot)
     cells = selection.cells(loaded, run)
     folder = writable_folder(settings.out, loaded.name, "compare", FILES)
-    rows = run_shown("compare", CellRunner(References(loaded), timed=True), cells, settings.jobs)
+    rows = run_shown("compare", CellRunner(References(loaded), timed=True), cells, settings.workers)
     ours = proposed(loaded)
     dicts = [row_dict(row) for row in rows]
     summary = {

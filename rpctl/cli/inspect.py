@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from rpctl.cli.ci import findings_of, sarif, told
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, read_settings, tell
 from rpctl.cli.terminal import console, escape, format_limit, new_table
 from rpctl.description.urdf.findings import condense
@@ -21,6 +22,7 @@ from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.standing import stand_at_home
 from rpctl.errors import Finding, listed
+from rpctl.files.writing import write_atomically
 from rpctl.reference.fitting import too_weak
 from rpctl.robot.inspection import facts
 from rpctl.robot.model import Robot
@@ -38,6 +40,12 @@ def inspect_command(
         bool,
         typer.Option("--xacro-args", help="List the arguments that its xacro declares, no more."),
     ] = False,
+    sarif_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--sarif", metavar="FILE", help="Write what was found in the file as SARIF, too."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
@@ -46,7 +54,10 @@ def inspect_command(
         declared = list_arguments(source.path, source.read_settings(read_settings(options.given)))
         tell(as_json, lambda: list(map(asdict, declared)), partial(show_arguments, declared))
         return
-    loaded = _with_faults(options.load(robot))
+    with told(sarif_file, lambda error: sarif(find_source(robot).path, findings_of(error))):
+        loaded = _with_faults(options.load(robot))
+    if sarif_file is not None:
+        write_atomically(sarif_file, sarif(loaded.description.path, loaded.findings))
     tell(as_json, partial(facts, loaded), partial(show_robot, loaded))
 
 

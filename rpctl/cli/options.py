@@ -6,6 +6,7 @@ import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -86,6 +87,21 @@ LOADED = FieldOptions(
     tuple(name for name, each in fields_of(LoadSettings).items() if each.setting.help),
     {"package_dirs": "--package-dir", "xacro_args": "--xacro-arg", "losses": "--no-losses"},
 )
+PANELS = {  # of a command's help, in order, behind the options in none of them: by field
+    "Reference": (
+        "reference", "goal", "arm_goal", "references", "duration", *REFERENCE_FIELDS,
+        "initial_error",
+    ),
+    "Laws": (
+        "kinematic", "dynamic", "laws", "bandwidth", "output", "lag", "dead_time", "delay",
+        "rates", "control_period",
+    ),
+    "Plant": ("plant", "plants", "friction", "allow_sag", "perturbed", "backend"),
+    "Results": (
+        "out", "max_megabytes", "live", "png", "single", "log_every", "collisions", "as_json",
+    ),
+    "Robot": LOADED.names,
+}  # fmt: skip
 ReadOptions = Annotated[Plain, FieldOptions(LoadSettings, READ_FIELDS, LOADED.flags)]
 
 
@@ -215,12 +231,16 @@ def split_names(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def default_folder(robot: str, what: str) -> Path:
+def default_folder(robot: str, what: str, file: str = "") -> Path:
     """Return the folder below ``runs`` for results; no name leads out of it, or is too long.
 
     Args:
         robot: The robot's name.
         what: Of its results, as the name of a reference.
+        file: A file of the results: a folder that has it is left alone, and the next one, with a
+            number at its end, taken; empty: results replace those before.
     """
     words = (re.sub(r"[^\w.-]", "_", word).lstrip("-.")[:MAX_WORD] or "_" for word in (robot, what))
-    return Path("runs") / "-".join(words)
+    first = Path("runs") / "-".join(words)
+    later = (first.with_name(f"{first.name}-{k}") for k in count(2))
+    return next(path for path in chain([first], later) if not (file and (path / file).exists()))

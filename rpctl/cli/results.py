@@ -18,14 +18,14 @@ DPI = 200
 
 
 def run_shown(
-    title: str, runner: CellRunner, cells: Sequence[AnyCell], jobs: int
+    title: str, runner: CellRunner, cells: Sequence[AnyCell], workers: int
 ) -> list[Row[AnyCell]]:
     """Run cells in at most so many processes, showing how far they are.
 
     Raises:
         RpctlError: None of them could be run.
     """
-    with executor_for(min(jobs, len(cells))) as executor, progress_bar(title) as advance:
+    with executor_for(min(workers, len(cells))) as executor, progress_bar(title) as advance:
         rows = run_cells(runner, cells, executor, advance)
     if all(row.figures.failure is not None for row in rows):
         raise RpctlError(f"nothing ran: {rows[0].figures.failure}")
@@ -38,7 +38,7 @@ def writable_folder(out: Path | None, robot: str, what: str, files: Sequence[str
     Raises:
         RpctlError: One cannot.
     """
-    folder = out or default_folder(robot, what)
+    folder = out or default_folder(robot, what, files[0])
     for name in files:
         require_writable(folder / name, makes_folder=True)
     return folder

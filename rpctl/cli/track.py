@@ -29,6 +29,7 @@ from rpctl.control.registry import KINEMATIC_LAWS
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.errors import RpctlError
 from rpctl.files.records import Plain
+from rpctl.files.signals import held_signals
 from rpctl.files.writing import require_writable
 from rpctl.reference.motion import Reference
 from rpctl.reference.pose_goal import GOAL, goal_of_words, is_goal
@@ -186,7 +187,11 @@ class ResultOptions:
 
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-REFERENCE if not given."),
+        typer.Option(
+            metavar="DIR",
+            help="Where to write, over what is there; else runs/ROBOT-REFERENCE, with a number at "
+            "its end if that has a run.",
+        ),
     ] = None
     max_megabytes: Annotated[
         float,
@@ -235,8 +240,12 @@ class ResultOptions:
         """Return whether to tell what to expect: not where the user has set a plant himself."""
         return self.perturbed and config.plant == Plant()
 
-    def require_possible(self, folder: Path) -> None:
-        """Refuse what could not be written or drawn, before the simulation.
+    def require_possible(self, robot: str, what: str) -> Path:
+        """Return the folder; refuse what could not be written or drawn, before the simulation.
+
+        Args:
+            robot: The robot's name.
+            what: The reference's.
 
         Raises:
             RpctlError: The folder cannot be written to, there is no browser for a picture, or no
@@ -245,12 +254,14 @@ class ResultOptions:
         from rpctl.view.run_folder import FIGURE_FILE, REPORT_FILE, RUN_FILE, SUMMARY_FILE
 
         require_backend(self.backend)
+        folder = self.out or default_folder(robot, what, RUN_FILE)
         for name in (RUN_FILE, SUMMARY_FILE, FIGURE_FILE, REPORT_FILE):
             require_writable(folder / name, makes_folder=True)
         if self.png:
             from rpctl.view.film import require_browser
 
             require_browser()
+        return folder
 
     def write(self, run: Run, folder: Path) -> RunFolder:
         """Write the files of a run."""
@@ -289,8 +300,7 @@ def track_command(
     reference = config.run.load_reference(loaded, results.collisions)
     if settings.save_config is not None:
         write_config(config, settings.save_config, schema=True)
-    folder = results.out or default_folder(loaded.name, reference_label(config.run.reference))
-    results.require_possible(folder)
+    folder = results.require_possible(loaded.name, reference_label(config.run.reference))
     output = console(stderr=as_json)
     output.print(
         f"[bold]{escape(loaded.name)}[/]: {loaded.dof} quasi-velocities, {loaded.drive.type} drive"
@@ -361,10 +371,14 @@ def _simulate(
 def _write(
     run: Run, page: Broadcast | None, results: ResultOptions, folder: Path, part: PartWriter
 ) -> RunFolder:
-    """Write the files of a run and show them to who watched it; its part is removed then."""
-    with _part_told(part):
-        written = results.write(run, folder)
-    part.remove()
+    """Write the files of a run and show them to who watched it; its part is removed then.
+
+    A Ctrl-C that comes meanwhile waits until they are whole.
+    """
+    with held_signals():
+        with _part_told(part):
+            written = results.write(run, folder)
+        part.remove()
     if page is not None:
         page.finish(written.report)
     return written

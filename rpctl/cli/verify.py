@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from rpctl.cli.ci import junit, junit_error, told
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, tell
 from rpctl.cli.terminal import console, escape, new_table, progress_bar
 from rpctl.equivalence.certificate import CONTACT_ORACLE, Check, Skipped
@@ -20,7 +21,7 @@ from rpctl.equivalence.contact.trial import ContactTrial, Gap
 from rpctl.equivalence.onset.trial import ASKEW, INSIDE, SAFE, WITHIN, WRONG, Onset, OnsetTrial
 from rpctl.equivalence.scope import Condition
 from rpctl.equivalence.verify import Certificate, verify
-from rpctl.files.writing import require_writable
+from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 
 MARKS = {True: "[green]✓[/]", False: "[bold red]✗[/]"}
@@ -54,6 +55,10 @@ class VerifyOptions:
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the certificate as a page, too.")
     ] = None
+    junit: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write it as JUnit's XML, too, for a build server."),
+    ] = None
 
 
 def verify_command(
@@ -67,7 +72,10 @@ def verify_command(
     if settings.html is not None:
         require_writable(settings.html)
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
-    certificate = certify(options.load(robot), settings, options.strict)
+    with told(settings.junit, partial(junit_error, robot)):
+        certificate = certify(options.load(robot), settings, options.strict)
+    if settings.junit is not None:
+        write_atomically(settings.junit, junit(certificate))
     if settings.html is not None:
         from rpctl.view.pages.certificate import write_certificate
 

@@ -13,7 +13,7 @@ import typer
 from rpctl.cli.options import JsonOption, LoadOptions, split_names, tell
 from rpctl.cli.terminal import progress_bar, say
 from rpctl.errors import RpctlError, UnknownNameError
-from rpctl.files.caps import is_folder
+from rpctl.files.caps import is_file, is_folder
 from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.charts import PANELS
@@ -36,8 +36,9 @@ class FilmOptions:
     at: Annotated[
         float | None, typer.Option(metavar="S", help="Time of the picture, s; else the run's end.")
     ] = None
-    size: Annotated[
-        str | None, typer.Option(metavar="WxH", help="Pixels; else 1280x720, of a GIF 800x450.")
+    pixels: Annotated[
+        str | None,
+        typer.Option(metavar="WxH", help="Of picture or film; else 1280x720, of a GIF 800x450."),
     ] = None
     fps: Annotated[
         int | None, typer.Option(min=1, max=120, help="Pictures a second; else 30, of a GIF 20.")
@@ -55,8 +56,10 @@ class FilmOptions:
         """
         wanted = self.png or self.video
         for name, value, needed in (
-            ("at", self.at, self.png), ("fps", self.fps, self.video), ("size", self.size, wanted)
-        ):  # fmt: skip
+            ("at", self.at, self.png),
+            ("fps", self.fps, self.video),
+            ("pixels", self.pixels, wanted),
+        ):
             if value is not None and needed is None:
                 raise RpctlError(f"--{name} is for a picture or a film; give --png or --video, too")
         if wanted is None:
@@ -69,7 +72,7 @@ class FilmOptions:
 
         if len(what) > 1 or not is_run(what[0]):
             raise RpctlError(f"{' '.join(what)} is no run; films and pictures are of one run")
-        run, pixels = load_run(Path(what[0]), _note), _read_size(self.size)
+        run, pixels = load_run(Path(what[0]), _note), _read_size(self.pixels)
         robot = robot_of(run, package_dirs)
         if isinstance(robot, RpctlError):
             _note(f"the robot cannot be drawn: {robot}")
@@ -162,10 +165,11 @@ def _load(name: str, options: LoadOptions) -> Robot:
     try:
         return options.load(name)
     except RpctlError as error:
-        if is_folder(name):
+        if is_folder(name) or (Path(name).name != name and not is_file(name)):
+            what = "a folder without a run.npz is" if is_folder(name) else "nothing is there,"
             raise RpctlError(
-                f"{name}: a folder without a run.npz is no run, and no robot; give a run's folder, "
-                "a URDF file, or a name listed by `rpctl robots`"
+                f"{name}: {what} no run, and no robot; give a run's folder, a URDF file, or a name "
+                "listed by `rpctl robots`"
             ) from None
         if isinstance(error, UnknownNameError) and error.name == name:
             raise UnknownNameError("robot or run", name, error.choices) from None
@@ -205,5 +209,5 @@ def _read_size(text: str | None) -> tuple[int, int] | None:
     try:
         width, height = (int(word) for word in text.lower().split("x"))
     except ValueError:
-        raise RpctlError(f"--size {text}: give two numbers of pixels, as 1280x720") from None
+        raise RpctlError(f"--pixels {text}: give two numbers, as 1280x720") from None
     return width, height

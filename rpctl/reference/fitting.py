@@ -309,8 +309,8 @@ def too_weak(dynamics: ReducedDynamics, reference: Reference | None = None) -> s
     place = "at home" if reference is None else "where the reference starts"
     return (
         f"gravity {place} exceeds the effort limit of {worst.joint}: "
-        f"{worst.ratio * worst.limit:.3g} of {worst.limit:.3g} {unit}; give --home, --payload or "
-        "a larger limit"
+        f"{worst.ratio * worst.limit:.3g} of {worst.limit:.3g} {unit}; give another posture "
+        "with --home, or a larger limit"
     )
 
 

@@ -60,7 +60,7 @@ class Axle(NamedTuple):
         return z - (self.radius - self.tyre) * sqrt(1.0 - rise * rise) - self.tyre
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LeaningRobot(Robot):
     """A robot on two wheels whose root link pitches, rolls and rises: a ``JointModelFreeFlyer``.
 

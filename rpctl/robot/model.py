@@ -33,7 +33,7 @@ BASE_NV = 3  # entries of v that are the planar root's
 HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """A wheeled robot on flat ground; two of them are the same if they are one object.
 
@@ -53,15 +53,21 @@ class Robot:
 
     name: str
     source: str
-    description: Description = field(repr=False)
-    model: pin.Model = field(repr=False)
+    description: Description
+    model: pin.Model
     drive: Drive
-    locked: Mapping[str, float] = field(repr=False)
-    joints: tuple[Joint, ...] = field(repr=False)
+    locked: Mapping[str, float]
+    joints: tuple[Joint, ...]
     end_effector: str | None
-    findings: tuple[Finding, ...] = field(repr=False)
-    loaded_with: LoadSettings = field(default_factory=LoadSettings, repr=False)
-    losses: Losses | None = field(default=None, repr=False)
+    findings: tuple[Finding, ...]
+    loaded_with: LoadSettings = field(default_factory=LoadSettings)
+    losses: Losses | None = None
+
+    def __repr__(self) -> str:
+        wheels = [wheel.joint for wheel in self.drive.wheels]
+        lines = [f"<Robot {self.name}: {self.drive.type} drive, {self.source}"]
+        lines += [f" wheels: {', '.join(wheels) or 'none'}; end effector: {self.end_effector}"]
+        return "\n".join([*lines, f" quasi-velocities: {', '.join(self.quasi_velocities)}>"])
 
     @cached_property
     def tree(self) -> FrozenTree:

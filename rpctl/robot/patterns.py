@@ -39,5 +39,7 @@ def matching(pattern: str, names: Sequence[str], kind: str) -> list[str]:
     """
     found = [name for name in names if fnmatchcase(name, pattern)]
     if not found:
-        raise UnknownNameError(kind, pattern, names)
+        begins = {f"{each[: k + 1]}*" for each in names for k, c in enumerate(each) if c == "_"}
+        choices = sorted(begins) if pattern.endswith("*") and begins else names
+        raise UnknownNameError(kind, pattern, choices)
     return found

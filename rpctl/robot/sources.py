@@ -18,7 +18,7 @@ from typing import Any
 from rpctl.description.packages import require_folders
 from rpctl.description.records import ReadSettings
 from rpctl.errors import DescriptionError, RpctlError, UnknownNameError
-from rpctl.files.caps import at_home, is_file, read_text
+from rpctl.files.caps import at_home, is_file, is_folder, read_text
 from rpctl.robot import catalog
 from rpctl.robot.load_settings import LoadSettings
 
@@ -253,12 +253,12 @@ def find_source(source: str | Path) -> Source:
     """
     path = Path(source)
     if isinstance(source, Path) or path.suffix or "/" in source:
-        return Source(at_home(path))
+        return Source(_file_of(source, at_home(path)))
     if source in catalog.names():
         entry = catalog.find(source)
         return Source(entry.path, entry.name, entry.drive, entry.lock)
-    if is_file(path):
-        return Source(path)
+    if is_file(path) or is_folder(path):
+        return Source(_file_of(source, path))
     found = find_robot(source)
     if found is not None:
         return found
@@ -268,3 +268,14 @@ def find_source(source: str | Path) -> Source:
             f"robot {source!r} is not known; names that end so are those of {PACKAGE}: {INSTALL}"
         )
     raise UnknownNameError("robot", source, (*catalog.names(), *public))
+
+
+def _file_of(source: str | Path, path: Path) -> Path:
+    """Return a path that is no folder.
+
+    Raises:
+        RpctlError: It is one.
+    """
+    if is_folder(path):
+        raise RpctlError(f"{source} is a folder; give one of the URDF or .xacro files in it")
+    return path

@@ -270,8 +270,7 @@ def open_page(html: str, width: int, height: int) -> Iterator[Any]:
     Raises:
         RpctlError: Playwright or a browser is missing, or the page fails.
     """
-    from playwright.sync_api import Error
-
+    playwright = _playwright()
     try:
         with _driver() as driver:
             browser = driver.chromium.launch(
@@ -284,17 +283,22 @@ def open_page(html: str, width: int, height: int) -> Iterator[Any]:
                 yield page
             finally:
                 browser.close()
-    except Error as error:
+    except playwright.Error as error:
         raise RpctlError(f"the browser failed: {error.message.splitlines()[0]}") from None
+
+
+def _playwright() -> Any:
+    """Return Playwright's module, if it is installed."""
+    try:
+        from playwright import sync_api
+    except ImportError:
+        raise RpctlError("films and stills need more: pip install 'rpctl[film]'") from None
+    return sync_api
 
 
 @contextmanager
 def _driver() -> Iterator[Any]:
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        raise RpctlError("films and stills need more: pip install 'rpctl[film]'") from None
-    starting = sync_playwright()
+    starting = _playwright().sync_playwright()
     with _interrupts_blocked():
         driver = starting.__enter__()
     try:

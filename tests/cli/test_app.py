@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,10 +16,11 @@ from typer.testing import CliRunner
 
 from rpctl import Plant, Run, summarize
 from rpctl.cli.app import COMMANDS, app, load_command
-from rpctl.cli.options import LOADED
+from rpctl.cli.options import LOADED, PANELS
 from rpctl.cli.track import ResultOptions
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.config import Config
+from rpctl.view import run_folder
 from rpctl.view.run_folder import RunFolder
 from tests.robots import SET_A, platform, write
 
@@ -149,6 +151,8 @@ def test_the_outcome_decides_the_exit_code(
     ("words", "output"),
     [
         (("inspect", "tiag0"), "did you mean"),
+        (("inspect", "."), ". is a folder; give one of the URDF or .xacro files in it"),
+        (("inspect", "tiago", "--lock", "hed_*"), "did you mean head_*"),
         (("inspect", "none.urdf"), "none.urdf: error: No such file or directory"),
         (("inspect", "tiago", "--lock", "hand"), "joint to lock 'hand' is not known"),
         (("inspect", "tiago", "--lock", "head_1_joint=x"), "'x' is not a number"),
@@ -169,6 +173,7 @@ def test_the_outcome_decides_the_exit_code(
         (("track", "paper", "--max-megabytes", "0"), "--max-megabytes"),
         (("view", "nothing"), "robot or run 'nothing' is not known"),
         (("view", "nothing.npz"), "No such file"),
+        (("view", "runs/nothere"), "nothing is there, no run, and no robot"),
         (("view", "paper", "--lock", "x"), "joint to lock 'x' is not known"),
         (("view", "nothing.npz", "--png", "a.png"), "No such file"),
         (("view", "paper", "--png", "a.png"), "is no run"),
@@ -205,7 +210,56 @@ def test_help_has_an_example_and_begins_as_the_list_of_commands_says(command: st
 def test_options_of_a_dataclass_are_options_of_the_command() -> None:
     """Each comes once, in the order of the fields, and so does what is no dataclass."""
     names = [parameter.name for parameter in load_command("inspect").params]
-    assert names == ["robot", *LOADED.names, "list_xacro_args", "as_json"]
+    assert names == ["robot", "list_xacro_args", "sarif_file", "as_json", *LOADED.names]
+
+
+def test_help_has_panels_and_the_robot_s_comes_last() -> None:
+    options = [each for each in load_command("track").params if each.name != "robot"]
+    panels = [each.rich_help_panel for each in options]
+    assert list(dict.fromkeys(panels)) == [None, *PANELS]
+    assert panels.count(None) < 6
+    assert "[plant], or usual ones" in " ".join(run("track", "--help")[1].replace("│", " ").split())
+
+
+def test_a_second_run_leaves_the_first_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ("track", "paper", "--duration", "0.02", "--samples", "0", "--no-perturbed")
+    folders = [Path(run_json(*words)["report"]).parent for _ in range(3)]
+    assert [str(each) for each in folders] == [f"runs/paper-eight{end}" for end in ("", "-2", "-3")]
+    assert all((folder / "run.npz").exists() for folder in folders)
+    assert run_json(*words, "--out", str(folders[1]))["report"] == f"{folders[1]}/report.html"
+
+
+def test_ctrl_c_while_the_report_is_drawn_leaves_run_and_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draw = run_folder.write_folder
+
+    def write_folder(*given: Any) -> RunFolder:
+        os.kill(os.getpid(), signal.SIGINT)
+        return draw(*given)
+
+    monkeypatch.setattr(run_folder, "write_folder", write_folder)
+    words = ("track", "paper", "--duration", "0.02", "--samples", "0", "--no-perturbed")
+    code, _, err = run(*words, "--out", str(tmp_path))
+    assert code == 130
+    assert err.splitlines()[-1] == "interrupted"
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "report.html", "run.npz", "summary.json", "tracking.png",
+    ]  # fmt: skip
+
+
+def test_a_picture_without_its_extra_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "playwright", None)
+    words = ("track", "paper", "--duration", "0.02", "--samples", "0", "--no-perturbed")
+    run_json(*words, "--out", str(tmp_path))
+    code, _, err = run("view", str(tmp_path), "--png", str(tmp_path / "a.png"))
+    assert code == 2
+    assert "pip install 'rpctl[film]'" in err
 
 
 def test_derive_says_what_is_too_large() -> None:

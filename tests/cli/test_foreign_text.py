@@ -196,7 +196,7 @@ def test_every_command_takes_any_name(
     run("plot", out)
     run("view", "robot.urdf", "--html", "robot.html")
     run("compare", "robot.urdf", "--duration", "0.1", "--laws", "unified", "--references", "line",
-        "--scenarios", "nominal", "--jobs", "1", "--out", out)  # fmt: skip
+        "--scenarios", "nominal", "--workers", "1", "--out", out)  # fmt: skip
     for page in ("certificate.html", "robot.html", "out/report.html"):
         html = Path(page).read_text(encoding="utf-8")
         assert "<img src=x" not in html

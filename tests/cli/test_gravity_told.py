@@ -11,7 +11,7 @@ from rpctl.cli.app import app
 from tests import urdf
 from tests.robots import SET_A, platform, wheel, write
 
-TOLD = "gravity at home exceeds the effort limit of arm_joint: 9.81 of 5 N m; give --home"
+TOLD = "gravity at home exceeds the effort limit of arm_joint: 9.81 of 5 N m; give another posture"
 
 
 def level_arm(folder: Path, effort: float) -> str:

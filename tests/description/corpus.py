@@ -238,6 +238,8 @@ for error in (
 for warning in (
     ("limits of nothing", 'joint "shoulder" cannot move', LIMIT, '<limit effort="9" velocity="3"/>'),
     ("limits out of reach", "lower limit -1e+16", LIMIT, '<limit lower="-1e+16" upper="1e+16" effort="9" velocity="3"/>'),
+    ("limits in degrees", 'limits -180 and 180 of joint "shoulder" are taken as rad; degrees?', LIMIT, '<limit lower="-180" upper="180" effort="9" velocity="3"/>'),
+    ("origin in mm", 'is 200 m from its parent\'s origin; lengths in mm?', '<origin xyz="0.2 0 0.4"/>', '<origin xyz="200 0 0.4"/>'),
     ("negative effort", "effort limit -9", LIMIT, '<limit lower="-2" upper="2" effort="-9" velocity="3"/>'),
     ("negative velocity", "velocity limit -3", LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="-3"/>'),
     ("effort of -1", 'effort limit -1 of joint "shoulder" is taken as no limit', LIMIT, '<limit lower="-2" upper="2" effort="-1" velocity="3"/>'),

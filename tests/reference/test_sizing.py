@@ -177,7 +177,9 @@ def test_a_weak_arm_swings_less(tmp_path: Path) -> None:
 
 def test_what_is_too_weak_to_hold_still_is_told_and_stops_nothing(tmp_path: Path) -> None:
     reference = reference_by_name(arm_on_wheels(tmp_path, 1.0, effort=5.0), "circle")
-    told = "gravity at home exceeds the effort limit of arm_joint: 9.81 of 5 N m; give --home"
+    told = (
+        "gravity at home exceeds the effort limit of arm_joint: 9.81 of 5 N m; give another posture"
+    )
     assert told in sizing(reference).sentence
     assert reference.arm.amplitude[0] > 0.3
     assert sizing(reference).speed == pytest.approx(LAP_RATE)

@@ -122,3 +122,10 @@ def test_a_mover_without_inertia_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path, platform(SET_A, extra=spinner))
     with pytest.raises(DescriptionError, match=r'joint "twist" moves links of no or negative'):
         rpctl.load(path)
+
+
+def test_a_robot_says_what_it_is_in_three_lines(paper: Robot) -> None:
+    first, wheels, speeds = repr(paper).splitlines()
+    assert first == "<Robot paper: differential drive, paper"
+    assert wheels == " wheels: wheel_left_joint, wheel_right_joint; end effector: tool_link"
+    assert speeds == f" quasi-velocities: {', '.join(paper.quasi_velocities)}>"

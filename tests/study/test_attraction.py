@@ -95,7 +95,7 @@ def test_colours_say_what_became_of_a_start() -> None:
 @pytest.mark.slow
 def test_the_command_writes_what_it_found(tmp_path: Path) -> None:
     words = ["attraction", "omni", "--reference", "line", "--starts", "16", "--duration", "0.1"]
-    result = CliRunner().invoke(app, [*words, "--jobs", "1", "--out", str(tmp_path), "--json"])
+    result = CliRunner().invoke(app, [*words, "--workers", "1", "--out", str(tmp_path), "--json"])
     assert result.exit_code == 0, result.output
     shown = json.loads(result.stdout)
     assert shown == json.loads((tmp_path / "attraction.json").read_text())
@@ -105,7 +105,7 @@ def test_the_command_writes_what_it_found(tmp_path: Path) -> None:
     (figures,) = shown["fractions"]
     assert figures["starts"] == 16 and figures["converged"] == 0 and figures["undecided"] == 16
     for words, told in (
-        (["--kinematic", "unfied"], "did you mean"),
+        (["--laws", "unfied"], "did you mean"),
         (["--duration", "0"], "positive"),
     ):
         result = CliRunner().invoke(app, ["attraction", "omni", *words, "--out", str(tmp_path)])

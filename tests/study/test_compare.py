@@ -197,7 +197,7 @@ def test_who_does_not_track_wins_nothing(name: str) -> None:
 
 
 def compare(*words: str) -> Any:
-    return CliRunner().invoke(app, ["compare", "paper", "--jobs", "1", *words])
+    return CliRunner().invoke(app, ["compare", "paper", "--workers", "1", *words])
 
 
 def test_compare_writes_a_table_and_a_picture(tmp_path: Path) -> None:
@@ -249,7 +249,7 @@ def test_wrong_input_exits_2(words: tuple[str, ...], output: str, tmp_path: Path
 def test_no_process_is_left(ending: signal.Signals, tmp_path: Path) -> None:
     """A Ctrl-C reaches all processes, and exits 130; a kill reaches the first one only."""
     out = tmp_path / "out"
-    words = ["-m", "rpctl", "compare", "paper", "--duration", "15", "--jobs", "2"]
+    words = ["-m", "rpctl", "compare", "paper", "--duration", "15", "--workers", "2"]
     process = subprocess.Popen(
         [sys.executable, *words, "--references", "line", "--out", str(out)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,

@@ -124,7 +124,7 @@ def test_ctrl_c_leaves_neither_file_nor_browser(paper: Robot, tmp_path: Path) ->
     source, film = run.save(tmp_path / "run.npz"), tmp_path / "a.mp4"
     scratch = Path(tempfile.mkdtemp())  # short: Chromium's sockets in it have short names only
     command = [sys.executable, "-m", "rpctl", "view", str(source), "--video", str(film)]
-    command += ["--size", "160x90"]
+    command += ["--pixels", "160x90"]
     with subprocess.Popen(
         command,
         stderr=subprocess.PIPE,

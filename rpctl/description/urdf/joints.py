@@ -23,6 +23,8 @@ LIMITED_KINDS = ("revolute", "prismatic")
 AXIS_LENGTH_TOLERANCE = 1e-3  # of an axis from length 1; below it is rounding
 MIN_AXIS_LENGTH = 1e-6  # a shorter axis is none
 MAX_POSITION = {"revolute": 5e2, "prismatic": 1e3}  # rad (80 turns), m; beyond it a limit is none
+DEGREES = 15.0, 360.0  # a whole number of rad between these is meant to be degrees
+FAR_M = 20.0  # of a joint from its parent: no robot is that large, but in mm many are
 MIN_LIMIT = 1e-9  # of the same units; a velocity limit below it, such as 0, is none
 NO_LIMIT = -1.0  # what files write for no limit
 MAX_LIMIT = 1e9  # N·m, N, rad/s or m/s; a limit beyond it stands for none
@@ -36,13 +38,19 @@ def read_joint(findings: Findings, element: Any) -> Joint:
     _require_kind(findings, element, name, kind)
     lower, upper, effort, velocity = _read_limits(findings, element, name, kind)
     damping, friction = _read_losses(findings, element, name, kind, effort, velocity)
+    origin = read_origin(findings, element)
+    if (far := float(np.linalg.norm(origin[:3, 3]))) > FAR_M:
+        findings.warn(
+            element.find("origin"),
+            f'joint "{name}" is {far:.4g} m from its parent\'s origin; lengths in mm? give m',
+        )
     return Joint(
         name=name,
         line=element.sourceline,
         kind=kind,
         parent=_read_end(findings, element, name, "parent"),
         child=_read_end(findings, element, name, "child"),
-        origin=read_origin(findings, element),
+        origin=origin,
         axis=_read_axis(findings, element, name, kind),
         lower=lower,
         upper=upper,
@@ -177,6 +185,11 @@ def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[f
         findings.warn(
             limit, f'joint "{name}" cannot move: lower and upper are {lower:g}; give its range'
         )
+    least, most = DEGREES
+    whole = (value % 1.0 == 0.0 and abs(value) <= most for value in (lower, upper))
+    if kind == "revolute" and max(-lower, upper) > least and all(whole):
+        findings.warn(limit, f'limits {lower:g} and {upper:g} of joint "{name}" are taken as rad; '
+                      "degrees? give rad")  # fmt: skip
     far = MAX_POSITION[kind]
     for key, value in (("lower", lower), ("upper", upper)):
         if far < abs(value) < math.inf:

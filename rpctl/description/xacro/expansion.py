@@ -29,7 +29,7 @@ from rpctl.files.caps import cap, how_to_raise, read_source
 from rpctl.files.confinement import open_ways
 from rpctl.files.worker import Worker, WorkerError
 
-INSTALL = "pip install 'rpctl[xacro]', or run `xacro FILE > robot.urdf` elsewhere and give that"
+INSTALL = "pip install xacro, or run `xacro FILE > robot.urdf` elsewhere and give that"
 MAX_SAID = 4 * 2**20  # bytes of a message of the process: JSON may take 30 times as many to read
 WORKER = "rpctl.description.xacro.worker"
 XACRO = re.compile(  # an element of xacro, or a substitution; both mean nothing to a URDF's readers

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,16 @@ class Run(Header):
     def header(self) -> Header:
         """What it is besides its samples."""
         return Header(**{item.name: getattr(self, item.name) for item in fields(Header)})
+
+    @cached_property
+    def summary(self) -> Any:
+        """Its figures, a :class:`rpctl.Summary`."""
+        return library("rpctl.simulation.merits.summary").summarize(self)  # which takes runs
+
+    @property
+    def outcome(self) -> str:
+        """What became of it, in a word: ``tracked``, ``late``, ``diverging``, ..."""
+        return str(self.summary.outcome)
 
     @property
     def t(self) -> Array:

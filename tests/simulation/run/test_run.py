@@ -146,3 +146,9 @@ def test_the_robot_of_a_run_has_its_home_and_its_free_joints(tmp_path: Path) -> 
     assert back.joint_names == robot.joint_names == run.robot.joint_names
     assert dict(back.locked) == {"r_joint": 0.0}
     assert back.end_effector == "rod_3"
+
+
+def test_a_run_tells_its_outcome_and_its_figures(run: Run) -> None:
+    summary = rpctl.summarize(run)
+    assert run.outcome == summary.outcome == "late"
+    assert run.summary.to_dict() == summary.to_dict()
