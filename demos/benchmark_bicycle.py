@@ -7,6 +7,7 @@ steering to the right, the robot here counts it to the left: that changes signs 
 
 import rpctl
 from rpctl.derive.linear_form import linear_form
+from rpctl.robot.leaning import LeaningRobot
 
 PUBLISHED = {
     "M": ((80.81722, 2.31941332208709), (2.31941332208709, 0.29784188199686)),
@@ -18,6 +19,7 @@ PUBLISHED = {
 
 def main() -> None:
     robot = rpctl.load("whipple", root="free")
+    assert isinstance(robot, LeaningRobot)
     matrices = linear_form(robot).matrices
     print(f"{'entry':6} {'ours':>20} {'published':>20} {'apart':>8}")
     for name, published in PUBLISHED.items():

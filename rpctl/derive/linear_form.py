@@ -19,13 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.balance import ERRORS, GRAVITY, STEADY, Posture
+from rpctl.control.balance import ERRORS, STEADY, Posture
 from rpctl.derive.text import escaped, rendered
 from rpctl.dynamics.derivatives import linearize
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, printable
 from rpctl.robot.inspection import meanings
-from rpctl.robot.leaning import LeaningRobot
+from rpctl.robot.leaning import GRAVITY, LeaningRobot
 
 ROUNDING = 1e-12  # of a matrix's largest entry: what is smaller is 0
 SECOND_ORDER = {

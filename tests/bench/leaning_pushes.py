@@ -123,12 +123,12 @@ def servos(dynamics: ReducedDynamics, q: Array) -> Law:
 
 def push_of(robot: LeaningRobot, q: Array, size: float, start: float) -> Wrench:
     """Return a push of ``size`` (N s) through the centre of mass of a robot that stands at q."""
-    force = np.zeros(3)
-    force[int(robot.rolls_sideways)] = size / PUSH_S
+    own = size / PUSH_S
+    force = (0.0, own, 0.0) if robot.rolls_sideways else (own, 0.0, 0.0)
     arm = pin.centerOfMass(robot.model, robot.model.createData(), q) - q[:3]
     x, y, z = np.cross(arm, force).tolist()
     link = robot.description.root
-    return Wrench(link, tuple(force.tolist()), (x, y, z), start, start + PUSH_S)
+    return Wrench(link, force, (x, y, z), start, start + PUSH_S)
 
 
 def survives_by_lqr(robot: LeaningRobot, size: float, delay: float) -> bool:

@@ -68,7 +68,7 @@ def moved(motion: LeaningMotion | RollingMotion, robot: LeaningRobot) -> Array:
     On legs that part, friction holds each wheel to its side, but rolling holds their mean: it is
     pushed straight ahead, and its legs give way alike.
     """
-    tau = (0.0 if robot.legs else 0.3) * (-1.0) ** np.arange(len(robot.actuators))
+    tau: Array = (0.0 if robot.legs else 0.3) * (-1.0) ** np.arange(len(robot.actuators))
     for _ in range(50):
         motion.advance(tau, PERIOD, (AHEAD if robot.legs else PUSHED,))
     return motion.nu
