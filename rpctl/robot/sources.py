@@ -17,7 +17,7 @@ from typing import Any
 
 from rpctl.description.packages import require_folders
 from rpctl.description.records import ReadSettings
-from rpctl.errors import DescriptionError, RpctlError, UnknownNameError
+from rpctl.errors import DescriptionError, InputError, RpctlError, UnknownNameError
 from rpctl.files.caps import at_home, is_file, is_folder, read_text
 from rpctl.robot import catalog
 from rpctl.robot.load_settings import LoadSettings
@@ -274,8 +274,8 @@ def _file_of(source: str | Path, path: Path) -> Path:
     """Return a path that is no folder.
 
     Raises:
-        RpctlError: It is one.
+        InputError: It is one.
     """
     if is_folder(path):
-        raise RpctlError(f"{source} is a folder; give one of the URDF or .xacro files in it")
+        raise InputError(source, "Is a directory; give one of the URDF or .xacro files in it")
     return path

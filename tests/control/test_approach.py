@@ -155,7 +155,7 @@ def test_a_wheel_that_is_mounted_the_other_way_round_limits_the_way(tmp_path: Pa
     old = '<axis xyz="0 1 0"/>\n    <limit effort="40" velocity="18"/>'
     assert old in text
     new = old.replace("0 1 0", "0 -1 0").replace("18", "3")
-    robot = rpctl.load(write(tmp_path, text.replace(old, new)))
+    robot = rpctl.load(write(tmp_path, text.replace(old, new)), root="planar")
     way = way_of(robot, reference_by_name(robot, "line"), haste=100.0)
     assert 0.95 * 0.48 < way.pace.speeds[1] <= 0.48 + 1e-12
 
