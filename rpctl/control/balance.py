@@ -274,7 +274,11 @@ class Balance(Record):
     tilt: Annotated[float, POSITIVE, Setting("rad", "Tilt", "Off the steady motion's.")] = 0.1
     speed: Annotated[float, POSITIVE, Setting("m/s", "Speed", "Off the reference's.")] = 0.3
     turn: Annotated[float, POSITIVE, Setting("rad/s", "Turning", "Off the reference's.")] = 1.0
-    joint: Annotated[float, POSITIVE, Setting("rad or m", "Joints", "Arm and steering.")] = 0.1
+    steering: Annotated[float, POSITIVE, Setting("rad", "Steering", "Off the steady motion's.")] = (
+        0.1
+    )
+    # On the ground, legs that part hold the robot to its heading, which the model does not know.
+    joint: Annotated[float, POSITIVE, Setting("rad or m", "Joints", "Legs and arm.")] = 0.03
     rate: Annotated[float, POSITIVE, Setting("rad/s", "Rates", "Of tilt and joints.")] = 1.0
     acceleration: Annotated[
         float, POSITIVE, Setting("m/s²", "Acceleration", "Of the wheels along the ground.")
@@ -314,7 +318,9 @@ class Balance(Record):
         rates[0], accelerations[0] = self.speed, self.acceleration
         if not posture.steered:
             rates[1], accelerations[1] = self.turn, self.turning
-        places = [self.place, self.place, self.heading, self.tilt, *[self.joint] * (count - 1)]
+        own = [self.tilt, *[self.steering] * len(posture.steered)]
+        own += [self.joint] * (count - len(own))
+        places = [self.place, self.place, self.heading, *own]
         Q = np.diag(1.0 / np.concatenate([places, rates]) ** 2)
         driven = np.delete(B[ERRORS + count :] / accelerations[:, None], posture.first, axis=0)
         R = driven.T @ driven

@@ -100,9 +100,9 @@ def test_what_the_reference_will_ask_acts_as_the_best_regulator_has_it() -> None
     steady = posture.steady(0.5, 0.0, posture.robot.home)
     F, G, _, ahead = law.design(posture, steady, PERIOD)
     (n, m), periods = G.shape, 40
-    # Q and R are the law's: of place .1 m, heading .3 rad, tilt and arm .1 rad, of .3 m/s and so on
+    # Q and R are the law's: place .1 m, heading .3 rad, tilt .1, arm .03, .3 m/s and so on
     Q = np.zeros((n + periods, n + periods))
-    scales = [0.1, 0.1, 0.3, 0.1, 0.1, 0.3, 1.0, 1.0, 1.0]  # rates: v, ω, tilt, arm
+    scales = [0.1, 0.1, 0.3, 0.1, 0.03, 0.3, 1.0, 1.0, 1.0]  # rates: v, ω, tilt, arm
     Q[:n, :n] = np.diag(1.0 / np.array(scales) ** 2)
     B = posture.linear(steady)[1][[5, 6, 8]] / np.array([[3.0], [5.0], [40.0]])
     R = B.T @ B
