@@ -21,10 +21,11 @@ from rpctl.drive.drive import TYPES_WITH_AXLE, draft
 from rpctl.dynamics.ground_reaction import find_contacts
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.standing import stand_at_home
-from rpctl.errors import Finding, listed
+from rpctl.errors import Finding, RpctlError, listed
 from rpctl.files.writing import write_atomically
 from rpctl.reference.fitting import too_weak
 from rpctl.robot.inspection import facts
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 from rpctl.robot.sources import find_source
 
@@ -46,6 +47,14 @@ def inspect_command(
             "--sarif", metavar="FILE", help="Write what was found in the file as SARIF, too."
         ),
     ] = None,
+    balance: Annotated[
+        bool,
+        typer.Option(
+            "--balance",
+            help="Tell how far a robot that leans can lean and be brought back, by simulation: "
+            "some ten seconds.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
@@ -58,7 +67,11 @@ def inspect_command(
         loaded = _with_faults(options.load(robot))
     if sarif_file is not None:
         write_atomically(sarif_file, sarif(loaded.description.path, loaded.findings))
-    tell(as_json, partial(facts, loaded), partial(show_robot, loaded))
+    margin = _margin(loaded) if balance else None
+    known = {} if margin is None else {"balance": margin}
+    tell(as_json, lambda: facts(loaded) | known, partial(show_robot, loaded))
+    if margin is not None and not as_json:
+        console().print(_balanced(**margin))
 
 
 def _with_faults(robot: Robot) -> Robot:
@@ -71,6 +84,28 @@ def _with_faults(robot: Robot) -> Robot:
     fallen = f"it does not stand at home: {standing.fault}" if standing and standing.fault else ""
     faults = (Finding("warning", None, text) for text in (fallen, weak) if text)
     return replace(robot, findings=(*robot.findings, *faults))
+
+
+def _margin(robot: Robot) -> dict[str, float]:
+    """Return what can be balanced of a robot that leans.
+
+    Raises:
+        RpctlError: It stands by itself, or no law balances it.
+    """
+    if not isinstance(robot, LeaningRobot):
+        raise RpctlError(f"{robot.name} does not lean, so there is nothing to balance")
+    from rpctl.control.balance_margin import margin  # the laws take their time
+
+    return margin(robot)._asdict()
+
+
+def _balanced(speed: float, controllability: float, tilt: float) -> str:
+    """Return in a line what can be balanced."""
+    where = f"at {speed:.2f} m/s" if speed else "standing"
+    return (
+        f"[bold]balanced[/] from {tilt:.2f} rad and less, {where}, simulated with its efforts on "
+        f"endless grip; controllability's smallest singular value {controllability:.3g}"
+    )
 
 
 def show_arguments(arguments: Sequence[XacroArgument]) -> None:

@@ -210,7 +210,7 @@ def test_help_has_an_example_and_begins_as_the_list_of_commands_says(command: st
 def test_options_of_a_dataclass_are_options_of_the_command() -> None:
     """Each comes once, in the order of the fields, and so does what is no dataclass."""
     names = [parameter.name for parameter in load_command("inspect").params]
-    assert names == ["robot", "list_xacro_args", "sarif_file", "as_json", *LOADED.names]
+    assert names == ["robot", "list_xacro_args", "sarif_file", "balance", "as_json", *LOADED.names]
 
 
 def test_help_has_panels_and_the_robot_s_comes_last() -> None:
