@@ -68,7 +68,8 @@ def moved(motion: LeaningMotion | RollingMotion, robot: LeaningRobot) -> Array:
     On legs that part, friction holds each wheel to its side, but rolling holds their mean: it is
     pushed straight ahead, and its legs give way alike.
     """
-    tau: Array = (0.0 if robot.legs else 0.3) * (-1.0) ** np.arange(len(robot.actuators))
+    tau = np.full(len(robot.actuators), 0.0 if robot.legs else 0.3)
+    tau[1::2] *= -1.0
     for _ in range(50):
         motion.advance(tau, PERIOD, (AHEAD if robot.legs else PUSHED,))
     return motion.nu
