@@ -1,16 +1,17 @@
-"""The laws of robots that lean: what a kinematic law wishes, and a regulator that balances it.
+"""The regulator of robots that lean: it follows a reference by leaning before it goes or turns.
 
-The kinematic law's wish is P's speed and turning rate, and the arm's posture. The motion that has
-them for ever is the steady motion of the moment: its tilt, its steering and its efforts follow from
-the equations of motion. About it the robot is linear,
+What the reference asks at a time, for ever, is a steady motion: its tilt, its steering and its
+efforts follow from the equations of motion. About it the robot is linear,
 
-    ẋ = A x + B u,   x = (tilt, steering and joints, ν),   u = τ less the steady motion's,
+    ẋ = A x + B u,   x = (P's errors; tilt, steering, legs and arm; ν),   u = τ less the motion's,
 
 with :func:`rpctl.linearize`'s A and B, seen from the ground and sampled exactly with efforts that
-are held for a period. u = −K x makes Σ xᵀQ x + aᵀR a least, a the accelerations that u gives
-wheels, steering and joints: of light legs and heavy frames alike it asks what both can do. K is
-made for a table of speeds. Efforts come late; x is foretold by the linear model for as long as that
-is told, or taken to be.
+are held for a period. P's errors are bounded by the kinematic law's leash. u = −K x makes
+Σ xᵀQ x + aᵀR a a least, a the accelerations that u gives wheels, steering and joints: of light legs
+and heavy frames alike it asks what both can do. Changes of tilt and steering that the reference
+will ask for in the next two seconds add what the same cost makes of them. K is made for a table of
+speeds. Efforts come late; x is foretold by the linear model for as long as that is told, or taken
+to be.
 """
 
 from __future__ import annotations
