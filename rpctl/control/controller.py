@@ -557,8 +557,11 @@ class Controller:
             output = output._replace(speeds=self._both.speeds.unseen(now, brakes=True))
         if self._measured is None or not output.efforts.size:
             return output
+        seen = self._measured
+        if self._sent.reason == MOTORS_OFF:  # brakes held it, not the zeros that were sent
+            seen = seen._replace(t=now)
         self._braking = self._braking or Braking(
-            self._dynamics, self._measured, self._sent.efforts, alone=output.status == "lost"
+            self._dynamics, seen, self._sent.efforts, alone=output.status == "lost"
         )
         tau = self._braking.efforts(now)
         if tau is None:

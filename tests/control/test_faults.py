@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from rpctl import Controller, Guards, Robot
+import rpctl
+from rpctl import Controller, Guards, ReducedDynamics, Robot
 from rpctl.arrays import Array
 from rpctl.control.safeguards import Watchdog
 from rpctl.control.sampling import JumpWatch, SampleReader
@@ -113,6 +114,23 @@ def test_bad_samples_move_no_motor_that_is_off(paper: Robot) -> None:
     robot.run(0.3, lambda t, q, nu: (t, q * np.nan, nu), arriving=np.zeros_like)
     assert all((output.efforts == 0.0).all() for output in robot.outputs[500:])
     assert {output.status for output in robot.outputs[500:]} == {"stopped"}
+
+
+def test_what_brakes_held_is_held_before_the_first_sample_after_motors_were_off() -> None:
+    """TIAGo's torso sank: zeros had been sent for long, and it was taken to have fallen."""
+    tiago = rpctl.load("tiago")
+    controller, dynamics = Controller(tiago, "eight", period=PERIOD), ReducedDynamics(tiago)
+    q, nu = tiago.configuration_at(np.zeros(3), tiago.home), np.zeros(tiago.dof)
+    hold = dynamics.efforts(q, dynamics.bias(q, nu))
+    controller.step(0.0, q, nu)
+    controller.pause(motors_off=True)
+    for k in range(1, 100):
+        controller.step(k * PERIOD, q if k < 50 else q * np.nan, nu)
+    controller.resume()
+    for k in range(100, 110):
+        output = controller.step(k * PERIOD, q * np.nan, nu)
+        assert output.status == "stopped"
+    np.testing.assert_allclose(output.efforts, hold, atol=1e-3 * np.abs(hold).max())
 
 
 def test_a_pause_takes_over_from_motors_that_were_off_and_from_a_pose_that_jumps(
