@@ -11,11 +11,9 @@ from collections.abc import Mapping
 from importlib import metadata
 from typing import Any
 
-import typer
-
 from rpctl import __version__
-from rpctl.cli.options import CHECK_FAILED, JsonOption
-from rpctl.cli.terminal import console, escape, new_table, print_json
+from rpctl.cli.options import JsonOption, tell
+from rpctl.cli.terminal import console, escape, new_table
 from rpctl.kernels.cache import MOST_BYTES, cache_folder
 from rpctl.view.film import BROWSER_NAMES
 
@@ -28,12 +26,7 @@ MB = 2**20
 def doctor_command(as_json: JsonOption = False) -> None:
     """Show versions, cache and extras, and what is missing; exit 1 if rpctl cannot run."""
     found = diagnosis()
-    if as_json:
-        print_json(found)
-    else:
-        _show(found)
-    if found["missing"]:
-        raise typer.Exit(CHECK_FAILED)
+    tell(as_json, lambda: found, lambda: _show(found), not found["missing"])
 
 
 def diagnosis() -> dict[str, Any]:

@@ -99,10 +99,8 @@ class LeaningFormulas:
     def function(self, name: str, given: list[Any], found: list[Any]) -> Callable[..., list[Array]]:
         """Return a function of dense arrays."""
         dense = [casadi.densify(each) for each in casadi.cse(found)]
-        shapes, call = (
-            [each.shape for each in found],
-            interpreted(casadi.Function(name, given, dense)),
-        )
+        shapes = [each.shape for each in found]
+        call = interpreted(casadi.Function(name, given, dense))
 
         def arrays(*columns: Array) -> list[Array]:
             flat = zip(call(*columns), shapes, strict=True)

@@ -13,7 +13,7 @@ from rpctl.control.law import LeaningCommand, Rest
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.simulation.config import Config
 from rpctl.simulation.plants.starting import start_motion
-from tests.leaning import OWN, leaning
+from tests.leaning import OWN, leaning, pushed_on_an_eight
 
 PERIOD = 0.002
 
@@ -221,19 +221,7 @@ def test_a_step_asks_for_its_goal() -> None:
 @pytest.mark.parametrize("name", OWN)
 @pytest.mark.parametrize("delay", [0.0, 0.02])
 def test_it_follows_an_eight_late_and_pushed(name: str, delay: float) -> None:
-    """3 N s at the hips of legs, 10 half a metre high at a base, 2 at a bicycle from the side."""
-    robot = leaning(name)
-    size = 10.0 if robot.rolls_sideways else 0.5
-    push = {
-        "balancer": Wrench("base_link", (100.0, 0.0, 0.0), (0.0, 50.0, 0.0), 3.0, 3.1),
-        "wheel_legs": Wrench("base_link", (30.0, 0.0, 0.0), start=3.0, end=3.1),  # its hips
-        "whipple": Wrench("base_link", (0.0, 20.0, 0.0), (-18.0, 0.0, 0.0), 3.0, 3.1),
-    }[name]
-    plant = Plant(wrenches=(push,), delay=delay)
-    speed = 3.0 if robot.rolls_sideways else 0.3
-    run = rpctl.track(robot, "eight", duration=8.0, size=size, speed=speed, plant=plant,
-                      collisions=False)  # fmt: skip
-    figures = rpctl.summarize(run)
+    figures = rpctl.summarize(pushed_on_an_eight(name, Plant(delay=delay)))
     assert figures.outcome != "fell", figures.outcome_sentence
     assert figures.final_base_error < 1.0
 

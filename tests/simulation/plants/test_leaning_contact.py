@@ -16,7 +16,7 @@ from rpctl.robot.leaning import LeaningRobot
 from rpctl.simulation.plants.contact import LeaningMotion
 from rpctl.simulation.plants.rolling import RollingMotion
 from rpctl.simulation.plants.settings import Wrench
-from tests.leaning import OWN, leaning
+from tests.leaning import OWN, leaning, pushed_on_an_eight
 
 pytest.importorskip("mujoco")
 
@@ -130,19 +130,7 @@ def test_it_stays_upright_on_contact(name: str) -> None:
 @pytest.mark.parametrize("name", OWN)
 @pytest.mark.parametrize("delay", [0.0, 0.02])
 def test_it_follows_an_eight_on_contact_late_and_pushed(name: str, delay: float) -> None:
-    """3 N s at the hips of legs, 10 half a metre high at a base, 2 at a bicycle from the side."""
-    robot = leaning(name)
-    size = 10.0 if robot.rolls_sideways else 0.5
-    push = {
-        "balancer": Wrench("base_link", (100.0, 0.0, 0.0), (0.0, 50.0, 0.0), 3.0, 3.1),
-        "wheel_legs": Wrench("base_link", (30.0, 0.0, 0.0), start=3.0, end=3.1),
-        "whipple": Wrench("base_link", (0.0, 20.0, 0.0), (-18.0, 0.0, 0.0), 3.0, 3.1),
-    }[name]
-    plant = Plant(kind="contact", wrenches=(push,), delay=delay)
-    speed = 3.0 if robot.rolls_sideways else 0.3
-    run = rpctl.track(robot, "eight", duration=8.0, size=size, speed=speed, plant=plant,
-                      collisions=False)  # fmt: skip
-    figures = rpctl.summarize(run)
+    figures = rpctl.summarize(pushed_on_an_eight(name, Plant(kind="contact", delay=delay)))
     assert figures.outcome != "fell", figures.outcome_sentence
     assert figures.final_base_error < 1.0
 
