@@ -78,7 +78,7 @@ def find_scope(robot: Robot, reading: FileReading, standing: Standing | None) ->
     proves, margin = (FIXED, None) if standing is None else (ROLLING, standing.margin)
     lossy = robot.losses is not None and (robot.losses.damping.any() or robot.losses.friction.any())
     assumes = (
-        *_standing(standing),
+        *_standing(robot, standing),
         *_roles(robot),
         *([f"held: {', '.join(robot.locked)}"] if robot.locked else []),
         "losses as in the file" if lossy else "no losses in joints",
@@ -115,8 +115,8 @@ def _shortened(phrase: str) -> str:
     return f"{label}: {listed(names.split(', '), MAX_NAMES)}" if listing else phrase
 
 
-def _standing(standing: Standing | None) -> Iterator[str]:
-    if standing is None:
+def _standing(robot: Robot, standing: Standing | None) -> Iterator[str]:
+    if standing is None or robot.drive.leans:  # the equations of one that leans ask for no stand
         return
     if standing.fault:
         yield f"it stands, which is false: {standing.fault}"

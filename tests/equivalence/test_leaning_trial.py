@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -13,13 +14,14 @@ from scipy.spatial import ConvexHull
 
 import rpctl
 from rpctl.arrays import Array
+from rpctl.cli.verify import show_certificate
 from rpctl.dynamics.leaning import find_formulas
 from rpctl.equivalence import mujoco_engine
 from rpctl.equivalence.certificate import Skipped
 from rpctl.equivalence.contact.leaning_trial import leaning_trial
 from rpctl.equivalence.contact.trial import ContactTrial
 from rpctl.robot.leaning import LeaningRobot, contact_arm
-from rpctl.view.pages.certificate import contact_figure
+from rpctl.view.pages.certificate import certificate_page, contact_figure
 from tests.leaning import OWN, leaning
 
 if not mujoco_engine.installed():
@@ -111,10 +113,27 @@ def test_what_nothing_balances_is_skipped() -> None:
     assert isinstance(trial, Skipped) and "centre of mass above its wheels" in trial.note
 
 
-def test_a_certificate_has_the_trial_and_its_picture() -> None:
+def test_a_certificate_has_the_trial_and_its_picture(capsys: pytest.CaptureFixture[str]) -> None:
     proof = rpctl.verify(leaning("balancer"), samples=1, trials=["contact"])
     assert proof.passed and proof.contact is not None
     assert len(proof.contact.footprint) == 2
     with pytest.raises(Exception, match="QH"):  # two contacts have no hull
         ConvexHull(proof.contact.footprint)
     contact_figure(proof.contact)
+    assert not says_legs_were_stiff(proof, capsys)
+    assert "it stands" not in proof.scope.line
+
+
+def says_legs_were_stiff(proof: rpctl.Certificate, capsys: pytest.CaptureFixture[str]) -> bool:
+    """Return whether terminal, JSON and page say so; all three or none."""
+    show_certificate(proof)
+    words = " ".join(capsys.readouterr().out.split())
+    said = {"legs were held stiff" in text
+            for text in (words, json.dumps(proof.to_dict()), certificate_page(proof))}  # fmt: skip
+    assert len(said) == 1
+    return said.pop()
+
+
+def test_a_certificate_says_that_legs_were_held_stiff(capsys: pytest.CaptureFixture[str]) -> None:
+    proof = rpctl.verify(leaning("wheel_legs"), samples=1, trials=["contact"])
+    assert says_legs_were_stiff(proof, capsys)

@@ -56,6 +56,10 @@ STIFF = 3e-3  # rad, of legs: where they part, friction holds each wheel aside, 
 REDUNDANT = 1e-6  # of the largest cost: that of efforts which work against each other
 TILT_BAND = 1e-3  # rad: soft contacts leave .3 mrad of a bicycle, far less of others
 NOTE = "one regulator holds up both sides, each by its own tilt, joints and speeds"
+STIFF_LEGS = (
+    "legs were held stiff: on soft ones that part in a turn both sides differ, as the model holds "
+    "the mean of both wheels sideways and friction each"
+)
 
 
 class Regulator:
@@ -224,7 +228,7 @@ def leaning_trial(robot: LeaningRobot) -> ContactTrial | Skipped:
     rows = _gaps(robot, math.dist(*footprint), reduced, engine)
     return ContactTrial(
         checks=tuple(replace(row, time=float(times[row.sample])) for row in rows),
-        notes=(*model.notes, NOTE),
+        notes=(*model.notes, NOTE, *([STIFF_LEGS] if robot.legs else [])),
         contacts=model.contacts,
         determinate=True,
         joints=robot.actuators,
