@@ -26,6 +26,7 @@ GRAVITY = 9.81  # m/s²
 MAX_LEAN, MAX_STEERING = 0.5, 0.6  # rad: in a bend that a bicycle is asked for
 LEAST_LEAN = 0.1  # rad: a bicycle whose steering holds up less is too slow to be balanced
 ROUNDING_M = 1e-16  # m: by which both wheels' heights may differ where nothing makes them
+FLAT = 1e-12  # least level part of a unit axle that is divided by; of a wheel lying flat it is 0
 KEPT_ROBOTS = 4  # of which something is kept
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -193,13 +194,14 @@ class LeaningRobot(Robot):
         place = data.oMi[axle.joint]
         up = place.rotation[2]
         z = float(up.dot(axle.centre) + place.translation[2])
-        return float(axle.lowest(z, float(up.dot(axle.left)), math.sqrt))
+        return float(axle.lowest(z, float(up.dot(axle.left)), _level_part))
 
     def base_pose(self, q: Array) -> Array:
         """Return the pose (x, y, θ) of P and of the forward direction in the world; m, rad.
 
         P is where a bicycle's rear wheel touches the ground, else the middle between both wheels'
-        contacts; forward is across their axles.
+        contacts; forward is across their axles. Of a wheel that lies flat its middle counts, and a
+        heading that no axle tells is 0.
         """
         return np.array(self.seen(q)[:3])
 
@@ -218,7 +220,7 @@ class LeaningRobot(Robot):
         for axle in held:
             place = data.oMi[axle.joint]
             left, centre = place.rotation.dot(axle.left).tolist(), place.act(axle.centre).tolist()
-            arm = contact_arm(left, axle, math.sqrt)
+            arm = contact_arm(left, axle, _level_part)
             x, y = x + share * (centre[0] + arm[0]), y + share * (centre[1] + arm[1])
             across, ahead = across - left[0], ahead + left[1]
             lefts.append(left)
@@ -354,6 +356,11 @@ def _last_seen(robot: LeaningRobot) -> _LastSeen:
     return _LastSeen(robot.model)
 
 
+def _level_part(square: float) -> float:
+    """Return the level part of a unit axle by its square, which rounding may leave below 0."""
+    return max(math.sqrt(max(square, 0.0)), FLAT)
+
+
 def lies(q: Array) -> bool:
     """Return whether a robot that leans at q (nq,) has leant so far that it lies on the ground."""
     return 2.0 * math.asin(min(math.hypot(q[3], q[4]), 1.0)) > MAX_TILT
@@ -362,13 +369,13 @@ def lies(q: Array) -> bool:
 def contact_arm(left: Sequence[Any], axle: Axle, sqrt: Callable[[Any], Any]) -> list[Any]:
     """Return the way from a wheel's centre to its lowest point (3,), m, of any scalar.
 
-    Of a disc it is r d with d = −(ẑ − a_z a)/s, s = √(1 − a_z²); of a torus the section's centre
+    Of a disc it is r d with d = −(ẑ − a_z a)/s, s = √(a_x² + a_y²); of a torus the section's centre
     lies at (r − ρ) d, and the lowest point ρ below that.
 
     Args:
         left: Its unit axle a (3,).
     """
     x, y, z = left
-    sine = sqrt(1.0 - z * z)
+    sine = sqrt(x * x + y * y)  # 1 − z² would be rounding where a wheel lies nearly flat
     reach = (axle.radius - axle.tyre) / sine
     return [reach * z * x, reach * z * y, -(axle.radius - axle.tyre) * sine - axle.tyre]

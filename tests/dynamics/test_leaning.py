@@ -201,3 +201,19 @@ def test_machine_code_leads_a_robot_as_its_basis_does(name: str) -> None:
     q, nu = robot.random_configuration(rng), 0.1 * rng.normal(size=robot.dof)
     wanted = dynamics.integrate(q, dynamics.basis(q) @ nu)
     assert np.abs(dynamics.moved(q, nu) - wanted).max() < 1e-12
+
+
+@pytest.mark.parametrize(("name", "radius"), [("balancer", 0.1), ("whipple", 0.3)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_robot_that_lies_on_its_side_is_somewhere(name: str, radius: float, side: float) -> None:
+    """Rolled by a right angle about the ground's x axis, its axle is at y = −r; the rim below it
+    a little before, at y = 0. A controller answers, too.
+    """
+    robot, q = leaning(name), leaning(name).configuration()
+    for short, y in ((0.0, -radius), (1e-9, 0.0)):
+        roll = side * (0.5 * np.pi - short)
+        q[3:7] = [np.sin(0.5 * roll), 0.0, 0.0, np.cos(0.5 * roll)]
+        assert robot.base_pose(q)[:2] == pytest.approx([0.0, side * y], abs=1e-3)
+        assert np.isfinite(robot.seen(q)).all()
+        controller = rpctl.Controller(robot, "circle", period=0.01)
+        assert np.isfinite(controller.step(0.0, q, np.zeros(robot.dof)).efforts).all()
