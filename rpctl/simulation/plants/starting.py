@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -85,17 +86,27 @@ def rest_at(
         RpctlError: It is a bicycle, and its reference too slow for it.
     """
     if isinstance(simulated.robot, LeaningRobot):
-        robot = simulated.robot
+        robot, pose = simulated.robot, simulated.robot.base_pose(q)
+        posture = Posture(ReducedDynamics(_at_heading(robot, pose[2])))
         if first is not None and robot.rolls_sideways:
             robot.require_speed(float(first.twist[0]))
-            posture = Posture(simulated)
             v, _, omega = posture.possible(first).twist.tolist()
             steady = posture.steady(v, omega, first.joints)
-            return Rest(robot.placed(steady.q, robot.base_pose(q)), steady.tau, steady.nu)
-        steady = Posture(simulated).steady(0.0, 0.0, robot.joint_positions(q))
-        return Rest(robot.placed(steady.q, robot.base_pose(q)), steady.tau)
+            return Rest(robot.placed(steady.q, pose), steady.tau, steady.nu)
+        steady = posture.steady(0.0, 0.0, robot.joint_positions(q))
+        return Rest(robot.placed(steady.q, pose), steady.tau)
     holding = simulated.efforts(q, simulated.bias(q, np.zeros(simulated.robot.dof)))
     return Rest(q, np.asarray(holding - plant.bias(simulated.robot)))
+
+
+def _at_heading(robot: LeaningRobot, theta: float) -> LeaningRobot:
+    """Return a robot to which gravity is at a heading of 0 what it is to another at θ (rad)."""
+    x, y, z = robot.model.gravity.linear.tolist()
+    if not (x or y):
+        return robot
+    cos, sin, model = math.cos(theta), math.sin(theta), robot.model.copy()
+    model.gravity.linear = np.array([cos * x + sin * y, cos * y - sin * x, z])
+    return replace(robot, model=model)
 
 
 def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Interface:
