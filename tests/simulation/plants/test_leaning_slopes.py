@@ -119,3 +119,31 @@ def test_energy_is_kept(name: str) -> None:
     gone = 0.5 * motion.nu @ dynamics.inertia(motion.q) @ motion.nu
     assert gone > 1e-2 and np.abs(motion.nu - speeds).max() > 5e-3
     assert dynamics.energy(motion.q, motion.nu) == pytest.approx(before, abs=1e-8 * gone)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "slope", "least", "most"),
+    [
+        ("balancer", (3.0, 0.0), 0.2, 0.35),
+        ("wheel_legs", (3.0, 0.0), 0.3, 0.45),
+        ("whipple", (6.0, 0.0), 0.03, 0.05),
+        ("whipple", (-6.0, 0.0), -0.05, -0.03),
+    ],
+)
+def test_a_slope_that_nobody_told_costs_some_of_its_place(
+    name: str, slope: tuple[float, float], least: float, most: float
+) -> None:
+    """Uphill it falls behind, downhill it is ahead, by what its motors have to carry; the tilt
+    is that of the slope.
+    """
+    robot, plant = leaning(name), Plant(slope=(math.radians(slope[0]), math.radians(slope[1])))
+    way = (10.0, 3.0) if robot.rolls_sideways else (2.0, 0.3)
+    run = rpctl.track(robot, "line", size=way[0], speed=way[1], duration=6.0, plant=plant,
+                      control_period=0.004, collisions=False)  # fmt: skip
+    assert rpctl.summarize(run).outcome in ("tracked", "late")
+    ahead, aside, turned = run.log.e[-1, :3]
+    assert least < ahead < most and max(abs(aside), abs(turned)) < 1e-6
+    settled = robot.tilt(rest_at(on_slope(robot, plant), plant, run.q[-1], None).q) if way[1] < 1 \
+        else 0.0  # fmt: skip
+    assert robot.tilt(run.q[-1]) == pytest.approx(settled, abs=5e-3)
