@@ -163,9 +163,9 @@ def _fixes(evidence: Evidence) -> Iterator[str]:
             yield f"{swivel.joint.name} carries all wheels and so steers none: {option}"
     holding = dict.fromkeys(name for each in left for name in each.hold)
     if holding:
-        hanging = ", ".join(each.joint.name for each in left if each.hold)
-        option = lock_option(tree, list(holding))
-        yield f"{hanging} hang on joints that can move; hold these: {option}"
+        hanging = [each.joint.name for each in left if each.hold]
+        verb, option = "hang" if len(hanging) > 1 else "hangs", lock_option(tree, list(holding))
+        yield f"{', '.join(hanging)} {verb} on joints that can move; hold these: {option}"
 
 
 def upright_spinners(tree: FrozenTree) -> list[Joint]:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from rpctl.arrays import Array
 from rpctl.dynamics.ground_reaction import find_contacts, ground_reaction
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import ActuationError
+from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 
 MIN_MARGIN = 0.02  # of the distance between the outermost contacts: a nudge takes as much
 LEANS = "a bicycle leans, which the planar model leaves out: something has to hold it upright"
-
-
 BALANCES = "it leans on two wheels: a law that balances it holds it upright, nothing else"
 
 
@@ -48,8 +49,8 @@ def stand_at_home(dynamics: ReducedDynamics) -> Standing | None:
         dynamics: Its dynamics.
     """
     robot = dynamics.robot
-    if robot.drive.leans:
-        return Standing("", BALANCES, None, 0.0, "", 0.0)
+    if isinstance(robot, LeaningRobot):
+        return _on_its_wheels(robot)
     contacts = find_contacts(dynamics)
     if contacts is None:
         return None
@@ -76,6 +77,25 @@ def stand_at_home(dynamics: ReducedDynamics) -> Standing | None:
     elif name in robot.actuators and load <= contacts.floor:
         fault = f"{name} bears nothing: it is driven, and does not touch the ground"
     return Standing(fault, "", margin, least, name, load)
+
+
+def _on_its_wheels(robot: LeaningRobot) -> Standing:
+    """Return how a robot stands that a law balances: no law helps beyond the ends of its axle."""
+    q = _home(robot)
+    points = robot.contacts(q)
+    com = pin.centerOfMass(robot.model, robot.model.createData(), q)[:2]
+    length = math.dist(*points)
+    first = float((points[1] - com) @ (points[1] - points[0])) / length  # times the weight: moment
+    margin, weakest = min((first, 0), (length - first, 1))
+    if margin >= 0.0:
+        return Standing("", BALANCES, None, 0.0, "", 0.0)
+    names = [wheel.joint for wheel in robot.drive.wheels]
+    fault = (
+        f"its centre of mass lies {-margin:.3g} m beyond {names[1 - weakest]}: it lifts "
+        f"{names[weakest]}"
+    )
+    load = margin / length * robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+    return Standing(fault, "", margin, 0.0, names[weakest], load)
 
 
 def holding_at_home(dynamics: ReducedDynamics) -> Array | None:

@@ -116,10 +116,12 @@ def _shortened(phrase: str) -> str:
 
 
 def _standing(robot: Robot, standing: Standing | None) -> Iterator[str]:
-    if standing is None or robot.drive.leans:  # the equations of one that leans ask for no stand
+    if standing is None:
         return
     if standing.fault:
         yield f"it stands, which is false: {standing.fault}"
+    elif robot.drive.leans:
+        yield "both wheels press on the ground"
     elif standing.margin is None:
         yield "it stands, or is held upright: not known"
     else:

@@ -237,6 +237,16 @@ class LeaningRobot(Robot):
         sine = upright[0] * b - upright[1] * a
         return math.atan2(sine, sum(u * v for u, v in zip(upright, over, strict=True)))
 
+    def contacts(self, q: Array) -> Array:
+        """Return where both wheels touch the ground at q (nq,), (2, 2), m."""
+        data, found = self.model.createData(), []
+        pin.forwardKinematics(self.model, data, q)
+        for axle in self.axles:
+            at = data.oMi[axle.joint]
+            arm = contact_arm((at.rotation @ axle.left).tolist(), axle, _level_part)
+            found.append(at.act(axle.centre)[:2] + arm[:2])
+        return np.array(found)
+
     def base_poses(self, q: Array) -> Array:
         """Return the poses (K, 3) of P at q (K, nq), as :meth:`base_pose`."""
         return np.array([self.base_pose(row) for row in q]).reshape(-1, 3)

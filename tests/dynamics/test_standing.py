@@ -129,3 +129,29 @@ def test_a_bicycle_is_held_upright_by_something_else() -> None:
         proof.passed
         and "a bicycle leans" in {row.name: row.note for row in proof.skipped}["stands at home"]
     )
+
+
+@pytest.mark.parametrize(
+    ("aside", "lifted"), [(0.3, "wheel_right_joint"), (-0.3, "wheel_left_joint")]
+)
+def test_a_law_balances_nothing_beyond_the_ends_of_an_axle(
+    tmp_path: Path, aside: float, lifted: str
+) -> None:
+    """12 of 15.4 kg .3 m aside: .0338 m beyond a wheel .2 m aside; the other would have to pull.
+
+    What it pulls with is 15.4 · 9.81 · .0338/.4 = 12.75 N.
+    """
+    text = (Path(__file__).parents[2] / "urdf/balancer.urdf").read_text()
+    moved = text.replace('<origin xyz="0 0 0.22"/>', f'<origin xyz="0 {aside} 0.22"/>', 1)
+    found = stand_at_home(ReducedDynamics(rpctl.load(write(tmp_path, moved))))
+    assert found is not None and found.margin == pytest.approx(0.2 - 12.0 * 0.3 / 15.4)
+    assert found.weakest == lifted and found.load == pytest.approx(-12.753, abs=1e-3)
+    assert f"0.0338 m beyond wheel_{'left' if aside > 0.0 else 'right'}_joint" in found.fault
+    proof = rpctl.verify(rpctl.load(write(tmp_path, moved)), samples=1)
+    assert (
+        not failed(proof) and not proof.passed and "which is false: its centre" in proof.scope.line
+    )
+    with pytest.raises(rpctl.RpctlError, match=r"falls over.*: its centre of mass lies 0\.0338 m"):
+        rpctl.track(rpctl.load(write(tmp_path, moved)), "line", duration=0.1, collisions=False)
+    inside = stand_at_home(ReducedDynamics(rpctl.load("balancer")))
+    assert inside is not None and not inside.fault and inside.unknown

@@ -47,7 +47,7 @@ from rpctl.equivalence.contact.trial import (
 )
 from rpctl.equivalence.mujoco_engine import EngineRefused
 from rpctl.errors import RpctlError
-from rpctl.robot.leaning import FREE_NQ, MAX_DRAWN_TILT, LeaningRobot, contact_arm
+from rpctl.robot.leaning import FREE_NQ, MAX_DRAWN_TILT, LeaningRobot
 from rpctl.robot.vary import without_losses
 
 BICYCLE_SPEED, FASTER, LEAN = 3.0, 1.0, 0.1  # m/s from the start, and more at the end; rad
@@ -175,18 +175,8 @@ class _Reduced(ReducedRobot):
         found, *_ = np.linalg.lstsq(dynamics.constraint(q).T, push, rcond=None)
         load = np.array(found[-2:], dtype=float)
         force = pin.XYZQUATToSE3(q[:FREE_NQ]).rotation @ wrench[:3]
-        self.ground = Contact(load, force, load @ _contacts(dynamics, q) / load.sum())
+        self.ground = Contact(load, force, load @ dynamics.robot.contacts(q) / load.sum())
         super().advance(tau, dt)
-
-
-def _contacts(dynamics: LeaningDynamics, q: Array) -> Array:
-    """Return where both wheels touch the ground (2, 2), m."""
-    data, found = dynamics.placements(q), []
-    for axle in dynamics.robot.axles:
-        at = data.oMi[axle.joint]
-        left = (at.rotation @ axle.left).tolist()
-        found.append(at.act(axle.centre)[:2] + contact_arm(left, axle, math.sqrt)[:2])
-    return np.array(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +212,7 @@ def leaning_trial(robot: LeaningRobot) -> ContactTrial | Skipped:
     rolling.nu = model.nu
     reduced, engine = _motion(regulator, rolling), _motion(regulator, model)
     times: Array = TICKS_PER_SAMPLE * TICK_S * np.arange(len(engine.pose), dtype=float)
-    footprint = _contacts(dynamics, regulator.q)
+    footprint = robot.contacts(regulator.q)
     for values in (times, footprint):
         values.setflags(write=False)
     rows = _gaps(robot, math.dist(*footprint), reduced, engine)

@@ -12,6 +12,7 @@ from rpctl.control.balance import Posture
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.dynamics.standing import stand_at_home
 from rpctl.errors import RpctlError, require_known
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.leaning import LeaningRobot
@@ -83,10 +84,17 @@ def rest_at(
     One that leans is put into balance; a bicycle goes as its reference does at first.
 
     Raises:
-        RpctlError: It is a bicycle, and its reference too slow for it.
+        RpctlError: It is a bicycle, and its reference too slow for it; or its mass lies beyond
+            its wheels.
     """
     if isinstance(simulated.robot, LeaningRobot):
         robot, pose = simulated.robot, simulated.robot.base_pose(q)
+        standing = stand_at_home(simulated)
+        if standing is not None and standing.fault:
+            raise RpctlError(
+                f"{robot.name} falls over, and no law helps: {standing.fault}; set its wheels "
+                "further apart, or its masses between them"
+            )
         posture = Posture(ReducedDynamics(_at_heading(robot, pose[2])))
         if first is not None and robot.rolls_sideways:
             robot.require_speed(float(first.twist[0]))
