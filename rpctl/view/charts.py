@@ -30,6 +30,7 @@ MAX_JOINTS_WITH_REFERENCE = 3  # a panel with more joints has no room for their 
 CLEARANCE_SHOWN_MAX = 1.0  # m: links that are farther from a thing are far
 NEAR_M = 0.1  # m: from where on it is shown how near links are to the ground or to each other,
 NEAR_RATIO = 0.5  # if at the start they were farther than this allows
+NEAR_LYING = 0.3  # of the tilt from which nothing raises a robot: a smaller one is drawn without it
 OWN_THINGS = {SELF: "each other", GROUND: "ground"}  # in legends
 AXIS_ZOOM = 1.12  # a panel's axis ends at the extreme values times this,
 AXIS_MARGIN = 0.08  # or this fraction of their range beyond them
@@ -92,9 +93,11 @@ def _tilt(run: Run) -> list[Chart]:
         Line("pitch", "rad", pitch, 0, printed="pitch, forward"),
         Line("roll", "rad", roll, 1, printed="roll, to the right", dash=1),
     )
-    note = "forward, and to the right; fallen beyond the dashed lines"
-    panel = Panel("tilt", "Tilt, limits dashed", "rad", legend="own")
-    return [Chart("Tilt", "rad", lines, (-LYING, LYING), note=note, panel=panel)]
+    note = f"forward, and to the right; fallen beyond {LYING:g} rad"
+    far = bool(np.abs([pitch, roll]).max() > NEAR_LYING * LYING)
+    limits = (-LYING, LYING) if far else ()  # beside which less would be a flat line
+    panel = Panel("tilt", f"Tilt{', limits dashed' * far}", "rad", legend="own")
+    return [Chart("Tilt", "rad", lines, limits, note=note, panel=panel)]
 
 
 def _tip_error(run: Run) -> list[Chart]:

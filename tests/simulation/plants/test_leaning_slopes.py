@@ -118,7 +118,7 @@ def test_energy_is_kept(name: str) -> None:
     motion.advance(np.zeros(len(robot.actuators)), 0.1)
     gone = 0.5 * motion.nu @ dynamics.inertia(motion.q) @ motion.nu
     assert gone > 1e-2 and np.abs(motion.nu - speeds).max() > 5e-3
-    assert dynamics.energy(motion.q, motion.nu) == pytest.approx(before, abs=1e-8 * gone)
+    assert dynamics.energy(motion.q, motion.nu) == pytest.approx(before, abs=1e-8 * float(gone))
 
 
 @pytest.mark.slow
