@@ -20,12 +20,12 @@ SCATTER = {
     "plant.noise.heading": rpctl.Uniform(0.0, 0.01),  # rad
     "run.initial_error.x": rpctl.Normal(0.0, 0.1),  # m
     "run.initial_error.y": rpctl.Normal(0.0, 0.1),
-    "run.initial_error.theta": rpctl.Normal(0.0, 0.3, -1.0, 1.0),  # rad
+    "run.initial_error.theta": rpctl.Normal(0.0, 0.3, low=-1.0, high=1.0),  # rad
 }
 MERITS = ("settled_rms_base_error", "final_base_error", "max_effort_ratio", "settling_time")
 
 robot = rpctl.load("paper")
-runs = rpctl.rollout(robot, "eight", SCATTER, COUNT, duration=10.0, seed=1)
+runs = rpctl.rollout(robot, "eight", SCATTER, count=COUNT, duration=10.0, seed=1)
 print(runs)
 print(f"{'':24}{'median':>10}{'95 %':>10}{'worst':>10}  worst run")
 for name in MERITS:

@@ -24,12 +24,16 @@ def main() -> None:
         encoder_bits=12,
         noise=Noise(position=0.003, heading=0.005),  # m, rad
     )
-    bounds = {"v": 0.2, "omega": 2.0}, {"v": 0.8, "omega": 6.0}, {"v": 8.0, "omega": 60.0}
+    bounds = {
+        "speeds": {"v": 0.2, "omega": 2.0},
+        "accelerations": {"v": 0.8, "omega": 6.0},
+        "jerks": {"v": 8.0, "omega": 60.0},
+    }
     runs = [
         rpctl.track(
             robot,
             "eight",
-            output={"base": rpctl.OutputGroup("twist", lag, dead_time, *bounds)},
+            output={"base": rpctl.OutputGroup("twist", lag, dead_time, **bounds)},
             plant=plant,
             control_period=PERIOD,
             initial_error=(0.05, 0.1, 0.3),

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from inspect import isabstract
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, overload
 
 import numpy as np
 
@@ -20,12 +20,14 @@ from rpctl.control.horizon.law import Horizon
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.obstacles import OBSTACLES, Obstacle
+from rpctl.control.safeguards import require_callable
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known
 from rpctl.files.own_code import MARK, own_file, own_thing
 from rpctl.files.records import CHOICES, Choice, fields_of, read_record
+from rpctl.libraries import library
 from rpctl.robot.model import Robot
 
 Made = TypeVar("Made")
@@ -53,16 +55,49 @@ CHOICES.update(  # what a setting may be, by its type
 )
 
 
-def kinematic_by_name(name: str) -> KinematicLaw:
-    """Return a kinematic law with its default settings; of ``own.py:MyLaw`` the user's own.
+@overload
+def kinematic_law(given: str) -> KinematicLaw: ...
+@overload
+def kinematic_law(given: Made) -> Made: ...
+def kinematic_law(given: Any) -> Any:
+    """Return a kinematic law, or that of a name with its default settings.
+
+    ``own.py:MyLaw`` is the user's own. All that takes laws reads them so.
 
     Raises:
         UnknownNameError: There is no such law.
-        RpctlError: The user's file cannot be run, or has no such law.
+        RpctlError: It is no kinematic law; the user's file cannot be run, or has no such law.
     """
-    if MARK in name:
-        return own_law(name)()
-    return _by_name("kinematic law", name, KINEMATIC_LAWS)
+    if isinstance(given, str) and MARK in given:
+        return own_law(given)()
+    return _law("kinematic", given, KINEMATIC_LAWS, DYNAMIC_LAWS)
+
+
+@overload
+def dynamic_law(given: str) -> DynamicLaw: ...
+@overload
+def dynamic_law(given: Made) -> Made: ...
+def dynamic_law(given: Any) -> Any:
+    """Return a dynamic law, or that of a name with its default settings.
+
+    Raises:
+        UnknownNameError: There is no such law.
+        RpctlError: It is no dynamic law.
+    """
+    return _law("dynamic", given, DYNAMIC_LAWS, KINEMATIC_LAWS)
+
+
+def _law(kind: str, given: Any, laws: Mapping[str, Any], others: Mapping[str, Any]) -> Any:
+    if isinstance(given, str):
+        require_known(f"{kind} law", [given], laws)
+        return laws[given]()
+    require_callable(kind, given)
+    if type(given) in others.values():
+        other = "dynamic" if kind == "kinematic" else "kinematic"
+        raise RpctlError(
+            f"{kind} is {name_of(given)}, a {other} law; give {other}={name_of(given)}(...)"
+        )
+    return given
 
 
 def own_law(name: str) -> Callable[[], BaseLaw]:
@@ -113,18 +148,13 @@ def own_digests(law: object) -> dict[str, str]:
     return found
 
 
-def dynamic_by_name(name: str) -> DynamicLaw:
-    """Return a dynamic law with its default settings.
+def configuration(config: Any, robot: Robot, kinematic: Any, dynamic: Any) -> Any:
+    """Return a :class:`rpctl.Config`, or that of the path of a TOML, with laws that win over its.
 
-    Raises:
-        UnknownNameError: There is no such law.
+    It is of a room below, which takes its laws from here: so it is looked for when it is asked for.
     """
-    return _by_name("dynamic law", name, DYNAMIC_LAWS)
-
-
-def _by_name(kind: str, name: str, laws: Mapping[str, Callable[[], Made]]) -> Made:
-    require_known(kind, [name], laws)
-    return laws[name]()
+    found = library("rpctl.simulation.config").as_config(config, robot)
+    return found.with_laws(kinematic, dynamic)
 
 
 OBSTACLE_NAMES = {kind: name for name, kind in OBSTACLES.items()}

@@ -49,7 +49,7 @@ ENGINES = ("mujoco",)
 ABSENT = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """The outcome of :func:`rpctl.verify`: all checks of one robot.
 
@@ -144,6 +144,7 @@ class _Derivations:
 def verify(
     robot: Robot,
     samples: int = 100,
+    *,
     seed: int = 0,
     engines: Sequence[str] = ENGINES,
     progress: Callable[[int], object] | None = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from typing import Unpack  # of Python 3.11; never imported when it runs
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Rollouts:
     """The runs of a rollout.
 
@@ -149,8 +150,9 @@ def rollout(
     robot: Robot,
     reference: str | Reference = RunSettings.reference,
     scatter: Scatter | Mapping[str, Any] | None = None,
+    *,
     count: int = 1000,
-    config: Config | None = None,
+    config: Config | str | Path | None = None,
     **settings: Unpack[RolloutSettings],
 ) -> Rollouts:
     """Simulate a robot many times, each time with settings of its own, drawn at random.
@@ -163,7 +165,8 @@ def rollout(
         scatter: Distributions by path of the setting, see :mod:`rpctl.study.scatter`:
             ``{"plant.masses.arm_*": Uniform(0.9, 1.1), "run.initial_error.y": Normal(0.0, 0.1)}``.
         count: Number of runs.
-        config: Laws, plant and circumstances of all runs; None: the robot's default, for 10 s.
+        config: Laws, plant and circumstances of all runs, or the path of their TOML; None: the
+            robot's default, for 10 s.
         **settings: As of :func:`rpctl.track`, which win over the config: ``duration=5``; besides,
             ``seed`` of all that is random, names of the ``merits`` that are wanted, and most
             ``samples`` over time that are kept of a run.
@@ -184,4 +187,4 @@ def rollout(
     experiment = Experiment(base, scattered.names, **own)
     values = settings_at(scattered, Design(count=count, seed=seed).points(len(scattered.names)))
     table = Runner(robot, experiment).rows(values, np.arange(count), progress)
-    return Rollouts(experiment, scattered.names, values, table)
+    return Rollouts(experiment=experiment, names=scattered.names, parameters=values, results=table)

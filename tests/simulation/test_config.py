@@ -38,8 +38,10 @@ FULL = Config(
     Kanayama(kx=2.0, ky=9.0),
     IntegralDynamic(gain=4.0, inner=BoundedDynamic(along=0.1, weights={"omega": 3.0})),
     RunSettings("circle", 3.0, (0.1, -0.2, 0.3), 0.004, 0.001, 0.5),
-    LimitOverrides(effort={"wheel_*": 5.0, "arm_revolute_joint": 7.0}, velocity={"arm_*": 0.5}),
-    Plant(
+    limits=LimitOverrides(
+        effort={"wheel_*": 5.0, "arm_revolute_joint": 7.0}, velocity={"arm_*": 0.5}
+    ),
+    plant=Plant(
         tau_bias={"wheel_left_joint": 0.5},
         delay=0.008,
         joint_friction={"wheel_right_joint": 0.25},
@@ -47,7 +49,9 @@ FULL = Config(
         lags={"v": 0.3},
         dead_time=0.1,
     ),
-    VelocityOutput(0.1, 0.05, {"omega": 0.2}, {"v": 1.5}, 0.9),
+    output=VelocityOutput(
+        0.1, 0.05, lags={"omega": 0.2}, accelerations={"v": 1.5}, effort_ratio=0.9
+    ),
 )
 
 
@@ -159,7 +163,7 @@ def test_obstacles_come_from_a_file(tmp_path: Path) -> None:
     path.write_text(OBSTACLES)
     config = read_config(path)
     base = Horizon(base_obstacles=(Disc(1.0, 0.05, 0.3), HalfPlane(0.0, 1.0, -1.0)))
-    assert config == Config(kinematic=EndEffector(base))
+    assert config == Config(kinematic=EndEffector(base=base))
     assert read_config(write_config(config, tmp_path / "again.toml")) == config
 
 
@@ -263,7 +267,9 @@ def test_a_saved_configuration_gives_the_same_run(tmp_path: Path) -> None:
 
 def test_limits_are_set_by_pattern() -> None:
     robot = rpctl.load("paper")
-    changed = rpctl.set_limits(robot, {"*": 9.0, "arm_*": 3.0}, {"arm_prismatic_joint": 0.1})
+    changed = rpctl.set_limits(
+        robot, effort={"*": 9.0, "arm_*": 3.0}, velocity={"arm_prismatic_joint": 0.1}
+    )
     assert changed.effort_limits.tolist() == [9.0, 9.0, 3.0, 3.0]
     assert [joint.velocity for joint in changed.joints] == [robot.joints[0].velocity, 0.1]
     assert robot.effort_limits.tolist() == [40.0, 40.0, 60.0, 120.0]
@@ -278,7 +284,9 @@ def test_groups_of_an_output_are_words_of_an_option_and_tables_of_a_file(tmp_pat
         "arm_*": "position",
     }
     assert config.output.lag == 0.1
-    group = OutputGroup("twist", 0.2, 0.05, {"v": 0.3}, {}, {"omega": 4.0})
+    group = OutputGroup(
+        "twist", 0.2, 0.05, speeds={"v": 0.3}, accelerations={}, jerks={"omega": 4.0}
+    )
     own = replace(config, output=VelocityOutput(groups={"base": group}))
     read = read_config(write_config(own, tmp_path / "own.toml"))
     assert read == own

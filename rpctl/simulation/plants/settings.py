@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 from typing import Annotated
 
 from rpctl.control.sampling import TIME_ROUNDING
@@ -29,8 +29,8 @@ class Wrench:
     link: str
     force: Annotated[Vector, Setting("N")] = (0.0, 0.0, 0.0)
     moment: Annotated[Vector, Setting("N·m")] = (0.0, 0.0, 0.0)
-    start: Annotated[float, Setting("s")] = 0.0
-    end: Annotated[float | None, Setting("s")] = None
+    start: Annotated[float, Setting("s")] = field(default=0.0, kw_only=True)
+    end: Annotated[float | None, Setting("s")] = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse what is no force, and what ends before it begins."""

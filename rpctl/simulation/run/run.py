@@ -256,8 +256,8 @@ def load_robot(known: RobotFacts, package_dirs: Sequence[str | Path] = ()) -> Ro
     )
     description = replace(description, read_with=source.read_settings(settings))
     robot = assemble(source, description, settings)
-    for payload in known.payloads:
-        robot = with_payload(robot, *payload)
+    for link, mass, com, inertia in known.payloads:
+        robot = with_payload(robot, link, mass, com=com, inertia=inertia)
     return replace(robot, name=known.name, source=known.source)
 
 

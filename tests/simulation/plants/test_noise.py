@@ -38,7 +38,9 @@ def test_each_quantity_has_its_deviation(paper: Robot) -> None:
     """x, y, heading, a joint that turns and one that slides, v, ω and two rates."""
     measure, count = Measurement(paper, Plant(noise=ALL, seed=1)), 4000
     rates = dict.fromkeys(paper.joint_names, 0.0)
-    q, nu = paper.state((1.0, -2.0, 3.1), (0.4, -0.5), {paper.joint_names[0]: 0.6}, rates)
+    q, nu = paper.state(
+        (1.0, -2.0, 3.1), (0.4, -0.5), joints={paper.joint_names[0]: 0.6}, rates=rates
+    )
     states = [measure(q, nu, 0.0) for _ in range(count)]
     poses = [paper.base_pose(each) for each, _ in states]
     turned = [np.angle(np.exp(1j * (pose[2] - 3.1))) for pose in poses]

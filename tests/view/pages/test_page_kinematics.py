@@ -47,7 +47,7 @@ def draw(robot: Robot, rng: np.random.Generator) -> tuple[Base, list[float], Arr
         assert joint.mimic is not None
         positions[joint.name] = joint.mimic.multiplier * positions[joint.mimic.joint]
         positions[joint.name] += joint.mimic.offset
-    return base, list(positions.values()), robot.configuration(*base, positions)
+    return base, list(positions.values()), robot.configuration(*base, joints=positions)
 
 
 def matrix(pose: Any) -> Array:
