@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
@@ -32,7 +33,7 @@ from rpctl.control.law import (
     as_law,
 )
 from rpctl.control.output_groups import MAX_DEAD_TIME, OutputGroup
-from rpctl.control.registry import configuration, dynamic_law, kinematic_law
+from rpctl.control.registry import configuration, read_law
 from rpctl.control.safeguards import (
     EFFORT_RATE,
     FAILURES,
@@ -40,7 +41,6 @@ from rpctl.control.safeguards import (
     Guards,
     Watchdog,
     falls_short,
-    require_callable,
 )
 from rpctl.control.sampling import TIME_ROUNDING, JumpWatch, MeasuredSample, SampleReader
 from rpctl.control.transition import Following
@@ -52,7 +52,7 @@ from rpctl.control.velocity_output import (
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known, require_positive
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference, require_pulling
+from rpctl.reference.motion import Reference, require_pulling, require_reference
 from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 
@@ -166,7 +166,7 @@ class Controller:
     def __init__(
         self,
         robot: Robot,
-        reference: str | Reference | None = None,
+        reference: str | Path | Reference | None = None,
         *,
         config: Any = None,
         kinematic: str | KinematicLaw | KinematicFunction | None = None,
@@ -199,8 +199,8 @@ class Controller:
             self._read("eight" if reference is None else reference),
             default_laws(robot),
         )
-        kinematic = kinematic_law(usual[0] if kinematic is None else kinematic)
-        dynamic = dynamic_law(usual[1] if dynamic is None else dynamic)
+        kinematic = read_law("kinematic", usual[0] if kinematic is None else kinematic)
+        dynamic = read_law("dynamic", usual[1] if dynamic is None else dynamic)
         self._laws = (
             as_law(knowing_delay(kinematic, period, delay)),
             as_law(knowing_delay(dynamic, period, delay)),
@@ -225,10 +225,10 @@ class Controller:
         self._most = (self.guards.effort_rate or EFFORT_RATE) * period * robot.effort_limits
         self.reset()
 
-    def _read(self, reference: str | Reference) -> Reference:
-        if isinstance(reference, str):
+    def _read(self, reference: str | Path | Reference) -> Reference:
+        if isinstance(reference, str | Path):
             reference = load_reference(self.robot, reference)
-        require_callable("reference", reference)
+        require_reference(reference)
         require_pulling(self.robot, reference)
         return reference
 
@@ -325,7 +325,7 @@ class Controller:
             self._waits = ""
             self._following.go_on(max(self._reader.time, 0.0), self._measured)
 
-    def set_reference(self, reference: str | Reference) -> None:
+    def set_reference(self, reference: str | Path | Reference) -> None:
         """Follow another reference from its time 0 on, smoothly, from where the robot is.
 
         A robot that pauses goes on to pause.

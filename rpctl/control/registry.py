@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from inspect import isabstract
-from typing import Any, NoReturn, TypeVar, overload
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -30,8 +30,6 @@ from rpctl.files.records import CHOICES, Choice, fields_of, read_record
 from rpctl.libraries import library
 from rpctl.robot.model import Robot
 
-Made = TypeVar("Made")
-
 KINEMATIC_LAWS: dict[str, Callable[[], KinematicLaw]] = {
     "unified": UnifiedKinematic,
     "paper": PaperKinematic,
@@ -47,6 +45,10 @@ DYNAMIC_LAWS: dict[str, Callable[[], DynamicLaw]] = {
     "integral": IntegralDynamic,
     "balance": Balance,
 }
+LAWS: dict[str, Mapping[str, Callable[[], Any]]] = {
+    "kinematic": KINEMATIC_LAWS,
+    "dynamic": DYNAMIC_LAWS,
+}
 KINEMATIC_CHOICE = Choice("kinematic law", "law", KINEMATIC_LAWS)
 DYNAMIC_CHOICE = Choice("dynamic law", "law", DYNAMIC_LAWS)
 OBSTACLE_CHOICE = Choice("obstacle", "shape", OBSTACLES)
@@ -55,48 +57,28 @@ CHOICES.update(  # what a setting may be, by its type
 )
 
 
-@overload
-def kinematic_law(given: str) -> KinematicLaw: ...
-@overload
-def kinematic_law(given: Made) -> Made: ...
-def kinematic_law(given: Any) -> Any:
-    """Return a kinematic law, or that of a name with its default settings.
+def read_law(kind: str, given: Any) -> Any:
+    """Return a law that is given, or that of a name with its default settings.
 
-    ``own.py:MyLaw`` is the user's own. All that takes laws reads them so.
+    All that takes laws reads them so. The kinematic law ``own.py:MyLaw`` is the user's own.
+
+    Args:
+        kind: ``"kinematic"`` or ``"dynamic"``.
+        given: A name, a law, or a plain function.
 
     Raises:
         UnknownNameError: There is no such law.
-        RpctlError: It is no kinematic law; the user's file cannot be run, or has no such law.
+        RpctlError: It is no law of this kind; the user's file cannot be run, or has no such law.
     """
-    if isinstance(given, str) and MARK in given:
+    if isinstance(given, str) and MARK in given and kind == "kinematic":
         return own_law(given)()
-    return _law("kinematic", given, KINEMATIC_LAWS, DYNAMIC_LAWS)
-
-
-@overload
-def dynamic_law(given: str) -> DynamicLaw: ...
-@overload
-def dynamic_law(given: Made) -> Made: ...
-def dynamic_law(given: Any) -> Any:
-    """Return a dynamic law, or that of a name with its default settings.
-
-    Raises:
-        UnknownNameError: There is no such law.
-        RpctlError: It is no dynamic law.
-    """
-    return _law("dynamic", given, DYNAMIC_LAWS, KINEMATIC_LAWS)
-
-
-def _law(kind: str, given: Any, laws: Mapping[str, Any], others: Mapping[str, Any]) -> Any:
     if isinstance(given, str):
-        require_known(f"{kind} law", [given], laws)
-        return laws[given]()
+        require_known(f"{kind} law", [given], LAWS[kind])
+        return LAWS[kind][given]()
     require_callable(kind, given)
-    if type(given) in others.values():
-        other = "dynamic" if kind == "kinematic" else "kinematic"
-        raise RpctlError(
-            f"{kind} is {name_of(given)}, a {other} law; give {other}={name_of(given)}(...)"
-        )
+    for other in LAWS.keys() - {kind}:
+        if type(given) in LAWS[other].values():
+            raise RpctlError(f"{kind} is {name_of(given)}, a law for {other}=")
     return given
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.estimation import state_calls
-from rpctl.control.registry import configuration, dynamic_law, kinematic_law
+from rpctl.control.registry import configuration, read_law
 from rpctl.control.twist_law import BaseLaw
 from rpctl.derive.closed_form import ClosedForm, closed_form
 from rpctl.derive.law_program import LawProgram, law_program, law_sheet
@@ -157,7 +157,7 @@ def derive_law(
 
 def closed_laws(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic]:
     """Return laws, or those of such names, which have a closed form on this robot."""
-    law, efforts = kinematic_law(law), dynamic_law(efforts)
+    law, efforts = read_law("kinematic", law), read_law("dynamic", efforts)
     if robot.dof == 0:
         raise RpctlError(f"{robot.name}: nothing moves, so there is no law to write")
     if not isinstance(law, BaseLaw):

@@ -21,8 +21,7 @@ from rpctl.control.output_groups import DEAD_TIME
 from rpctl.control.registry import (
     DYNAMIC_CHOICE,
     KINEMATIC_CHOICE,
-    dynamic_law,
-    kinematic_law,
+    read_law,
     read_own_laws,
 )
 from rpctl.control.safeguards import Guards
@@ -292,8 +291,8 @@ class Config:
 
     def __post_init__(self) -> None:
         """Take names for the laws that they are."""
-        object.__setattr__(self, "kinematic", kinematic_law(self.kinematic))
-        object.__setattr__(self, "dynamic", dynamic_law(self.dynamic))
+        for kind in LAW_CHOICES:
+            object.__setattr__(self, kind, read_law(kind, getattr(self, kind)))
 
     @property
     def delay(self) -> float:
@@ -317,7 +316,7 @@ class Config:
             UnknownNameError: There is no such law.
             RpctlError: One is no law of its kind.
         """
-        given = {"kinematic": kinematic, "dynamic": dynamic}
+        given: Table = {"kinematic": kinematic, "dynamic": dynamic}
         made = dataclasses.replace(self, **{k: law for k, law in given.items() if law is not None})
         kept = {
             key: getattr(self, key)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.registry import KINEMATIC_LAWS, dynamic_law, kinematic_law
+from rpctl.control.registry import KINEMATIC_LAWS, read_law
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.reference.motion import Reference, configuration_along
@@ -177,10 +177,10 @@ def controllers(
         laws, dynamic = laws or ("unified", "horizon"), dynamic or PROPOSED_LEANING.dynamic
     for name in laws or KINEMATIC_LAWS:
         kinematic, _, own = name.partition("+")
-        kinematic_law(kinematic)
+        read_law("kinematic", kinematic)
         wanted = own or dynamic
         if wanted is not None:
-            dynamic_law(wanted)
+            read_law("dynamic", wanted)
             chosen.append(LawPair(kinematic, wanted))
         else:
             pairs = [pair for pair in LAW_PAIRS if pair.kinematic == kinematic]

@@ -148,7 +148,7 @@ class RolloutSettings(TrackSettings, total=False):
 
 def rollout(
     robot: Robot,
-    reference: str | Reference = RunSettings.reference,
+    reference: str | Path | Reference = RunSettings.reference,
     scatter: Scatter | Mapping[str, Any] | None = None,
     *,
     count: int = 1000,
@@ -183,7 +183,7 @@ def rollout(
     base = configured(robot, reference, config, given)
     scattered = scatter_of(scatter, base)
     own["merits"] = None if merits is None else tuple(merits)
-    own["reference"] = None if isinstance(reference, str) else reference
+    own["reference"] = None if isinstance(reference, str | Path) else reference
     experiment = Experiment(base, scattered.names, **own)
     values = settings_at(scattered, Design(count=count, seed=seed).points(len(scattered.names)))
     table = Runner(robot, experiment).rows(values, np.arange(count), progress)

@@ -11,7 +11,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.control.law import Command
-from rpctl.control.registry import dynamic_law
+from rpctl.control.registry import read_law
 from rpctl.study.compare import LawPair, controllers
 
 
@@ -39,5 +39,5 @@ def test_dynamic_law(
 ) -> None:
     dynamics, q = ReducedDynamics(tiago), tiago.configuration_at(np.zeros(3), tiago.home)
     nu, nu_d, nu_d_dot = size * rng.normal(size=(3, tiago.dof))
-    law = dynamic_law(name).start(dynamics, 0.002)
+    law = read_law("dynamic", name).start(dynamics, 0.002)
     benchmark(law, dynamics, q, nu, Command(nu_d, nu_d_dot))

@@ -14,7 +14,7 @@ from rpctl import EndEffector, Horizon, PaperKinematic, ReducedDynamics, Robot, 
 from rpctl.arrays import Array
 from rpctl.control.horizon.planner import Planned
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
-from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, Unregistered, kinematic_law
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, Unregistered, read_law
 from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
@@ -58,7 +58,7 @@ def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
 )
 def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference: str) -> None:
     dynamics = ReducedDynamics(paper)
-    law = kinematic_law(name).start(dynamics, 0.002)
+    law = read_law("kinematic", name).start(dynamics, 0.002)
     motion, nu, t = reference_by_name(paper, reference), np.array([0.3, -0.2, 0.1, 0.4]), 0.8
     q = paper.configuration(x=-0.2, y=0.1, theta=0.4)
     v = dynamics.basis(q) @ nu
@@ -75,7 +75,7 @@ def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference
 def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name: str) -> None:
     robot = rpctl.load(robot_name)
     dynamics = ReducedDynamics(robot)
-    law = kinematic_law(name).start(dynamics, 0.002)
+    law = read_law("kinematic", name).start(dynamics, 0.002)
     reference = reference_by_name(robot, "eight")
     state, later, earlier = (reference(5.0 + s) for s in (0.0, STEP, -STEP))
     q = robot.configuration_at(state.pose, state.joints)
@@ -90,7 +90,7 @@ def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name
 
 def test_unknown_laws_are_told() -> None:
     with pytest.raises(UnknownNameError, match="kinematic law 'papr' is not known; did you mean"):
-        kinematic_law("papr")
+        read_law("kinematic", "papr")
 
 
 PERIOD = 0.01  # s

@@ -12,13 +12,18 @@ from rpctl.arrays import Array
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.output_groups import OutputGroup
 from rpctl.control.registry import law_sentences, name_of
-from rpctl.control.safeguards import require_callable
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.records import fields_of
 from rpctl.reference.fitting import too_weak
-from rpctl.reference.motion import Reference, ReferenceState, require_pulling, require_state
+from rpctl.reference.motion import (
+    Reference,
+    ReferenceState,
+    require_pulling,
+    require_reference,
+    require_state,
+)
 from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.recorded.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
@@ -101,7 +106,7 @@ PASSED_ON = ("certificate", "progress", "collisions", "backend")
 
 def track(
     robot: Robot,
-    reference: str | Reference | None = None,
+    reference: str | Path | Reference | None = None,
     config: Config | str | Path | None = None,
     *,
     watch: Callable[[float, Array, ReferenceState], object] | None = None,
@@ -132,7 +137,7 @@ def track(
             cannot hold its joint there.
     """
     config = configured(robot, reference, config, {**settings})
-    run, own = config.run, None if isinstance(reference, str) else reference
+    run, own = config.run, None if isinstance(reference, str | Path) else reference
     if own is not None:
         SizingRequest(run.size, run.speed, run.laps).refuse(
             "the reference is a function, with its own pace", *WISHES
@@ -145,7 +150,7 @@ def track(
 
 def configured(
     robot: Robot,
-    reference: str | Reference | None,
+    reference: str | Path | Reference | None,
     config: Config | str | Path | None,
     given: Mapping[str, Any],
 ) -> Config:
@@ -153,14 +158,14 @@ def configured(
     for what in given:
         if what not in TrackSettings.__annotations__:
             raise UnknownNameError("setting", what, TrackSettings.__annotations__)
-    if not isinstance(reference, str | None):
-        require_callable("reference", reference)
+    if not isinstance(reference, str | Path | None):
+        require_reference(reference)
     config = as_config(config, robot).with_laws(given.get("kinematic"), given.get("dynamic"))
     run = {name: given[name] for name in fields_of(RunSettings) if name in given}
     if "initial_error" in run:
         run["initial_error"] = tuple(run["initial_error"])
     if reference is not None:
-        called_so = reference if isinstance(reference, str) else name_of(reference)
+        called_so = name_of(reference) if callable(reference) else str(reference)
         run["reference"] = given.get("name") or called_so
     tables = {name: given[name] for name in TABLES if given.get(name) is not None}
     if "plant" in tables:

@@ -124,5 +124,7 @@ def test_hand_reaches_what_it_can_within_limits(shown: tuple[Robot, Any]) -> Non
         ]
         found = reach(page, base, near, target)
         check_within(robot, found, near)
-        q = robot.configuration(*base, dict(zip(robot.moving_joint_names, found, strict=True)))
+        q = robot.configuration(
+            *base, joints=dict(zip(robot.moving_joint_names, found, strict=True))
+        )
         assert np.linalg.norm(robot.end_effector_pose(data, q).translation - target) < 1e-6
