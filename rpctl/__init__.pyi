@@ -1,8 +1,6 @@
 # The public names and where they are: type checkers and editors read this file, and so does
 # __init__.py, which imports a module when one of its names is first used.
 
-from typing import Any
-
 from rpctl.control.approach import Approach as Approach
 from rpctl.control.baselines import FeedbackLinearization as FeedbackLinearization
 from rpctl.control.baselines import Kanayama as Kanayama
@@ -77,5 +75,3 @@ from rpctl.view.pages.report import write_report as write_report
 
 __version__: str
 __all__: list[str]
-
-def load_ipython_extension(shell: Any) -> None: ...

@@ -18,6 +18,7 @@ from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
 from rpctl.errors import Finding, RpctlError, require_known
+from rpctl.libraries import library
 from rpctl.robot.coordinates import (
     BASE_NQ,
     ROOT_JOINT,
@@ -68,6 +69,10 @@ class Robot:
         lines = [f"<Robot {self.name}: {self.drive.type} drive, {self.source}"]
         lines += [f" wheels: {', '.join(wheels) or 'none'}; end effector: {self.end_effector}"]
         return "\n".join([*lines, f" quasi-velocities: {', '.join(self.quasi_velocities)}>"])
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return str(library("rpctl.view.pages.page").render("notebook_robot.html", robot=self))
 
     @cached_property
     def tree(self) -> FrozenTree:

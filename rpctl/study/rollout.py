@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_known
+from rpctl.libraries import library
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.track import TrackSettings, configured
 from rpctl.simulation.merits.outcome import TRACKED
 from rpctl.study.experiment import Design, Experiment, RunTable
+from rpctl.study.merits import merit_unit, merit_words
 from rpctl.study.runner import Runner
 from rpctl.study.scatter import Scatter, scatter_of, settings_at
 
@@ -48,6 +50,11 @@ class Rollouts:
     def __repr__(self) -> str:
         share = float(self.success.mean())
         return f"Rollouts({len(self)} runs, {share:.1%} succeeded, {len(self.names)} settings)"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        told = {"runs": self, "words": merit_words, "unit": merit_unit}
+        return str(library("rpctl.view.pages.page").render("notebook_rollouts.html", **told))
 
     @property
     def merits(self) -> Mapping[str, Array]:

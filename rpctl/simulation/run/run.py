@@ -55,6 +55,10 @@ class Run(Header):
             f"Run({self.robot.name}, {self.config.run.reference}, {self.t[-1] - self.t[0]:.4g} s)"
         )
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the run in one line, and its scene to be played."""
+        return str(library("rpctl.view.film").show(self))
+
     @property
     def header(self) -> Header:
         """What it is besides its samples."""
