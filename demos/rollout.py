@@ -10,7 +10,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import rpctl
-from rpctl.simulation.config import write_config
 
 COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 200
 OUT = Path("runs/rollout")
@@ -34,7 +33,7 @@ for name in MERITS:
 
 worst = int(runs.worst("settled_rms_base_error")[0])
 OUT.mkdir(parents=True, exist_ok=True)
-write_config(runs.config(worst), OUT / "worst.toml")
+rpctl.write_config(runs.config(worst), OUT / "worst.toml")
 for name, value in zip(runs.names, runs.parameters[worst], strict=True):
     print(f"  {name} = {value:.3g}")
 print(f"replay it: rpctl track paper --config {OUT / 'worst.toml'}")

@@ -8,7 +8,6 @@ from pathlib import Path
 from on_a_robot import Story, draw
 
 import rpctl
-from rpctl.simulation.plants.settings import Noise
 
 PERIOD = 0.05  # s
 URDF = Path(__file__).with_name("burger.urdf")
@@ -22,7 +21,7 @@ def main() -> None:
         lag=0.06,  # s
         dead_time=0.1,  # s
         encoder_bits=12,
-        noise=Noise(position=0.003, heading=0.005),  # m, rad
+        noise=rpctl.Noise(position=0.003, heading=0.005),  # m, rad
     )
     bounds = {
         "speeds": {"v": 0.2, "omega": 2.0},

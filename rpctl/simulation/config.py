@@ -81,7 +81,7 @@ class LimitOverrides:
         return set_limits(robot, effort=self.effort, velocity=self.velocity)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunSettings(Record):
     """The circumstances of a run: reference, duration, start, sample times and friction."""
 
@@ -94,7 +94,7 @@ class RunSettings(Record):
             "time-stamped poses (CSV); eight if not given.",
             metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
         ),
-    ] = "eight"
+    ] = field(default="eight", kw_only=False)
     duration: Annotated[
         float | None,
         POSITIVE,
@@ -104,7 +104,7 @@ class RunSettings(Record):
             "How long, s; as long as the laps take or the reference moves, or 20.",
             metavar="S",
         ),
-    ] = None
+    ] = field(default=None, kw_only=False)
     initial_error: Annotated[
         tuple[float, float, float],
         Range(-MAX_DISTANCE, MAX_DISTANCE),
@@ -115,7 +115,7 @@ class RunSettings(Record):
             "of the robot (m) and turned from it (rad); none if not given.",
             metavar="X,Y,THETA",
         ),
-    ] = (0.0, 0.0, 0.0)
+    ] = field(default=(0.0, 0.0, 0.0), kw_only=False)
     control_period: Annotated[
         float,
         POSITIVE,
@@ -433,7 +433,7 @@ def config_from_tables(data: Table, faults: list[str]) -> Config:
     return read_record(Config, tables, "", faults) or Config()
 
 
-def write_config(config: Config, path: str | Path, schema: bool = False) -> Path:
+def write_config(config: Config, path: str | Path, *, schema: bool = False) -> Path:
     """Write a configuration, complete: reading it gives it back.
 
     Args:

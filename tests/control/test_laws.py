@@ -10,7 +10,16 @@ import pinocchio as pin
 import pytest
 
 import rpctl
-from rpctl import EndEffector, Horizon, PaperKinematic, ReducedDynamics, Robot, Run
+from rpctl import (
+    EndEffector,
+    Horizon,
+    PaperDynamic,
+    PaperKinematic,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    Run,
+)
 from rpctl.arrays import Array
 from rpctl.control.horizon.planner import Planned
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
@@ -91,6 +100,33 @@ def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name
 def test_unknown_laws_are_told() -> None:
     with pytest.raises(UnknownNameError, match="kinematic law 'papr' is not known; did you mean"):
         read_law("kinematic", "papr")
+
+
+WRONG_LAWS = {
+    "kinematic is PaperDynamic, a law for dynamic=": ("kinematic", PaperDynamic()),
+    "dynamic is Horizon, a law for kinematic=": ("dynamic", Horizon()),
+    "kinematic is the class Horizon; give one of its objects": ("kinematic", Horizon),
+    "dynamic is 3 .int.; give a function": ("dynamic", 3),
+}
+
+
+@pytest.mark.parametrize("told", WRONG_LAWS)
+def test_what_is_no_law_of_its_kind_is_told_wherever_laws_are_taken(
+    paper: Robot, told: str
+) -> None:
+    kind, law = WRONG_LAWS[told]
+    given: Any = {kind: law}
+    takers: list[Callable[[], object]] = [
+        lambda: rpctl.Config(**given),
+        lambda: rpctl.Config().with_laws(**given),
+        lambda: rpctl.Controller(paper, "line", **given),
+        lambda: rpctl.track(paper, "line", **given),
+        lambda: rpctl.rollout(paper, "line", **given),
+        lambda: rpctl.derive_law(paper, **given),
+    ]
+    for take in takers:
+        with pytest.raises(RpctlError, match=told):
+            take()
 
 
 PERIOD = 0.01  # s

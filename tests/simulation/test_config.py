@@ -16,12 +16,15 @@ from rpctl import (
     BoundedDynamic,
     Disc,
     EndEffector,
+    Guards,
     HalfPlane,
     Horizon,
     IntegralDynamic,
     Kanayama,
+    PaperDynamic,
     PaperKinematic,
     Plant,
+    Robot,
     RpctlError,
     Run,
     VelocityOutput,
@@ -37,7 +40,9 @@ from rpctl.simulation.config import Config, LimitOverrides, RunSettings, read_co
 FULL = Config(
     Kanayama(kx=2.0, ky=9.0),
     IntegralDynamic(gain=4.0, inner=BoundedDynamic(along=0.1, weights={"omega": 3.0})),
-    RunSettings("circle", 3.0, (0.1, -0.2, 0.3), 0.004, 0.001, 0.5),
+    RunSettings(
+        "circle", 3.0, (0.1, -0.2, 0.3), control_period=0.004, plant_step=0.001, friction=0.5
+    ),
     limits=LimitOverrides(
         effort={"wheel_*": 5.0, "arm_revolute_joint": 7.0}, velocity={"arm_*": 0.5}
     ),
@@ -53,6 +58,79 @@ FULL = Config(
         0.1, 0.05, lags={"omega": 0.2}, accelerations={"v": 1.5}, effort_ratio=0.9
     ),
 )
+
+
+TOLD = """
+kinematic = {law = "kanayama", kx = 2.0, joint_horizon = 0.3}
+dynamic = {law = "paper", horizon_dyn = 0.2}
+run = {reference = "circle", size = 0.5, control_period = 0.01, delay = 0.02, duration = 0.2}
+limits = {effort = {"wheel_*" = 5.0}}
+guards = {effort_rate = 7.0}
+"""
+
+
+@pytest.fixture
+def told(tmp_path: Path) -> Path:
+    path = tmp_path / "told.toml"
+    path.write_text(TOLD)
+    return path
+
+
+def test_a_controller_does_what_the_config_of_a_file_says(paper: Robot, told: Path) -> None:
+    by_file = rpctl.Controller(paper, config=told, compiled=False)
+    limited = rpctl.set_limits(paper, effort={"wheel_*": 5.0})
+    by_hand = rpctl.Controller(
+        limited,
+        rpctl.load_reference(limited, "circle", size=0.5),
+        kinematic=Kanayama(kx=2.0, joint_horizon=0.3),
+        dynamic=PaperDynamic(horizon_dyn=0.2),
+        period=0.01,
+        guards=Guards(effort_rate=7.0),
+        delay=0.02,
+        compiled=False,
+    )
+    q, nu = paper.configuration(-0.1, 0.2, 0.3), np.full(paper.dof, 0.05)
+    for k in range(3):
+        one, other = (each.step(0.01 * k, q, nu) for each in (by_file, by_hand))
+        np.testing.assert_array_equal(one.efforts, other.efforts)
+    assert by_file.period == 0.01
+    assert by_file.robot.effort_limits[0] == 5.0
+
+
+def test_what_is_given_beside_a_config_wins(paper: Robot, told: Path) -> None:
+    given = rpctl.Controller(paper, "line", config=str(told), period=0.005, guards=Guards())
+    assert given.period == 0.005
+    assert given.guards == Guards()
+    run = rpctl.track(paper, "line", told, kinematic="unified", control_period=0.02)
+    assert run.config.run.reference == "line"
+    assert run.config.run.control_period == 0.02
+    assert run.config.kinematic == rpctl.UnifiedKinematic()
+    assert isinstance(run.config.dynamic, PaperDynamic)
+    kept = rpctl.track(paper, config=told, kinematic="kanayama").config
+    assert kept.kinematic == Kanayama(kx=2.0, joint_horizon=0.3)  # its name again: its settings
+
+
+def test_all_that_takes_laws_takes_the_path_of_a_config(paper: Robot, told: Path) -> None:
+    runs = rpctl.rollout(paper, config=told, count=2)
+    assert runs.config(0).kinematic == Kanayama(kx=2.0, joint_horizon=0.3)
+    law = rpctl.derive_law(paper, config=told, kinematic="unified")
+    by_hand = rpctl.derive_law(paper, dynamic=PaperDynamic(horizon_dyn=0.2), period=0.01)
+    assert law == by_hand != rpctl.derive_law(paper)
+    with pytest.raises(RpctlError, match=r"give a rpctl\.Config, or the path of its TOML"):
+        rpctl.track(paper, config={"run": {}})  # type: ignore[arg-type]
+
+
+def test_a_plant_is_what_the_config_says(paper: Robot) -> None:
+    config = Config(output=VelocityOutput(lag=0.1))
+    plant = rpctl.start_plant(paper, "ideal", config=config)
+    sent = rpctl.Controller(paper, "line", config=config).step(*plant.sample)
+    assert plant.step(sent, 0.002).t == 0.002
+    assert rpctl.start_plant(paper, config=Config(plant=Plant(delay=0.01))).sample.t == 0.0
+
+
+def test_laws_of_a_config_may_be_names(paper: Robot) -> None:
+    named = Config("horizon", "paper")  # type: ignore[arg-type]
+    assert named == Config(Horizon(), PaperDynamic())
 
 
 @pytest.mark.parametrize("config", [FULL, Config()], ids=["full", "default"])

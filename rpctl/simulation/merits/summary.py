@@ -107,7 +107,7 @@ class BindingLimit:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Summary:
     """The figures of merit of a run; ``settled`` figures are the largest over its second half.
 

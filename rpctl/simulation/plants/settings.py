@@ -53,7 +53,7 @@ class Wrench:
         return math.inf if self.end is None else self.end
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SensorNumbers(Record):
     """A number for each quantity that the controller measures."""
 

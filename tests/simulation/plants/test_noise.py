@@ -13,7 +13,7 @@ from rpctl.control.law import Command
 from rpctl.simulation.plants.sensors import BLOCK, Measurement, Sensors, random_stream
 from rpctl.simulation.plants.settings import Noise
 
-ALL = Noise(0.01, 0.02, 0.03, 0.04, 0.05, 0.06)
+ALL = Noise(position=0.01, heading=0.02, joints=0.03, speed=0.04, turn_rate=0.05, joint_rates=0.06)
 
 
 def test_a_stream_is_the_same_in_any_blocks() -> None:
