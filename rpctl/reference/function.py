@@ -62,9 +62,7 @@ class FunctionReference(RowReference):
     ) -> None:
         require_reference(function)
         if isinstance(joints, Mapping):
-            raise RpctlError(
-                "joints is a mapping; give positions in the order of the robot's joints"
-            )
+            raise RpctlError("joints is a mapping; give positions in the order of joint_names")
         if duration is not None:
             require_positive("duration", duration)
             if duration < 2 * REACH * STEP_S:

@@ -104,9 +104,9 @@ def test_what_is_given_beside_a_config_wins(paper: Robot, told: Path) -> None:
     run = rpctl.track(paper, "line", told, kinematic="unified", control_period=0.02)
     assert run.config.run.reference == "line"
     assert run.config.run.control_period == 0.02
-    assert run.config.kinematic == rpctl.UnifiedKinematic()
+    assert isinstance(run.config.kinematic, rpctl.UnifiedKinematic)
     assert isinstance(run.config.dynamic, PaperDynamic)
-    kept = rpctl.track(paper, config=told, kinematic="kanayama").config
+    kept = rpctl.rollout(paper, config=told, kinematic="kanayama", count=1).config(0)
     assert kept.kinematic == Kanayama(kx=2.0, joint_horizon=0.3)  # its name again: its settings
 
 
