@@ -73,7 +73,7 @@ def configured(robot: Robot, folder: Path) -> None:
     path = write(folder, f"[kinematic]\nlaw = '{NAME}'\nahead = 0.2\n")
     config = read_config(path)
     assert config.with_laws(NAME, None) == config != config.with_laws("paper", None)
-    assert config.kinematic == type(read_law("kinematic", NAME))(ahead=0.2)  # type: ignore[call-arg]
+    assert config.kinematic == type(read_law("kinematic", NAME))(ahead=0.2)
     again = write_config(config, folder / "again.toml")
     assert read_config(again) == config
     assert tomllib.loads(again.read_text())["kinematic"] == {
