@@ -13,7 +13,6 @@ from on_a_robot import Story, draw
 
 import rpctl
 from rpctl.robot.catalog import find
-from rpctl.simulation.plants.settings import Noise
 
 TRACK, WHEELBASE, RADIUS = 0.5708, 0.512, 0.1651  # m
 TURNS_AS = 2.2 * TRACK  # m
@@ -89,7 +88,7 @@ def main() -> None:
         kind="contact",
         contact=rpctl.ContactSettings(wheel_shape="crowned"),
         encoder_bits=14,
-        noise=Noise(position=0.004, heading=0.003),  # m, rad
+        noise=rpctl.Noise(position=0.004, heading=0.003),  # m, rad
     )
     run = rpctl.track(
         robot,

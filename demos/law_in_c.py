@@ -22,7 +22,7 @@ def compiled(source: str, folder: str) -> Any:
 
 
 robot = rpctl.load("paper")
-written = rpctl.derive_law(robot, "unified", format="c")
+written = rpctl.derive_law(robot, kinematic="unified", format="c")
 tau, nu_d, nu_d_dot = results = np.zeros((3, 4))
 with tempfile.TemporaryDirectory() as folder:
     law = compiled(written.text, folder)

@@ -43,7 +43,9 @@ for name in sys.argv[2:] or ("tiago", "swerve"):
     robot = rpctl.load(name)
     for kinematic, dynamic in LAWS:
         try:
-            controller = rpctl.Controller(robot, "eight", kinematic, dynamic, PERIOD)
+            controller = rpctl.Controller(
+                robot, "eight", kinematic=kinematic, dynamic=dynamic, period=PERIOD
+            )
             seconds = 1e3 * stepped(controller, duration)
         except rpctl.RpctlError as error:
             print(f"{name:8}{kinematic:24}{dynamic:13}{error}")

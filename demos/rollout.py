@@ -10,7 +10,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import rpctl
-from rpctl.simulation.config import write_config
 
 COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 200
 OUT = Path("runs/rollout")
@@ -20,12 +19,12 @@ SCATTER = {
     "plant.noise.heading": rpctl.Uniform(0.0, 0.01),  # rad
     "run.initial_error.x": rpctl.Normal(0.0, 0.1),  # m
     "run.initial_error.y": rpctl.Normal(0.0, 0.1),
-    "run.initial_error.theta": rpctl.Normal(0.0, 0.3, -1.0, 1.0),  # rad
+    "run.initial_error.theta": rpctl.Normal(0.0, 0.3, low=-1.0, high=1.0),  # rad
 }
 MERITS = ("settled_rms_base_error", "final_base_error", "max_effort_ratio", "settling_time")
 
 robot = rpctl.load("paper")
-runs = rpctl.rollout(robot, "eight", SCATTER, COUNT, duration=10.0, seed=1)
+runs = rpctl.rollout(robot, "eight", SCATTER, count=COUNT, duration=10.0, seed=1)
 print(runs)
 print(f"{'':24}{'median':>10}{'95 %':>10}{'worst':>10}  worst run")
 for name in MERITS:
@@ -34,7 +33,7 @@ for name in MERITS:
 
 worst = int(runs.worst("settled_rms_base_error")[0])
 OUT.mkdir(parents=True, exist_ok=True)
-write_config(runs.config(worst), OUT / "worst.toml")
+rpctl.write_config(runs.config(worst), OUT / "worst.toml")
 for name, value in zip(runs.names, runs.parameters[worst], strict=True):
     print(f"  {name} = {value:.3g}")
 print(f"replay it: rpctl track paper --config {OUT / 'worst.toml'}")

@@ -8,7 +8,6 @@ from pathlib import Path
 from on_a_robot import Story, draw
 
 import rpctl
-from rpctl.simulation.plants.settings import Noise
 
 BASE = rpctl.OutputGroup(
     "twist",
@@ -32,7 +31,7 @@ def main() -> None:
     plant = rpctl.Plant(
         kind="contact",
         encoder_bits=14,
-        noise=Noise(position=0.002, heading=0.002),  # m, rad
+        noise=rpctl.Noise(position=0.002, heading=0.002),  # m, rad
     )
     robot = rpctl.load("tiago")
     run = rpctl.track(

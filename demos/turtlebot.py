@@ -8,7 +8,6 @@ from pathlib import Path
 from on_a_robot import Story, draw
 
 import rpctl
-from rpctl.simulation.plants.settings import Noise
 
 PERIOD = 0.05  # s
 URDF = Path(__file__).with_name("burger.urdf")
@@ -22,14 +21,18 @@ def main() -> None:
         lag=0.06,  # s
         dead_time=0.1,  # s
         encoder_bits=12,
-        noise=Noise(position=0.003, heading=0.005),  # m, rad
+        noise=rpctl.Noise(position=0.003, heading=0.005),  # m, rad
     )
-    bounds = {"v": 0.2, "omega": 2.0}, {"v": 0.8, "omega": 6.0}, {"v": 8.0, "omega": 60.0}
+    bounds = {
+        "speeds": {"v": 0.2, "omega": 2.0},
+        "accelerations": {"v": 0.8, "omega": 6.0},
+        "jerks": {"v": 8.0, "omega": 60.0},
+    }
     runs = [
         rpctl.track(
             robot,
             "eight",
-            output={"base": rpctl.OutputGroup("twist", lag, dead_time, *bounds)},
+            output={"base": rpctl.OutputGroup("twist", lag, dead_time, **bounds)},
             plant=plant,
             control_period=PERIOD,
             initial_error=(0.05, 0.1, 0.3),

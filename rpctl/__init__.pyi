@@ -1,8 +1,6 @@
 # The public names and where they are: type checkers and editors read this file, and so does
 # __init__.py, which imports a module when one of its names is first used.
 
-from typing import Any
-
 from rpctl.control.approach import Approach as Approach
 from rpctl.control.baselines import FeedbackLinearization as FeedbackLinearization
 from rpctl.control.baselines import Kanayama as Kanayama
@@ -53,13 +51,18 @@ from rpctl.robot.vary import scale_masses as scale_masses
 from rpctl.robot.vary import set_limits as set_limits
 from rpctl.robot.vary import with_payload as with_payload
 from rpctl.simulation.config import Config as Config
+from rpctl.simulation.config import LimitOverrides as LimitOverrides
+from rpctl.simulation.config import RunSettings as RunSettings
+from rpctl.simulation.config import write_config as write_config
 from rpctl.simulation.loop.track import track as track
+from rpctl.simulation.merits.summary import Summary as Summary
 from rpctl.simulation.merits.summary import summarize as summarize
 from rpctl.simulation.mjcf_file import check_mjcf as check_mjcf
 from rpctl.simulation.mjcf_file import export_mjcf as export_mjcf
 from rpctl.simulation.plants.plant import Plant as Plant
 from rpctl.simulation.plants.protocol import PlantModel as PlantModel
 from rpctl.simulation.plants.protocol import PlantSample as PlantSample
+from rpctl.simulation.plants.settings import Noise as Noise
 from rpctl.simulation.plants.settings import Slipping as Slipping
 from rpctl.simulation.plants.settings import Wrench as Wrench
 from rpctl.simulation.plants.starting import start_plant as start_plant
@@ -77,5 +80,3 @@ from rpctl.view.pages.report import write_report as write_report
 
 __version__: str
 __all__: list[str]
-
-def load_ipython_extension(shell: Any) -> None: ...

@@ -254,7 +254,7 @@ def _reference(k: Array) -> Array:
 def _configuration(robot: Robot, x: float, y: float, theta: float, *positions: float) -> Array:
     names = ("left_wheel_joint", "right_wheel_joint", "front_wheel_joint", "steer_joint")
     joints = dict(zip((*names, "swing_joint", "slide_joint"), positions, strict=True))
-    return robot.configuration(x, y, theta, joints)
+    return robot.configuration(x, y, theta, joints=joints)
 
 
 def _tips(robot: Robot, q: Array) -> Array:

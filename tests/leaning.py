@@ -10,9 +10,9 @@ from rpctl.robot.leaning import LeaningRobot
 
 OWN = ("balancer", "wheel_legs", "whipple")
 PUSHES = {  # 10 N s half a metre high, 3 N s at the hips, 2 N s from the side
-    "balancer": Wrench("base_link", (100.0, 0.0, 0.0), (0.0, 50.0, 0.0), 3.0, 3.1),
+    "balancer": Wrench("base_link", (100.0, 0.0, 0.0), (0.0, 50.0, 0.0), start=3.0, end=3.1),
     "wheel_legs": Wrench("base_link", (30.0, 0.0, 0.0), start=3.0, end=3.1),
-    "whipple": Wrench("base_link", (0.0, 20.0, 0.0), (-18.0, 0.0, 0.0), 3.0, 3.1),
+    "whipple": Wrench("base_link", (0.0, 20.0, 0.0), (-18.0, 0.0, 0.0), start=3.0, end=3.1),
 }
 
 

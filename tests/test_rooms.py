@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -68,6 +69,19 @@ def test_data_flows_one_way() -> None:
         if ROOMS.index(other) > ROOMS.index(room) or other in NOT_FOR.get(room, ()):
             wrong.append(f"{file.as_posix()} imports {module}")
     assert not wrong
+
+
+def test_what_is_looked_for_in_a_room_below_is_named() -> None:
+    """By `library`, when it is asked for: the test of imports does not see it."""
+    found = set()
+    for module in modules():
+        text = (Path(rpctl.__file__).parent / module.file).read_text(encoding="utf-8")
+        room = module.file.parts[0].removesuffix(".py")
+        for name in re.findall(r'library\("rpctl\.([\w.]+)"\)', text):
+            if ROOMS.index(name.partition(".")[0]) > ROOMS.index(room):
+                found.add((room, name))
+    shown = {(room, "view.pages.page") for room in ("robot", "equivalence", "simulation", "study")}
+    assert found == shown | {("simulation", "view.film"), ("control", "simulation.config")}
 
 
 def test_no_circle_of_imports() -> None:

@@ -14,7 +14,7 @@ import typer
 from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, split_names, tell
 from rpctl.cli.results import run_shown, writable_folder, write_results
 from rpctl.cli.terminal import console, escape, new_table
-from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, read_law
 from rpctl.errors import RpctlError, require_positive
 from rpctl.study.attraction import DURATION, REACH_M, RUN, Start, fractions, row_dict, start_errors
 from rpctl.study.cells import REFUSED, CellRunner, References, Row
@@ -64,9 +64,9 @@ class AttractionOptions:
         """
         laws, references = split_names(self.laws), split_names(self.reference)
         for law in laws:
-            kinematic_by_name(law)
+            read_law("kinematic", law)
         if self.dynamic is not None:
-            dynamic_by_name(self.dynamic)
+            read_law("dynamic", self.dynamic)
         run, errors = replace(RUN, duration=self.duration), start_errors(self.starts)
         return [
             Start(law, self.dynamic, replace(run, reference=name, initial_error=error))

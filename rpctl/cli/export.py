@@ -140,7 +140,13 @@ def export_command(
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
     loaded = options.load(robot)
     path = settings.out if settings.out is not None else Path(f"{file_name(loaded.name)}.xml")
-    found = export_mjcf(loaded, path, settings.friction, settings.wheel_width, settings.meshes)
+    found = export_mjcf(
+        loaded,
+        path,
+        friction=settings.friction,
+        wheel_width=settings.wheel_width,
+        meshes=settings.meshes,
+    )
     tell(as_json, found.to_dict, partial(show_export, found), found.written)
 
 
@@ -209,7 +215,9 @@ def check_command(
     from rpctl.simulation.mjcf_file import check_mjcf
 
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
-    found = check_mjcf(file, None if robot is None else options.load(robot), options.package_dirs)
+    found = check_mjcf(
+        file, None if robot is None else options.load(robot), package_dirs=options.package_dirs
+    )
     tell(as_json, found.to_dict, partial(show_check, found), found.passed)
 
 
@@ -309,11 +317,11 @@ def derive_command(
     else:
         text, cost = derive_law(
             options.load(robot),
-            settings.law,
-            settings.dynamic,
-            settings.form,
-            settings.precision,
-            settings.period,
+            kinematic=settings.law,
+            dynamic=settings.dynamic,
+            format=settings.form,
+            precision=settings.precision,
+            period=settings.period,
         )
         shown |= {
             "law": settings.law,

@@ -84,11 +84,17 @@ def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOp
             f"{error}: rclpy comes with ROS 2 and not with pip; install ros-DISTRO-rclpy, source "
             "/opt/ros/DISTRO/setup.bash, and run rpctl with the Python of that ROS"
         ) from None
-    loaded, laws = options.load(robot), (settings.kinematic, settings.dynamic)
+    loaded = options.load(robot)
     loaded.require_level()
     sent = Config().with_output(settings.output, settings.lag, settings.dead_time).output
     controller = Controller(
-        loaded, settings.reference, *laws, settings.period, sent or "effort", **settings.known
+        loaded,
+        settings.reference,
+        kinematic=settings.kinematic,
+        dynamic=settings.dynamic,
+        period=settings.period,
+        output=sent,
+        **settings.known,
     )
     handlers = signals.SignalHandlerOptions.NO  # Ctrl-C is rpctl's
     rclpy.init(args=[], signal_handler_options=handlers)

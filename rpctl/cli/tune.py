@@ -100,7 +100,7 @@ def lag_command(
     as_json: JsonOption = False,
 ) -> None:
     """Identify lag and dead time of a robot that takes speeds, from a step in a log."""
-    found = lag_from(log, max_dead_time)
+    found = lag_from(log, max_dead_time=max_dead_time)
     tell(as_json, found.to_dict, partial(show_lag, found))
 
 

@@ -97,10 +97,10 @@ def certify(robot: Robot, settings: VerifyOptions, strict: bool = False) -> Cert
         certificate = verify(
             robot,
             samples,
-            settings.seed,
-            engines,
-            lambda done: advance(done, samples),
-            [name for name in ("contact", "onset") if getattr(settings, name)],
+            seed=settings.seed,
+            engines=engines,
+            progress=lambda done: advance(done, samples),
+            trials=[name for name in ("contact", "onset") if getattr(settings, name)],
         )
     return certificate.strict() if strict else certificate
 

@@ -12,7 +12,7 @@ from rpctl.control.twist_law import BaseLaw
 from rpctl.files.records import POSITIVE, Setting
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Kanayama(BaseLaw):
     """The law of [K90]:
 
@@ -30,8 +30,8 @@ class Kanayama(BaseLaw):
     kx: Annotated[float, POSITIVE, Setting("1/s", "", "Kx.")] = 1.5
     ky: Annotated[float, POSITIVE, Setting("1/m²", "", "Ky.")] = 16.0
     ktheta: Annotated[float, POSITIVE, Setting("1/m", "", "Kθ.")] = 8.0
-    leash: Leash | None = field(default_factory=Leash, kw_only=True)
-    approach: Approach | None = field(default_factory=Approach, kw_only=True)
+    leash: Leash | None = field(default_factory=Leash)
+    approach: Approach | None = field(default_factory=Approach)
 
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
         """Return the speed and the turning rate to ask of a base that cannot move sideways."""
@@ -41,7 +41,7 @@ class Kanayama(BaseLaw):
         return v_d, at.sheet.named("omega_d", omega_r + v_r * gain)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Samson(BaseLaw):
     """The nonlinear law of [SSVO09, Section 11.5.1]:
 
@@ -55,8 +55,8 @@ class Samson(BaseLaw):
 
     b: Annotated[float, POSITIVE, Setting("1/m²", "Weight of the position error")] = 16.0
     zeta: Annotated[float, POSITIVE, Setting("", "Damping ratio")] = 0.7
-    leash: Leash | None = field(default_factory=Leash, kw_only=True)
-    approach: Approach | None = field(default_factory=Approach, kw_only=True)
+    leash: Leash | None = field(default_factory=Leash)
+    approach: Approach | None = field(default_factory=Approach)
 
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
         """Return the speed and the turning rate to ask of a base that cannot move sideways."""
@@ -72,7 +72,7 @@ class Samson(BaseLaw):
 SPIN_RADIUS = 1e-6  # m; a reference that turns about a point nearer than this spins
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FeedbackLinearization(BaseLaw):
     """The law of [ODV02]: P's acceleration as the input of a linear loop.
 
@@ -100,8 +100,8 @@ class FeedbackLinearization(BaseLaw):
     slowest: Annotated[
         float, POSITIVE, Setting("m/s", "", "v₀: from this speed on the law is exact.")
     ] = 0.2
-    leash: Leash | None = field(default_factory=Leash, kw_only=True)
-    approach: Approach | None = field(default_factory=Approach, kw_only=True)
+    leash: Leash | None = field(default_factory=Leash)
+    approach: Approach | None = field(default_factory=Approach)
 
     refusal = (
         "the reference turns on the spot, where feedback linearisation does not know which way "

@@ -80,8 +80,8 @@ class BothLaws:
     ) -> None:
         self._dynamics, started = dynamics, (dynamics, period, rest)
         self.kernel, self.compiled = laws_kernel((kinematic, sent), started, compiled)
-        own = () if self.kernel is None else (self.kernel,)
-        started_law: Any = kinematic.start(*started, *own)
+        own: Any = {} if self.kernel is None else {"running": self.kernel}
+        started_law: Any = kinematic.start(*started, **own)
         self._row: Any = getattr(started_law, "row", None)
         robot = dynamics.robot
         unified = UnifiedKinematic(approach=None).start(*started)
@@ -90,7 +90,7 @@ class BothLaws:
         self.speeds: VelocityController | None = None
         self.ahead: MeasuredSample | None = None
         if isinstance(sent, VelocityOutput):
-            self.speeds = sent.start(*started, *own)
+            self.speeds = sent.start(*started, **own)
             self._sending = LawWithFallback(
                 self.speeds, self.speeds.last, partial(require_speeds, robot)
             )
@@ -191,7 +191,7 @@ def effort_law(law: Any, started: Started, kernel: RunningLaws | None) -> LawWit
     paper: Any = _nothing
     if not started[0].robot.drive.leans:  # no other law holds up one that does
         paper = partial(_within_limits, PaperDynamic().start(*started))
-    efforts: Any = law.start(*started, *(() if kernel is None else (kernel,)))
+    efforts: Any = law.start(*started, **({} if kernel is None else {"running": kernel}))
     return LawWithFallback(efforts, paper, partial(require_efforts, started[0].robot))
 
 

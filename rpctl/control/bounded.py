@@ -20,7 +20,7 @@ from rpctl.errors import RpctlError
 from rpctl.files.records import POSITIVE, Setting
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BoundedDynamic(ClosedFormDynamic):
     """The predictive law of [MS21, Eq. 21-26] within the limits of the URDF.
 
@@ -66,7 +66,7 @@ class BoundedDynamic(ClosedFormDynamic):
             "Horizon h₁",
             "Prediction time h1 of the base; what period and lateness allow if not given.",
         ),
-    ] = None
+    ] = field(default=None, kw_only=False)
     along: Annotated[
         float,
         POSITIVE,
@@ -117,6 +117,7 @@ class BoundedDynamic(ClosedFormDynamic):
         period: float,
         sample: LawSample,
         rest: Rest | None,
+        *,
         disturbance: Array | float = 0.0,
     ) -> Array:
         """Return τ (n_act,) of a sample that no limit binds, with Pinocchio's dynamics.
@@ -207,7 +208,7 @@ class IntegralDynamic(ClosedFormDynamic):
         d = np.zeros_like(sample.nu)
         if rest is not None:
             d = -known.forward(rest.q, d, rest.tau)
-        return self.inner.free_efforts(known, period, sample, rest, d)
+        return self.inner.free_efforts(known, period, sample, rest, disturbance=d)
 
     def statements(self, frame: LawFrame) -> LawFragment:
         """Return the statements that make efforts of the frame's command."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
@@ -32,7 +33,7 @@ from rpctl.control.law import (
     as_law,
 )
 from rpctl.control.output_groups import MAX_DEAD_TIME, OutputGroup
-from rpctl.control.registry import dynamic_by_name, kinematic_by_name
+from rpctl.control.registry import configuration, read_law
 from rpctl.control.safeguards import (
     EFFORT_RATE,
     FAILURES,
@@ -40,7 +41,6 @@ from rpctl.control.safeguards import (
     Guards,
     Watchdog,
     falls_short,
-    require_callable,
 )
 from rpctl.control.sampling import TIME_ROUNDING, JumpWatch, MeasuredSample, SampleReader
 from rpctl.control.transition import Following
@@ -52,7 +52,7 @@ from rpctl.control.velocity_output import (
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known, require_positive
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference, require_pulling
+from rpctl.reference.motion import Reference, require_pulling, require_reference
 from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 
@@ -131,13 +131,16 @@ class Controller:
 
     Args:
         robot: The robot.
-        reference: A reference, or the name or the file of one.
+        reference: A reference, or the name or the file of one; None: the config's.
+        config: A :class:`rpctl.Config`, or the path of its TOML: laws, limits, period, output,
+            guards, rates and delay, as of a run; what is given beside it wins.
         kinematic: The kinematic law, or its name; None takes the robot's default.
         dynamic: The dynamic law, or its name; None takes the robot's default.
-        period: Time between two samples as planned, s.
-        output: ``"effort"``; ``"velocity"`` for a robot that takes speeds and follows them at once,
-            or a :class:`~rpctl.control.velocity_output.VelocityOutput` that says how late it
-            follows them. ``"twist"``, ``"wheel-speeds"``, ``"steering"`` or ``"position"``, or a
+        period: Time between two samples as planned, s; 2 ms if not given.
+        output: ``"effort"``, which is the default; ``"velocity"`` for a robot that takes speeds
+            and follows them at once, or a
+            :class:`~rpctl.control.velocity_output.VelocityOutput` that says how late it follows
+            them. ``"twist"``, ``"wheel-speeds"``, ``"steering"`` or ``"position"``, or a
             mapping such as ``{"base": "twist", "arm_*": "position"}``, whose values may be
             :class:`~rpctl.control.output_groups.OutputGroup` with bounds and lateness of their own:
             ``commands`` of what is sent say it so. Then there is no dynamic law, but for joints in
@@ -163,17 +166,28 @@ class Controller:
     def __init__(
         self,
         robot: Robot,
-        reference: str | Reference,
+        reference: str | Path | Reference | None = None,
+        *,
+        config: Any = None,
         kinematic: str | KinematicLaw | KinematicFunction | None = None,
         dynamic: str | DynamicLaw | DynamicFunction | None = None,
-        period: float = PERIOD,
-        output: str | Mapping[str, str | OutputGroup] | VelocityOutput = "effort",
+        period: float | None = None,
+        output: str | Mapping[str, str | OutputGroup] | VelocityOutput | None = None,
         rest: Rest | None = None,
         guards: Guards | None = None,
         compiled: bool = True,
         rates: str | None = None,
         delay: float | None = None,
     ) -> None:
+        if config is not None:
+            config = configuration(config, robot, kinematic, dynamic)
+            robot, run = config.limits.apply(robot), config.run
+            kinematic, dynamic, output = config.kinematic, config.dynamic, output or config.output
+            period = run.control_period if period is None else period
+            guards, rates = guards or config.guards, rates or run.rates
+            delay = run.delay if delay is None else delay
+            reference = run.load_reference(robot) if reference is None else reference
+        period = PERIOD if period is None else period
         require_positive("period", period)
         if rates is not None:
             require_known("kind of rates", [rates], RATES)
@@ -181,14 +195,17 @@ class Controller:
             raise RpctlError(f"delay is {delay:g} s; give a time from 0 to {MAX_DEAD_TIME:g} s")
         self._rates, self._delay = rates, delay or 0.0
         self.robot, self.period, self.guards = robot, period, guards or Guards()
-        kinematic = kinematic_by_name(kinematic) if isinstance(kinematic, str) else kinematic
-        dynamic = dynamic_by_name(dynamic) if isinstance(dynamic, str) else dynamic
-        self._reference, usual = self._read(reference), default_laws(robot)
-        self._laws = (
-            as_law(knowing_delay(kinematic or usual[0], period, delay)),
-            as_law(knowing_delay(dynamic or usual[1], period, delay)),
+        self._reference, usual = (
+            self._read("eight" if reference is None else reference),
+            default_laws(robot),
         )
-        self._rest, self._output = rest, as_output(output)
+        kinematic = read_law("kinematic", usual[0] if kinematic is None else kinematic)
+        dynamic = read_law("dynamic", usual[1] if dynamic is None else dynamic)
+        self._laws = (
+            as_law(knowing_delay(kinematic, period, delay)),
+            as_law(knowing_delay(dynamic, period, delay)),
+        )
+        self._rest, self._output = rest, as_output(output or "effort")
         if delay and self._output is not None:
             raise RpctlError(
                 f"delay is {delay:g} s; of a robot that takes speeds it is part of the dead time: "
@@ -208,10 +225,10 @@ class Controller:
         self._most = (self.guards.effort_rate or EFFORT_RATE) * period * robot.effort_limits
         self.reset()
 
-    def _read(self, reference: str | Reference) -> Reference:
-        if isinstance(reference, str):
+    def _read(self, reference: str | Path | Reference) -> Reference:
+        if isinstance(reference, str | Path):
             reference = load_reference(self.robot, reference)
-        require_callable("reference", reference)
+        require_reference(reference)
         require_pulling(self.robot, reference)
         return reference
 
@@ -254,7 +271,9 @@ class Controller:
         if self._output is not None and self._output.groups:
             self._groups = GroupCommands(self._output, self._dynamics, self.period)
 
-    def step(self, t: float, q: Array, nu: Array, applied: Array | None = None) -> ControllerOutput:
+    def step(
+        self, t: float, q: Array, nu: Array, *, applied: Array | None = None
+    ) -> ControllerOutput:
         """Return what to send now. A sample, however bad, raises nothing.
 
         Args:
@@ -282,7 +301,7 @@ class Controller:
         self._estimate.sent(self._reader.time, output.efforts if self._output is None else NOTHING)
         return output
 
-    def pause(self, motors_off: bool = False) -> None:
+    def pause(self, *, motors_off: bool = False) -> None:
         """Stop the robot, and the reference's time; it may be called between any two steps.
 
         A robot that is lost stays so, but for its motors.
@@ -306,7 +325,7 @@ class Controller:
             self._waits = ""
             self._following.go_on(max(self._reader.time, 0.0), self._measured)
 
-    def set_reference(self, reference: str | Reference) -> None:
+    def set_reference(self, reference: str | Path | Reference) -> None:
         """Follow another reference from its time 0 on, smoothly, from where the robot is.
 
         A robot that pauses goes on to pause.

@@ -34,6 +34,7 @@ class ClosedFormDynamic(Record, ABC):
         dynamics: ReducedDynamics,
         period: float,
         rest: Rest | None = None,
+        *,
         running: RunningLaws | None = None,
     ) -> LimitedLaw | PaperDynamicController:
         """Return the controller of one run, for whatever commands.
@@ -174,6 +175,7 @@ class PaperDynamic(ClosedFormDynamic):
         dynamics: ReducedDynamics,
         period: float,
         rest: Rest | None = None,
+        *,
         running: object = None,
     ) -> PaperDynamicController:
         """Return the controller of one run.
@@ -268,7 +270,7 @@ def paper_efforts(
         disturbance: Acceleration ν̇ (dof,) in addition to that of ``dynamics``.
     """
     nu_dot, at = desired_acceleration(sample, times), midpoint(dynamics, sample, period)
-    force = dynamics.inverse(at.q, at.nu, nu_dot - disturbance, at.nu_d)
+    force = dynamics.inverse(at.q, at.nu, nu_dot - disturbance, lossy_nu=at.nu_d)
     return dynamics.efforts(at.q, force)
 
 

@@ -290,7 +290,7 @@ class EndEffectorLaw:
         return self._base.notes() if isinstance(self._base, HorizonLaw) else ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EndEffector(Record):
     """A predictive law whose outputs are the base's pose and the end effector's.
 

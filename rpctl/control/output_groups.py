@@ -26,7 +26,7 @@ LAG = Range(0.0, MAX_LAG, f"a time in s, from 0 to {MAX_LAG:g}")
 DEAD_TIME = Range(0.0, MAX_DEAD_TIME, f"a time in s, from 0 to {MAX_DEAD_TIME:g}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OutputGroup(Record):
     """What one group of quasi-velocities is sent, how late it follows, and how fast it may go.
 
@@ -47,13 +47,15 @@ class OutputGroup(Record):
     motion that the commands lead to by the model.
     """
 
-    kind: Annotated[str, OneOf(GROUP_KINDS), Setting("", "Sent", "What it is sent.")] = RATES
+    kind: Annotated[str, OneOf(GROUP_KINDS), Setting("", "Sent", "What it is sent.")] = field(
+        default=RATES, kw_only=False
+    )
     lag: Annotated[
         float | None, LAG, Setting("s", "Lag", "Of first order; the output's if not given.")
-    ] = None
+    ] = field(default=None, kw_only=False)
     dead_time: Annotated[
         float | None, DEAD_TIME, Setting("s", "Dead time", "The output's if not given.")
-    ] = None
+    ] = field(default=None, kw_only=False)
     speeds: Annotated[
         Mapping[str, float], POSITIVE, Setting("m/s or rad/s", "Speeds", "The largest.")
     ] = field(default_factory=dict)

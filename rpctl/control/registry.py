@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from inspect import isabstract
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -20,15 +20,15 @@ from rpctl.control.horizon.law import Horizon
 from rpctl.control.kinematic import PaperKinematic
 from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.obstacles import OBSTACLES, Obstacle
+from rpctl.control.safeguards import require_callable
 from rpctl.control.twist_law import BaseLaw
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known
 from rpctl.files.own_code import MARK, own_file, own_thing
 from rpctl.files.records import CHOICES, Choice, fields_of, read_record
+from rpctl.libraries import library
 from rpctl.robot.model import Robot
-
-Made = TypeVar("Made")
 
 KINEMATIC_LAWS: dict[str, Callable[[], KinematicLaw]] = {
     "unified": UnifiedKinematic,
@@ -45,6 +45,10 @@ DYNAMIC_LAWS: dict[str, Callable[[], DynamicLaw]] = {
     "integral": IntegralDynamic,
     "balance": Balance,
 }
+LAWS: dict[str, Mapping[str, Callable[[], Any]]] = {
+    "kinematic": KINEMATIC_LAWS,
+    "dynamic": DYNAMIC_LAWS,
+}
 KINEMATIC_CHOICE = Choice("kinematic law", "law", KINEMATIC_LAWS)
 DYNAMIC_CHOICE = Choice("dynamic law", "law", DYNAMIC_LAWS)
 OBSTACLE_CHOICE = Choice("obstacle", "shape", OBSTACLES)
@@ -53,16 +57,29 @@ CHOICES.update(  # what a setting may be, by its type
 )
 
 
-def kinematic_by_name(name: str) -> KinematicLaw:
-    """Return a kinematic law with its default settings; of ``own.py:MyLaw`` the user's own.
+def read_law(kind: str, given: Any) -> Any:
+    """Return a law that is given, or that of a name with its default settings.
+
+    All that takes laws reads them so. The kinematic law ``own.py:MyLaw`` is the user's own.
+
+    Args:
+        kind: ``"kinematic"`` or ``"dynamic"``.
+        given: A name, a law, or a plain function.
 
     Raises:
         UnknownNameError: There is no such law.
-        RpctlError: The user's file cannot be run, or has no such law.
+        RpctlError: It is no law of this kind; the user's file cannot be run, or has no such law.
     """
-    if MARK in name:
-        return own_law(name)()
-    return _by_name("kinematic law", name, KINEMATIC_LAWS)
+    if isinstance(given, str) and MARK in given and kind == "kinematic":
+        return own_law(given)()
+    if isinstance(given, str):
+        require_known(f"{kind} law", [given], LAWS[kind])
+        return LAWS[kind][given]()
+    require_callable(kind, given)
+    for other in LAWS.keys() - {kind}:
+        if type(given) in LAWS[other].values():
+            raise RpctlError(f"{kind} is {name_of(given)}, a law for {other}=")
+    return given
 
 
 def own_law(name: str) -> Callable[[], BaseLaw]:
@@ -113,18 +130,13 @@ def own_digests(law: object) -> dict[str, str]:
     return found
 
 
-def dynamic_by_name(name: str) -> DynamicLaw:
-    """Return a dynamic law with its default settings.
+def configuration(config: Any, robot: Robot, kinematic: Any, dynamic: Any) -> Any:
+    """Return a :class:`rpctl.Config`, or that of the path of a TOML, with laws that win over its.
 
-    Raises:
-        UnknownNameError: There is no such law.
+    It is of a room below, which takes its laws from here: so it is looked for when it is asked for.
     """
-    return _by_name("dynamic law", name, DYNAMIC_LAWS)
-
-
-def _by_name(kind: str, name: str, laws: Mapping[str, Callable[[], Made]]) -> Made:
-    require_known(kind, [name], laws)
-    return laws[name]()
+    found = library("rpctl.simulation.config").as_config(config, robot)
+    return found.with_laws(kinematic, dynamic)
 
 
 OBSTACLE_NAMES = {kind: name for name, kind in OBSTACLES.items()}

@@ -144,7 +144,7 @@ class Readings:
         t, robot, place = (now - self._origin) / SECOND, self.robot, self._known[self._base]
         joints = {name: each.at for name, each in self._known.items() if name not in self._poses}
         x, y, theta = place.at
-        q, way = robot.configuration(x, y, theta, joints), np.zeros(robot.nv)
+        q, way = robot.configuration(x, y, theta, joints=joints), np.zeros(robot.nv)
         if now - min(self._known[name].stamp for name in self._needed) <= MAX_AGE * SECOND:
             with suppress(SingularBasisError):
                 nu = self._speeds(S := self._dynamics.basis(q), place.rate)

@@ -28,7 +28,7 @@ from rpctl.reference.motion import NotFiniteError, WrongAnswerError, require_num
 from rpctl.robot.model import Robot
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Guards(Record):
     """What a controller does about samples, poses and robots that are not as they should be."""
 

@@ -115,6 +115,7 @@ class BaseLaw(Record, ABC):
         dynamics: ReducedDynamics,
         period: float,
         rest: Rest | None = None,
+        *,
         running: RunningLaws | None = None,
     ) -> TrackingController:
         """Return the controller of one run, with its stage for far starts before it.

@@ -13,7 +13,7 @@ from rpctl.control.twist_law import BaseLaw
 from rpctl.files.records import POSITIVE, POSITIVE_OR_NONE, WITHIN, Setting
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class UnifiedKinematic(BaseLaw):
     """The paper's law with a lateral error that is predicted to second order.
 
@@ -57,7 +57,7 @@ class UnifiedKinematic(BaseLaw):
         Setting(
             "s", "Horizon h", "Prediction time h; what period and lateness allow if not given."
         ),
-    ] = None
+    ] = field(default=None, kw_only=False)
     beta: Annotated[
         float,
         WITHIN,
@@ -86,8 +86,8 @@ class UnifiedKinematic(BaseLaw):
             "w: the square of the lateral error that counts as much as one radian.",
         ),
     ] = 0.02
-    leash: Leash | None = field(default_factory=Leash, kw_only=True)
-    approach: Approach | None = field(default_factory=Approach, kw_only=True)
+    leash: Leash | None = field(default_factory=Leash)
+    approach: Approach | None = field(default_factory=Approach)
 
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
         """Return the speed and the turning rate to ask of a base that cannot move sideways."""

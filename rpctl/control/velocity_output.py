@@ -49,7 +49,7 @@ OUTPUTS = ("effort", "velocity")
 STOPPING_TIME = 0.3  # s: time constant with which a controlled stop ends the motion
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class VelocityOutput(Record):
     """Speeds for a robot whose speeds follow their commands late.
 
@@ -76,14 +76,19 @@ class VelocityOutput(Record):
         float,
         LAG,
         Setting(
-            "s", "Lag", "Lag of first order with which it follows speeds, s; 0 if not given.", "S"
+            "s",
+            "Lag",
+            "Lag of first order with which it follows speeds, s; 0 if not given.",
+            metavar="S",
         ),
-    ] = 0.0
+    ] = field(default=0.0, kw_only=False)
     dead_time: Annotated[
         float,
         DEAD_TIME,
-        Setting("s", "Dead time", "Time until it begins to follow them, s; 0 if not given.", "S"),
-    ] = 0.0
+        Setting(
+            "s", "Dead time", "Time until it begins to follow them, s; 0 if not given.", metavar="S"
+        ),
+    ] = field(default=0.0, kw_only=False)
     lags: Annotated[
         Mapping[str, float],
         LAG,
@@ -138,6 +143,7 @@ class VelocityOutput(Record):
         dynamics: ReducedDynamics,
         period: float,
         rest: Rest | None = None,
+        *,
         running: RunningLaws | None = None,
     ) -> VelocityController:
         """Return the output of one run; before it, commands were zero.

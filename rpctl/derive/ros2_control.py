@@ -193,8 +193,13 @@ def _samples(
     """
     dynamics, rng, lines = ReducedDynamics(robot), np.random.default_rng(0), list[str]()
     state = _reference_near(robot, robot.random_configuration(rng), rng)
-    given = replace(law, approach=None), efforts, made.law.period
-    controller = Controller(robot, lambda t: state, *given, compiled=False)
+    given: dict[str, Any] = {
+        "kinematic": replace(law, approach=None),
+        "dynamic": efforts,
+        "period": made.law.period,
+        "compiled": False,
+    }
+    controller = Controller(robot, lambda t: state, **given)
     for k in range(MAX_DRAWS * SAMPLES):
         q, nu = robot.random_configuration(rng), 0.1 * rng.normal(size=robot.dof)
         state = _reference_near(robot, q, rng)
@@ -211,7 +216,7 @@ def _samples(
             "states, too few to prove a controller; rpctl track shows why"
         )
     controller = Controller(
-        robot, lambda t: state, *given, compiled=False, delay=delay, rates="estimated",
+        robot, lambda t: state, **given, delay=delay, rates="estimated",
         guards=safeguards.Guards(effort_rate=1e9),  # efforts beyond the limits are compared, too
     )  # fmt: skip
     nu = np.zeros(robot.dof)

@@ -13,7 +13,7 @@ import numpy as np
 from rpctl.control.bandwidth import USUAL_PERIOD
 from rpctl.control.dynamic import PaperDynamic
 from rpctl.control.estimation import state_calls
-from rpctl.control.registry import dynamic_by_name, kinematic_by_name
+from rpctl.control.registry import configuration, read_law
 from rpctl.control.twist_law import BaseLaw
 from rpctl.derive.closed_form import ClosedForm, closed_form
 from rpctl.derive.law_program import LawProgram, law_program, law_sheet
@@ -107,11 +107,13 @@ class DerivedLaw(NamedTuple):
 
 def derive_law(
     robot: Robot,
-    kinematic: Any = "unified",
-    dynamic: Any = "paper",
+    *,
+    config: Any = None,
+    kinematic: Any = None,
+    dynamic: Any = None,
     format: str = "text",
     precision: str = "double",
-    period: float = USUAL_PERIOD,
+    period: float | None = None,
 ) -> DerivedLaw:
     """Write a kinematic law, its analytic ν̇_d and the dynamic law in closed form.
 
@@ -120,13 +122,16 @@ def derive_law(
 
     Args:
         robot: The robot.
+        config: A :class:`rpctl.Config`, or the path of its TOML, of whose laws and period what is
+            given beside it wins.
         kinematic: The name of a law that is a formula (``"unified"``, ``"own.py:MyLaw"``), or
-            such a law with settings of its own.
-        dynamic: ``"paper"``, or that law with settings of its own.
+            such a law with settings of its own; ``"unified"`` if not given.
+        dynamic: ``"paper"``, which is the default, or that law with settings of its own.
         format: ``"text"`` or ``"latex"`` to read; ``"python"`` or ``"c"``, code without
             dependencies, without loops and without memory.
         precision: Of the numbers in C, ``"double"`` or ``"float"``.
-        period: Control period, s; the joints' prediction times follow from it unless they are set.
+        period: Control period, s, from which the joints' prediction times follow unless they are
+            set; 2 ms if not given.
 
     Raises:
         RpctlError: The laws have no closed form, or nothing drives the robot.
@@ -136,7 +141,12 @@ def derive_law(
     require_known("precision", [precision], PRECISIONS)
     if precision != "double" and format != "c":
         raise RpctlError(f"--format {format} has no precision to choose; take --format c")
-    sheet = law_sheet(robot, *closed_laws(robot, kinematic, dynamic), period)
+    if config is not None:
+        config = configuration(config, robot, kinematic, dynamic)
+        kinematic, dynamic = config.kinematic, config.dynamic
+        period = config.run.control_period if period is None else period
+    laws = closed_laws(robot, kinematic or "unified", dynamic or "paper")
+    sheet = law_sheet(robot, *laws, USUAL_PERIOD if period is None else period)
     if format in ("text", "latex"):
         write = law_text if format == "text" else law_latex
         return DerivedLaw(write(sheet, _form(robot)), None)
@@ -147,8 +157,7 @@ def derive_law(
 
 def closed_laws(robot: Robot, law: Any, efforts: Any) -> tuple[BaseLaw, PaperDynamic]:
     """Return laws, or those of such names, which have a closed form on this robot."""
-    law = kinematic_by_name(law) if isinstance(law, str) else law
-    efforts = dynamic_by_name(efforts) if isinstance(efforts, str) else efforts
+    law, efforts = read_law("kinematic", law), read_law("dynamic", efforts)
     if robot.dof == 0:
         raise RpctlError(f"{robot.name}: nothing moves, so there is no law to write")
     if not isinstance(law, BaseLaw):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -48,7 +48,7 @@ TYPES_WITH_AXLE = (
 TRAILING = ("caster", "trailer")  # roles of swivels whose rates follow from the base's motion
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Wheel:
     """A wheel on the ground.
 
@@ -142,7 +142,7 @@ class Swivel:
         return self.reversed() if self.trail > 0.0 else self
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Drive:
     """How a robot meets the ground.
 
@@ -164,8 +164,8 @@ class Drive:
             for all of them.
     """
 
-    type: str
-    wheels: tuple[Wheel, ...] = ()
+    type: str = field(kw_only=False)
+    wheels: tuple[Wheel, ...] = field(default=(), kw_only=False)
     point: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
     track: float = 0.0

@@ -164,7 +164,7 @@ def ground_reaction(
         outside: What pushes the robot besides; None: nothing.
     """
     pushed = None if outside is None else OutsideForce(*(each[None] for each in outside))
-    reactions = dynamics.reactions(q[None], nu[None], tau[None], pushed)
+    reactions = dynamics.reactions(q[None], nu[None], tau[None], outside=pushed)
     rows = vars(ground_reactions(dynamics, contacts, q[None], reactions))
     first: dict[str, Any] = {k: None if row is None else row[0] for k, row in rows.items()}
     margin = first.pop("tip_margin")

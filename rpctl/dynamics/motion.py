@@ -83,7 +83,7 @@ def rk4_step(
     def stage(slide: Array, speed: Array) -> tuple[Array, Array, float]:
         place = pin.integrate(model, q, slide)
         push = None if outside is None else outside(place)
-        v, nu_dot, power = dynamics.rates(place, speed, tau, push)
+        v, nu_dot, power = dynamics.rates(place, speed, tau, outside=push)
         motion.append(v)
         return dynamics.dexpinv(slide, v), nu_dot, power
 

@@ -67,11 +67,11 @@ class ReducedDynamics:
         columns: Map (nv, n_act) from the actuators' efforts to their generalised force.
     """
 
-    def __new__(cls, robot: Robot, gliding: Collection[str] = ()) -> ReducedDynamics:
+    def __new__(cls, robot: Robot, *, gliding: Collection[str] = ()) -> ReducedDynamics:
         """Return the dynamics of a robot, of one that leans :class:`LeaningDynamics`."""
         return object.__new__(LeaningDynamics if isinstance(robot, LeaningRobot) else cls)
 
-    def __init__(self, robot: Robot, gliding: Collection[str] = ()) -> None:
+    def __init__(self, robot: Robot, *, gliding: Collection[str] = ()) -> None:
         self.robot = robot
         self._model = robot.model
         self._workspace = Workspace(robot.model)
@@ -153,7 +153,9 @@ class ReducedDynamics:
         S = self.at(q).S
         return np.asarray(S.T.dot(self._losses.force(S.dot(nu))))
 
-    def inverse(self, q: Array, nu: Array, nu_dot: Array, lossy_nu: Array | None = None) -> Array:
+    def inverse(
+        self, q: Array, nu: Array, nu_dot: Array, *, lossy_nu: Array | None = None
+    ) -> Array:
         """Return the quasi-force M ν̇ + h − ℓ (dof,) that a motion takes of the actuators.
 
         M ν̇ + h is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).
@@ -185,7 +187,7 @@ class ReducedDynamics:
             raise self._not_finite(q, nu)
         return force
 
-    def forward(self, q: Array, nu: Array, tau: Array, outside: Array | None = None) -> Array:
+    def forward(self, q: Array, nu: Array, tau: Array, *, outside: Array | None = None) -> Array:
         """Return ν̇ (dof,) under actuator efforts τ (n_act,), losses included.
 
         Args:
@@ -208,7 +210,7 @@ class ReducedDynamics:
         return np.asarray(nu_dot)
 
     def rates(
-        self, q: Array, nu: Array, tau: Array, outside: Array | None = None
+        self, q: Array, nu: Array, tau: Array, *, outside: Array | None = None
     ) -> tuple[Array, Array, float]:
         """Return v (nv,), ν̇ (dof,) and the power (W) of what drives.
 
@@ -220,7 +222,7 @@ class ReducedDynamics:
         """
         at = self.at(q)
         power = nu.dot(at.B.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
-        return at.S.dot(nu), self.forward(q, nu, tau, outside), power
+        return at.S.dot(nu), self.forward(q, nu, tau, outside=outside), power
 
     def lossless(self, q: Array, nu: Array, tau: Array) -> tuple[Array, Array]:
         """Return M (dof, dof) and B τ − h (dof,): M ν̇ = B τ − h + ℓ.
@@ -291,7 +293,7 @@ class ReducedDynamics:
         )
 
     def reaction(
-        self, q: Array, nu: Array, tau: Array, outside: OutsideForce | None = None
+        self, q: Array, nu: Array, tau: Array, *, outside: OutsideForce | None = None
     ) -> tuple[Array, Array]:
         """Return what the ground does to the robot while it moves under τ.
 
@@ -310,7 +312,7 @@ class ReducedDynamics:
         """
         at = self.at(q)
         push = None if outside is None else at.S.T @ outside.push
-        acceleration = at.S @ self.forward(q, nu, tau, push) + at.drift(nu)
+        acceleration = at.S @ self.forward(q, nu, tau, outside=push) + at.drift(nu)
         data = self._workspace.data
         force = pin.rnea(self._model, data, q, at.S @ nu, acceleration)
         wrench = data.f[ROOT_JOINT].vector.copy()
@@ -322,7 +324,7 @@ class ReducedDynamics:
         return residual, wrench
 
     def reactions(
-        self, q: Array, nu: Array, tau: Array, outside: OutsideForce | None = None
+        self, q: Array, nu: Array, tau: Array, *, outside: OutsideForce | None = None
     ) -> Reactions:
         """Return what the ground does to the robot at K states, and its energy there.
 
@@ -337,7 +339,7 @@ class ReducedDynamics:
         found = Reactions(*(np.empty((len(q), *size)) for size in sizes))
         for k, state in enumerate(zip(q, nu, tau, strict=True)):
             pushed = None if outside is None else OutsideForce(*(part[k] for part in outside))
-            at, (residual, wrench) = self.at(q[k]), self.reaction(*state, pushed)
+            at, (residual, wrench) = self.at(q[k]), self.reaction(*state, outside=pushed)
             parts = at.S @ nu[k], residual, wrench, self.energy(q[k], nu[k])
             for column, value in zip(found, (*parts, at.multipliers @ residual), strict=True):
                 column[k] = value
@@ -382,13 +384,13 @@ class LeaningDynamics(ReducedDynamics):
     robot: LeaningRobot
 
     def rates(
-        self, q: Array, nu: Array, tau: Array, outside: Array | None = None
+        self, q: Array, nu: Array, tau: Array, *, outside: Array | None = None
     ) -> tuple[Array, Array, float]:
         """Return v (nv,), ν̇ (dof,) and the power (W) of what drives; see :meth:`forward`."""
         code = motion_code(self.robot)
         found = None if code is None else code(q, nu, tau, outside)
         if found is None:
-            return super().rates(q, nu, tau, outside)
+            return super().rates(q, nu, tau, outside=outside)
         power = found.v.dot(self.columns.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
         return found.v.copy(), found.nu_dot.copy(), float(power)
 

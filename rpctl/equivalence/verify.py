@@ -37,6 +37,7 @@ from rpctl.equivalence.shape_checks import DECLARED, SHAPES, Geometry, LeaningGe
 from rpctl.equivalence.state import State, draw_state, find_rounding_scales, force_state
 from rpctl.errors import RpctlError, require_known
 from rpctl.files.caps import cap, how_to_raise
+from rpctl.libraries import library
 from rpctl.robot.idealised import idealisations
 from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
@@ -49,7 +50,7 @@ ENGINES = ("mujoco",)
 ABSENT = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
     """The outcome of :func:`rpctl.verify`: all checks of one robot.
 
@@ -80,6 +81,12 @@ class Certificate:
     contact: ContactTrial | None = None
     onset: OnsetTrial | None = None
     loaded_with: Mapping[str, Any] = field(default_factory=dict)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return str(
+            library("rpctl.view.pages.page").render("notebook_certificate.html", certificate=self)
+        )
 
     @property
     def passed(self) -> bool:
@@ -144,6 +151,7 @@ class _Derivations:
 def verify(
     robot: Robot,
     samples: int = 100,
+    *,
     seed: int = 0,
     engines: Sequence[str] = ENGINES,
     progress: Callable[[int], object] | None = None,

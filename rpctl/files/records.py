@@ -72,7 +72,7 @@ class Setting:
     unit: str = ""
     label: str = ""
     help: str = ""
-    metavar: str = ""
+    metavar: str = dataclasses.field(default="", kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -12,7 +12,7 @@ from rpctl import math
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_positive
 from rpctl.reference.formula import Along, Columns, Numbers
-from rpctl.reference.motion import RowReference
+from rpctl.reference.motion import RowReference, require_reference, shown
 from rpctl.reference.paths import posed
 
 STEP_S = 0.01  # s; error of the first derivative ~ STEP⁶, rounding in the second ~ 1e-16 / STEP²
@@ -45,7 +45,7 @@ def as_reference(
         duration: s; afterwards the reference stands still where it is. None: it has no end.
 
     Raises:
-        RpctlError: The duration is no positive number of at least 60 ms.
+        RpctlError: It is no function, or the duration no positive number of at least 60 ms.
     """
     return FunctionReference(function, joints, along_path, duration)
 
@@ -60,6 +60,9 @@ class FunctionReference(RowReference):
         along_path: bool,
         duration: float | None,
     ) -> None:
+        require_reference(function)
+        if isinstance(joints, Mapping):
+            raise RpctlError("joints is a mapping; give positions in the order of joint_names")
         if duration is not None:
             require_positive("duration", duration)
             if duration < 2 * REACH * STEP_S:
@@ -111,8 +114,8 @@ class FunctionReference(RowReference):
     def _sample(self, t: float) -> Array:
         """Return the function's values at one time, checked."""
         least = 2 if self._along_path else 3
-        what = "x, y" if self._along_path else "x, y, heading"
-        what += "" if self._stays else ", then the arm's joints"
+        what = "x, y" if self._along_path else "x, y, heading (x, y alone with along_path=True)"
+        what += "" if self._stays else ", then the arm's joints (none with joints=)"
         value = self._function(t)
         try:
             numbers = np.asarray(value, dtype=float)
@@ -120,7 +123,7 @@ class FunctionReference(RowReference):
             numbers = np.empty(0)
         if numbers.ndim != 1 or len(numbers) < least or not np.isfinite(numbers).all():
             raise RpctlError(
-                f"the reference {self.__name__} returns {value!r} at t = {t:.4g} s; "
+                f"the reference {self.__name__} returns {shown(value)} at t = {t:.4g} s; "
                 f"return finite numbers: {what}"
             )
         return numbers

@@ -84,7 +84,7 @@ class PathFile(Record):
 
 def load_reference(
     robot: Robot,
-    source: str,
+    source: str | Path,
     *,
     smooth: float | str | None = None,
     retime: bool = False,
@@ -107,7 +107,7 @@ def load_reference(
         UnknownNameError: There is no such reference, and the name is no file's.
         RpctlError: The file has faults, or the robot cannot follow.
     """
-    wish, suffix = SizingRequest(**sizes), Path(source).suffix.lower()
+    source, wish, suffix = str(source), SizingRequest(**sizes), Path(source).suffix.lower()
     require_smoothing(smooth)
     if suffix in (".csv", ".toml"):
         wish.refuse(f"{source} has its own sizes and speeds; change them there", *WISHES)

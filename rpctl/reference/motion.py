@@ -145,12 +145,28 @@ def require_state(robot: Robot, state: object, t: float) -> ReferenceState:
         )
     if np.ndim(state.joints) == 1 and len(state.joints) != len(robot.joints):
         raise WrongAnswerError(
-            f"the reference has {len(state.joints)} joints, {robot.name} has {len(robot.joints)}"
+            f"the reference has {len(state.joints)} joints, {robot.name} has {len(robot.joints)} "
+            f"({', '.join(robot.joint_names)}); let the function return their positions after the "
+            "heading, or tell rpctl.as_reference by joints= where they stay"
         )
     for index, name in enumerate(ReferenceState._fields[:6]):
         length = 3 if index < 3 else len(robot.joints)
         require_numbers(name, " of the reference", state[index], length)
     return state
+
+
+def require_reference(given: object) -> None:
+    """Refuse what is no function of time.
+
+    Raises:
+        RpctlError: It is something else; what to give is said.
+    """
+    if isinstance(given, type) or not callable(given):
+        raise RpctlError(
+            f"the reference is {shown(given)}; give a name, a file (.csv of rows t,x,y,theta, or "
+            ".toml), or a function of the time that rpctl.as_reference makes of one that returns "
+            "x, y and heading, or x and y with along_path=True"
+        )
 
 
 def require_numbers(name: str, whose: str, values: Any, length: int) -> None:

@@ -61,7 +61,7 @@ class Axle(NamedTuple):
         return z - (self.radius - self.tyre) * sqrt(1.0 - rise * rise) - self.tyre
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class LeaningRobot(Robot):
     """A robot on two wheels whose root link pitches, rolls and rises: a ``JointModelFreeFlyer``.
 
@@ -121,6 +121,7 @@ class LeaningRobot(Robot):
         x: float = 0.0,
         y: float = 0.0,
         theta: float = 0.0,
+        *,
         joints: Mapping[str, float] | None = None,
         tilt: float = 0.0,
     ) -> Array:
@@ -270,7 +271,7 @@ class LeaningRobot(Robot):
         if steering is not None:
             names = (swivel.joint for swivel in self.drive.steered)
             positions |= dict(zip(names, steering, strict=True))
-        q = self.configuration(0.0, 0.0, 0.0, positions, tilt)
+        q = self.configuration(0.0, 0.0, 0.0, joints=positions, tilt=tilt)
         x, y, theta = self.base_pose(q)
         cos, sin = math.cos(theta), math.sin(theta)
         back = np.array([-cos * x - sin * y, sin * x - cos * y, -theta])
@@ -308,6 +309,7 @@ class LeaningRobot(Robot):
         self,
         pose: Sequence[float] = (0.0, 0.0, 0.0),
         twist: Sequence[float] = (),
+        *,
         joints: Mapping[str, float] | None = None,
         rates: Mapping[str, float] | None = None,
         twist_frame: str = "body",
@@ -323,9 +325,9 @@ class LeaningRobot(Robot):
             twist_frame: ``"body"``.
             tilt: Its pitch, or a bicycle's roll, rad.
         """
-        q, nu = super().state(pose, twist, joints, rates, twist_frame)
+        q, nu = super().state(pose, twist, joints=joints, rates=rates, twist_frame=twist_frame)
         x, y, theta = pose
-        return self.configuration(x, y, theta, joints, tilt) if tilt else q, nu
+        return self.configuration(x, y, theta, joints=joints, tilt=tilt) if tilt else q, nu
 
     def state_of(self, q: Array, nu: Array) -> NamedState:
         """Return the state that q (nq,) and ν (dof,) stand for, by names; its tilt is left out."""
@@ -350,7 +352,7 @@ class LeaningRobot(Robot):
         while True:
             positions = {name: self._draw(name, rng) for name in self.moving_joint_names}
             try:
-                return self.configuration(x, y, float(theta), positions, float(tilt))
+                return self.configuration(x, y, float(theta), joints=positions, tilt=float(tilt))
             except RpctlError:  # legs that reach the ground with no attitude
                 continue
 

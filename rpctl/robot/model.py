@@ -18,6 +18,7 @@ from rpctl.description.records import Description, Joint
 from rpctl.drive.drive import Drive
 from rpctl.drive.steering import SteeringLimits, follower_positions, is_regular, steering_limits
 from rpctl.errors import Finding, RpctlError, require_known
+from rpctl.libraries import library
 from rpctl.robot.coordinates import (
     BASE_NQ,
     ROOT_JOINT,
@@ -33,7 +34,7 @@ BASE_NV = 3  # entries of v that are the planar root's
 HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Robot:
     """A wheeled robot on flat ground; two of them are the same if they are one object.
 
@@ -68,6 +69,10 @@ class Robot:
         lines = [f"<Robot {self.name}: {self.drive.type} drive, {self.source}"]
         lines += [f" wheels: {', '.join(wheels) or 'none'}; end effector: {self.end_effector}"]
         return "\n".join([*lines, f" quasi-velocities: {', '.join(self.quasi_velocities)}>"])
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return str(library("rpctl.view.pages.page").render("notebook_robot.html", robot=self))
 
     @cached_property
     def tree(self) -> FrozenTree:
@@ -242,6 +247,7 @@ class Robot:
         x: float = 0.0,
         y: float = 0.0,
         theta: float = 0.0,
+        *,
         joints: Mapping[str, float] | None = None,
     ) -> Array:
         """Return q (nq,) for a pose of the root link and joint positions.
@@ -275,6 +281,7 @@ class Robot:
         self,
         pose: Sequence[float] = (0.0, 0.0, 0.0),
         twist: Sequence[float] = (),
+        *,
         joints: Mapping[str, float] | None = None,
         rates: Mapping[str, float] | None = None,
         twist_frame: str = "body",
@@ -318,7 +325,7 @@ class Robot:
         base = tuple(twist) or (math.nan,) * len(speeds)
         nu = np.array([*base, *(rates.get(name, math.nan) for name in self.joint_names)])
         x, y, theta = pose
-        q = self.configuration(x, y, theta, joints)
+        q = self.configuration(x, y, theta, joints=joints)
         if not np.isfinite(q).all() or np.isinf(nu).any():
             raise RpctlError("the state holds numbers that are not finite; give finite ones")
         return q, nu
@@ -407,7 +414,7 @@ class Robot:
         if steering is not None:
             names = (swivel.joint for swivel in self.drive.steered)
             positions |= dict(zip(names, steering, strict=True))
-        return self.configuration(*self.root_pose(pose), positions)
+        return self.configuration(*self.root_pose(pose), joints=positions)
 
     def random_configuration(self, rng: np.random.Generator) -> Array:
         """Return a random q (nq,): base anywhere within 10 m, joints within their limits.
@@ -419,7 +426,7 @@ class Robot:
         positions = {name: self._draw(name, rng) for name in self.moving_joint_names}
         while not is_regular(self.drive, positions):
             positions |= {s.joint: self._draw(s.joint, rng) for s in self.drive.steered}
-        return self.configuration(x, y, float(rng.uniform(-math.pi, math.pi)), positions)
+        return self.configuration(x, y, float(rng.uniform(-math.pi, math.pi)), joints=positions)
 
     def _draw(self, name: str, rng: np.random.Generator) -> float:
         """Return a random position of a joint within its limits."""

@@ -276,7 +276,7 @@ class CarriedLoad(Record):
         return link
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Variation(Record):
     """How a robot differs from its file. Of several patterns that match a name the last counts."""
 
@@ -422,7 +422,7 @@ def vary(robot: Robot, variation: Variation) -> Robot:
         varied = replace(varied, drive=drive)
     varied = with_losses(varied, built.damping[0], built.friction[0])
     if built.payload:
-        varied = with_payload(varied, built.payload, float(built.loads[0]), built.places[0])
+        varied = with_payload(varied, built.payload, float(built.loads[0]), com=built.places[0])
     if not np.array_equal(built.gravity[0], robot.model.gravity.linear):
         varied = replace(varied, model=varied.model.copy())
         varied.model.gravity.linear = built.gravity[0]

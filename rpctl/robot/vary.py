@@ -26,7 +26,7 @@ Element = Any
 JOINT = "_joint"  # what the joint of a load is called behind the load's own name
 
 
-def scale_limits(robot: Robot, effort: float = 1.0, velocity: float = 1.0) -> Robot:
+def scale_limits(robot: Robot, *, effort: float = 1.0, velocity: float = 1.0) -> Robot:
     """Return a robot whose effort and velocity limits are those of another, scaled.
 
     Args:
@@ -46,6 +46,7 @@ def scale_limits(robot: Robot, effort: float = 1.0, velocity: float = 1.0) -> Ro
 
 def set_limits(
     robot: Robot,
+    *,
     effort: Mapping[str, float] | None = None,
     velocity: Mapping[str, float] | None = None,
 ) -> Robot:
@@ -164,6 +165,7 @@ def with_payload(
     robot: Robot,
     link: str,
     mass: float,
+    *,
     com: Sequence[float] = (0.0, 0.0, 0.0),
     inertia: Sequence[Sequence[float]] | Array | None = None,
 ) -> Robot:

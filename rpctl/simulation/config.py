@@ -21,8 +21,7 @@ from rpctl.control.output_groups import DEAD_TIME
 from rpctl.control.registry import (
     DYNAMIC_CHOICE,
     KINEMATIC_CHOICE,
-    dynamic_by_name,
-    kinematic_by_name,
+    read_law,
     read_own_laws,
 )
 from rpctl.control.safeguards import Guards
@@ -44,7 +43,7 @@ from rpctl.files.records import (
 from rpctl.files.toml import Table
 from rpctl.files.writing import write_atomically
 from rpctl.reference.load import load_reference
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, shown
 from rpctl.reference.pose_goal import MAX_DISTANCE
 from rpctl.reference.sizing import require_smoothing
 from rpctl.robot.model import Robot
@@ -79,10 +78,10 @@ class LimitOverrides:
         Raises:
             RpctlError: A pattern matches no joint, or a limit is not positive.
         """
-        return set_limits(robot, self.effort, self.velocity)
+        return set_limits(robot, effort=self.effort, velocity=self.velocity)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunSettings(Record):
     """The circumstances of a run: reference, duration, start, sample times and friction."""
 
@@ -93,9 +92,9 @@ class RunSettings(Record):
             "Reference",
             "Path of the base or of the end effector: a name, a path file (TOML), or "
             "time-stamped poses (CSV); eight if not given.",
-            "line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
+            metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
         ),
-    ] = "eight"
+    ] = field(default="eight", kw_only=False)
     duration: Annotated[
         float | None,
         POSITIVE,
@@ -103,9 +102,9 @@ class RunSettings(Record):
             "s",
             "Duration",
             "How long, s; as long as the laps take or the reference moves, or 20.",
-            "S",
+            metavar="S",
         ),
-    ] = None
+    ] = field(default=None, kw_only=False)
     initial_error: Annotated[
         tuple[float, float, float],
         Range(-MAX_DISTANCE, MAX_DISTANCE),
@@ -114,9 +113,9 @@ class RunSettings(Record):
             "Initial error",
             "Tracking error at the start: how far the reference is ahead and to the left "
             "of the robot (m) and turned from it (rad); none if not given.",
-            "X,Y,THETA",
+            metavar="X,Y,THETA",
         ),
-    ] = (0.0, 0.0, 0.0)
+    ] = field(default=(0.0, 0.0, 0.0), kw_only=False)
     control_period: Annotated[
         float,
         POSITIVE,
@@ -124,13 +123,15 @@ class RunSettings(Record):
             "s",
             "Control period",
             "The laws run at this period; their efforts are held in between.",
-            "S",
+            metavar="S",
         ),
     ] = CONTROL_PERIOD
     plant_step: Annotated[
         float,
         POSITIVE,
-        Setting("s", "Integration step", "The plant is integrated in steps no longer.", "S"),
+        Setting(
+            "s", "Integration step", "The plant is integrated in steps no longer.", metavar="S"
+        ),
     ] = 0.002
     friction: Annotated[
         float,
@@ -151,7 +152,7 @@ class RunSettings(Record):
             "Of a named reference, m: radius of the circle, half the length of eight and "
             "waypoints, half the side of the square, length of the line; as fits the "
             "robot if not given.",
-            "M",
+            metavar="M",
         ),
     ] = None
     speed: Annotated[
@@ -162,13 +163,13 @@ class RunSettings(Record):
             "",
             "Largest speed along a named reference, m/s (of a spin, rad/s); half of what "
             "the robot's limits allow, or less, if not given.",
-            "M_PER_S",
+            metavar="M_PER_S",
         ),
     ] = None
     laps: Annotated[
         float | None,
         POSITIVE,
-        Setting("", "", "How many times circle, eight or spin; 1 if not given.", "N"),
+        Setting("", "", "How many times circle, eight or spin; 1 if not given.", metavar="N"),
     ] = None
     log_every: Annotated[
         int | None,
@@ -177,7 +178,7 @@ class RunSettings(Record):
             "",
             "",
             "Log one sample of N, and the last; if not given, all of up to 25 000 or as many.",
-            "N",
+            metavar="N",
         ),
     ] = None
     smooth: Annotated[
@@ -188,7 +189,7 @@ class RunSettings(Record):
             "Reference smoothed by",
             "Smooth the rows of a CSV: by at most so much, root mean square, or by as "
             "much as their noise asks for.",
-            "METRES|auto",
+            metavar="METRES|auto",
         ),
     ] = None
     retime: Annotated[
@@ -207,7 +208,7 @@ class RunSettings(Record):
             "Rates",
             "What the controller takes for rates: those that are measured, or estimates of an "
             "observer; if not given, estimates where they are missing or quantised.",
-            "|".join(RATES),
+            metavar="|".join(RATES),
         ),
     ] = None
     delay: Annotated[
@@ -220,7 +221,7 @@ class RunSettings(Record):
             "controller knows: it foretells the state, and joints are quicker. The plant's own "
             "delay, if not 0, is simulated in its place; none, and gains that withstand 50 ms, if "
             "not given.",
-            "S",
+            metavar="S",
         ),
     ] = None
     allow_sag: Annotated[
@@ -261,13 +262,13 @@ class RunSettings(Record):
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Config:
     """The configuration of a run: everything but the robot.
 
     Attributes:
-        kinematic: The kinematic law, or a plain function.
-        dynamic: The dynamic law, or a plain function.
+        kinematic: The kinematic law, its name, or a plain function.
+        dynamic: The dynamic law, its name, or a plain function.
         run: The circumstances.
         limits: Limits that replace the URDF's.
         plant: Differences between the simulated robot and the controller's model.
@@ -276,32 +277,53 @@ class Config:
         guards: What the controller does about faults, and how fast its efforts may change.
     """
 
-    kinematic: KinematicLaw | KinematicFunction = field(default_factory=lambda: default_laws()[0])
-    dynamic: DynamicLaw | DynamicFunction = field(default_factory=lambda: default_laws()[1])
-    run: RunSettings = field(default_factory=RunSettings)
+    kinematic: KinematicLaw | KinematicFunction = field(
+        default_factory=lambda: default_laws()[0], kw_only=False
+    )
+    dynamic: DynamicLaw | DynamicFunction = field(
+        default_factory=lambda: default_laws()[1], kw_only=False
+    )
+    run: RunSettings = field(default_factory=RunSettings, kw_only=False)
     limits: LimitOverrides = field(default_factory=LimitOverrides)
     plant: Plant = field(default_factory=Plant)
     output: VelocityOutput | None = None
     guards: Guards = field(default_factory=Guards)
+
+    def __post_init__(self) -> None:
+        """Take names for the laws that they are."""
+        for kind in LAW_CHOICES:
+            object.__setattr__(self, kind, read_law(kind, getattr(self, kind)))
 
     @property
     def delay(self) -> float:
         """Time from a measurement to the efforts it leads to, as it is simulated, s."""
         return self.plant.delay or self.run.delay or 0.0
 
-    def with_laws(self, kinematic: str | None, dynamic: str | None) -> Config:
-        """Return a configuration with these laws, by name; those that it has keep their settings.
+    def on(self, robot: Robot) -> Config:
+        """Return it with the law that balances, if the robot leans and no other was chosen."""
+        if robot.drive.leans and self.dynamic == default_laws()[1]:
+            return dataclasses.replace(self, dynamic=default_laws(robot)[1])
+        return self
+
+    def with_laws(
+        self,
+        kinematic: str | KinematicLaw | KinematicFunction | None = None,
+        dynamic: str | DynamicLaw | DynamicFunction | None = None,
+    ) -> Config:
+        """Return a configuration with these laws; by its name, one that it has keeps its settings.
 
         Raises:
             UnknownNameError: There is no such law.
+            RpctlError: One is no law of its kind.
         """
-        laws: Table = {}
-        if kinematic is not None:
-            laws["kinematic"] = kinematic_by_name(kinematic)
-        if dynamic is not None:
-            laws["dynamic"] = dynamic_by_name(dynamic)
-        others = {k: law for k, law in laws.items() if type(law) is not type(getattr(self, k))}
-        return dataclasses.replace(self, **others)
+        given: Table = {"kinematic": kinematic, "dynamic": dynamic}
+        made = dataclasses.replace(self, **{k: law for k, law in given.items() if law is not None})
+        kept = {
+            key: getattr(self, key)
+            for key, law in given.items()
+            if isinstance(law, str) and type(getattr(made, key)) is type(getattr(self, key))
+        }
+        return dataclasses.replace(made, **kept)
 
     def with_output(
         self, output: str | None, lag: float | None = None, dead_time: float | None = None
@@ -377,6 +399,19 @@ def read_config(path: str | Path) -> Config:
     return toml.read(path, config_from_tables, "a configuration file")
 
 
+def as_config(given: Config | str | Path | None, robot: Robot) -> Config:
+    """Return a configuration, or that of a file; None: the robot's default.
+
+    Raises:
+        DescriptionError: The file is missing, is not TOML, or has faults.
+        RpctlError: It is no configuration.
+    """
+    config = read_config(given) if isinstance(given, str | Path) else given or Config()
+    if not isinstance(config, Config):
+        raise RpctlError(f"config is {shown(given)}; give a rpctl.Config, or the path of its TOML")
+    return config.on(robot)
+
+
 def config_from_tables(data: Table, faults: list[str]) -> Config:
     """Return the configuration of a file's tables; what is wrong is added to the faults.
 
@@ -398,7 +433,7 @@ def config_from_tables(data: Table, faults: list[str]) -> Config:
     return read_record(Config, tables, "", faults) or Config()
 
 
-def write_config(config: Config, path: str | Path, schema: bool = False) -> Path:
+def write_config(config: Config, path: str | Path, *, schema: bool = False) -> Path:
     """Write a configuration, complete: reading it gives it back.
 
     Args:

@@ -23,6 +23,7 @@ from rpctl.simulation.run.run import load_robot
 def export_mjcf(
     robot: Robot,
     path: str | Path,
+    *,
     friction: float = FRICTION,
     wheel_width: float | None = None,
     meshes: bool = True,
@@ -55,7 +56,7 @@ def export_mjcf(
 
 
 def check_mjcf(
-    path: str | Path, robot: Robot | None = None, package_dirs: Sequence[str | Path] = ()
+    path: str | Path, robot: Robot | None = None, *, package_dirs: Sequence[str | Path] = ()
 ) -> MjcfCheck:
     """Prove an exported file again, and name what was edited in it.
 

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl.control.controller import default_laws
-from rpctl.control.registry import dynamic_by_name, kinematic_by_name
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.merits.outcome import DIVERGING, SLIPS, SUCCESSES, TIPS
 from rpctl.study.cells import REFUSED, Figures, References, Row
@@ -34,10 +33,8 @@ class Start:
 
     def config(self, references: References) -> Config:
         """Return the run's configuration; see :class:`rpctl.study.cells.Cell`."""
-        dynamic = default_laws(references.robot)[1]
-        if self.dynamic is not None:
-            dynamic = dynamic_by_name(self.dynamic)
-        return Config(kinematic_by_name(self.kinematic), dynamic, self.run)
+        own = Config(*default_laws(references.robot), self.run)
+        return own.with_laws(self.kinematic, self.dynamic)
 
 
 def converged(figures: Figures) -> bool:

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
+from rpctl.control.registry import KINEMATIC_LAWS, read_law
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.errors import RpctlError, require_known
+from rpctl.errors import RpctlError
 from rpctl.reference.motion import Reference, configuration_along
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import scale_masses
@@ -177,10 +177,10 @@ def controllers(
         laws, dynamic = laws or ("unified", "horizon"), dynamic or PROPOSED_LEANING.dynamic
     for name in laws or KINEMATIC_LAWS:
         kinematic, _, own = name.partition("+")
-        require_known("kinematic law", [kinematic], KINEMATIC_LAWS)
+        read_law("kinematic", kinematic)
         wanted = own or dynamic
         if wanted is not None:
-            require_known("dynamic law", [wanted], DYNAMIC_LAWS)
+            read_law("dynamic", wanted)
             chosen.append(LawPair(kinematic, wanted))
         else:
             pairs = [pair for pair in LAW_PAIRS if pair.kinematic == kinematic]
@@ -199,11 +199,8 @@ class CompareCell:
 
     def config(self, references: References) -> Config:
         """Return the run's configuration; see :class:`rpctl.study.cells.Cell`."""
-        laws = (
-            kinematic_by_name(self.controller.kinematic),
-            dynamic_by_name(self.controller.dynamic),
-        )
-        config, reference = Config(*laws, run=self.run), references(self.run)
+        laws, reference = self.controller, references(self.run)
+        config = Config(run=self.run).with_laws(laws.kinematic, laws.dynamic)
         return SCENARIOS[self.scenario].change(config, references.robot, reference)
 
 

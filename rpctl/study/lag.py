@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -55,7 +55,7 @@ class SpeedLog:
     t: Array
     commanded: Array
     measured: Array
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         """Copy the arrays, read-only; refuse what is no log."""
@@ -117,7 +117,7 @@ def read_speed_log(path: str | Path) -> SpeedLog:
     table, _, faults = read_values(rows, names, wanted)
     if faults:
         raise refusal(path, faults)
-    return SpeedLog(table[:, 0], table[:, 1::2], table[:, 2::2], tuple(channels))
+    return SpeedLog(table[:, 0], table[:, 1::2], table[:, 2::2], names=tuple(channels))
 
 
 def _channels(names: Sequence[str]) -> dict[str, tuple[str, str]]:
@@ -186,7 +186,9 @@ class ActuatorLag:
         return asdict(self)
 
 
-def lag_from(log: Run | SpeedLog | str | Path, max_dead_time: float = MAX_DEAD_TIME) -> ActuatorLag:
+def lag_from(
+    log: Run | SpeedLog | str | Path, *, max_dead_time: float = MAX_DEAD_TIME
+) -> ActuatorLag:
     """Identify lag and dead time from a log of commanded and measured speeds.
 
     The motion must excite: a step, or any motion whose commands change faster than the lag. The
@@ -209,7 +211,7 @@ def lag_from(log: Run | SpeedLog | str | Path, max_dead_time: float = MAX_DEAD_T
         if not log.log.nu_cmd.shape[1]:
             raise RpctlError("the run has no commanded speeds, its output were efforts; track with "
                              "output velocity")  # fmt: skip
-        log = SpeedLog(log.t, log.log.nu_cmd, log.nu, log.robot.quasi_velocities)
+        log = SpeedLog(log.t, log.log.nu_cmd, log.nu, names=log.robot.quasi_velocities)
     longest = min(max_dead_time, 0.5 * float(log.t[-1] - log.t[0]))
     found = [_identify(log, index, longest) for index in range(len(log.names))]
     fits = {k: each for k, each in enumerate(found) if isinstance(each, _Fit)}

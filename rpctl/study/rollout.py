@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,12 +12,14 @@ from numpy.typing import NDArray
 
 from rpctl.arrays import Array
 from rpctl.errors import RpctlError, require_known
+from rpctl.libraries import library
 from rpctl.reference.motion import Reference
 from rpctl.robot.model import Robot
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.track import TrackSettings, configured
 from rpctl.simulation.merits.outcome import TRACKED
 from rpctl.study.experiment import Design, Experiment, RunTable
+from rpctl.study.merits import merit_unit, merit_words
 from rpctl.study.runner import Runner
 from rpctl.study.scatter import Scatter, scatter_of, settings_at
 
@@ -24,7 +27,7 @@ if TYPE_CHECKING:
     from typing import Unpack  # of Python 3.11; never imported when it runs
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Rollouts:
     """The runs of a rollout.
 
@@ -47,6 +50,11 @@ class Rollouts:
     def __repr__(self) -> str:
         share = float(self.success.mean())
         return f"Rollouts({len(self)} runs, {share:.1%} succeeded, {len(self.names)} settings)"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        told = {"runs": self, "words": merit_words, "unit": merit_unit}
+        return str(library("rpctl.view.pages.page").render("notebook_rollouts.html", **told))
 
     @property
     def merits(self) -> Mapping[str, Array]:
@@ -147,10 +155,11 @@ class RolloutSettings(TrackSettings, total=False):
 
 def rollout(
     robot: Robot,
-    reference: str | Reference = RunSettings.reference,
+    reference: str | Path | Reference = RunSettings.reference,
     scatter: Scatter | Mapping[str, Any] | None = None,
+    *,
     count: int = 1000,
-    config: Config | None = None,
+    config: Config | str | Path | None = None,
     **settings: Unpack[RolloutSettings],
 ) -> Rollouts:
     """Simulate a robot many times, each time with settings of its own, drawn at random.
@@ -163,7 +172,8 @@ def rollout(
         scatter: Distributions by path of the setting, see :mod:`rpctl.study.scatter`:
             ``{"plant.masses.arm_*": Uniform(0.9, 1.1), "run.initial_error.y": Normal(0.0, 0.1)}``.
         count: Number of runs.
-        config: Laws, plant and circumstances of all runs; None: the robot's default, for 10 s.
+        config: Laws, plant and circumstances of all runs, or the path of their TOML; None: the
+            robot's default, for 10 s.
         **settings: As of :func:`rpctl.track`, which win over the config: ``duration=5``; besides,
             ``seed`` of all that is random, names of the ``merits`` that are wanted, and most
             ``samples`` over time that are kept of a run.
@@ -180,8 +190,8 @@ def rollout(
     base = configured(robot, reference, config, given)
     scattered = scatter_of(scatter, base)
     own["merits"] = None if merits is None else tuple(merits)
-    own["reference"] = None if isinstance(reference, str) else reference
+    own["reference"] = None if isinstance(reference, str | Path) else reference
     experiment = Experiment(base, scattered.names, **own)
     values = settings_at(scattered, Design(count=count, seed=seed).points(len(scattered.names)))
     table = Runner(robot, experiment).rows(values, np.arange(count), progress)
-    return Rollouts(experiment, scattered.names, values, table)
+    return Rollouts(experiment=experiment, names=scattered.names, parameters=values, results=table)

@@ -251,8 +251,8 @@ class Normal:
 
     mean: float
     std: float
-    low: float = -math.inf
-    high: float = math.inf
+    low: float = field(default=-math.inf, kw_only=True)
+    high: float = field(default=math.inf, kw_only=True)
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.mean) and math.isfinite(self.std) and self.std > 0.0):

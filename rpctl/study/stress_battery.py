@@ -17,12 +17,9 @@ from typing import Any
 import numpy as np
 
 from rpctl.control.controller import default_laws
-from rpctl.control.law import DynamicLaw, KinematicLaw
 from rpctl.control.registry import (
     DYNAMIC_LAWS,
     KINEMATIC_LAWS,
-    dynamic_by_name,
-    kinematic_by_name,
 )
 from rpctl.dynamics.ground_reaction import FRICTION
 from rpctl.errors import require_known
@@ -220,7 +217,8 @@ class StressCell:
         robot = references.robot
         carrier = CarriedLoad("" if robot.end_effector is not None else robot.description.root)
         plant = Plant(kind=self.plant, seed=self.seed, payload=carrier)
-        config = Config(*laws_of(robot, self.law), run=self.run, plant=plant)
+        own = Config(*default_laws(robot), self.run, plant=plant)
+        config = own.with_laws(self.law.kinematic, self.law.dynamic)
         for name, level in self.levels:
             config = STRESSES[name].apply(config, level)
         return config
@@ -306,13 +304,6 @@ def default_pairs(robot: Robot) -> tuple[LawPair, ...]:
     """Return the pairs of laws that are stressed if nobody names others: the robot's own first."""
     others = () if robot.drive.leans else OTHERS  # which balance no robot
     return tuple(dict.fromkeys((default_pair(robot), *others)))
-
-
-def laws_of(robot: Robot, pair: LawPair) -> tuple[KinematicLaw, DynamicLaw]:
-    """Return the laws of a pair: the robot's own where they are meant, else with their defaults."""
-    if pair == default_pair(robot):
-        return default_laws(robot)
-    return kinematic_by_name(pair.kinematic), dynamic_by_name(pair.dynamic)
 
 
 def run_battery(

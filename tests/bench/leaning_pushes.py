@@ -128,7 +128,7 @@ def push_of(robot: LeaningRobot, q: Array, size: float, start: float) -> Wrench:
     arm = pin.centerOfMass(robot.model, robot.model.createData(), q) - q[:3]
     x, y, z = np.cross(arm, force).tolist()
     link = robot.description.root
-    return Wrench(link, force, (x, y, z), start, start + PUSH_S)
+    return Wrench(link, force, (x, y, z), start=start, end=start + PUSH_S)
 
 
 def survives_by_lqr(robot: LeaningRobot, size: float, delay: float) -> bool:

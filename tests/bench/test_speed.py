@@ -11,7 +11,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 import rpctl
 from rpctl import ReducedDynamics, Robot
 from rpctl.control.law import Command
-from rpctl.control.registry import dynamic_by_name
+from rpctl.control.registry import read_law
 from rpctl.study.compare import LawPair, controllers
 
 
@@ -19,7 +19,7 @@ from rpctl.study.compare import LawPair, controllers
 @pytest.mark.parametrize("pair", controllers(), ids=str)
 def test_control_sample(benchmark: BenchmarkFixture, tiago: Robot, pair: LawPair) -> None:
     """A step of each controller that ``rpctl compare`` compares, off its reference."""
-    controller = rpctl.Controller(tiago, "eight", pair.kinematic, pair.dynamic)
+    controller = rpctl.Controller(tiago, "eight", kinematic=pair.kinematic, dynamic=pair.dynamic)
     state = controller.reference(7.0)
     q = tiago.configuration_at(state.pose + 0.05, state.joints)
     nu = np.concatenate([state.twist[[0, 2]], state.joint_rates])
@@ -39,5 +39,5 @@ def test_dynamic_law(
 ) -> None:
     dynamics, q = ReducedDynamics(tiago), tiago.configuration_at(np.zeros(3), tiago.home)
     nu, nu_d, nu_d_dot = size * rng.normal(size=(3, tiago.dof))
-    law = dynamic_by_name(name).start(dynamics, 0.002)
+    law = read_law("dynamic", name).start(dynamics, 0.002)
     benchmark(law, dynamics, q, nu, Command(nu_d, nu_d_dot))

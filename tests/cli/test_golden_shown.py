@@ -133,7 +133,7 @@ def test_a_certificate_tells_its_worst(printed: Printed) -> None:
     near = Check("bias", "Lagrange", 4e-13, 1e-12, sample=3, entry="v")
     exact, bad = Check("inertia", "Lagrange", 0.0, 1e-12), Check("rolling", "A", 2e-3, 1e-6)
     scope = Scope("the equations", ("it stands (by 0.1 m at home)",), (), 0.1)
-    good = Certificate("golden", 5, 2, (exact, near), scope)
+    good = Certificate(robot="golden", samples=5, seed=2, checks=(exact, near), scope=scope)
     verify.show_certificate(good)
     text = printed()
     assert "✓ bias Lagrange 4.0e-13 1e-12 v at sample 3" in text

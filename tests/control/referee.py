@@ -145,7 +145,7 @@ class Referee:
             self._middle(q, nu, command),
         )
         rows, drift = dynamics.basis(q)[joints.indices], dynamics.basis_drift(q, nu)[joints.indices]
-        force = dynamics.inverse(at, moving, nu_dot - self._d, wanted)
+        force = dynamics.inverse(at, moving, nu_dot - self._d, lossy_nu=wanted)
         tau = dynamics.efforts(at, force)
         gain = dynamics.efforts(at, dynamics.inertia(at))
         cost = gain @ (rows.T / np.maximum(np.square(rows).sum(axis=1), ROUNDING))

@@ -60,7 +60,7 @@ class Simulated:
             if found is not None:
                 told = self.arrived if tells else None
                 t, q, nu = found
-                self.outputs.append(self.controller.step(t, q, nu, told))
+                self.outputs.append(self.controller.step(t, q, nu, applied=told))
             dt, self.arrived = steps(), arriving(self.outputs[-1].efforts)
             step = rk4_step(self.dynamics, self.q, self.nu, self.arrived, dt)
             self.q, self.nu, self.t = step.q, step.nu, self.t + dt

@@ -231,7 +231,7 @@ def test_it_follows_an_eight_late_and_pushed(name: str, delay: float) -> None:
                                               ("wheel_legs", 0.0)])  # fmt: skip
 def test_a_push_of_20_newton_seconds_is_survived(name: str, height: float) -> None:
     """At its body's origin, the hips of legs, or so high (m) above; efforts come at once."""
-    push = Wrench("base_link", (200.0, 0.0, 0.0), (0.0, 200.0 * height, 0.0), 0.3, 0.4)
+    push = Wrench("base_link", (200.0, 0.0, 0.0), (0.0, 200.0 * height, 0.0), start=0.3, end=0.4)
     robot = leaning(name)
     run = rpctl.track(robot, "line", duration=2.5, speed=0.05, plant=Plant(wrenches=(push,)),
                       collisions=False)  # fmt: skip

@@ -21,7 +21,7 @@ from rpctl.robot.vary import set_limits
 def of(name: str, effort: float | None = None) -> LeaningRobot:
     robot = rpctl.load(name)
     if effort is not None:
-        robot = set_limits(robot, {"wheel_*": effort}, {})
+        robot = set_limits(robot, effort={"wheel_*": effort}, velocity={})
     assert isinstance(robot, LeaningRobot)
     return robot
 

@@ -138,7 +138,7 @@ def test_a_joint_gives_way_only_where_its_own_limit_binds(
         nu_d = rng.normal(size=robot.dof) * rng.choice([0.1, 3.0], size=robot.dof)
         efforts = started(dynamics, q, still, Command(nu_d, still))
         bound = {limit.joint for limit in efforts.limits}
-        missing = dynamics.inverse(q, still, nu_d / times, nu_d) - B @ efforts.tau
+        missing = dynamics.inverse(q, still, nu_d / times, lossy_nu=nu_d) - B @ efforts.tau
         off = np.linalg.solve(M, missing)
         size = np.abs(nu_d / times).max()
         follow = np.array([j not in bound for j in robot.joint_names], dtype=bool)

@@ -26,7 +26,7 @@ def rms(values: list[float]) -> float:
 
 @pytest.fixture
 def controller(paper: Robot) -> Controller:
-    return Controller(paper, "circle", "unified", "integral")
+    return Controller(paper, "circle", kinematic="unified", dynamic="integral")
 
 
 def test_track_steps_this_object(paper: Robot) -> None:
@@ -39,7 +39,7 @@ def test_track_steps_this_object(paper: Robot) -> None:
         backend="compiled",
     )
     rest = Rest(run.q[0], run.tau[0] * 0.0)
-    controller = Controller(paper, "circle", "unified", "integral", rest=rest)
+    controller = Controller(paper, "circle", kinematic="unified", dynamic="integral", rest=rest)
     for k, t in enumerate(run.t):
         output = controller.step(t, run.q[k], run.nu[k])
         assert output.status == "ok"
@@ -89,7 +89,9 @@ def test_a_bad_sample_is_held_and_leaves_no_trace(controller: Controller, reason
         np.testing.assert_array_equal(robot.outputs[k].efforts, robot.outputs[k - 1].efforts)
     report = controller.report()
     assert (report["samples"], report["held"], report["stopped"]) == (100, 3, 0)
-    clean = Simulated(Controller(controller.robot, controller.reference, "unified", "integral"))
+    clean = Simulated(
+        Controller(controller.robot, controller.reference, kinematic="unified", dynamic="integral")
+    )
     clean.run(0.2)
     np.testing.assert_allclose(robot.q, clean.q, atol=2e-6)
 
@@ -112,7 +114,11 @@ def test_before_the_first_good_sample_the_efforts_are_those_of_the_rest(paper: R
 @pytest.mark.slow
 def test_silence_ends_in_a_stop_and_the_next_good_sample_ends_that(paper: Robot) -> None:
     controller = Controller(
-        paper, "circle", "unified", "integral", guards=rpctl.Guards(stale_after=0.05)
+        paper,
+        "circle",
+        kinematic="unified",
+        dynamic="integral",
+        guards=rpctl.Guards(stale_after=0.05),
     )
     robot = Simulated(controller)
     robot.run(1.0)
@@ -135,7 +141,7 @@ def test_silence_ends_in_a_stop_and_the_next_good_sample_ends_that(paper: Robot)
 @pytest.mark.slow
 def test_lost_and_jittering_samples_cost_little(paper: Robot, rng: np.random.Generator) -> None:
     """The integral knows how long ago the last sample was; a period for each loses 3.8 mm."""
-    controller = Controller(paper, "circle", "unified", "integral")
+    controller = Controller(paper, "circle", kinematic="unified", dynamic="integral")
     lossy = rms(Simulated(controller).run(
         3.0,
         lambda *sample: sample if sample[0] == 0.0 or rng.random() > 0.3 else None,
@@ -161,9 +167,9 @@ def gives_up(*when: int) -> Callable[..., Any]:
 
 def test_a_solver_that_gives_up_stops_nothing(paper: Robot) -> None:
     """Its substitute is the paper's law, which here is the law itself."""
-    robot = Simulated(Controller(paper, "circle", "unified", gives_up(0, 7, 8)))
+    robot = Simulated(Controller(paper, "circle", kinematic="unified", dynamic=gives_up(0, 7, 8)))
     robot.run(0.04)
-    clean = Simulated(Controller(paper, "circle", "unified", "paper"))
+    clean = Simulated(Controller(paper, "circle", kinematic="unified", dynamic="paper"))
     clean.run(0.04)
     np.testing.assert_allclose(robot.q, clean.q, rtol=0.0, atol=1e-15)
     statuses = [output.status for output in robot.outputs]
@@ -177,8 +183,8 @@ def test_a_solver_that_gives_up_stops_nothing(paper: Robot) -> None:
 
 
 def test_substitutes_keep_the_limits(paper: Robot) -> None:
-    limited = rpctl.set_limits(paper, {"wheel_*": 0.5})
-    controller = Controller(limited, "circle", "unified", gives_up(0))
+    limited = rpctl.set_limits(paper, effort={"wheel_*": 0.5})
+    controller = Controller(limited, "circle", kinematic="unified", dynamic=gives_up(0))
     output = Simulated(controller, (0.4, 0.0, 0.0)).controller.step(
         0.0, limited.configuration(-0.5), np.zeros(4)
     )
@@ -196,7 +202,7 @@ def test_where_both_laws_fail_the_robot_is_braked(paper: Robot) -> None:
             raise SolverError("the planner is gone")
         return good(t)
 
-    robot = Simulated(Controller(paper, reference, "unified", "integral"))
+    robot = Simulated(Controller(paper, reference, kinematic="unified", dynamic="integral"))
     robot.run(1.0)
     for _ in range(1000):
         output = robot.controller.step(robot.t, robot.q, robot.nu)
@@ -212,7 +218,9 @@ def test_mistakes_are_raised_at_the_first_sample(paper: Robot) -> None:
         return Efforts(np.zeros(3))
 
     with pytest.raises(rpctl.RpctlError, match="give 4 real numbers"):
-        Controller(paper, "circle", "unified", short).step(0.0, paper.configuration(), np.zeros(4))
+        Controller(paper, "circle", kinematic="unified", dynamic=short).step(
+            0.0, paper.configuration(), np.zeros(4)
+        )
     for settings in ({"period": 0.0}, {"period": math.nan}, {"kinematic": "fast"}):
         with pytest.raises(rpctl.RpctlError):
             Controller(paper, "circle", **settings)
@@ -267,7 +275,8 @@ CASES: list[tuple[dict[str, Any], str]] = [
         {"kinematic": rpctl.UnifiedKinematic},
         "kinematic is the class UnifiedKinematic; give one of its objects: UnifiedKinematic(...)",
     ),
-    *(({what: 7}, f"{what} is 7 (int); give a function") for what in ("reference", "dynamic")),
+    ({"reference": 7}, "the reference is 7 (int); give a name, a file"),
+    ({"dynamic": 7}, "dynamic is 7 (int); give a function"),
     ({"kinematic": lambda *state: (ZEROS, ZEROS)}, "(tuple); return a rpctl.Command("),
     ({"kinematic": commanded(nu_d=np.zeros(3))}, "nu_d of the kinematic law is an array (3,) of"),
     ({"kinematic": commanded(nu_d_dot=np.zeros(3))}, "nu_d_dot of the kinematic law is an array"),

@@ -88,7 +88,7 @@ def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
 ) -> None:
     """Bounds are active in some of these states."""
     reference, dynamics = reference_by_name(any_robot, "eight"), ReducedDynamics(any_robot)
-    law = EndEffector(SLOW, orientation=orientation).start(dynamics, 0.01)
+    law = EndEffector(base=SLOW, orientation=orientation).start(dynamics, 0.01)
     wheeled = bool(any_robot.drive.base_speeds)
     for t in (2.0, 5.0, 9.0, 14.0):
         nu = rng.normal(size=any_robot.dof)
@@ -107,7 +107,7 @@ def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
 
 
 def test_the_error_decays_at_the_horizon_while_the_base_converges(tiago: Robot) -> None:
-    reference, law = reference_by_name(tiago, "eight"), EndEffector(SLOW)
+    reference, law = reference_by_name(tiago, "eight"), EndEffector(base=SLOW)
     times, path, _ = obey(law, tiago, reference, beside(tiago, reference, (0.04, 0.06, 0.1)), 1.6)
     distance, _ = errors(tiago, reference, times, path)
     np.testing.assert_allclose(distance, distance[0] * np.exp(-times / law.horizon), rtol=0.01)
@@ -134,7 +134,7 @@ def test_limits_hold_where_the_end_effector_would_break_them(
     def worst() -> tuple[float, float]:
         """Return how far positions leave their limits, and the largest share of full speed."""
         q = beside(tiago, reference, (0.3, 0.5, 0.8))
-        _, path, asked = obey(EndEffector(SLOW), tiago, reference, q, 4.0)
+        _, path, asked = obey(EndEffector(base=SLOW), tiago, reference, q, 4.0)
         positions = np.array([tiago.joint_positions(q) for q in path])
         beyond = float(np.maximum(positions - upper, lower - positions).max())
         return beyond, float((np.abs(asked[:, 2:]) / fastest).max())
@@ -153,7 +153,7 @@ def test_rates_stay_bounded_near_a_stretched_arm(monkeypatch: pytest.MonkeyPatch
     """A UR5 with its elbow almost straight, asked to draw its hand in along the arm."""
     robot = rpctl.load("ur5")
     dynamics = ReducedDynamics(robot)
-    law = EndEffector(SLOW).start(dynamics, 0.01)
+    law = EndEffector(base=SLOW).start(dynamics, 0.01)
     monkeypatch.setattr(end_effector, "nearest", unbounded)
     reference = reference_by_name(robot, "eight")
     goal = reference(0.0)._replace(joints=np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]))
@@ -172,7 +172,7 @@ def test_the_whole_robot_follows() -> None:
     tiago = rpctl.load("tiago", home="zero")  # the arm half stretched: it reaches over the error
     rms = {}
     fastest = [joint.velocity for joint in tiago.joints]
-    for law in (PaperKinematic(), EndEffector(SLOW)):
+    for law in (PaperKinematic(), EndEffector(base=SLOW)):
         run = rpctl.track(
             tiago,
             "eight",
@@ -199,8 +199,8 @@ def test_robots_without_an_arm_are_told(tmp_path: Path) -> None:
 def test_obstacles_of_the_end_effector_are_not_passed_over() -> None:
     base = Horizon(end_effector_obstacles=(Disc(1.0, 0.0, 0.2),))
     with pytest.raises(RpctlError, match="would run into end_effector_obstacles; take the horizon"):
-        EndEffector(base)
-    EndEffector(Horizon(base_obstacles=(Disc(1.0, 0.0, 0.2),)))
+        EndEffector(base=base)
+    EndEffector(base=Horizon(base_obstacles=(Disc(1.0, 0.0, 0.2),)))
 
 
 NOW = 4.0  # s
@@ -235,7 +235,7 @@ def test_the_lever_weighs_turning_against_travelling(boomed: Robot, lever: float
     """One joint cannot mend both: the least of (d q̇ − a)² + L² (q̇ − b)² is at
     (d a + L² b)/(d² + L²), with a = aside/h and b = turned/h."""
     dynamics, still = ReducedDynamics(boomed), np.zeros(boomed.dof)
-    law = EndEffector(asks(still, still), orientation=True, lever=lever, damping=1e-6)
+    law = EndEffector(base=asks(still, still), orientation=True, lever=lever, damping=1e-6)
     started = law.start(dynamics, 0.01)
     state = ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 1)))
     aside, turned, d = 0.02, 0.03, REACH
@@ -266,10 +266,10 @@ def test_the_derivative_knows_that_steering_turns_the_basis(
     pose, *_, (arm,), _, _, _ = reference(NOW)
     for _ in range(3):
         nu, nu_d, change = 0.3 * rng.normal(size=(3, robot.dof))
-        law = EndEffector(asks(change, nu_d), orientation=orientation).start(dynamics, 0.01)
+        law = EndEffector(base=asks(change, nu_d), orientation=orientation).start(dynamics, 0.01)
         steered = {s.joint: a for s, a in zip(robot.drive.steered, (0.4, -0.3), strict=False)}
         x, y, theta = pose + 0.02 * rng.normal(size=3)
-        q = robot.configuration(x, y, theta, {**steered, "arm_joint": arm + 0.1})
+        q = robot.configuration(x, y, theta, joints={**steered, "arm_joint": arm + 0.1})
         v = dynamics.basis(q) @ nu
 
         def asked(s: float) -> Array:
@@ -288,7 +288,7 @@ def test_rates_stop_at_limits_by_paper_and_pencil(boomed: Robot) -> None:
     state = ReferenceState(*np.zeros((3, 3)), *np.zeros((3, 1)))
 
     def rate(aside: float, bend: float, damping: float = 1e-6) -> float:
-        law = EndEffector(asks(still, still), damping=damping).start(dynamics, 0.01)
+        law = EndEffector(base=asks(still, still), damping=damping).start(dynamics, 0.01)
         q = boomed.configuration_at(np.array([0.0, -aside, 0.0]), np.array([bend]))
         return float(law(dynamics, lambda t: state, NOW, q, still).nu_d[-1])
 

@@ -18,7 +18,7 @@ from rpctl import (
 from rpctl import math as scalars
 from rpctl.arrays import Array
 from rpctl.control.error import SERIES_RADIUS, base_error_rate, tracking_error, wrap
-from rpctl.control.registry import kinematic_by_name
+from rpctl.control.registry import read_law
 from rpctl.kernels.sheet import Evaluator, Sheet
 from rpctl.reference.motion import ReferenceState
 from rpctl.reference.named import reference_by_name
@@ -143,7 +143,7 @@ def test_near_the_reference_it_leaves_the_error_as_it_is(
 def test_a_far_start_asks_for_bounded_speeds(paper: Robot, name: str) -> None:
     """Without a leash v_d grows with the square of the error, or with the error."""
     dynamics = ReducedDynamics(paper)
-    law = kinematic_by_name(name).start(dynamics, 0.01)
+    law = read_law("kinematic", name).start(dynamics, 0.01)
     reference = reference_by_name(paper, "reverse")
     pose, nu = reference(4.0).pose, np.array([-0.3, 0.0, 0.0, 0.0])
     for far in (3.0, 1e3):

@@ -81,8 +81,8 @@ def test_a_law_within_limits_alone_is_that_of_the_whole_kernel(paper: Robot) -> 
     def plain(*sample: Any) -> rpctl.Command:
         return law(*sample)
 
-    whole = Controller(paper, "circle", law, compiled=False)
-    parts = Controller(paper, "circle", plain, compiled=False)
+    whole = Controller(paper, "circle", kinematic=law, compiled=False)
+    parts = Controller(paper, "circle", kinematic=plain, compiled=False)
     assert parts.report()["machine_code"] == 0.0
     for sample in following(whole):
         one, other = whole.step(*sample), parts.step(*sample)
@@ -95,7 +95,7 @@ def test_a_search_that_does_not_end_has_a_substitute(
 ) -> None:
     """It keeps the limits, and the integral goes on from what was remembered before."""
     monkeypatch.setattr(bounded_statements, "MAX_STEPS", 0)
-    weak = set_limits(paper, {"wheel_*": 0.05})
+    weak = set_limits(paper, effort={"wheel_*": 0.05})
     controller = Controller(weak, "circle", compiled=False)
     outputs = [controller.step(*sample) for sample in following(controller, 5)]
     assert {output.status for output in outputs} == {"fallback"}
@@ -141,7 +141,7 @@ def test_a_step_leaves_nothing_behind(paper: Robot) -> None:
 def test_machine_code_with_another_robots_limits_is_not_used() -> None:
     """Near home no limit binds, and both robots' efforts are the same: it is tried further, too."""
     strong = rpctl.load("paper")
-    weak, laws = set_limits(strong, {"wheel_*": 2.0}), (None, BoundedDynamic())
+    weak, laws = set_limits(strong, effort={"wheel_*": 2.0}), (None, BoundedDynamic())
     kernel = law_kernel(*laws, ReducedDynamics(strong), PERIOD, compiled=True)
     kernels._require_equal(kernel, laws, ReducedDynamics(strong), PERIOD)
     with pytest.raises(DiffersError, match="asks wheel_left_joint for more than its limit"):

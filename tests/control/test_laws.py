@@ -10,11 +10,20 @@ import pinocchio as pin
 import pytest
 
 import rpctl
-from rpctl import EndEffector, Horizon, PaperKinematic, ReducedDynamics, Robot, Run
+from rpctl import (
+    EndEffector,
+    Horizon,
+    PaperDynamic,
+    PaperKinematic,
+    ReducedDynamics,
+    Robot,
+    RpctlError,
+    Run,
+)
 from rpctl.arrays import Array
 from rpctl.control.horizon.planner import Planned
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
-from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, Unregistered, kinematic_by_name
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, Unregistered, read_law
 from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
@@ -58,7 +67,7 @@ def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
 )
 def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference: str) -> None:
     dynamics = ReducedDynamics(paper)
-    law = kinematic_by_name(name).start(dynamics, 0.002)
+    law = read_law("kinematic", name).start(dynamics, 0.002)
     motion, nu, t = reference_by_name(paper, reference), np.array([0.3, -0.2, 0.1, 0.4]), 0.8
     q = paper.configuration(x=-0.2, y=0.1, theta=0.4)
     v = dynamics.basis(q) @ nu
@@ -75,7 +84,7 @@ def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference
 def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name: str) -> None:
     robot = rpctl.load(robot_name)
     dynamics = ReducedDynamics(robot)
-    law = kinematic_by_name(name).start(dynamics, 0.002)
+    law = read_law("kinematic", name).start(dynamics, 0.002)
     reference = reference_by_name(robot, "eight")
     state, later, earlier = (reference(5.0 + s) for s in (0.0, STEP, -STEP))
     q = robot.configuration_at(state.pose, state.joints)
@@ -90,7 +99,34 @@ def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name
 
 def test_unknown_laws_are_told() -> None:
     with pytest.raises(UnknownNameError, match="kinematic law 'papr' is not known; did you mean"):
-        kinematic_by_name("papr")
+        read_law("kinematic", "papr")
+
+
+WRONG_LAWS = {
+    "kinematic is PaperDynamic, a law for dynamic=": ("kinematic", PaperDynamic()),
+    "dynamic is Horizon, a law for kinematic=": ("dynamic", Horizon()),
+    "kinematic is the class Horizon; give one of its objects": ("kinematic", Horizon),
+    "dynamic is 3 .int.; give a function": ("dynamic", 3),
+}
+
+
+@pytest.mark.parametrize("told", WRONG_LAWS)
+def test_what_is_no_law_of_its_kind_is_told_wherever_laws_are_taken(
+    paper: Robot, told: str
+) -> None:
+    kind, law = WRONG_LAWS[told]
+    given: Any = {kind: law}
+    takers: list[Callable[[], object]] = [
+        lambda: rpctl.Config(**given),
+        lambda: rpctl.Config().with_laws(**given),
+        lambda: rpctl.Controller(paper, "line", **given),
+        lambda: rpctl.track(paper, "line", **given),
+        lambda: rpctl.rollout(paper, "line", **given),
+        lambda: rpctl.derive_law(paper, **given),
+    ]
+    for take in takers:
+        with pytest.raises(RpctlError, match=told):
+            take()
 
 
 PERIOD = 0.01  # s
@@ -124,8 +160,8 @@ def test_a_function_gives_the_run_of_the_law_that_it_calls(paper: Robot) -> None
 
 
 def test_a_law_of_laws_takes_a_function(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = run(paper, EndEffector(PaperKinematic()))
-    found = run(paper, EndEffector(plain))  # type: ignore[arg-type]
+    expected = run(paper, EndEffector(base=PaperKinematic()))
+    found = run(paper, EndEffector(base=plain))  # type: ignore[arg-type]
     np.testing.assert_array_equal(found.log.nu_d, expected.log.nu_d)
     monkeypatch.setattr("rpctl.control.horizon.planner.Planner.plan", lambda *_: Planned(None))
     fallback = run(paper, Horizon(fallback=plain))  # type: ignore[arg-type]

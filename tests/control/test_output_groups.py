@@ -54,7 +54,9 @@ def test_what_a_robot_cannot_be_sent_is_refused(name: str, output: Any, told: st
 
 
 def test_bounds_and_times_are_those_of_the_group(paper: Robot) -> None:
-    group = OutputGroup("twist", 0.1, 0.05, {"v": 0.3}, {"*": 0.5}, {"omega": 4.0})
+    group = OutputGroup(
+        "twist", 0.1, 0.05, speeds={"v": 0.3}, accelerations={"*": 0.5}, jerks={"omega": 4.0}
+    )
     groups = {"base": group, "*": OutputGroup("position", jerks={"*_prismatic_*": 9.0})}
     found = VelocityOutput(lag=0.02, groups=groups).on(paper)
     assert found.lag_of(paper.quasi_velocities).tolist() == [0.1, 0.1, 0.02, 0.02]
@@ -185,8 +187,9 @@ def test_bounds_of_jerk_hold_on_the_way_to_a_speed_and_none_is_overshot(
     """Of the motion, from beside a reference of up to .2 m/s; within .15 m/s it is left behind."""
     robot = rpctl.load("mecanum")
     most = np.array([[speed, speed, 1.0], [0.3, 0.3, 1.0], [1.0, 1.0, 3.0]])
-    bounds = ({"v?": row[0], "omega": row[2]} for row in most.tolist())
-    output = {"base": OutputGroup("twist", lag, 0.0, *bounds), "*": OutputGroup("velocity")}
+    speeds, accelerations, jerks = ({"v?": row[0], "omega": row[2]} for row in most.tolist())
+    bounds = {"speeds": speeds, "accelerations": accelerations, "jerks": jerks}
+    output = {"base": OutputGroup("twist", lag, 0.0, **bounds), "*": OutputGroup("velocity")}
     run = rpctl.track(robot, "eight", output=output, initial_error=(0.3, 0.2, 0.4),
                       control_period=period, duration=16.0, speed=0.2, size=1.0,
                       collisions=False)  # fmt: skip
@@ -207,8 +210,9 @@ def test_stops_and_gaps_are_within_the_bounds_of_jerk(lag: float, period: float)
     """
     robot = rpctl.load("mecanum")
     most = np.array([[0.3, 0.3, 1.0], [0.4, 0.4, 1.0], [2.0, 2.0, 6.0]])
-    bounds = ({"v?": row[0], "omega": row[2]} for row in most.tolist())
-    output = {"base": OutputGroup("twist", lag, 0.0, *bounds), "*": OutputGroup("velocity")}
+    speeds, accelerations, jerks = ({"v?": row[0], "omega": row[2]} for row in most.tolist())
+    bounds = {"speeds": speeds, "accelerations": accelerations, "jerks": jerks}
+    output = {"base": OutputGroup("twist", lag, 0.0, **bounds), "*": OutputGroup("velocity")}
     controller = Controller(robot, "eight", period=period, output=output, compiled=False)
     lags = np.where(np.arange(robot.dof) < 3, lag, 0.0)
     plant = VelocityPlant(ReducedDynamics(robot), lags, 0.0, period, period)
@@ -242,7 +246,7 @@ def test_a_map_that_jumps_turns_nothing_while_the_rates_are_the_bodys(paper: Rob
     pose, nu, sent = np.array([-0.05, 0.02, 0.5 * math.pi - 0.1]), np.zeros(4), []
     for k in range(400):
         seen = pose + np.array([0.3, 0.0, 0.0]) * (k >= 300)
-        q, measured = paper.state(seen.tolist(), nu[:2].tolist(), joints)
+        q, measured = paper.state(seen.tolist(), nu[:2].tolist(), joints=joints)
         sent.append(controller.step(k * PERIOD, q, measured).speeds)
         nu = sent[-1] * [1.0, 1.0, 0.0, 0.0]
         heading = pose[2] + 0.5 * PERIOD * nu[1]

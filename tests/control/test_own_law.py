@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import rpctl
 from rpctl import Command, Config, ReducedDynamics, Robot
 from rpctl.cli.app import app
-from rpctl.control.registry import kinematic_by_name, settings_of
+from rpctl.control.registry import read_law, settings_of
 from rpctl.errors import DescriptionError, RpctlError
 from rpctl.files.records import read_record
 from rpctl.simulation.config import read_config, write_config
@@ -59,7 +59,9 @@ def derived(format: str, words: str) -> Callable[[Robot, Path], None]:
 
 
 def tracked(robot: Robot, folder: Path) -> None:
-    config = Config(kinematic_by_name(NAME)).with_run(duration=0.5, initial_error=(0.1, 0.1, 0.2))
+    config = Config(read_law("kinematic", NAME)).with_run(
+        duration=0.5, initial_error=(0.1, 0.1, 0.2)
+    )
     fast, slow = (simulate(robot, config, backend=name) for name in ("compiled", "pinocchio"))
     assert fast.notes == slow.notes == ()
     np.testing.assert_allclose(fast.log.q, slow.log.q, atol=1e-11)
@@ -71,7 +73,7 @@ def configured(robot: Robot, folder: Path) -> None:
     path = write(folder, f"[kinematic]\nlaw = '{NAME}'\nahead = 0.2\n")
     config = read_config(path)
     assert config.with_laws(NAME, None) == config != config.with_laws("paper", None)
-    assert config.kinematic == type(kinematic_by_name(NAME))(ahead=0.2)  # type: ignore[call-arg]
+    assert config.kinematic == type(read_law("kinematic", NAME))(ahead=0.2)
     again = write_config(config, folder / "again.toml")
     assert read_config(again) == config
     assert tomllib.loads(again.read_text())["kinematic"] == {
@@ -107,7 +109,7 @@ def studied(robot: Robot, folder: Path) -> None:
 
 def rated(robot: Robot, folder: Path) -> None:
     """ν̇_d is the rate of ν_d along the motion."""
-    dynamics, step, law = ReducedDynamics(robot), 1e-6, kinematic_by_name(NAME)
+    dynamics, step, law = ReducedDynamics(robot), 1e-6, read_law("kinematic", NAME)
     start = law.start(dynamics, 0.002)
     motion = rpctl.load_reference(robot, "eight")
     q, nu = robot.configuration(x=-0.1, y=0.1, theta=0.4), np.array([0.3, -0.2, 0.1, 0.4])
@@ -190,7 +192,7 @@ def test_what_is_no_law_is_told(
     write(tmp_path, "x = 1\ny = x / 0\n", "broken.py")
     write(tmp_path, "class Law", "typo.py")
     with pytest.raises(RpctlError, match=words):
-        rpctl.derive_law(paper, name)
+        rpctl.derive_law(paper, kinematic=name)
 
 
 @pytest.mark.parametrize(

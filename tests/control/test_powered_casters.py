@@ -9,7 +9,7 @@ from scipy.linalg import null_space
 import rpctl
 from rpctl import ReducedDynamics, Robot, summarize, track
 from rpctl.arrays import Array
-from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, dynamic_by_name, kinematic_by_name
+from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, read_law
 from rpctl.drive.steering import trailing_positions
 from rpctl.reference.motion import configuration_along
 from rpctl.reference.named import reference_by_name
@@ -82,7 +82,7 @@ SLOW = {("unified", "bounded"), ("horizon", "paper")}
 
 @pytest.mark.parametrize(("kinematic", "dynamic"), cells(LAWS, slow=SLOW))
 def test_every_law_tracks(robot: Robot, kinematic: str, dynamic: str) -> None:
-    laws = kinematic_by_name(kinematic), dynamic_by_name(dynamic)
+    laws = read_law("kinematic", kinematic), read_law("dynamic", dynamic)
     run = track(
         robot,
         "eight",

@@ -179,7 +179,9 @@ def test_readings_out_of_order_or_not_finite_change_nothing(paper: Robot) -> Non
 def test_steered_wheels_are_needed_and_their_rates_are_quasi_velocities() -> None:
     robot = rpctl.load("car")
     still = dict.fromkeys(robot.joint_names, 0.0)
-    q, nu = robot.state((0.0, 0.0, 0.0), (0.6, 0.2), {"steering_left_joint": 0.3}, still)
+    q, nu = robot.state(
+        (0.0, 0.0, 0.0), (0.6, 0.2), joints={"steering_left_joint": 0.3}, rates=still
+    )
     rates = ReducedDynamics(robot).actuation(q).T @ nu
     positions = [robot.joint_position(q, name) for name in robot.actuators]
     readings = Readings(robot)

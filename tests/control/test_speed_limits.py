@@ -128,7 +128,7 @@ def test_a_joint_comes_to_its_position_limit_and_not_beyond(
 
 def test_efforts_bound_the_acceleration(paper: Robot) -> None:
     """On a straight line the wheels' efforts are all that counts: M₁₁ a = 2 τ/r."""
-    weak = set_limits(paper, dict.fromkeys(paper.actuators[:2], 1.5))
+    weak = set_limits(paper, effort=dict.fromkeys(paper.actuators[:2], 1.5))
     dynamics = ReducedDynamics(weak)
     q = weak.configuration_at(np.zeros(3), weak.home)
     speeds = limited(weak, np.array([0.5, 0.0, 0.0, 0.0]), period=0.01, lag=0.0)
@@ -152,7 +152,7 @@ def test_the_base_comes_before_the_arm(paper: Robot) -> None:
     dynamics = ReducedDynamics(paper)
     q, a = paper.configuration_at(np.zeros(3), paper.home), np.array([0.3, 0.0, 0.0, 0.0])
     taken = float(np.abs(dynamics.efforts(q, dynamics.inverse(q, np.zeros(4), a))[:2]).max())
-    weak = set_limits(paper, dict.fromkeys(paper.actuators[:2], 1.01 * taken))
+    weak = set_limits(paper, effort=dict.fromkeys(paper.actuators[:2], 1.01 * taken))
     speeds = limited(weak, np.array([0.003, 0.0, 0.0, 0.05]), lag=0.0)
     assert speeds.nu[0] == 0.003
     assert 0.0 < speeds.nu[3] < 0.05

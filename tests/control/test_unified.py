@@ -143,7 +143,7 @@ def test_nothing_jumps_when_a_motion_starts(paper: Robot) -> None:
 def test_without_a_bend_the_sign_is_the_papers(rng: np.random.Generator) -> None:
     """And without speed the turn is: both laws then are one."""
     state, e = steady(0.0, 0.7), rng.normal(size=3)
-    laws, own = (UnifiedKinematic(0.4, 1.5, bend=0.0), PAPER), rng.normal(size=3)
+    laws, own = (UnifiedKinematic(0.4, beta=1.5, bend=0.0), PAPER), rng.normal(size=3)
     ours, theirs = (twist_of(law, state, e, own) for law in laws)
     np.testing.assert_allclose(ours.value, theirs.value, atol=1e-12)
     np.testing.assert_allclose(ours.rate, theirs.rate, atol=1e-12)

@@ -372,7 +372,7 @@ def stepped(
 ) -> list[ControllerOutput]:
     """Return the answers of a controller in a loop, some of whose samples are spoilt."""
     period, settings = 0.02, as_output(output) or VelocityOutput()
-    controller = Controller(robot, "circle", "unified", period=period, output=output)
+    controller = Controller(robot, "circle", kinematic="unified", period=period, output=output)
     dynamics = ReducedDynamics(robot)
     lag = settings.lag_of(robot.quasi_velocities)
     plant = VelocityPlant(dynamics, lag, np.full(len(lag), settings.dead_time), period, period)

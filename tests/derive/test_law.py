@@ -215,7 +215,7 @@ def test_float_is_as_near_as_float_can_be(
 
 def test_the_count_is_that_of_the_text(paper: Robot) -> None:
     """Operators and calls of the C file, counted by reading it."""
-    written = derive_law(paper, "unified", format="c")
+    written = derive_law(paper, kinematic="unified", format="c")
     assert written.operations is not None
     body = re.sub(r"/\*.*?\*/", "", written.text[written.text.index("_law(") :], flags=re.S)
     body = re.sub(r"[(=,] ?-|return -", "(NEG ", body[body.index("{") :].replace("->", "."))
@@ -233,7 +233,7 @@ def test_the_count_is_that_of_the_text(paper: Robot) -> None:
 
 def test_formulas_to_read_are_the_law(paper: Robot, rng: np.random.Generator) -> None:
     """The text's lines, read by SymPy and put in, one after the other."""
-    text, law = derive_law(paper, "unified").text, UnifiedKinematic()
+    text, law = derive_law(paper, kinematic="unified").text, UnifiedKinematic()
     (sample,) = samples(paper, law, PaperDynamic(), rng, 1)
     state = sample.state
     direction = np.zeros((3, 3)) if state.direction is None else state.direction

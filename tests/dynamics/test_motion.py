@@ -24,7 +24,7 @@ NU = np.array([0.8, 1.5, -0.4, 0.3])
 def run(robot: Robot, steps: int, duration: float = 1.0) -> tuple[Array, Array, float]:
     dynamics = ReducedDynamics(robot)
     positions = {"arm_revolute_joint": 0.7, "arm_prismatic_joint": 0.6}
-    q, nu, work = robot.configuration(1.0, 2.0, 0.5, positions), NU, 0.0
+    q, nu, work = robot.configuration(1.0, 2.0, 0.5, joints=positions), NU, 0.0
     for _ in range(steps):
         q, nu, done, _ = rk4_step(dynamics, q, nu, TAU, duration / steps)
         work += done
@@ -71,7 +71,7 @@ def test_the_heading_stays_on_the_circle(paper: Robot) -> None:
 def test_energy_changes_by_the_work(paper: Robot) -> None:
     dynamics = ReducedDynamics(paper)
     positions = {"arm_revolute_joint": 0.7, "arm_prismatic_joint": 0.6}
-    start = dynamics.energy(paper.configuration(1.0, 2.0, 0.5, positions), NU)
+    start = dynamics.energy(paper.configuration(1.0, 2.0, 0.5, joints=positions), NU)
     q, nu, work = run(paper, 500)
     assert dynamics.energy(q, nu) - start == pytest.approx(work, rel=1e-9)
     assert abs(work) > 1.0

@@ -51,7 +51,7 @@ def states(folder: Path, rng: np.random.Generator) -> list[tuple[str, Robot, Arr
         robot = load(folder, kind)
         for off in NEAR:
             near = {name: angle + off * rng.uniform(0.5, 1.0) for name, angle in angles.items()}
-            q = robot.configuration(0.2, -0.3, 0.5, near)
+            q = robot.configuration(0.2, -0.3, 0.5, joints=near)
             found.append((f"{kind} {off:g}", robot, q, rng.normal(size=robot.dof)))
     return found
 

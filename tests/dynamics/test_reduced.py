@@ -23,7 +23,7 @@ PRINTED = 5e-10  # the design prints nine decimals
 def test_the_printed_numbers_of_the_paper_robot(paper: Robot) -> None:
     dynamics = ReducedDynamics(paper)
     positions = {"arm_revolute_joint": 0.7, "arm_prismatic_joint": 0.6}
-    q, nu = paper.configuration(1.0, -2.0, 0.4, positions), np.array([0.8, 0.5, -0.4, 0.3])
+    q, nu = paper.configuration(1.0, -2.0, 0.4, joints=positions), np.array([0.8, 0.5, -0.4, 0.3])
     M, h = dynamics.inertia(q), dynamics.bias(q, nu)
     printed = {
         (0, 0): 38.444444444, (0, 1): -1.159591837, (0, 2): -1.159591837, (0, 3): 1.529684375,
@@ -50,7 +50,7 @@ def test_the_closed_form_of_the_paper_robot(
 ) -> None:
     robot, dynamics, nu = paper, ReducedDynamics(paper), np.array(speeds)
     positions = {"arm_revolute_joint": theta1, "arm_prismatic_joint": eta}
-    q = robot.configuration(0.3, 0.1, -1.0, positions)
+    q = robot.configuration(0.3, 0.1, -1.0, joints=positions)
     M, h = closed_form.inertia(theta1, eta), closed_form.bias(theta1, eta, nu)
     np.testing.assert_allclose(dynamics.inertia(q), M, atol=ROUNDING * np.abs(M).max())
     np.testing.assert_allclose(dynamics.bias(q, nu), h, atol=ROUNDING * max(1, np.abs(h).max()))

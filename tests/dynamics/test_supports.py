@@ -140,7 +140,7 @@ def test_a_free_caster_swivels_its_contact(tmp_path: Path) -> None:
     np.testing.assert_allclose(contacts.points[2], [0.44, 0.02], atol=1e-12)
     still = np.zeros(robot.dof)
     for swivel in (0.0, 1.0, -2.0):
-        q = robot.configuration(1.0, 2.0, 0.7, {"swivel": swivel, "roller_joint": 0.4})
+        q = robot.configuration(1.0, 2.0, 0.7, joints={"swivel": swivel, "roller_joint": 0.4})
         tau = dynamics.efforts(q, dynamics.bias(q, still))
         ground = ground_reaction(dynamics, contacts, q, still, tau)
         cos, sin = math.cos(swivel), math.sin(swivel)

@@ -32,7 +32,7 @@ def steered(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
     joints |= {
         s.joint: float(rng.uniform(-3.0, 3.0)) for s in robot.drive.swivels if s.role == "caster"
     }
-    return robot.configuration(0.3, -0.2, 0.7, joints), rng.normal(size=robot.dof)
+    return robot.configuration(0.3, -0.2, 0.7, joints=joints), rng.normal(size=robot.dof)
 
 
 @pytest.mark.parametrize("kind", TURNING)

@@ -80,7 +80,7 @@ SCOPE = Scope("all", (), (), None)
 
 def certificate(*residuals: float, **others: object) -> Certificate:
     checks = tuple(Check(f"row {k}", "other", size, 1.0) for k, size in enumerate(residuals))
-    return Certificate("r", 1, 0, checks, SCOPE, **others)  # type: ignore[arg-type]
+    return Certificate(robot="r", samples=1, seed=0, checks=checks, scope=SCOPE, **others)  # type: ignore[arg-type]
 
 
 def test_a_certificate_passes_with_all_its_rows() -> None:
@@ -112,7 +112,8 @@ def test_a_certificate_fails_with_its_trial_on_the_ground() -> None:
 def test_all_notes_are_told() -> None:
     noted = Check("row", "other", 0.0, 1.0, note="said of a row")
     proof = Certificate(
-        "r", 1, 0, (noted, Check("row 2", "other", 0.0, 1.0)), SCOPE, contact=rolled(0.5),
+        robot="r", samples=1, seed=0, checks=(noted, Check("row 2", "other", 0.0, 1.0)),
+        scope=SCOPE, contact=rolled(0.5),
         declared=(Check("declared", "shapes", 0.0, 1.0, note="said of numbers"),),
     )  # fmt: skip
     assert proof.notes == [

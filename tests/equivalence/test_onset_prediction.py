@@ -127,11 +127,11 @@ def test_a_push_does_what_newton_says(robot: Robot) -> None:
     np.testing.assert_allclose(felt.wrench, [20.0, 0.0, 0.0, 0.0, 20.0 * paper_and_pencil.MAST, 0])
     inertia = paper_and_pencil.MASS + 2.0 * paper_and_pencil.SPIN / paper_and_pencil.RADIUS**2
     a = 20.0 / inertia
-    _, moved = dynamics.reaction(q, still, np.zeros(2), felt)
+    _, moved = dynamics.reaction(q, still, np.zeros(2), outside=felt)
     assert moved[0] == pytest.approx(paper_and_pencil.MASS * a - 20.0)
     held = pushed_efforts(dynamics, q, still, still, felt)
     np.testing.assert_allclose(held, -10.0 * paper_and_pencil.RADIUS)
-    _, resting = dynamics.reaction(q, still, held, felt)
+    _, resting = dynamics.reaction(q, still, held, outside=felt)
     np.testing.assert_allclose(resting[:3], [-20.0, 0.0, paper_and_pencil.WEIGHT], atol=1e-9)
 
 

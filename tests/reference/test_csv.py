@@ -182,7 +182,7 @@ TIMES = np.linspace(0.0, 10.0, 201)
 
 def test_a_speed_beyond_the_wheels_is_told_by_row(paper: Robot, tmp_path: Path) -> None:
     """The largest slope of the polynomial is 35/16 of the mean: 3 m in 2.5 s are 2.625 m/s."""
-    robot = set_limits(paper, {"*": 1e9})
+    robot = set_limits(paper, effort={"*": 1e9})
     x = line(TIMES, 0.25, 3.0)
     found = recording_of(robot, tmp_path / "a.csv", "t,x,y", TIMES, x, 0.0 * x)
     assert [each.joint for each in found.demands] == ["wheel_left_joint", "wheel_right_joint"]
@@ -203,7 +203,7 @@ def test_a_speed_beyond_the_wheels_is_told_by_row(paper: Robot, tmp_path: Path) 
 
 def test_an_effort_is_that_of_the_inverse_dynamics(paper: Robot, tmp_path: Path) -> None:
     """On a line two wheels share M ẍ: τ = M r ẍ/2."""
-    weak = set_limits(paper, {"wheel_right_joint": 0.5})
+    weak = set_limits(paper, effort={"wheel_right_joint": 0.5})
     x = line(TIMES, 1.0, 4.0)
     found = recording_of(weak, tmp_path / "a.csv", "t,x,y", TIMES, x, 0.0 * x)
     home = weak.configuration(joints=dict(zip(weak.joint_names, weak.home, strict=True)))
@@ -259,11 +259,11 @@ def test_dry_friction_takes_of_a_limit_and_not_of_a_motion(tmp_path: Path) -> No
     first = robot.model.getJointId("wheel_left_joint")
     entry = robot.model.joints[first].idx_v
     assert robot.losses is None
-    bare = set_limits(robot, {"wheel_left_joint": 20.0})
+    bare = set_limits(robot, effort={"wheel_left_joint": 20.0})
     friction = np.zeros(robot.nv)
     friction[entry] = 10.0
     losses = Losses(np.zeros(robot.nv), friction, np.full(robot.nv, 1e-6))
-    dry = replace(set_limits(robot, {"wheel_left_joint": 30.0}), losses=losses)
+    dry = replace(set_limits(robot, effort={"wheel_left_joint": 30.0}), losses=losses)
     shares = []
     for each in (bare, dry):
         dynamics = ReducedDynamics(each)

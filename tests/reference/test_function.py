@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -90,8 +93,42 @@ def test_heading_along_the_path() -> None:
     "value", [None, (1.0, 2.0), (0.0, 0.0, float("nan")), "x, y", [[0.0], [1.0], [2.0]]]
 )
 def test_what_a_function_has_to_return_is_said(value: object) -> None:
-    with pytest.raises(rpctl.RpctlError, match="return finite numbers: x, y, heading, then"):
+    with pytest.raises(
+        rpctl.RpctlError, match=r"return finite numbers: x, y, heading .*, then the arm"
+    ):
         as_reference(lambda t: value)(0.3)  # type: ignore[arg-type, return-value]
+
+
+def test_what_a_user_would_try_is_told_what_to_give(paper: rpctl.Robot) -> None:
+    """Points without times, a path without a heading, poses without joints."""
+    points: Any = [(0.0, 0.0), (1.0, 0.0)]
+    tried: dict[str, Any] = {
+        "rpctl.as_reference makes of one that returns x, y and heading, or x and y with "
+        "along_path=True": points,
+        "x, y, heading .x, y alone with along_path=True.*none with joints=": as_reference(
+            lambda t: (t, 0.0)
+        ),
+        r"has 0 joints, paper has 2 .arm_.*joints= where they stay": as_reference(
+            lambda t: (0.1 * t, 0.0), along_path=True
+        ),
+    }
+    for told, given in tried.items():
+        with pytest.raises(rpctl.RpctlError, match=told):
+            rpctl.track(paper, given, duration=0.1)
+    with pytest.raises(rpctl.RpctlError, match=r"the reference is array.*; give a name"):
+        as_reference(np.zeros(3))  # type: ignore[arg-type]
+    with pytest.raises(rpctl.RpctlError, match="in the order of joint_names"):
+        as_reference(lambda t: (0.0, 0.0, 0.0), joints={"arm": 0.0})  # type: ignore[arg-type]
+    with pytest.raises(rpctl.RpctlError, match="; give a name, a file"):
+        rpctl.Controller(paper, points)
+
+
+def test_a_reference_may_be_a_path(paper: rpctl.Robot, tmp_path: Path) -> None:
+    table = tmp_path / "line.csv"
+    table.write_text("t,x,y,theta\n" + "".join(f"{k},{0.1 * k},0,0\n" for k in range(8)))
+    run = rpctl.track(paper, table, duration=0.1, collisions=False)
+    assert run.config.run.reference == str(table)
+    assert rpctl.Controller(paper, table).reference(2.0).pose[0] == pytest.approx(0.2, abs=1e-3)
 
 
 def test_a_reference_too_short_is_refused() -> None:

@@ -194,7 +194,7 @@ def test_what_is_too_weak_where_a_function_starts_is_told(tmp_path: Path) -> Non
         return ReferenceState(*[*np.zeros((3, 3)), np.array([math.pi / 3.0]), *np.zeros((2, 1))])
 
     assert too_weak(ReducedDynamics(robot), start) == ""  # half of what it takes held out level
-    told = too_weak(ReducedDynamics(set_limits(robot, {"arm_joint": 4.0})), start)
+    told = too_weak(ReducedDynamics(set_limits(robot, effort={"arm_joint": 4.0})), start)
     assert told.startswith("gravity where the reference starts exceeds the effort limit of arm_")
     assert "arm_joint: 4.91 of 4 N m" in told
 

@@ -140,7 +140,9 @@ def shortest(robot: Robot, reference: RecordedPath, end: float) -> float:
 def test_a_random_path_is_driven_within_the_limits(paper: Robot, tmp_path: Path, seed: int) -> None:
     t, poses = random_way(seed)
     path = written(tmp_path / "a.csv", t, poses)
-    robot = set_limits(paper, {"wheel_*": 3.0}) if seed % 2 else paper  # efforts bind, or speeds
+    robot = (
+        set_limits(paper, effort={"wheel_*": 3.0}) if seed % 2 else paper
+    )  # efforts bind, or speeds
     fast, slow = (read(robot, path, retime) for retime in (False, True))
     assert fast.recording is not None
     assert slow.recording is not None

@@ -18,7 +18,7 @@ from tests.vehicles import Parts
 def test_configurations_hold_the_root_and_the_pose_is_of_p(
     mixed_chain: Robot, rng: np.random.Generator
 ) -> None:
-    q = mixed_chain.configuration(1.0, 2.0, 0.5, {"lift_joint": 0.1})
+    q = mixed_chain.configuration(1.0, 2.0, 0.5, joints={"lift_joint": 0.1})
     np.testing.assert_allclose(q[:4], [1.0, 2.0, np.cos(0.5), np.sin(0.5)])
     assert mixed_chain.joint_position(q, "lift_joint") == 0.1
     pose, joints = rng.normal(size=3), rng.uniform(-0.1, 0.1, len(mixed_chain.joints))
@@ -61,8 +61,8 @@ def test_locks_freeze_at_their_value() -> None:
     locked = rpctl.load("tiago", lock={"torso_lift_joint": 0.2, "head_*": 0.0})
     assert locked.dof == free.dof - 3
     joints = dict(zip((j.name for j in locked.joints), locked.home, strict=True))
-    q_locked = locked.configuration(0.3, -0.2, 0.7, joints)
-    q_free = free.configuration(0.3, -0.2, 0.7, {**joints, "torso_lift_joint": 0.2})
+    q_locked = locked.configuration(0.3, -0.2, 0.7, joints=joints)
+    q_free = free.configuration(0.3, -0.2, 0.7, joints={**joints, "torso_lift_joint": 0.2})
     there = locked.end_effector_pose(locked.model.createData(), q_locked)
     here = free.end_effector_pose(free.model.createData(), q_free)
     np.testing.assert_allclose(there.homogeneous, here.homogeneous, atol=1e-12)

@@ -20,7 +20,7 @@ INERTIA = ((0.02, 0.001, 0.0), (0.001, 0.03, 0.002), (0.0, 0.002, 0.025))
 def loaded() -> rpctl.Robot:
     robot = rpctl.load("mixed_chain")
     assert robot.end_effector is not None
-    return rpctl.with_payload(robot, robot.end_effector, 2.5, CENTRE, INERTIA)
+    return rpctl.with_payload(robot, robot.end_effector, 2.5, com=CENTRE, inertia=INERTIA)
 
 
 def test_the_model_is_that_of_the_file_with_the_load(loaded: rpctl.Robot) -> None:
@@ -37,7 +37,7 @@ def test_energy_of_a_point_mass() -> None:
     robot = rpctl.load("paper")
     link = robot.end_effector
     assert link is not None
-    loaded = rpctl.with_payload(robot, link, 1.7, CENTRE)
+    loaded = rpctl.with_payload(robot, link, 1.7, com=CENTRE)
     assert loaded.mass == pytest.approx(robot.mass + 1.7)
     q, nu = robot.state((0.3, 0.1, 0.4), (0.5, -0.8), rates=dict.fromkeys(robot.joint_names, 0.6))
     J = rpctl.ReducedDynamics(robot).jacobian(q, link)

@@ -14,7 +14,7 @@ def test_a_state_comes_back(name: str) -> None:
     robot = rpctl.load(name)
     rng = np.random.default_rng(3)
     q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
-    again_q, again_nu = robot.state(*robot.state_of(q, nu))
+    again_q, again_nu = robot.state(**robot.state_of(q, nu)._asdict())
     np.testing.assert_allclose(again_q, q, atol=1e-14)
     np.testing.assert_array_equal(again_nu, nu)
 
@@ -23,9 +23,11 @@ def test_a_state_by_names() -> None:
     """A rate that nobody measures is not known; it was taken for rest."""
     robot = rpctl.load("paper")
     revolute, prismatic = robot.joint_names
-    q, nu = robot.state((1.0, 2.0, 0.5), (0.3, -0.2), {prismatic: 0.4}, {revolute: 0.7})
+    q, nu = robot.state(
+        (1.0, 2.0, 0.5), (0.3, -0.2), joints={prismatic: 0.4}, rates={revolute: 0.7}
+    )
     np.testing.assert_array_equal(nu, [0.3, -0.2, 0.7, np.nan])
-    np.testing.assert_array_equal(q, robot.configuration(1.0, 2.0, 0.5, {prismatic: 0.4}))
+    np.testing.assert_array_equal(q, robot.configuration(1.0, 2.0, 0.5, joints={prismatic: 0.4}))
     state = robot.state_of(q, nu)
     assert state.pose == pytest.approx((1.0, 2.0, 0.5))
     assert state.twist == (0.3, -0.2)

@@ -56,7 +56,7 @@ def test_it_coasts_as_a_pendulum_does(tmp_path: Path) -> None:
     """Released at rest at θ with the base held: θ̈ = −m g l sin θ/(I + m l²)."""
     robot = rpctl.load(cart(tmp_path))
     dynamics = rpctl.ReducedDynamics(robot)
-    q, nu = robot.state((0.0, 0.0, 0.0), (0.0, 0.0), {"hinge": 0.3}, {"hinge": 0.0})
+    q, nu = robot.state((0.0, 0.0, 0.0), (0.0, 0.0), joints={"hinge": 0.3}, rates={"hinge": 0.0})
     M, h, B = dynamics.inertia(q), dynamics.bias(q, nu), dynamics.actuation(q)
     assert B.shape == (3, 2) and not B[2].any()
     assert h[2] == pytest.approx(2.0 * 9.81 * 0.5 * math.sin(0.3))

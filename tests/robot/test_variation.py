@@ -55,7 +55,12 @@ def test_the_model_is_that_of_the_file(tiago: Robot) -> None:
     fixed = [name for name in links if "hand" in name]
     assert len(fixed) > 3
     varied = vary(
-        tiago, Variation({"*": 1.2, "hand_*": 2.0}, {"hand_*": (0.01, 0.02, 0.0)}, {"base*": 0.5})
+        tiago,
+        Variation(
+            masses={"*": 1.2, "hand_*": 2.0},
+            centres={"hand_*": (0.01, 0.02, 0.0)},
+            inertias={"base*": 0.5},
+        ),
     )
     built = build(varied.tree)
     for ours, files in zip(varied.model.inertias, built.inertias, strict=True):
@@ -68,7 +73,7 @@ def test_masses_radii_and_track_are_those_on_paper(
     paper: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """M of the closed form, with the numbers changed in it."""
-    varied = vary(paper, Variation({"*": 1.5}, radii={"wheel_*": 1.2}, track=1.1))
+    varied = vary(paper, Variation(masses={"*": 1.5}, radii={"wheel_*": 1.2}, track=1.1))
     names = ("m0", "J0", "m_w", "I_s", "I_d", "m1", "J1", "m2", "J2")
     for name in names:
         monkeypatch.setattr(closed_form, name, 1.5 * getattr(closed_form, name))
@@ -94,9 +99,9 @@ def test_many_robots_at_once_are_each_alone(mixed_chain: Robot, rng: np.random.G
     names = BuiltNumbers(mixed_chain, [Variation()]).names[LINK]
     others = [
         Variation(
-            dict(zip(names, rng.uniform(0.5, 2.0, len(names)).tolist(), strict=True)),
-            {name: tuple(rng.normal(size=3).tolist()) for name in names},
-            dict(zip(names, rng.uniform(0.5, 2.0, len(names)).tolist(), strict=True)),
+            masses=dict(zip(names, rng.uniform(0.5, 2.0, len(names)).tolist(), strict=True)),
+            centres={name: tuple(rng.normal(size=3).tolist()) for name in names},
+            inertias=dict(zip(names, rng.uniform(0.5, 2.0, len(names)).tolist(), strict=True)),
         )
         for _ in range(3)
     ]
@@ -117,7 +122,7 @@ def test_estimates_stay_estimates(tmp_path: Path) -> None:
     box = urdf.link("box", urdf.shape('box size="0.2 0.2 0.1"'))
     joint = urdf.joint("box_joint", "fixed", ("base", "box"), "0.1 0 0.3")
     robot = rpctl.load(write(tmp_path, platform(SET_A, extra=f"{box}\n{joint}")), density=500.0)
-    varied = vary(robot, Variation({"box": 1.5}, {"box": (0.0, 0.1, 0.0)}))
+    varied = vary(robot, Variation(masses={"box": 1.5}, centres={"box": (0.0, 0.1, 0.0)}))
     assert varied.description.link["box"].estimated
     assert varied.mass == pytest.approx(robot.mass + 0.5 * 500.0 * 0.004)
     assert varied.description.raw.count(b"<inertial") == robot.description.raw.count(b"<inertial")
@@ -127,12 +132,12 @@ def test_estimates_stay_estimates(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("variation", "message"),
     [
-        (lambda: Variation({"leg_*": 1.1}), r"link with a mass 'leg_\*' is not known"),
+        (lambda: Variation(masses={"leg_*": 1.1}), r"link with a mass 'leg_\*' is not known"),
         (lambda: Variation(inertias={"leg": 1.1}), "link with a mass 'leg' is not known"),
         (lambda: Variation(centres={"leg": (0.0, 0.0, 0.0)}), "link with a mass 'leg'"),
         (lambda: Variation(radii={"base": 1.1}), "wheel 'base' is not known"),
         (lambda: Variation(damping={"base": 1.1}), "joint 'base' is not known"),
-        (lambda: Variation({"base": 0.0}), r"masses of base is 0; give a positive number"),
+        (lambda: Variation(masses={"base": 0.0}), r"masses of base is 0; give a positive number"),
         (lambda: Variation(inertias={"base": -1.0}), "inertias of base is -1; give a positive"),
         (lambda: Variation(radii={"*": float("nan")}), r"radii of \* is nan; give a positive"),
         (lambda: Variation(track=-0.1), "track is -0.1; give a positive number"),

@@ -23,5 +23,5 @@ def test_a_cut_off_normal_has_its_shares_left(low: float) -> None:
 
 def test_between_two_bounds_the_median_halves_what_is_left() -> None:
     low, high = 1.0, 2.5
-    middle = float(Normal(0.0, 1.0, low, high).quantile(np.array([0.5]))[0])
+    middle = float(Normal(0.0, 1.0, low=low, high=high).quantile(np.array([0.5]))[0])
     assert norm.cdf(middle) - norm.cdf(low) == pytest.approx(norm.cdf(high) - norm.cdf(middle))

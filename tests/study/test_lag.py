@@ -70,7 +70,7 @@ def test_noise_and_odd_times_cost_little() -> None:
     rng = np.random.default_rng(5)
     t: Array = T + rng.uniform(-0.006, 0.006, len(T))
     noisy = answer(t, STEP, 0.12, 0.07) + 0.005 * rng.normal(size=len(T))
-    found = lag_from(SpeedLog(t, STEP, noisy, ("v",)))
+    found = lag_from(SpeedLog(t, STEP, noisy, names=("v",)))
     assert found.lag == pytest.approx(0.12, abs=0.01)
     assert found.dead_time == pytest.approx(0.07, abs=0.01)
     assert found.channel("v").residual == pytest.approx(0.005, rel=0.2)
@@ -83,7 +83,7 @@ def test_channels_stand_beside_one_another() -> None:
     answers = np.column_stack(
         [answer(T, STEP, 0.1, 0.05), answer(T, turning, 0.2, 0.05), 0.001 * rng.normal(size=200)]
     )
-    found = lag_from(SpeedLog(T, commands, answers, ("v", "omega", "lift")))
+    found = lag_from(SpeedLog(T, commands, answers, names=("v", "omega", "lift")))
     assert [each.name for each in found.channels] == ["v", "omega"]
     assert found.channel("v").lag == pytest.approx(0.1, abs=1e-5)
     assert found.channel("omega").lag == pytest.approx(0.2, abs=1e-5)

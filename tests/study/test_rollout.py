@@ -39,7 +39,9 @@ SHORT: dict[str, Any] = {"duration": 0.1, "control_period": 0.01, "plant_step": 
 
 @pytest.fixture(scope="module")
 def runs(paper: Robot) -> Rollouts:
-    return rollout(paper, "eight", SCATTER, 4, seed=3, samples=4, backend="pinocchio", **SHORT)
+    return rollout(
+        paper, "eight", SCATTER, count=4, seed=3, samples=4, backend="pinocchio", **SHORT
+    )
 
 
 def test_a_row_is_replayed_by_its_configuration_file(
@@ -83,7 +85,7 @@ EVERYTHING: dict[str, Any] = {
 @pytest.fixture(scope="module")
 def compiled(paper: Robot) -> Rollouts:
     return rollout(
-        paper, "eight", EVERYTHING, 3, seed=3, samples=7, backend="compiled",
+        paper, "eight", EVERYTHING, count=3, seed=3, samples=7, backend="compiled",
         duration=0.3, control_period=0.01, plant_step=0.01,
     )  # fmt: skip
 
@@ -199,8 +201,8 @@ def test_the_table_has_a_column_of_each(runs: Rollouts) -> None:
 def test_runs_without_losses_among_those_with_some_are_python_s(paper: Robot) -> None:
     """They step otherwise; here all are such runs."""
     scatter = {"plant.joint_friction.*": AnyOf(0.0), "run.initial_error.y": Uniform(0.0, 0.1)}
-    found = rollout(paper, "eight", scatter, 2, backend="compiled", **SHORT)
-    plain = rollout(paper, "eight", scatter, 2, backend="pinocchio", **SHORT)
+    found = rollout(paper, "eight", scatter, count=2, backend="compiled", **SHORT)
+    plain = rollout(paper, "eight", scatter, count=2, backend="pinocchio", **SHORT)
     np.testing.assert_array_equal(found.base_error, plain.base_error)
 
 
@@ -210,7 +212,7 @@ def test_a_rollout_whose_loop_is_kept_builds_no_graph(
     """In this process, and in another one, which has what is on disk only."""
     scatter = {"plant.masses.*": Uniform(0.9, 1.1), "run.initial_error.y": Normal(0.0, 0.05)}
     settings: dict[str, Any] = {**SHORT, "backend": "compiled"}
-    first = rollout(paper, "eight", scatter, 8, **settings)
+    first = rollout(paper, "eight", scatter, count=8, **settings)
 
     def refused(*_: object) -> None:
         raise AssertionError("a graph is built")
@@ -219,7 +221,7 @@ def test_a_rollout_whose_loop_is_kept_builds_no_graph(
     monkeypatch.setattr(SymbolicDynamics, "_known", property(refused))
     for kept in (build._kept_runs, {}):
         monkeypatch.setattr(build, "_kept_runs", kept)
-        again = rollout(paper, "eight", scatter, 8, **settings)
+        again = rollout(paper, "eight", scatter, count=8, **settings)
         np.testing.assert_array_equal(again.base_error, first.base_error)
     with pytest.raises(AssertionError, match="a graph is built"):
-        rollout(paper, "eight", {"plant.inertias.*": Uniform(0.9, 1.1)}, 8, **settings)
+        rollout(paper, "eight", {"plant.inertias.*": Uniform(0.9, 1.1)}, count=8, **settings)

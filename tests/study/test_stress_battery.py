@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import rpctl
+from rpctl.control.controller import default_laws
 from rpctl.simulation.config import Config, RunSettings, read_config, write_config
 from rpctl.study.cells import CellRunner, References
 from rpctl.study.compare import PAPER, LawPair
@@ -20,7 +21,6 @@ from rpctl.study.stress_battery import (
     Battery,
     StressCell,
     default_pairs,
-    laws_of,
 )
 from tests.robots import add_losses
 from tests.study.stress_samples import battery
@@ -120,9 +120,10 @@ def test_laws_are_the_robot_s_own_first() -> None:
     robot = rpctl.load("paper")
     own, paper, *_ = default_pairs(robot)
     assert own == LawPair("unified", "integral")
-    assert laws_of(robot, own) == (Config().kinematic, Config().dynamic)
-    assert [type(law).__name__ for law in laws_of(robot, paper)] == [
-        "PaperKinematic", "PaperDynamic"]  # fmt: skip
+    theirs = rpctl.PaperKinematic(), rpctl.PaperDynamic()
+    for pair, laws in ((own, default_laws(robot)), (paper, theirs)):
+        config = StressCell("rolling", pair, (), 0, RunSettings()).config(References(robot))
+        assert (config.kinematic, config.dynamic) == laws
     assert default_pairs(rpctl.load("balancer")) == (LawPair("unified", "balance"),)
 
 

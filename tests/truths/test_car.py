@@ -151,7 +151,7 @@ def test_the_equations_are_the_textbooks(robot: Robot, textbook: Textbook) -> No
     for _ in range(20):
         x, y, theta = rng.uniform(-3.0, 3.0, 3)
         q, nu = (
-            robot.configuration(x, y, theta, {"steer": rng.uniform(-1.1, 1.1)}),
+            robot.configuration(x, y, theta, joints={"steer": rng.uniform(-1.1, 1.1)}),
             rng.normal(size=2),
         )
         M, h, columns, _ = textbook.terms(places(robot, q), nu)
@@ -165,7 +165,7 @@ def test_the_equations_are_the_textbooks(robot: Robot, textbook: Textbook) -> No
 def drive(robot: Robot, textbook: Textbook, substeps: int) -> tuple[float, Array]:
     """Return how far the two closed loops get apart at most, and where the textbook's ends."""
     dynamics, farthest = ReducedDynamics(robot), 0.0
-    q, nu = robot.configuration(-1.0, 0.6, 0.3, {"steer": -0.2}), np.array([0.3, 0.1])
+    q, nu = robot.configuration(-1.0, 0.6, 0.3, joints={"steer": -0.2}), np.array([0.3, 0.1])
     x, speed = places(robot, q), nu
     for _ in range(PERIODS):
         tau = law(textbook, places(robot, q), nu)

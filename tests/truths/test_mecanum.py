@@ -158,7 +158,7 @@ def test_the_equations_are_the_textbooks(robot: Robot, textbook: Textbook) -> No
     for _ in range(20):
         x, y, theta = rng.uniform(-3.0, 3.0, 3)
         arm = dict(zip(("column_joint", "boom_joint"), rng.uniform(-2.0, 2.0, 2), strict=True))
-        q, nu = robot.configuration(x, y, theta, arm), rng.normal(size=5)
+        q, nu = robot.configuration(x, y, theta, joints=arm), rng.normal(size=5)
         M, h, columns, _ = textbook.terms(places(robot, q), nu)
         np.testing.assert_allclose(dynamics.inertia(q), M, rtol=0, atol=ROUNDING * scale(M))
         np.testing.assert_allclose(dynamics.bias(q, nu), h, rtol=0, atol=ROUNDING * scale(M, h))
@@ -171,7 +171,7 @@ def drive(robot: Robot, textbook: Textbook, substeps: int) -> tuple[float, Array
     """Return how far the two closed loops get apart at most, and where the textbook's ends."""
     dynamics, farthest = ReducedDynamics(robot), 0.0
     arm = {"column_joint": -0.6, "boom_joint": 0.4}
-    q, nu = robot.configuration(-0.4, 0.5, -0.7, arm), np.array([0.2, -0.3, 0.4, 0.1, -0.2])
+    q, nu = robot.configuration(-0.4, 0.5, -0.7, joints=arm), np.array([0.2, -0.3, 0.4, 0.1, -0.2])
     x, speed = places(robot, q), nu
     for _ in range(PERIODS):
         tau = law(textbook, places(robot, q), nu)

@@ -53,7 +53,7 @@ def truck(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 def test_rates_are_those_of_the_published_single_track_model(truck: Robot) -> None:
     """To 14 digits, as that package tests its own."""
     x, y, steering, speed, yaw, hitch = STATE
-    q, nu = truck.state((x, y, yaw), (speed, RATES[2]), {"steer": steering, "hitch": hitch})
+    q, nu = truck.state((x, y, yaw), (speed, RATES[2]), joints={"steer": steering, "hitch": hitch})
     v = rpctl.ReducedDynamics(truck).basis(q) @ nu
     cos, sin = np.cos(yaw), np.sin(yaw)
     found = [cos * v[0] - sin * v[1], sin * v[0] + cos * v[1], v[truck.velocity_index("steer")]]

@@ -27,7 +27,7 @@ from rpctl.reference.motion import Reference
 from rpctl.robot.leaning import LeaningRobot
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Horizon(PlannerSettings):
     """Predictive control over N steps of length dt, by one QP a solve.
 
@@ -70,7 +70,7 @@ class Horizon(PlannerSettings):
             "Stage for large errors of a base that cannot turn on the spot; false: none. "
             "It knows of no obstacles: there is none where base_obstacles are given.",
         ),
-    ] = field(default_factory=Approach, kw_only=True)
+    ] = field(default_factory=Approach)
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None

@@ -128,7 +128,7 @@ class Model:
         positions = dict(zip(names, joints.tolist(), strict=True))
         if casters is not None:
             positions |= dict(zip(self.casters, casters.tolist(), strict=True))
-        return self.robot.configuration(*root, positions)
+        return self.robot.configuration(*root, joints=positions)
 
     def named(self, joints: Any) -> dict[str, Any]:
         """Return positions of the model's joints, or of the first of them, by name."""

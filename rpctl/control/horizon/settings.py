@@ -101,7 +101,7 @@ class Bounds(Record):
         return found, self.share * limits[found]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PlannerSettings(Record):
     """What the horizon law plans: see :class:`~rpctl.control.horizon.law.Horizon`."""
 

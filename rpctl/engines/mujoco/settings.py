@@ -27,7 +27,7 @@ LEAST = 1e-6  # m: MuJoCo wants some relief, of level ground too
 WHITE = {"L": 255.0, "I;16": 65535.0, "I;16B": 65535.0, "I": 65535.0}  # by Pillow's mode
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ContactSettings(Record):
     """How a robot meets the ground in MuJoCo; table [plant.contact]."""
 

@@ -303,7 +303,7 @@ def _balance(
 ) -> _Balance:
     at = instant(dynamics, manoeuvre, value)
     pushed = OutsideForce(*(part[None] for part in at.pushed))
-    reactions = dynamics.reactions(at.q[None], at.nu[None], at.tau[None], pushed)
+    reactions = dynamics.reactions(at.q[None], at.nu[None], at.tau[None], outside=pushed)
     f, z = reactions.wrench[0], dynamics.robot.drive.ground
     return _Balance(
         forces=wheel_forces(dynamics, contacts, at.q, reactions, manoeuvre.height > 0.0),

@@ -5,25 +5,37 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from rpctl.arrays import Array
-from rpctl.control.controller import default_laws
 from rpctl.control.law import DynamicFunction, DynamicLaw, KinematicFunction, KinematicLaw
 from rpctl.control.output_groups import OutputGroup
 from rpctl.control.registry import law_sentences, name_of
-from rpctl.control.safeguards import require_callable
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, UnknownNameError
 from rpctl.files.records import fields_of
 from rpctl.reference.fitting import too_weak
-from rpctl.reference.motion import Reference, ReferenceState, require_pulling, require_state
+from rpctl.reference.motion import (
+    Reference,
+    ReferenceState,
+    require_pulling,
+    require_reference,
+    require_state,
+)
 from rpctl.reference.path_reference import DEFAULT_DURATION
 from rpctl.reference.recorded.recording import Recording
 from rpctl.reference.sizing import WISHES, SizingRequest
 from rpctl.robot.model import Robot
-from rpctl.simulation.config import CONFIG_TABLES, Config, LimitOverrides, RunSettings
+from rpctl.simulation.config import (
+    CONFIG_TABLES,
+    LAW_CHOICES,
+    Config,
+    LimitOverrides,
+    RunSettings,
+    as_config,
+)
 from rpctl.simulation.loop.backend import run_loop
 from rpctl.simulation.loop.budget import Budget, find_budget
 from rpctl.simulation.loop.closed_loop import Loop, Watching, start_configuration
@@ -61,8 +73,8 @@ class TrackSettings(TypedDict, total=False):
     The last four are those of :class:`SimulateOptions`.
     """
 
-    kinematic: KinematicLaw | KinematicFunction | None
-    dynamic: DynamicLaw | DynamicFunction | None
+    kinematic: str | KinematicLaw | KinematicFunction | None
+    dynamic: str | DynamicLaw | DynamicFunction | None
     plant: str | Plant | PlantModel | None
     output: str | Mapping[str, str | OutputGroup] | VelocityOutput | None
     limits: LimitOverrides
@@ -88,13 +100,14 @@ class TrackSettings(TypedDict, total=False):
     backend: str
 
 
+TABLES = [name for name in CONFIG_TABLES if name not in LAW_CHOICES]
 PASSED_ON = ("certificate", "progress", "collisions", "backend")
 
 
 def track(
     robot: Robot,
-    reference: str | Reference | None = None,
-    config: Config | None = None,
+    reference: str | Path | Reference | None = None,
+    config: Config | str | Path | None = None,
     *,
     watch: Callable[[float, Array, ReferenceState], object] | None = None,
     **settings: Unpack[TrackSettings],
@@ -105,10 +118,12 @@ def track(
         robot: The robot.
         reference: A reference, the name of one (``line``, ``reverse``, ``spin``, ``circle``,
             ``eight``, ``waypoints``, ``ee-square``), or a file (CSV, TOML); None: the config's.
-        config: Laws, plant and circumstances; None: the robot's default.
+        config: Laws, plant and circumstances, or the path of their TOML; None: the robot's
+            default.
         watch: Called with the time (s), q (nq,) and the reference at every sample.
         **settings: Names of :class:`Config` and of its ``run``, which win over the config:
-            ``duration=20``, ``initial_error=(0.1, 0, 0)``, ``kinematic=rpctl.Horizon()``,
+            ``duration=20``, ``initial_error=(0.1, 0, 0)``, ``kinematic="horizon"`` (or
+            ``rpctl.Horizon(steps=10)``),
             ``plant="slipping"`` (or ``"perturbed"``, ``"contact"``, a :class:`Plant`, a simulator
             of one's own), ``output="velocity"``. Besides, ``name`` is what the log calls the
             reference, a ``certificate`` is kept, ``progress`` is called with the samples done and
@@ -122,7 +137,7 @@ def track(
             cannot hold its joint there.
     """
     config = configured(robot, reference, config, {**settings})
-    run, own = config.run, None if isinstance(reference, str) else reference
+    run, own = config.run, None if isinstance(reference, str | Path) else reference
     if own is not None:
         SizingRequest(run.size, run.speed, run.laps).refuse(
             "the reference is a function, with its own pace", *WISHES
@@ -134,23 +149,25 @@ def track(
 
 
 def configured(
-    robot: Robot, reference: str | Reference | None, config: Config | None, given: dict[str, Any]
+    robot: Robot,
+    reference: str | Path | Reference | None,
+    config: Config | str | Path | None,
+    given: Mapping[str, Any],
 ) -> Config:
     """Return a configuration with a reference and with settings by their names."""
-    for what, value in {**given, "reference": reference}.items():
-        if what not in TrackSettings.__annotations__ and what != "reference":
+    for what in given:
+        if what not in TrackSettings.__annotations__:
             raise UnknownNameError("setting", what, TrackSettings.__annotations__)
-        called = what == "reference" and not isinstance(value, str)
-        if value is not None and (called or what in ("kinematic", "dynamic")):
-            require_callable(what, value)
-    config = config or Config(*default_laws(robot))
+    if not isinstance(reference, str | Path | None):
+        require_reference(reference)
+    config = as_config(config, robot).with_laws(given.get("kinematic"), given.get("dynamic"))
     run = {name: given[name] for name in fields_of(RunSettings) if name in given}
     if "initial_error" in run:
         run["initial_error"] = tuple(run["initial_error"])
     if reference is not None:
-        called_so = reference if isinstance(reference, str) else name_of(reference)
+        called_so = name_of(reference) if callable(reference) else str(reference)
         run["reference"] = given.get("name") or called_so
-    tables = {name: given[name] for name in CONFIG_TABLES if given.get(name) is not None}
+    tables = {name: given[name] for name in TABLES if given.get(name) is not None}
     if "plant" in tables:
         tables["plant"] = _as_plant(tables["plant"], robot)
     if "output" in tables:
@@ -204,8 +221,7 @@ def simulate(
             reference does not fit the robot, or it starts inside an obstacle.
     """
     robot, ended = config.limits.apply(robot), options.get("ended")
-    if robot.drive.leans and config.dynamic == default_laws()[1]:
-        config = replace(config, dynamic=default_laws(robot)[1])
+    config = config.on(robot)
     collisions = options.get("collisions", True)
     if reference is None:
         reference = config.run.load_reference(robot, collisions)

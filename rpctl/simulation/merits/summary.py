@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.libraries import library
 from rpctl.reference.sizing import Sizing
 from rpctl.simulation.merits.collision_facts import NO_COLLISIONS, Collision, LinkClearance
 from rpctl.simulation.merits.ground import FeltGround, GroundFigures, felt_ground, ground
@@ -106,7 +107,7 @@ class BindingLimit:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Summary:
     """The figures of merit of a run; ``settled`` figures are the largest over its second half.
 
@@ -182,6 +183,10 @@ class Summary:
     collisions: tuple[Collision, ...] = ()
     collision_notes: tuple[str, ...] = ()
     felt_ground: FeltGround | None = None
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return str(library("rpctl.view.pages.page").render("notebook_summary.html", summary=self))
 
     @property
     def succeeded(self) -> bool:

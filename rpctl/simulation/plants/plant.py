@@ -45,7 +45,7 @@ PLANT_KINDS = (*SIMULATED, "own")
 MAX_SEED = 2**63 - 1  # a file's largest whole number
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Plant(Variation):
     """Differences between the simulated robot and the controller's model."""
 

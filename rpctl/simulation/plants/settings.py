@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 from typing import Annotated
 
 from rpctl.control.sampling import TIME_ROUNDING
@@ -29,8 +29,8 @@ class Wrench:
     link: str
     force: Annotated[Vector, Setting("N")] = (0.0, 0.0, 0.0)
     moment: Annotated[Vector, Setting("N·m")] = (0.0, 0.0, 0.0)
-    start: Annotated[float, Setting("s")] = 0.0
-    end: Annotated[float | None, Setting("s")] = None
+    start: Annotated[float, Setting("s")] = field(default=0.0, kw_only=True)
+    end: Annotated[float | None, Setting("s")] = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Refuse what is no force, and what ends before it begins."""
@@ -53,7 +53,7 @@ class Wrench:
         return math.inf if self.end is None else self.end
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SensorNumbers(Record):
     """A number for each quantity that the controller measures."""
 

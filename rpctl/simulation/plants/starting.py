@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from rpctl.errors import RpctlError, require_known
 from rpctl.reference.motion import ReferenceState
 from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
-from rpctl.simulation.config import Config, RunSettings
+from rpctl.simulation.config import Config, as_config
 from rpctl.simulation.plants.contact import LeaningMotion, MujocoMotion, ServoInterface
 from rpctl.simulation.plants.interfaces import (
     ArmInterface,
@@ -241,26 +242,35 @@ class SteppedPlant:
 
 def start_plant(
     robot: Robot,
-    plant: str | Plant = "contact",
+    plant: str | Plant | None = None,
     q: Array | None = None,
-    friction: float = RunSettings.friction,
-    period: float = RunSettings.control_period,
+    *,
+    config: Config | str | Path | None = None,
+    friction: float | None = None,
+    period: float | None = None,
 ) -> SteppedPlant:
     """Return a plant that runs, to be stepped by a controller of whatever kind.
 
     Args:
         robot: The robot as its controller knows it.
-        plant: ``"ideal"``, ``"perturbed"``, ``"slipping"``, ``"contact"``, or its settings.
+        plant: ``"ideal"``, ``"perturbed"``, ``"slipping"``, ``"contact"``, or its settings; None:
+            the config's, ``"contact"`` without one.
         q: Where it starts (nq,), at rest; None: its home at the origin.
-        friction: Coefficient between wheels and ground.
-        period: Control period, s, by whole numbers of which commands are delayed.
+        config: A configuration, or the path of its TOML: whether it is sent speeds, and what the
+            others leave to it.
+        friction: Coefficient between wheels and ground; 0.7 if not given.
+        period: Control period, s, by whole numbers of which commands are delayed; 2 ms if not
+            given.
 
     Raises:
         UnknownNameError: There is no such plant.
         RpctlError: The robot cannot be simulated so, or what simulates it is not installed.
     """
-    chosen = plant_by_name(plant, robot) if isinstance(plant, str) else plant
-    run = RunSettings(friction=friction, control_period=period)
+    told = as_config(config, robot).with_run(friction=friction, control_period=period)
+    if plant is None and config is None:
+        plant = "contact"
+    chosen = plant_by_name(plant, robot) if isinstance(plant, str) else plant or told.plant
+    robot = told.limits.apply(robot)
     return SteppedPlant(
-        robot, Config(run=run, plant=chosen), robot.configuration() if q is None else q
+        robot, replace(told, plant=chosen), robot.configuration() if q is None else q
     )

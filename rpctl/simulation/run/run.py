@@ -55,6 +55,10 @@ class Run(Header):
             f"Run({self.robot.name}, {self.config.run.reference}, {self.t[-1] - self.t[0]:.4g} s)"
         )
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the run in one line, and its scene to be played."""
+        return str(library("rpctl.view.film").show(self))
+
     @property
     def header(self) -> Header:
         """What it is besides its samples."""
@@ -256,8 +260,8 @@ def load_robot(known: RobotFacts, package_dirs: Sequence[str | Path] = ()) -> Ro
     )
     description = replace(description, read_with=source.read_settings(settings))
     robot = assemble(source, description, settings)
-    for payload in known.payloads:
-        robot = with_payload(robot, *payload)
+    for link, mass, com, inertia in known.payloads:
+        robot = with_payload(robot, link, mass, com=com, inertia=inertia)
     return replace(robot, name=known.name, source=known.source)
 
 

@@ -69,7 +69,7 @@ class PinocchioStates:
             RpctlError: The steering fixes no one motion, or a state is not finite.
         """
         robot, points = self.dynamics.robot, None
-        reactions = self.dynamics.reactions(q, nu, tau, outside)
+        reactions = self.dynamics.reactions(q, nu, tau, outside=outside)
         if self.moving is not None:
             supports = self.moving.supports
             points = np.array([contact_points(self.dynamics, supports, each) for each in q])

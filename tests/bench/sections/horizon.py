@@ -54,7 +54,7 @@ def paced_rows(name: str, duration: float) -> Iterator[Row]:
     robot = rpctl.load(name)
     for how, law in (("", Horizon()), (", plans in line", Horizon(asynchronous=False))):
         floor = Controller(robot, "eight")
-        took = 1e3 * step_seconds(Controller(robot, "eight", law), floor, duration)
+        took = 1e3 * step_seconds(Controller(robot, "eight", kinematic=law), floor, duration)
         for label, share in SHARES.items():
             figure, peer = (float(each) for each in np.percentile(took, share, axis=1))
             yield Row(

@@ -66,7 +66,7 @@ def _ours(count: int) -> float:
             robot,
             "eight",
             SCATTER,
-            number,
+            count=number,
             duration=SECONDS,
             control_period=PERIOD,
             plant_step=PERIOD,

@@ -25,7 +25,7 @@ from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.qp import CondensedQp, CondensedSolution
 from rpctl.control.law import KinematicLaw, as_law
 from rpctl.control.obstacles import Disc, HalfPlane
-from rpctl.control.registry import kinematic_by_name
+from rpctl.control.registry import read_law
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
 from rpctl.reference.sizing import SizingRequest
@@ -189,7 +189,7 @@ def test_efforts_that_come_late_do_not_make_light_joints_run_away(tiago: Robot) 
 
 
 def test_settings_that_predict_nothing_are_refused() -> None:
-    assert isinstance(kinematic_by_name("horizon"), Horizon)
+    assert isinstance(read_law("kinematic", "horizon"), Horizon)
     with pytest.raises(RpctlError, match="steps is 1; give 2 to 200"):
         Horizon(steps=1)
     with pytest.raises(RpctlError, match=r"period 0.2 s is longer than a step; give at most 0.1 s"):

@@ -170,7 +170,7 @@ def test_a_delay_that_is_told_is_foretold() -> None:
 def test_efforts_stay_within_limits_and_are_named() -> None:
     """It falls forward fast: its wheels drive under it as hard as they can."""
     robot = leaning("balancer")
-    controller = rpctl.Controller(robot, "line", Horizon())
+    controller = rpctl.Controller(robot, "line", kinematic=Horizon())
     q, nu = robot.state(twist=(0.0, 0.0, 0.0), rates={"shoulder_joint": 0.0}, tilt=0.45)
     output = controller.step(0.0, q, nu)
     assert output.status == "ok"
@@ -185,7 +185,7 @@ def test_what_it_does_not_do_is_refused() -> None:
         with pytest.raises(UnfitLawError, match="balancer leans: the horizon law keeps it clear"):
             law.start(ReducedDynamics(robot), PERIOD)
     with pytest.raises(RpctlError, match="leans: no law here balances it where rates"):
-        rpctl.Controller(robot, "line", Horizon(), rates="estimated")
+        rpctl.Controller(robot, "line", kinematic=Horizon(), rates="estimated")
 
 
 @pytest.mark.slow
@@ -204,7 +204,7 @@ def test_it_follows_an_eight(name: str, delay: float) -> None:
 @pytest.mark.slow
 def test_it_returns_from_a_push_that_the_regulator_falls_from() -> None:
     """26 N s half a metre high: its wheels' efforts and its tilt are at their bounds for long."""
-    push = Wrench("base_link", (260.0, 0.0, 0.0), (0.0, 130.0, 0.0), 1.0, 1.1)
+    push = Wrench("base_link", (260.0, 0.0, 0.0), (0.0, 130.0, 0.0), start=1.0, end=1.1)
     outcomes, tilts = [], []
     for law in (UnifiedKinematic(), Horizon()):
         run = rpctl.track(leaning("balancer"), "line", kinematic=law, duration=4.0,

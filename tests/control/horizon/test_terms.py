@@ -35,7 +35,7 @@ def test_whole_turns_are_no_error_of_a_heading_or_of_a_joint_without_limits(tmp_
     robot = rpctl.load(write(tmp_path, text))
     model = Model(ReducedDynamics(robot), 2, DT)
     assert (model.steered, len(model.joints)) == (2, 3)
-    q, nu = robot.configuration(0.4, 0.5, 0.6, {"arm_joint": 0.7}), np.zeros(robot.dof)
+    q, nu = robot.configuration(0.4, 0.5, 0.6, joints={"arm_joint": 0.7}), np.zeros(robot.dof)
     motion = model.predict(q, nu, np.zeros((2, robot.dof)))
     turn = 2.0 * math.pi
     for turns in (-1.0, 0.0, 3.0):
@@ -108,7 +108,9 @@ def test_hard_bounds_let_a_motion_brake(paper: Robot) -> None:
     """Accelerations: 2 m/s², 4 rad/s², and a joint's full speed of 2 rad/s or .6 m/s in .25 s."""
     dynamics = ReducedDynamics(paper)
     model = Model(dynamics, 3, DT)
-    q = paper.configuration(0.0, 0.0, 0.0, dict(zip(paper.joint_names, (2.5, 0.36), strict=True)))
+    q = paper.configuration(
+        0.0, 0.0, 0.0, joints=dict(zip(paper.joint_names, (2.5, 0.36), strict=True))
+    )
     motion = model.predict(q, np.array([1.2, 9.0, 3.5, -0.9]), np.full((3, 4), 0.3))
     nu = np.tile([0.3, 5.0, 0.0, 0.0], (4, 1))
     sample = Sample(motion, Target(motion.pose, motion.joints, nu), [])

@@ -60,7 +60,9 @@ def logged(robot: Robot, output: str, folder: Path) -> Logged:
     laws = {"kinematic": LAW, "dynamic": PaperDynamic()}
     given = {"duration": COUNT * PERIOD, "initial_error": STARTS, "log_every": 1}
     run = rpctl.track(robot, "eight", **laws, **given)  # type: ignore[arg-type]
-    controller = Controller(robot, "eight", LAW, PaperDynamic(), PERIOD, output)
+    controller = Controller(
+        robot, "eight", kinematic=LAW, dynamic=PaperDynamic(), period=PERIOD, output=output
+    )
     dynamics = ReducedDynamics(robot)
     made = law_program(law_sheet(robot, LAW, PaperDynamic(), PERIOD))
     commands, path = [], folder / "samples.txt"
@@ -137,8 +139,8 @@ def closed_loop(robot: Robot, folder: Path, count: int, told: Told) -> Logged:
     """
     laws, lines = (LAW, PaperDynamic()), list[str]()
     controller = Controller(
-        robot, "eight", *laws, told.period, rates=told.rates, delay=told.delay,
-        guards=Guards(effort_rate=told.effort_rate),
+        robot, "eight", kinematic=LAW, dynamic=PaperDynamic(), period=told.period,
+        rates=told.rates, delay=told.delay, guards=Guards(effort_rate=told.effort_rate),
     )  # fmt: skip
     law, dynamic = (knowing_delay(each, told.period, told.delay) for each in laws)
     made = law_program(law_sheet(robot, law, dynamic, told.period))

@@ -157,7 +157,7 @@ def test_without_a_home_nothing_is_kept_where_rpctl_is_started(
 
 
 def test_a_loop_with_another_robots_limits_is_not_used(paper: Robot) -> None:
-    weak, config = rpctl.set_limits(paper, {"wheel_*": 2.0}), Config()
+    weak, config = rpctl.set_limits(paper, effort={"wheel_*": 2.0}), Config()
     loop = build.compiled_loop(ReducedDynamics(paper), ReducedDynamics(paper), config)
     with pytest.raises(DiffersError, match="asks wheel_left_joint for more than its limit"):
         build.require_equal(loop, ReducedDynamics(weak), ReducedDynamics(weak), config)

@@ -195,7 +195,7 @@ def test_a_lag_costs_less_than_a_millimetre(
 
 
 def test_the_plant_may_be_later_than_its_controller_knows(paper: Robot) -> None:
-    output, plant = VelocityOutput(0.1, 0.05, {"omega": 0.2}), Plant(lag=0.15, delay=0.04)
+    output, plant = VelocityOutput(0.1, 0.05, lags={"omega": 0.2}), Plant(lag=0.15, delay=0.04)
     truth = plant.velocity_interface(output)
     assert (truth.lag, truth.dead_time, dict(truth.lags)) == (0.15, 0.05, {})
     run = track(paper, "circle", duration=0.2, output=output, plant=plant, control_period=0.02)

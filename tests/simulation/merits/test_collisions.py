@@ -58,7 +58,7 @@ def motion(robot: Robot, seed: int, count: int = 600, pace: float = 1.0) -> tupl
     for k in range(count):
         joints = {n: 2.5 * ways[3 + i][k] for i, n in enumerate(names)}
         joints["slide"] = abs(joints["slide"]) / 10.0
-        q.append(robot.configuration(ways[0][k], 0.5 * ways[1][k], ways[2][k], joints))
+        q.append(robot.configuration(ways[0][k], 0.5 * ways[1][k], ways[2][k], joints=joints))
     return t, np.array(q)
 
 
@@ -116,7 +116,7 @@ def test_clearances_are_the_least_of_all_samples(robot: Robot, seed: int) -> Non
                 0.02 * row[0],
                 0.0,
                 0.05 * row[1],
-                dict(zip(middle, list(middle.values()) + 0.1 * row, strict=True)),
+                joints=dict(zip(middle, list(middle.values()) + 0.1 * row, strict=True)),
             )
             for row in sines.T
         ]

@@ -13,7 +13,7 @@ from rpctl.control.law import Command
 from rpctl.simulation.plants.sensors import BLOCK, Measurement, Sensors, random_stream
 from rpctl.simulation.plants.settings import Noise
 
-ALL = Noise(0.01, 0.02, 0.03, 0.04, 0.05, 0.06)
+ALL = Noise(position=0.01, heading=0.02, joints=0.03, speed=0.04, turn_rate=0.05, joint_rates=0.06)
 
 
 def test_a_stream_is_the_same_in_any_blocks() -> None:
@@ -38,7 +38,9 @@ def test_each_quantity_has_its_deviation(paper: Robot) -> None:
     """x, y, heading, a joint that turns and one that slides, v, ω and two rates."""
     measure, count = Measurement(paper, Plant(noise=ALL, seed=1)), 4000
     rates = dict.fromkeys(paper.joint_names, 0.0)
-    q, nu = paper.state((1.0, -2.0, 3.1), (0.4, -0.5), {paper.joint_names[0]: 0.6}, rates)
+    q, nu = paper.state(
+        (1.0, -2.0, 3.1), (0.4, -0.5), joints={paper.joint_names[0]: 0.6}, rates=rates
+    )
     states = [measure(q, nu, 0.0) for _ in range(count)]
     poses = [paper.base_pose(each) for each, _ in states]
     turned = [np.angle(np.exp(1j * (pose[2] - 3.1))) for pose in poses]

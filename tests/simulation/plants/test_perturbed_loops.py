@@ -59,7 +59,7 @@ def test_a_file_says_all_of_it(tmp_path: Path) -> None:
 def test_efforts_that_saturate_unseen_still_get_there(tmp_path: Path) -> None:
     """They saturate at the start, as no law knows, and nothing has wound up at the end."""
     robot = rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.8))))
-    robot = set_limits(robot, {"*": 40.0})
+    robot = set_limits(robot, effort={"*": 40.0})
     weak, plain = (
         track(
             robot,

@@ -77,7 +77,9 @@ def test_the_work_of_a_push_enters_the_balance(paper: Robot, lossy: bool) -> Non
     """What came in is what it stored and lost; before and after the push its ground is unmoved."""
     robot = add_losses(paper, dict.fromkeys(paper.entries, 0.3), {}) if lossy else paper
     tool = robot.end_effector or ""
-    plant = Plant(wrenches=(Wrench(tool, (20.0, -10.0, -15.0), (0.0, 0.0, 1.0), 0.05, 0.1013),))
+    plant = Plant(
+        wrenches=(Wrench(tool, (20.0, -10.0, -15.0), (0.0, 0.0, 1.0), start=0.05, end=0.1013),)
+    )
     law = PaperDynamic()
     run, plain = (
         track(robot, "line", duration=0.16, plant=p, dynamic=law, collisions=False)

@@ -75,7 +75,9 @@ def test_fine_encoders_find_the_speeds_of_any_base(name: str, rng: np.random.Gen
 
 
 def test_constant_errors_add(paper: Robot) -> None:
-    bias = SensorBias(0.01, -0.02, 0.03, -0.04, 0.05, -0.06)
+    bias = SensorBias(
+        position=0.01, heading=-0.02, joints=0.03, speed=-0.04, turn_rate=0.05, joint_rates=-0.06
+    )
     measure = Measurement(paper, Plant(sensor_bias=bias))
     q, nu = paper.state((1.0, 2.0, 0.3), (0.4, 0.5), rates=dict.fromkeys(paper.joint_names, 0.0))
     for t in (0.0, 0.1):

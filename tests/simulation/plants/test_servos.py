@@ -69,7 +69,7 @@ def test_servos_in_contact_wait_for_their_dead_time_and_rise_by_their_lag(paper:
 
 def test_a_servo_in_contact_has_no_more_than_the_effort_limit(paper: Robot) -> None:
     """Two motors of .1 N·m on wheels of .15 m push a robot of m kg to 2 · .1/(.15 m) m/s²."""
-    weak = set_limits(paper, {"wheel_*": 0.1}, {})
+    weak = set_limits(paper, effort={"wheel_*": 0.1}, velocity={})
     plant = in_contact(weak, {"base": OutputGroup("wheel-speeds"), "*": OutputGroup("velocity")})
     efforts = np.zeros(4)
     for _ in range(50):

@@ -164,7 +164,7 @@ def test_the_tyres_forces_and_loads_are_what_changes_the_momentum(
     friction: float, tmp_path: Path
 ) -> None:
     robot = load(write(tmp_path, vehicle("car-like")))
-    q = robot.configuration(0.3, -0.2, 0.7, {"steer_left": 0.2, "arm_joint": 0.4})
+    q = robot.configuration(0.3, -0.2, 0.7, joints={"steer_left": 0.2, "arm_joint": 0.4})
     motion = motion_of(robot, q, friction)
     hold = np.array([30.0, 10.0, 1.0, 0.5, 8.0])
     push = Wrench("arm", (3.0, -2.0, 5.0), (1.0, 0.5, -0.3))
@@ -261,7 +261,9 @@ DRIVES = (
 def test_gentle_motion_converges_to_rolling_with_the_stiffness(kind: str, tmp_path: Path) -> None:
     named = kind in ("paper", "tiago", "mecanum")
     robot = rpctl.load(kind) if named else load(write(tmp_path, vehicle(kind)))
-    q = robot.configuration(0.1, 0.2, 0.3, dict(zip(robot.joint_names, robot.home, strict=True)))
+    q = robot.configuration(
+        0.1, 0.2, 0.3, joints=dict(zip(robot.joint_names, robot.home, strict=True))
+    )
     errors = [slip_error(robot, q, each, 0.001, 60) for each in STIFFNESSES]
     assert errors[0] > 1e-7
     for softer, stiffer in pairwise(errors):

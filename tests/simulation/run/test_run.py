@@ -83,13 +83,13 @@ def test_what_has_no_name_within_a_law_comes_back(paper: Robot, tmp_path: Path) 
     """The rest of the law keeps its types; a plain function is a law."""
     disc, odd = Disc(1.0, 2.0, 0.3), _Blob(2.0)
     base = Horizon(base_obstacles=(disc, odd), fallback=_function)  # type: ignore[arg-type]
-    law = EndEffector(base, horizon=0.3)
+    law = EndEffector(base=base, horizon=0.3)
     plant = Plant(tau_bias={"wheel_left_joint": 1.0}, delay=0.01, controller_model=paper)
     config = Config(law, _function, plant=plant)  # type: ignore[arg-type]
     kept = recorded(config, 100)
     blob, function = Unregistered("_Blob", {"size": 2.0}), Unregistered("_function")
     inner = Horizon(base_obstacles=(disc, blob), fallback=function)  # type: ignore[arg-type]
-    assert kept.kinematic == EndEffector(inner, horizon=0.3)
+    assert kept.kinematic == EndEffector(base=inner, horizon=0.3)
     assert kept.dynamic == function
     assert kept.run.duration == pytest.approx(0.2)
     assert kept.plant == Plant(tau_bias={"wheel_left_joint": 1.0}, delay=0.01)

@@ -116,7 +116,9 @@ def test_charts_hold_both_sides(
 
 def test_a_gap_too_wide_is_told(trial: ContactTrial) -> None:
     failed = dataclasses.replace(trial, checks=(row("path", 0.2, 0.1), *trial.checks[1:]))
-    certificate = Certificate("robot", 1, 0, (), SCOPE, contact=failed)
+    certificate = Certificate(
+        robot="robot", samples=1, seed=0, checks=(), scope=SCOPE, contact=failed
+    )
     page = certificate_page(certificate)
     assert "the two paths come <strong>200 mm</strong> apart, where 100 mm is allowed" in page
     assert '<span class="badge bad">1 of 3 gaps too wide</span>' in page
@@ -137,7 +139,9 @@ def test_a_path_that_breaks_off_is_drawn_as_far_as_it_goes(trial: ContactTrial) 
     lost = dataclasses.replace(
         trial, reduced=ContactMotion(**parts), checks=(row("path", math.inf, 0.3),)
     )
-    page = certificate_page(Certificate("robot", 1, 0, (), SCOPE, contact=lost))
+    page = certificate_page(
+        Certificate(robot="robot", samples=1, seed=0, checks=(), scope=SCOPE, contact=lost)
+    )
     assert "∞" in page or "inf" in page
     axes = drawn(draw_plan, lost)
     (reduced,) = lines_with(axes, style.BASE)

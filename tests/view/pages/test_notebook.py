@@ -1,20 +1,28 @@
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from html import unescape
 from typing import Any
 
+import numpy as np
 import pytest
 
+import rpctl
 from rpctl import Run
+from rpctl.equivalence.certificate import Check
+from rpctl.equivalence.scope import Scope
 from rpctl.errors import RunFileError
+from rpctl.study.experiment import Experiment, RunTable
 from rpctl.view import film as browser
 from rpctl.view import film as notebook
 from tests.runs import vary
 
+SCOPE = Scope("all", (), (), None)
 EVIL = '"></iframe><script>alert(1)</script>'
 
 
@@ -27,7 +35,6 @@ def page_inside(html: str) -> str:
 def shown(paper_run: Run) -> dict[str, Any]:
     """Run a cell in IPython and return what it displays, by type."""
     shell = pytest.importorskip("IPython.core.interactiveshell").InteractiveShell()
-    shell.extension_manager.load_extension("rpctl")
     shell.user_ns["run"] = paper_run
     cell = shell.run_cell("run", store_history=False)
     assert cell.success
@@ -44,13 +51,83 @@ def test_a_cell_shows_the_scene(shown: dict[str, Any]) -> None:
     assert "const { viewer, duration, show } = player;" in page_inside(html)
 
 
-def test_importing_rpctl_in_a_notebook_is_enough() -> None:
+@pytest.mark.parametrize("order", [("rpctl", "IPython"), ("IPython", "rpctl")])
+def test_a_robot_is_shown_whichever_is_imported_first(order: tuple[str, str]) -> None:
     pytest.importorskip("IPython")
-    code = "import rpctl; html = get_ipython().display_formatter.formatters['text/html'];"
-    code += "print(html.lookup_by_type('rpctl.simulation.run.run.Run'))"
-    command = [sys.executable, "-m", "IPython", "--quick", "-c", code]
+    code = f"import {order[0]}, {order[1]}; from IPython.core.interactiveshell import *;"
+    code += "shell = InteractiveShell(); robot = rpctl.load('paper');"
+    code += "print(shell.display_formatter.format(robot)[0]['text/html'])"
+    command = [sys.executable, "-c", code]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert "load_ipython_extension" in printed
+    assert "<b>paper</b>: differential drive" in printed
+
+
+def cells(html: str) -> list[list[str]]:
+    """Return the rows of all tables, without their heads."""
+    rows = re.findall("<tr>(<td.*?)</tr>", html)
+    return [[unescape(re.sub("<.*?>", "", cell)) for cell in row.split("</td>")] for row in rows]
+
+
+def test_a_robot_shows_its_wheels_speeds_and_limits() -> None:
+    robot = rpctl.load("paper")
+    rows = cells(robot._repr_html_())
+    assert ["wheel_left_joint", "0.15 m", "root link", "yes", ""] in rows  # r and τ of [MS21]
+    assert ["omega", "rad/s", "–", "–", ""] in rows
+    assert ["arm_prismatic_joint", "m/s", "0.35 m", "0.95 m", ""] in rows
+    assert ["arm_prismatic_joint", "120 N", "0.6 m/s", ""] in rows
+    assert "38 kg, 4 quasi-velocities" in robot._repr_html_()  # 30 + 2 of wheels + 4 + 2
+
+
+def test_a_summary_shows_the_errors_and_what_became_of_the_run(paper_run: Run) -> None:
+    summary = replace(
+        paper_run.summary, outcome="late", rms_base_error=0.0125, rms_end_effector_error=0.5
+    )
+    html = summary._repr_html_()
+    rows = {row[0]: row[1:] for row in cells(html)}
+    assert "<b>late</b>" in html
+    assert rows["base"][0] == "12.5 mm"
+    assert rows["end effector"][0] == "500 mm"
+    peak = summary.efforts[-1]
+    assert cells(html)[-1] == [peak.actuator, f"{peak.peak:.4g}", f"{peak.limit:.4g}", ""]
+    bare = replace(summary, rms_end_effector_error=None)._repr_html_()
+    assert "end effector" not in {row[0] for row in cells(bare)}
+
+
+def test_rollouts_show_outcomes_and_quantiles() -> None:
+    index, names = np.arange(4), ("run.size",)
+    merits = {"rms_base_error": np.array([0.1, 0.3, math.inf, 0.2])}
+    outcomes = ("tracked", "away", "away", "tracked")
+    table = RunTable(index, {}, merits, {}, np.zeros(0), outcomes, ("",) * 4)
+    made = rpctl.Rollouts(
+        experiment=Experiment(rpctl.Config()),
+        names=names,
+        parameters=np.ones((4, 1)),
+        results=table,
+    )
+    html = made._repr_html_()
+    assert "<b>4 runs</b>: 50.0 % succeeded; run.size differ" in html
+    assert cells(html) == [
+        ["tracked", "2", ""],
+        ["away", "2", ""],
+        ["base error, rms", "0.2 m", "∞ m", "∞ m", ""],
+    ]
+
+
+def test_a_certificate_shows_its_rows() -> None:
+    checks = (Check("M", "G", 2e-15, 1e-12), Check("h", "G", math.inf, 1e-12))
+    proof = rpctl.Certificate(robot=EVIL, samples=3, seed=5, checks=checks, scope=SCOPE)
+    html = proof._repr_html_()
+    assert "not verified</b> at 3 random states, seed 5" in html
+    assert cells(html) == [
+        ["M", "G", "2e-15", "1e-12", "yes", ""],
+        ["h", "G", "inf", "1e-12", "NO", ""],
+    ]
+    assert "<script>" not in html
+
+
+def test_names_cannot_leave_a_table(paper_run: Run) -> None:
+    assert "<script>" not in replace(rpctl.load("paper"), name=EVIL)._repr_html_()
+    assert "<script>" not in replace(paper_run.summary, outcome_sentence=EVIL)._repr_html_()
 
 
 def test_names_from_files_cannot_leave_the_frame(paper_run: Run) -> None:

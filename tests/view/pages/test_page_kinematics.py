@@ -47,7 +47,7 @@ def draw(robot: Robot, rng: np.random.Generator) -> tuple[Base, list[float], Arr
         assert joint.mimic is not None
         positions[joint.name] = joint.mimic.multiplier * positions[joint.mimic.joint]
         positions[joint.name] += joint.mimic.offset
-    return base, list(positions.values()), robot.configuration(*base, positions)
+    return base, list(positions.values()), robot.configuration(*base, joints=positions)
 
 
 def matrix(pose: Any) -> Array:
@@ -124,5 +124,7 @@ def test_hand_reaches_what_it_can_within_limits(shown: tuple[Robot, Any]) -> Non
         ]
         found = reach(page, base, near, target)
         check_within(robot, found, near)
-        q = robot.configuration(*base, dict(zip(robot.moving_joint_names, found, strict=True)))
+        q = robot.configuration(
+            *base, joints=dict(zip(robot.moving_joint_names, found, strict=True))
+        )
         assert np.linalg.norm(robot.end_effector_pose(data, q).translation - target) < 1e-6

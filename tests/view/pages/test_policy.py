@@ -49,7 +49,10 @@ def pages(cart: Robot, cart_run: Run, tmp_path: Path) -> dict[str, str]:
         "notebook": framed,
         "certificate": written(
             write_certificate(
-                Certificate("cart", 1, 0, (), Scope("all", (), (), None)), tmp_path / "c"
+                Certificate(
+                    robot="cart", samples=1, seed=0, checks=(), scope=Scope("all", (), (), None)
+                ),
+                tmp_path / "c",
             )
         ),
         "waiting": waiting_page(cart),

@@ -71,7 +71,7 @@ def test_all_joints_stand_where_pinocchio_places_them(page: Any, gripper: Robot)
         drag(page, name, value)
     shown = positions(page, gripper)
     assert {name: shown[name] for name in values} == pytest.approx(values)
-    q = gripper.configuration(0.4, -0.3, 1.2, shown)
+    q = gripper.configuration(0.4, -0.3, 1.2, joints=shown)
     data = gripper.model.createData()
     pin.forwardKinematics(gripper.model, data, q)
     for j in range(1, gripper.model.njoints):

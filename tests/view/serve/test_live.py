@@ -213,7 +213,7 @@ def test_frames_are_what_is_simulated(tmp_path: Path) -> None:
         halves = rest[: int(count)], rest[int(count) :]
         for (x, y, theta, *positions), q in zip(halves, (run.q, run.q_ref), strict=True):
             joints = dict(zip(robot.model.names[2:], positions, strict=True))
-            shown = robot.configuration(x, y, theta, joints)
+            shown = robot.configuration(x, y, theta, joints=joints)
             wheels = [
                 robot.model.joints[robot.model.getJointId(w.joint)] for w in robot.drive.wheels
             ]
