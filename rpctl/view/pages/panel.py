@@ -31,6 +31,12 @@ MERIT_LABELS = {
 }
 HEADLINE = ("rms_base_error", "rms_base_path_error", "rms_end_effector_error")
 NOMINAL = "The model follows itself: the simulated robot is the one that the controller knows."
+SYMBOLS = (
+    "q: configuration; ν: quasi-velocities, the base's speeds (v or vx forward, vy to the left, "
+    "omega turning) and the rates of joints; S: rates that roll, per ν; M: inertia; h: bias, what "
+    "speeds (C) and gravity (g) ask for; B: actuation; τ: efforts; A, λ: constraints of rolling "
+    "and their forces; G: Gibbs function"
+)
 NONE = "–"  # in a table
 EFFORT_SCALES = {  # what the end of the colours of efforts is, and that in full
     "limit": "of each joint's effort limit",
@@ -193,12 +199,13 @@ def _certificate(certificate: Mapping[str, Any]) -> Section:
         [_verified(certificate)],
         rows=rows,
         quiet=f"Worst of {samples} random states, seed {seed}.",
+        details=("Symbols", f"{SYMBOLS}."),
     )
 
 
 def residual(passed: bool, value: float | None, limit: float) -> str:
     """Return a check's residual beside its limit."""
-    worst = f"{value:.1e}" if is_finite(value) else "∞"
+    worst = (f"{value:.1e}" if value else "0") if is_finite(value) else "∞"
     sign, mark = ("≤", "") if passed else (">", " ✗")
     return f"{worst} {sign} {limit:.0e}{mark}"
 

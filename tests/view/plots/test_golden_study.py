@@ -38,7 +38,8 @@ def test_picture_of_a_benchmark() -> None:
     line, spin, delayed, empty = figure.axes
     assert [axes.get_title() for axes in figure.axes] == ["line", "spin", "", ""]
     assert [axes.get_ylabel() for axes in figure.axes] == ["nominal", "", "delay", ""]
-    assert line.get_xlim() == delayed.get_xlim() and line.get_xscale() == "log"
+    assert line.get_xlim() == delayed.get_xlim() and line.get_xscale() == "linear"
+    assert study_figure(rows, "a robot", PROPOSED, log=True).axes[0].get_xscale() == "log"
     assert line.yaxis_inverted()  # the first law at the top
 
     def marks(axes: Any) -> list[Any]:
