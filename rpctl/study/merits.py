@@ -149,7 +149,7 @@ def verdict(totals: Totals, count: int, tolerance: float = ON_PATH_M) -> RunVerd
     name, mean = max(away.items(), key=lambda each: float(each[1]))
     return RunVerdict(
         TRACKED if mean <= tolerance else AWAY,
-        f"{name} is {float(mean):.3g} m from its reference in the last quarter",
+        f"{name} is {float(mean):.3g} m from its reference on average over the last quarter",
     )
 
 
@@ -158,7 +158,7 @@ def run_merits(run: Run, tolerance: float = ON_PATH_M) -> tuple[dict[str, float]
 
     Args:
         run: The run.
-        tolerance: How far from its reference it may be in the end, m.
+        tolerance: How far from its reference it may be on average over its last quarter, m.
     """
     log, count = run.log, len(run.t)
     totals = fold(measures(run))

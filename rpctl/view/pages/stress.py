@@ -68,11 +68,14 @@ def _ladders(report: StressReport, plant: str) -> Iterator[dict[str, Any]]:
     for stress in battery.stresses_on(plant):
         found = [x for x in reaches if (x["plant"], x["stress"]) == (plant, stress.name)]
         yield {
-            "title": f"{capital(stress.name)}, {stress.unit}".removesuffix(", "),
+            "title": capital(stress.name),
             "about": stress.summary,
             "reach": [(each["law"], _reach(each, stress)) for each in found],
             "rows": [
-                (stress.text(level), *_row(report.row(plant, law, stress, level)))
+                (
+                    f"{stress.text(level)} {stress.unit}".rstrip(),
+                    *_row(report.row(plant, law, stress, level)),
+                )
                 for level in stress.levels
                 for law in battery.laws
             ],

@@ -47,7 +47,7 @@ def test_each_run_has_its_row_and_its_verdict() -> None:
     pairs = [row for law in found.laws for row in report.combined("rolling", law)]
     assert len(pairs) == 6
     assert shown == Counter(row.verdict.name for row in (*ladders, *pairs))
-    heavy = next(row for row in rows if row[:2] == ["5", "paper+paper"])  # payload stands first
+    heavy = next(row for row in rows if row[:2] == ["5 kg", "paper+paper"])
     stress_of = next(each for each in found.stresses if each.name == "payload")
     expected = report.row("rolling", found.laws[1], stress_of, 5.0)
     assert heavy[2:4] == [expected.verdict.name, expected.figures.outcome]
