@@ -30,6 +30,7 @@ CLEARANCE_SHOWN_MAX = 1.0  # m: links that are farther from a thing are far
 NEAR_M = 0.1  # m: from where on it is shown how near links are to the ground or to each other,
 NEAR_RATIO = 0.5  # if at the start they were farther than this allows
 OWN_THINGS = {SELF: "each other", GROUND: "ground"}  # in legends
+FAR_PERCENT = 20.0  # of their limits: efforts below it would be flat lines beside them
 AXIS_ZOOM = 1.12  # a panel's axis ends at the extreme values times this,
 AXIS_MARGIN = 0.08  # or this fraction of their range beyond them
 
@@ -180,14 +181,15 @@ def _efforts(run: Run) -> list[Chart]:
         min([-100.0, *(float(line.values.min()) for line in limited)]),
         max([100.0, *(float(line.values.max()) for line in limited)]),
     )
+    far = all(np.abs(line.values).max() < FAR_PERCENT for line in limited)
     panel = Panel(
         "efforts",
-        "Efforts, limits dashed",
+        "Efforts" if far else "Efforts, limits dashed",
         "effort, % of limit",
         legend="joints",
-        span=(AXIS_ZOOM * ends[0], AXIS_ZOOM * ends[1]),
+        span=None if far else (AXIS_ZOOM * ends[0], AXIS_ZOOM * ends[1]),
     )
-    limits, note = (-100.0, 100.0), "dashed: limits"
+    limits, note = ((), "limits: ±100 %") if far else ((-100.0, 100.0), "dashed: limits")
     found = [
         Chart("Efforts", "% of limit", tuple(limited), limits, note=note, panel=panel, named=True)
     ]

@@ -137,6 +137,17 @@ def test_range_of_an_errors_axis(golden: Run) -> None:
     assert (low, high) == pytest.approx((1e-6, 1e-5))
 
 
+@pytest.mark.parametrize(("largest", "limits"), [(19.0, []), (21.0, [-100.0, 100.0])])
+def test_efforts_far_from_their_limits_fill_their_chart(
+    golden: Run, largest: float, limits: list[float]
+) -> None:
+    """Below a fifth of its limit each; then the limits are told, and not drawn."""
+    run = vary(golden, tau=EFFORTS * largest / np.abs(SHARES[:, [0, 2, 3, 4]]).max())
+    chart = charts_of(run)["Efforts"]
+    assert chart["variants"][0]["limits"] == limits
+    assert note_of(chart) == ("dashed: limits" if limits else "limits: ±100 %")
+
+
 def test_noise_is_not_shown_as_an_error(golden: Run) -> None:
     """Of 0.9 µm at most it is told, and the axis reaches to 1 µm either way; 1.1 µm is an error."""
     for size, told, top in ((9e-7, "; all below 1 µm and 1 µrad", 1e-6), (1.1e-6, "", 1.1e-6)):

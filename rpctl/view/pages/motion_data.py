@@ -103,7 +103,7 @@ def _by_line(
                 replace(line, label=names[k], colour=k, shown=True) for _, line, k in found
             )
             chart = found[0][0]
-            unit = chart.unit if chart.limits else lines[0].unit
+            unit = lines[0].unit if "," in chart.unit else chart.unit
             chart = replace(chart, unit=unit, lines=lines, named=True)
             variants.append((label, chart, [thins[k] for _, _, k in found]))
         note = variants[0][1].note

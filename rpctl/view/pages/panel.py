@@ -12,7 +12,7 @@ from rpctl.simulation.merits.outcome import SUCCESSES
 from rpctl.simulation.merits.path_error import lag, length
 from rpctl.simulation.merits.summary import Summary
 from rpctl.simulation.run.run import Run
-from rpctl.view.charts import has_base
+from rpctl.view.charts import NOISE, has_base
 from rpctl.view.labels import capital
 from rpctl.view.pages.page import Badge, Cell, LegendEntry, Section, Table, stand_in_entry
 from rpctl.view.pages.settings import GAINS_LABEL, setting_text, setting_texts
@@ -94,7 +94,11 @@ def merits(run: Run, summary: Summary) -> dict[str, str]:
         "rms_base_path_error": base.rms,
         "rms_end_effector_path_error": None if tip is None else tip.rms,
     }
-    texts = {key: length(figure) for key, figure in figures.items() if is_finite(figure)}
+    texts = {
+        key: length(figure) if figure >= NOISE or not figure else "< 1 µm"
+        for key, figure in figures.items()
+        if is_finite(figure)
+    }
     if is_finite(base.largest_lag):
         texts["base_lag"] = lag(base.largest_lag, base.largest_lag_distance)
     return {

@@ -23,6 +23,7 @@ from rpctl.view.pages.panel import (
     headline_badges,
     headline_rows,
     legend,
+    merits,
     panel,
 )
 from rpctl.view.pages.settings import setting_texts
@@ -57,6 +58,12 @@ def compared(runs: list[Run]) -> str:
     """Return the panel of several runs."""
     names = [f"run {k}" for k in range(len(runs))]
     return panel_text(compare_panel(runs, names, [summarize(run) for run in runs], ()))
+
+
+def test_a_figure_below_a_micrometre_is_told_as_that(golden: Run) -> None:
+    for error, text in ((9e-7, "< 1 µm"), (1.1e-6, "1.1 µm"), (0.0, "0 m")):
+        known = merits(golden, replace(summarize(golden), final_base_error=error))
+        assert known["final_base_error"] == text
 
 
 def test_panel_of_a_run(golden: Run) -> None:
