@@ -30,7 +30,7 @@ CLEARANCE_SHOWN_MAX = 1.0  # m: links that are farther from a thing are far
 NEAR_M = 0.1  # m: from where on it is shown how near links are to the ground or to each other,
 NEAR_RATIO = 0.5  # if at the start they were farther than this allows
 OWN_THINGS = {SELF: "each other", GROUND: "ground"}  # in legends
-FAR_PERCENT = 20.0  # of their limits: efforts below it would be flat lines beside them
+FAR_RATIO = 0.2  # of limits: efforts and tilts below it would be flat lines beside them
 AXIS_ZOOM = 1.12  # a panel's axis ends at the extreme values times this,
 AXIS_MARGIN = 0.08  # or this fraction of their range beyond them
 
@@ -93,9 +93,11 @@ def _tilt(run: Run) -> list[Chart]:
         Line("pitch", "rad", pitch, 0, printed="pitch, forward"),
         Line("roll", "rad", roll, 1, printed="roll, to the right", dash=1),
     )
-    note = "forward, and to the right; fallen beyond the dashed lines"
-    panel = Panel("tilt", "Tilt, limits dashed", "rad", legend="own")
-    return [Chart("Tilt", "rad", lines, (-LYING, LYING), note=note, panel=panel)]
+    far = max(np.abs(pitch).max(), np.abs(roll).max()) < FAR_RATIO * LYING
+    limits, end = ((), f"±{LYING:g} rad") if far else ((-LYING, LYING), "the dashed lines")
+    panel = Panel("tilt", "Tilt" if far else "Tilt, limits dashed", "rad", legend="own")
+    note = f"forward, and to the right; fallen beyond {end}"
+    return [Chart("Tilt", "rad", lines, limits, note=note, panel=panel)]
 
 
 def _tip_error(run: Run) -> list[Chart]:
@@ -181,7 +183,7 @@ def _efforts(run: Run) -> list[Chart]:
         min([-100.0, *(float(line.values.min()) for line in limited)]),
         max([100.0, *(float(line.values.max()) for line in limited)]),
     )
-    far = all(np.abs(line.values).max() < FAR_PERCENT for line in limited)
+    far = all(np.abs(line.values).max() < 100.0 * FAR_RATIO for line in limited)
     panel = Panel(
         "efforts",
         "Efforts" if far else "Efforts, limits dashed",

@@ -123,5 +123,14 @@ def test_the_tilt_is_drawn_against_what_nothing_raises(name: str, other: str) ->
     assert np.abs(lines[other]).max() < (0.05 if name == "whipple" else 1e-12)
 
 
+def test_a_small_tilt_fills_its_chart() -> None:
+    """0.19 rad of the 1 rad beyond which it has fallen."""
+    robot = leaning("balancer")
+    run = rpctl.track(robot, "line", duration=0.02, collisions=False)
+    q = [robot.configuration(tilt=tilt) for tilt in np.linspace(-0.1, 0.19, len(run.t))]
+    found = chart(vary(run, q=np.array(q)), "Tilt")
+    assert found.limits == () and found.note.endswith("fallen beyond ±1 rad")
+
+
 def test_a_level_robot_has_no_tilt(paper_run: Run) -> None:
     assert "Tilt" not in titles(paper_run)

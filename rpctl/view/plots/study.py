@@ -18,6 +18,7 @@ from rpctl.view.plots import style
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT
 
 LEFT_IN, PANEL_IN, LINE_IN, HEAD_IN = 1.7, 0.95, 0.125, 1.3  # inches
+LEFT_ROOM = 0.06  # of a linear axis: left of zero, for what stands at its edge
 MM_PER_M = 1e3  # mm of a m
 GREY = light("lost")
 BOLD: dict[str, Any] = {"fontsize": TEXT_PT, "fontweight": "bold", "color": style.INK}
@@ -61,6 +62,8 @@ def study_figure(
     for axes, reference in zip(panels[0], references, strict=True):
         axes.set_title(literal(Path(reference).name), pad=5, **BOLD)
     figure.suptitle(literal(title), x=0.01, ha="left", **BOLD)
+    for axes in () if log else panels[0]:
+        axes.set_xlim(left=-LEFT_ROOM * axes.get_xlim()[1])
     known = {PAPER: "the paper's", proposed: "rpctl's"}
     named = {f"{law} ({whose})": colours[law] for law, whose in known.items() if law in laws}
     _legend(figure, named, log)
