@@ -445,14 +445,12 @@ def error_span(lines: Iterable[Line]) -> tuple[float, float]:
 def prefixed(chart: Chart) -> tuple[str, float]:
     """Return the prefix of an error's units that suits its largest value, and its factor."""
     top = max(map(abs, error_span(chart.lines)))
-    fitting = (each for each in PREFIXES.items() if top * each[1] >= LEAST_SHOWN)
-    return next(fitting)
+    return next(each for each in PREFIXES.items() if top * each[1] >= LEAST_SHOWN)
 
 
 def noise_note(chart: Chart) -> str:
     """Return what is said of errors that are all noise; empty where one is not."""
     shown = [line for line in chart.lines if line.shown]
-    if any(not np.abs(line.values).max() < NOISE for line in shown):
-        return ""
-    units = dict.fromkeys(line.unit for line in shown)
-    return f"all below {' and '.join(f'1 µ{unit}' for unit in units)}"
+    small = all(np.abs(line.values).max() < NOISE for line in shown)
+    units = " and ".join(dict.fromkeys(f"1 µ{line.unit}" for line in shown))
+    return f"all below {units}" if small else ""

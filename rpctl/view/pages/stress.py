@@ -10,15 +10,13 @@ from typing import Any
 from rpctl.simulation.merits.path_error import length
 from rpctl.study.cells import REFUSED
 from rpctl.study.stress_battery import Stress
-from rpctl.study.stress_report import DEGRADE, PASS, VERDICTS, StressReport, StressRow, rule
+from rpctl.study.stress_report import VERDICTS, StressReport, StressRow, rule
 from rpctl.view.labels import capital
 from rpctl.view.pages.page import render_page
 from rpctl.view.plots.figures import svg_address
 from rpctl.view.plots.stress import stress_figure
 
 STYLES = ("report.css", "study.css")
-HEADS = "level", "laws", "verdict", "outcome", "error", "why"
-WORDS = {PASS: "passes", DEGRADE: "tracks"}  # up to which level, as reaches name them
 
 
 def stress_page(report: StressReport, commands: Sequence[tuple[str, str]]) -> bytes:
@@ -31,7 +29,7 @@ def stress_page(report: StressReport, commands: Sequence[tuple[str, str]]) -> by
     """
     battery = report.battery
     counts = Counter(row.verdict.name for row in report.rows)
-    page = render_page(
+    return render_page(
         "stress.html",
         title=f"{battery.robot.name}: stress · rpctl",
         styles=STYLES,
@@ -39,7 +37,6 @@ def stress_page(report: StressReport, commands: Sequence[tuple[str, str]]) -> by
         subtitle=f"{len(report.rows)} runs of {battery.run.duration:g} s on "
         f"{battery.run.reference}, seed {battery.seed}",
         counts=[(name, counts[name]) for name in (*VERDICTS, REFUSED) if counts[name]],
-        heads=HEADS,
         rule=rule(report.tolerance),
         picture=svg_address(stress_figure(report)),
         worst=[
@@ -58,8 +55,7 @@ def stress_page(report: StressReport, commands: Sequence[tuple[str, str]]) -> by
             }
             for plant in battery.plants
         ],
-    )  # fmt: skip
-    return page.encode("utf-8", "backslashreplace")
+    ).encode("utf-8", "backslashreplace")  # fmt: skip
 
 
 def _ladders(report: StressReport, plant: str) -> Iterator[dict[str, Any]]:
@@ -83,26 +79,30 @@ def _ladders(report: StressReport, plant: str) -> Iterator[dict[str, Any]]:
     rows = [row for law in battery.laws for row in report.combined(plant, law)]
     if rows:
         counts = Counter((str(row.cell.law), row.verdict.name) for row in rows)
-        told = [(law, f"{count} {name}") for (law, name), count in counts.items()]
-        cells = [(row.cell.words, *_row(row)) for row in rows]
-        yield {"title": "Two at once", "about": "", "reach": told, "rows": cells}
+        yield {
+            "title": "Two at once",
+            "about": "",
+            "reach": [(law, f"{count} {name}") for (law, name), count in counts.items()],
+            "rows": [(row.cell.words, *_row(row)) for row in rows],
+        }
 
 
 def _reach(reach: dict[str, Any], stress: Stress) -> str:
     """Return from which to which level a law passes, and tracks, in words."""
-    ends = {word: reach[key] for key, word in (("passes", WORDS[PASS]), ("tracks", WORDS[DEGRADE]))}
     told = [
-        f"{word} {' to '.join(map(stress.text, dict.fromkeys(span)))}"
-        if span
-        else f"{word} nowhere"
-        for word, span in ends.items()
+        f"{word} {' to '.join(map(stress.text, dict.fromkeys(reach[word] or ()))) or 'nowhere'}"
+        for word in ("passes", "tracks")
     ]
-    return ", ".join(told if ends["passes"] != ends["tracks"] else told[:1])
+    return ", ".join(told if reach["passes"] != reach["tracks"] else told[:1])
 
 
 def _row(row: StressRow) -> tuple[str, str, str, str, str]:
     """Return law, verdict, outcome, error, and why."""
     error, outcome = row.figures.late_error, row.figures.outcome
-    name, reason = row.verdict
-    told = length(error) if math.isfinite(error) else "–"
-    return str(row.cell.law), name, "did not run" if outcome == REFUSED else outcome, told, reason
+    return (
+        str(row.cell.law),
+        row.verdict.name,
+        "did not run" if outcome == REFUSED else outcome,
+        length(error) if math.isfinite(error) else "–",
+        row.verdict.reason,
+    )
