@@ -15,7 +15,7 @@ from rpctl.simulation.run.run import Run
 from rpctl.view.charts import NOISE, has_base
 from rpctl.view.labels import capital
 from rpctl.view.pages.page import Badge, Cell, LegendEntry, Section, Table, stand_in_entry
-from rpctl.view.pages.settings import GAINS_LABEL, setting_text, setting_texts
+from rpctl.view.pages.settings import GAINS, GAINS_LABEL, setting_text, setting_texts
 from rpctl.view.scene.stage import OBSTACLE_TITLES
 from rpctl.view.scene.stand_ins import StandIn
 
@@ -238,8 +238,9 @@ def _robot(run: Run) -> Section:
 
 
 def notes_section(notes: Sequence[str]) -> list[Section]:
-    """Return the section of notes, if there are any."""
-    return [Section(f"Notes ({len(notes)})", notes=notes)] if notes else []
+    """Return the section of notes, if there are any but on the gains, which the settings tell."""
+    told = [note for note in notes if not note.startswith(GAINS)]
+    return [Section(f"Notes ({len(told)})", notes=told)] if told else []
 
 
 # ---- several runs -------------------------------------------------------------------------
@@ -261,7 +262,9 @@ def compare_panel(
         name: [text.get(key, NONE) for text in texts] for key, name in MERIT_LABELS.items()
     }
     ratios = [summary.max_effort_ratio for summary in summaries]
-    rows["Largest effort / limit"] = [f"{v:.0%}" if is_finite(v) else NONE for v in ratios]
+    rows["Largest effort / limit"] = [
+        f"{100.0 * v:.0f} %" if is_finite(v) else NONE for v in ratios
+    ]
     rows = {name: cells for name, cells in rows.items() if set(cells) != {NONE}}
     rows["Outcome"] = [outcome_badge(summary) for summary in summaries]
     rows["Limits"] = [limits_badge(summary) for summary in summaries]

@@ -60,6 +60,14 @@ def compared(runs: list[Run]) -> str:
     return panel_text(compare_panel(runs, names, [summarize(run) for run in runs], ()))
 
 
+def test_the_gains_are_told_once(golden: Run) -> None:
+    notes = ["gains: 2.5 Hz, as delay allows", "a caster sinks"]
+    page = panel_text(panel(golden, summarize(golden), notes))
+    assert "Notes (1)" in page and "a caster sinks" in page
+    assert "<li>gains: 2.5 Hz" not in page
+    assert "Notes" not in panel_text(panel(golden, summarize(golden), notes[:1]))
+
+
 def test_a_figure_below_a_micrometre_is_told_as_that(golden: Run) -> None:
     for error, text in ((9e-7, "< 1 µm"), (1.1e-6, "1.1 µm"), (0.0, "0 m")):
         known = merits(golden, replace(summarize(golden), final_base_error=error))
@@ -178,7 +186,7 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     assert table["Base, rms"] == ["2.06 m", "206 mm", "206 mm"]
     assert table["Base, final lateral"] == ["40 mm", "4 mm", "4 mm"]
     assert table["End effector, final"] == ["30 mm", "30 mm", "–"]
-    assert table["Largest effort / limit"] == ["80%", "160%", "–"]
+    assert table["Largest effort / limit"] == ["80 %", "160 %", "–"]
     assert [badges(cell)[0][0] for cell in table["Limits"]] == ["good", "bad", "good"]
     assert table["Dynamics"][0] == "–"
     assert entries(compare_legend(runs, ["one", "two", "three"])) == [
