@@ -19,7 +19,7 @@ from rpctl.equivalence.certificate import Skipped
 from rpctl.equivalence.contact.leaning_trial import leaning_trial
 from rpctl.equivalence.contact.trial import ContactTrial
 from rpctl.robot.leaning import LeaningRobot, contact_arm
-from rpctl.view.pages.certificate import contact_figure
+from rpctl.view.pages.certificate import contact_figures
 from tests.leaning import OWN, leaning
 
 if not mujoco_engine.installed():
@@ -117,4 +117,4 @@ def test_a_certificate_has_the_trial_and_its_picture() -> None:
     assert len(proof.contact.footprint) == 2
     with pytest.raises(Exception, match="QH"):  # two contacts have no hull
         ConvexHull(proof.contact.footprint)
-    contact_figure(proof.contact)
+    contact_figures(proof.contact)

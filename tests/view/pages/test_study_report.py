@@ -117,7 +117,8 @@ def test_outliers_leave_room_for_the_others_on_a_linear_axis() -> None:
     runs = replace(result().runs, merits={"rms_base_error": values})
     made = result(runs=runs, succeeded=np.ones(100, bool))
     plain, log = (
-        axes_of(partial(draw_distribution, log=x), made, "rms_base_error") for x in (0, 1)
+        axes_of(partial(draw_distribution, log=log), made, "rms_base_error")
+        for log in (False, True)
     )
     bars = [bar.get_height() for bar in plain.containers[0]]
     assert (sum(bars), bars[-1]) == (100, 1) and sum(bar > 0 for bar in bars) > 9
