@@ -128,6 +128,7 @@ class CompareOptions:
         Path | None,
         typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-compare if not given."),
     ] = None
+    log: Annotated[bool, typer.Option("--log", help="Logarithmic axes in the figure.")] = False
 
     def run(self) -> RunSettings:
         """Return what all runs have in common."""
@@ -168,7 +169,7 @@ def compare_command(
     }
     from rpctl.view.plots.study import study_figure  # imports Matplotlib
 
-    figure = study_figure(rows, loaded.name, ours)
+    figure = study_figure(rows, loaded.name, ours, settings.log)
     write_results(folder, FILES, summary, figure, csv_text(dicts, [*dicts[0]]))
     tell(as_json, lambda: summary, lambda: show_comparison(rows, ours, folder))
 

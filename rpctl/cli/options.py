@@ -98,7 +98,8 @@ PANELS = {  # of a command's help, in order, behind the options in none of them:
     ),
     "Plant": ("plant", "plants", "friction", "allow_sag", "perturbed", "backend"),
     "Results": (
-        "out", "max_megabytes", "live", "png", "single", "log_every", "collisions", "as_json",
+        "out", "max_megabytes", "live", "png", "log", "single", "log_every", "collisions",
+        "as_json",
     ),
     "Robot": LOADED.names,
 }  # fmt: skip

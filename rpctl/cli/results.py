@@ -45,7 +45,12 @@ def writable_folder(out: Path | None, robot: str, what: str, files: Sequence[str
 
 
 def write_results(
-    folder: Path, names: Sequence[str], summary: Mapping[str, Any], figure: Any, table: str = ""
+    folder: Path,
+    names: Sequence[str],
+    summary: Mapping[str, Any],
+    figure: Any,
+    table: str = "",
+    page: bytes = b"",
 ) -> None:
     """Write the results of one set, JSON first.
 
@@ -55,11 +60,13 @@ def write_results(
         summary: All that is known, as JSON says it.
         figure: The picture, Matplotlib's.
         table: The rows as CSV.
+        page: The page.
     """
     figures = library("rpctl.view.plots.figures")  # imports Matplotlib
     contents = {
         ".json": (to_json(summary) + "\n").encode(),
         ".csv": table.encode("utf-8", "backslashreplace"),
+        ".html": page,
         ".png": figures.to_png(figure, DPI),
     }
     if any(name.endswith(".pdf") for name in names):

@@ -52,7 +52,7 @@ from rpctl.study.stress_report import (
 )
 from rpctl.study.study_result import replay_command
 
-FILES = ("stress.json", "stress.csv", "envelope.png")
+FILES = ("stress.json", "stress.csv", "envelope.png", "stress.html")
 COMBINATIONS, QUICK_COMBINATIONS = 10, 2
 WIDTH = 100  # characters
 WHY_WIDTH = 40  # characters of a line that says why
@@ -198,8 +198,8 @@ def stress_command(
 
     Each level of each stress is a run of each law on each plant; so are some with two stresses at
     once. The table gives a verdict on each by the rule that it prints; the folder holds all of it,
-    a picture of each law's envelope, and its worst case as a file that `rpctl track --config`
-    replays. Exit 1 if the first of the laws fails where nothing is stressed.
+    a picture of each law's envelope, its worst case as a file that `rpctl track --config` replays,
+    and a page. Exit 1 if the first of the laws fails where nothing is stressed.
     """
     loaded = options.load(robot)
     battery, bound = selection.battery(loaded), settings.tolerance
@@ -215,11 +215,13 @@ def stress_command(
         figures = run_battery(battery, folder, executor, advance, settings.resume)
     report = report_of(battery, figures, bound)
     picture = library("rpctl.view.plots.stress").stress_figure(report)  # imports Matplotlib
-    write_results(folder, FILES, report.to_dict(), picture, report_csv(report))
     worst = write_worst(report, folder)
-    command = join(["rpctl", "track", *words])
+    track = join(["rpctl", "track", *words])
+    commands = [(path.name, replay_command(track, path)) for path in worst]
+    page = library("rpctl.view.pages.stress").stress_page(report, commands)
+    write_results(folder, FILES, report.to_dict(), picture, report_csv(report), page)
     held = report.nominal_failure is None
-    tell(as_json, report.to_dict, lambda: show_stress(report, worst, command), held)
+    tell(as_json, report.to_dict, lambda: show_stress(report, worst, commands[0][1]), held)
 
 
 def _again(
@@ -235,13 +237,13 @@ def _again(
     return join(["rpctl", "stress", *words, *more, "--out", str(folder), "--resume"])
 
 
-def show_stress(report: StressReport, worst: Sequence[Path], command: str) -> None:
+def show_stress(report: StressReport, worst: Sequence[Path], replay: str) -> None:
     """Print what a battery found.
 
     Args:
         report: It.
         worst: Configurations of the worst cases, in the report's order.
-        command: What tracks the robot.
+        replay: The command that replays the first of them.
     """
     out = console()
     out.width = min(out.width, WIDTH)
@@ -255,7 +257,7 @@ def show_stress(report: StressReport, worst: Sequence[Path], command: str) -> No
         out.print(_table(report, plant))
         _show_left_out(out, report, plant)
     out.print()
-    _show_worst(out, report, worst, command)
+    _show_worst(out, report, worst, replay)
     failure = report.nominal_failure
     if failure is not None:
         out.print(f"[bold red]{escape(str(failure.cell))}[/]: {escape(failure.verdict.reason)}")
@@ -305,7 +307,7 @@ def _show_left_out(out: Console, report: StressReport, plant: str) -> None:
         out.print(f"[dim]{law}: did not run: {escape(reason)}[/]")
 
 
-def _show_worst(out: Console, report: StressReport, worst: Sequence[Path], command: str) -> None:
+def _show_worst(out: Console, report: StressReport, worst: Sequence[Path], replay: str) -> None:
     """Print the worst case of each pair of laws on each plant, and how to replay one."""
     table = new_table("worst case", "plant", "law", "", "stressed", "why")
     table.columns[-1].max_width = WHY_WIDTH
@@ -320,9 +322,8 @@ def _show_worst(out: Console, report: StressReport, worst: Sequence[Path], comma
             escape(row.verdict.reason),
         )
     out.print(table)
-    path = worst[0]
-    replay = f"{replay_command(command, path)}; rpctl view {quote(str(path.with_suffix('')))}"
+    view = f"rpctl view {quote(str(worst[0].with_suffix('')))}"
     out.print("replay one, and look at it:")
-    out.print(f"  [bold]{escape(replay)}[/]", soft_wrap=True)
-    out.print(f"wrote [bold]{escape(str(path.parent))}[/]: stress.json, stress.csv, envelope.png "
+    out.print(f"  [bold]{escape(f'{replay}; {view}')}[/]", soft_wrap=True)
+    out.print(f"wrote [bold]{escape(str(worst[0].parent))}[/]: {', '.join(FILES)} "
               f"and {len(worst)} worst cases")  # fmt: skip

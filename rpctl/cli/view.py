@@ -188,6 +188,7 @@ def plot_command(
     column: Annotated[
         bool, typer.Option("--column", help="88 mm wide, for one of two columns; else 180 mm.")
     ] = False,
+    log: Annotated[bool, typer.Option("--log", help="Errors on logarithmic axes.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write the figure of a run for a paper: lines and text as PDF, or pixels as PNG."""
@@ -198,7 +199,7 @@ def plot_command(
     if out is None and path.is_symlink():
         path.unlink()  # the folder may be another's, and the link lead to any file
     require_writable(path)
-    save_figure(load_run(run, _note), path, panels=split_names(panels), column=column)
+    save_figure(load_run(run, _note), path, panels=split_names(panels), column=column, log=log)
     tell(as_json, lambda: {"figure": str(path)}, lambda: say(f"wrote {path}"))
 
 

@@ -70,7 +70,11 @@ class BoundedDynamic(ClosedFormDynamic):
     along: Annotated[
         float,
         POSITIVE,
-        Setting("", "", "Weight of the base's error along its motion, where one across weighs 1."),
+        Setting(
+            "",
+            "Weight along the motion",
+            "Weight of the base's error along its motion, where one across weighs 1.",
+        ),
     ] = 1e-2
     weights: Annotated[
         Mapping[str, float],
@@ -94,7 +98,7 @@ class BoundedDynamic(ClosedFormDynamic):
         bool,
         Setting(
             "",
-            "M, h of the period's middle",
+            "Model of the period's middle",
             "Whether M and h are those of the middle of the period, or those of the sample.",
         ),
     ] = True

@@ -164,7 +164,7 @@ class PaperDynamic(ClosedFormDynamic):
         bool,
         Setting(
             "",
-            "M, h of the period's middle",
+            "Model of the period's middle",
             "Whether M and h are those of the middle of the period, or those of the sample, as "
             "published.",
         ),

@@ -36,7 +36,7 @@ class PaperKinematic(BaseLaw):
         float, POSITIVE, Setting("s", "Horizon h", "Prediction time h, also of the joints.")
     ] = 0.8
     beta: Annotated[
-        float, WITHIN, Setting("", "β", "Weight of the lateral error in the longitudinal output.")
+        float, WITHIN, Setting("", "Weight β of the lateral error", "In the longitudinal output.")
     ] = 1.5
     smoothing: Annotated[
         float,

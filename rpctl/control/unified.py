@@ -63,7 +63,7 @@ class UnifiedKinematic(BaseLaw):
         WITHIN,
         Setting(
             "",
-            "β",
+            "Weight β of the lateral error",
             "Weight of the lateral error in the longitudinal output. On a spin it decays at β |ω|, "
             "and x1 = ±β x2 costs on the way: from β = 1 on, faster is no longer nearer.",
         ),
@@ -73,7 +73,7 @@ class UnifiedKinematic(BaseLaw):
         POSITIVE_OR_NONE,
         Setting(
             "1/m",
-            "",
+            "Curvature of a turn",
             "κ: the curvature from which on a path counts as a turn; 0 is the paper's sign.",
         ),
     ] = 0.5
@@ -82,7 +82,7 @@ class UnifiedKinematic(BaseLaw):
         POSITIVE,
         Setting(
             "m²/rad²",
-            "",
+            "Weight of the heading error",
             "w: the square of the lateral error that counts as much as one radian.",
         ),
     ] = 0.02

@@ -37,7 +37,8 @@ class Experiment(Record):
         seed: Of all that is random.
         merits: Names of the merits that are wanted; None: all that the robot has.
         samples: How many samples over time are kept of a run, at most.
-        tolerance: How far from its reference a run that succeeds may end, m.
+        tolerance: How far from its reference a run that succeeds may be, on average over its last
+            quarter, m.
         backend: ``"compiled"``, ``"pinocchio"``, or ``"auto"``: the first that can do it.
         reference: What the configuration's reference is; None loads it by its name.
     """

@@ -149,7 +149,7 @@ def verdict(totals: Totals, count: int, tolerance: float = ON_PATH_M) -> RunVerd
     name, mean = max(away.items(), key=lambda each: float(each[1]))
     return RunVerdict(
         TRACKED if mean <= tolerance else AWAY,
-        f"{name} is {float(mean):.3g} m from its reference in the last quarter",
+        f"{name} is {float(mean):.3g} m from its reference on average over the last quarter",
     )
 
 
@@ -158,7 +158,7 @@ def run_merits(run: Run, tolerance: float = ON_PATH_M) -> tuple[dict[str, float]
 
     Args:
         run: The run.
-        tolerance: How far from its reference it may be in the end, m.
+        tolerance: How far from its reference it may be on average over its last quarter, m.
     """
     log, count = run.log, len(run.t)
     totals = fold(measures(run))
@@ -171,7 +171,7 @@ def run_merits(run: Run, tolerance: float = ON_PATH_M) -> tuple[dict[str, float]
 MM_BELOW_M = 1.0  # lengths below are shown in mm
 OF_FILE = "× the file's"
 PARAMETERS = {  # by path, or by the path up to a pattern of names: words and unit
-    "plant.tau_bias": ("effort's bias", "N·m or N"),
+    "plant.tau_bias": ("constant extra effort", "N·m or N"),
     "plant.delay": ("delay", "s"),
     "plant.joint_friction": ("dry friction", "N·m or N"),
     "plant.dropped": ("share of samples lost", ""),
@@ -187,6 +187,13 @@ PARAMETERS = {  # by path, or by the path up to a pattern of names: words and un
     "plant.noise.speed": ("noise of speed", "m/s"),
     "plant.noise.turn_rate": ("noise of turning rate", "rad/s"),
     "plant.noise.joint_rates": ("noise of joint rates", "rad/s or m/s"),
+    "plant.payload.mass": ("payload", "kg"),
+    "plant.slope.along_x": ("slope along x", "rad"),
+    "plant.slope.along_y": ("slope along y", "rad"),
+    "plant.effort_lag": ("lag of efforts", "s"),
+    "plant.effort": ("effort limits", OF_FILE),
+    "plant.backlash": ("backlash", "rad or m"),
+    "plant.jitter": ("jitter of samples", "s"),
     "plant.lag": ("lag", "s"),
     "plant.lags": ("lag", "s"),
     "plant.dead_time": ("dead time", "s"),
@@ -206,6 +213,13 @@ PARAMETERS = {  # by path, or by the path up to a pattern of names: words and un
     "dynamic.inner.joint_horizon_dyn": ("dynamic horizon of joints", "s"),
     "dynamic.gain": ("integral gain", "1/s"),
     "dynamic.joint_gain": ("integral gain of joints", "1/s"),
+}
+
+
+THINGS = {  # that a pattern names, where these are not joints
+    **dict.fromkeys(("plant.masses", "plant.centres", "plant.inertias"), "links"),
+    "plant.radii": "wheels",
+    "plant.lags": "quasi-velocities",
 }
 
 
@@ -241,17 +255,20 @@ def parameter_words(path: str) -> Words:
     """Return what a scattered setting is called, and its unit.
 
     Args:
-        path: As ``plant.masses.arm_*``, which is ``mass of arm_*``.
+        path: As ``plant.masses.arm_*``, which is ``mass of links arm_*``; of ``*`` it is that of
+            all links.
     """
     if path in PARAMETERS:
         return Words(*PARAMETERS[path])
     for known, (name, unit) in PARAMETERS.items():
         if path.startswith(f"{known}."):
-            rest = path.removeprefix(f"{known}.")
+            pattern, axis = path.removeprefix(f"{known}."), ""
             if known == "plant.centres":
-                pattern, _, axis = rest.rpartition(".")
-                return Words(f"{name} of {pattern} along {axis}", unit)
-            return Words(f"{name} of {rest}", unit)
+                pattern, _, axis = pattern.rpartition(".")
+            if "*" in pattern:
+                things = THINGS.get(known, "joints")
+                pattern = f"all {things}" if pattern == "*" else f"{things} {pattern}"
+            return Words(f"{name} of {pattern}{axis and f' along {axis}'}", unit)
     table, _, rest = path.partition(".")
     return Words((rest or table).replace("_", " ").replace(".", " "), "")
 

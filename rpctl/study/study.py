@@ -71,7 +71,12 @@ class StudySettings(Record):
         int, whole(0), Setting(help="so many of the worst runs are written, to be replayed")
     ] = 3
     tolerance: Annotated[
-        float, POSITIVE, Setting("m", help="how far from its reference a good run may end")
+        float,
+        POSITIVE,
+        Setting(
+            "m",
+            help="how far from its reference a good run may be, on average over its last quarter",
+        ),
     ] = ON_PATH_M
 
 

@@ -223,8 +223,8 @@ law = "{dynamic}"
 # choice = [value, ...].
 [scatter]
 {scatter}
-# A run succeeds if it exceeds none of these; without this table it succeeds if it ends within the
-# tolerance and breaks no limit.
+# A run succeeds if it exceeds none of these; without this table it succeeds if it is within the
+# tolerance, on average over its last quarter, and breaks no limit.
 # [success]
 # rms_base_error = 0.1
 

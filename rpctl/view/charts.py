@@ -12,17 +12,16 @@ from rpctl.arrays import Array
 from rpctl.simulation.merits.collision_facts import GROUND, SELF
 from rpctl.simulation.merits.impossible import LYING
 from rpctl.simulation.run.run import Run
-from rpctl.view.labels import literal, shorten
+from rpctl.view.labels import shorten
 
 BASE_SPEED_LABELS = {
-    "v": ("v", "m/s"),
-    "vx": ("vx", "m/s"),
-    "vy": ("vy", "m/s"),
-    "omega": ("ω", "rad/s"),
+    "v": ("forward", "m/s"),
+    "vx": ("forward", "m/s"),
+    "vy": ("to the left", "m/s"),
+    "omega": ("turning", "rad/s"),
     "pitch_rate": ("pitch rate", "rad/s"),
     "roll_rate": ("roll rate", "rad/s"),
 }
-PRINTED_SYMBOLS = {"vx": "$v_x$", "vy": "$v_y$"}
 ALL_SPLITS = "all splits of the load"  # what a band shows
 EQUAL_SPRINGS = "equally stiff contacts"  # what the line in a band shows
 GRIP_SHOWN_MAX = 3.0  # largest slip ratio drawn; beyond it the curve is clipped
@@ -30,8 +29,8 @@ MAX_JOINTS_WITH_REFERENCE = 3  # a panel with more joints has no room for their 
 CLEARANCE_SHOWN_MAX = 1.0  # m: links that are farther from a thing are far
 NEAR_M = 0.1  # m: from where on it is shown how near links are to the ground or to each other,
 NEAR_RATIO = 0.5  # if at the start they were farther than this allows
-NEAR_LYING = 0.3  # of the tilt from which nothing raises a robot: a smaller one is drawn without it
 OWN_THINGS = {SELF: "each other", GROUND: "ground"}  # in legends
+FAR_RATIO = 0.2  # of limits: efforts and tilts below it would be flat lines beside them
 AXIS_ZOOM = 1.12  # a panel's axis ends at the extreme values times this,
 AXIS_MARGIN = 0.08  # or this fraction of their range beyond them
 
@@ -71,12 +70,13 @@ def _base_error(run: Run) -> list[Chart]:
     x1, x2, x3 = run.log.e[:, :3].T
     lines = (
         Line("distance", "m", np.hypot(x1, x2), 3, shown=False),
-        Line("longitudinal x₁", "m", x1, 0, printed="longitudinal |x₁|, m"),
-        Line("lateral x₂", "m", x2, 1, printed="lateral |x₂|, m", dash=1),
-        Line("heading x₃", "rad", x3, 2, printed="heading |x₃|, rad", dash=2),
+        Line("longitudinal", "m", x1, 0),
+        Line("lateral", "m", x2, 1, dash=1),
+        Line("heading", "rad", x3, 2, dash=2),
     )
-    panel = Panel("base", "Base error", "m or rad", legend="own")
-    return [Chart("Base error", "m, rad", lines, errors=True, panel=panel)]
+    panel = Panel("base", "Base error", legend="own")
+    note = "positive: reference ahead, to the left"
+    return [Chart("Base error", "m, rad", lines, errors=True, note=note, panel=panel)]
 
 
 def _tilt(run: Run) -> list[Chart]:
@@ -93,10 +93,10 @@ def _tilt(run: Run) -> list[Chart]:
         Line("pitch", "rad", pitch, 0, printed="pitch, forward"),
         Line("roll", "rad", roll, 1, printed="roll, to the right", dash=1),
     )
-    note = f"forward, and to the right; fallen beyond {LYING:g} rad"
-    far = bool(np.abs([pitch, roll]).max() > NEAR_LYING * LYING)
-    limits = (-LYING, LYING) if far else ()  # beside which less would be a flat line
-    panel = Panel("tilt", f"Tilt{', limits dashed' * far}", "rad", legend="own")
+    far = max(np.abs(pitch).max(), np.abs(roll).max()) < FAR_RATIO * LYING
+    limits, end = ((), f"±{LYING:g} rad") if far else ((-LYING, LYING), "the dashed lines")
+    panel = Panel("tilt", "Tilt" if far else "Tilt, limits dashed", "rad", legend="own")
+    note = f"forward, and to the right; fallen beyond {end}"
     return [Chart("Tilt", "rad", lines, limits, note=note, panel=panel)]
 
 
@@ -105,10 +105,10 @@ def _tip_error(run: Run) -> list[Chart]:
         return []
     distance = np.linalg.norm(run.log.ee_ref - run.log.ee, axis=1)
     lines = (
-        Line("position", "m", distance, 1, printed="position, mm"),
-        Line("orientation", "rad", run.log.ee_angle, 4, printed="orientation, mrad", dash=1),
+        Line("position", "m", distance, 1),
+        Line("orientation", "rad", run.log.ee_angle, 4, dash=1),
     )
-    panel = Panel("tip", "End-effector error", "mm or mrad", factor=1e3, legend="own")
+    panel = Panel("tip", "End-effector error", legend="own")
     return [Chart("End-effector error", "m, rad", lines, errors=True, panel=panel)]
 
 
@@ -119,8 +119,9 @@ def _joint_errors(run: Run) -> list[Chart]:
             run.robot.joint_names, run.robot.units, run.log.e[:, 3:].T, strict=True
         )
     )
-    panel = Panel("joints", "Joint errors", _units(lines, " or "), legend="joints")
-    return [Chart("Joint errors", _units(lines), lines, errors=True, panel=panel, named=True)]
+    panel, note = Panel("joints", "Joint errors", legend="joints"), "reference minus actual"
+    unit = _units(lines)
+    return [Chart("Joint errors", unit, lines, errors=True, note=note, panel=panel, named=True)]
 
 
 def _speeds(run: Run) -> list[Chart]:
@@ -131,7 +132,7 @@ def _speeds(run: Run) -> list[Chart]:
     base, arm, rest = _speed_lines(run)
     short = shorten([line.label for line in rest])
     joining = tuple(
-        replace(line, colour=k, printed=f"{literal(name)}, {line.unit}")
+        replace(line, colour=k, label=name)
         for k, (line, name) in enumerate(zip(rest, short.names, strict=True), len(base))
     )
     unit, few = _units([*base, *joining], " or "), len(arm) <= MAX_JOINTS_WITH_REFERENCE
@@ -161,8 +162,7 @@ def _speed_lines(run: Run) -> tuple[list[Line], list[Line], list[Line]]:
         else:
             group = arm if name in run.robot.joint_names else rest
             colour, label, unit = _colour(run, name), name, f"{_unit(run, name)}/s"
-        printed = f"{PRINTED_SYMBOLS.get(label) or literal(label)}, {unit}"
-        group.append(Line(label, unit, actual, colour, reference=wanted, printed=printed))
+        group.append(Line(label, unit, actual, colour, reference=wanted))
     return base, arm, rest
 
 
@@ -176,22 +176,22 @@ def _efforts(run: Run) -> list[Chart]:
         colour = _colour(run, name)
         unit = "N" if _unit(run, name) == "m" else "N·m"
         if np.isfinite(limit) and limit > 0.0:
-            limited.append(Line(name, unit, 100.0 * tau / limit, colour, 0.01 * limit))
+            limited.append(Line(name, "%", 100.0 * tau / limit, colour))
         else:
             free[unit].append(Line(name, unit, tau, colour))
     ends = (
         min([-100.0, *(float(line.values.min()) for line in limited)]),
         max([100.0, *(float(line.values.max()) for line in limited)]),
     )
+    far = all(np.abs(line.values).max() < 100.0 * FAR_RATIO for line in limited)
     panel = Panel(
         "efforts",
-        "Efforts, limits dashed",
-        "effort / limit",
-        factor=0.01,
+        "Efforts" if far else "Efforts, limits dashed",
+        "effort, % of limit",
         legend="joints",
-        span=(AXIS_ZOOM * ends[0], AXIS_ZOOM * ends[1]),
+        span=None if far else (AXIS_ZOOM * ends[0], AXIS_ZOOM * ends[1]),
     )
-    limits, note = (-100.0, 100.0), "dashed: limits"
+    limits, note = ((), "limits: ±100 %") if far else ((-100.0, 100.0), "dashed: limits")
     found = [
         Chart("Efforts", "% of limit", tuple(limited), limits, note=note, panel=panel, named=True)
     ]
@@ -229,8 +229,7 @@ def _grip(run: Run) -> list[Chart]:
     panel = Panel(
         "grip",
         f"Grip at friction {run.ground.friction:g}, limit dashed",
-        label,
-        factor=0.01,
+        f"{label}, %",
         legend="own" if band else "none",
         span=(0.0, AXIS_ZOOM * top),
     )
@@ -281,7 +280,7 @@ def _clearances(run: Run) -> list[Chart]:
         known = known[np.argsort(known[:, 0], kind="stable")]
         label = OWN_THINGS.get(clearance.to, clearance.to.removeprefix("the "))
         values = np.minimum(np.interp(run.t, *known.T), CLEARANCE_SHOWN_MAX)
-        lines.append(Line(label, "m", values, len(lines), printed=label, dash=len(lines)))
+        lines.append(Line(label, "m", values, len(lines), dash=len(lines)))
     values = np.array(
         [0.0, *(end for line in lines for end in (line.values.min(), line.values.max()))]
     )
@@ -331,8 +330,10 @@ PANELS = (
     "grip",
     "clearance",
 )
-ERROR_FLOOR = 1e-12  # an error below it is rounding, which a logarithm would only magnify
-MAX_DECADES = 6.0  # of an error's axis
+NOISE = 1e-6  # m or rad: an error below it is noise, to which no axis is scaled
+MAX_DECADES = 6.0  # of an error's logarithmic axis
+PREFIXES = {"": 1.0, "m": 1e3, "µ": 1e6}  # of the units of errors: an axis' numbers are times this
+LEAST_SHOWN = 0.1  # of an axis' largest number, in the unit with its prefix
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,12 +345,11 @@ class Line:
         unit: Unit of the value that the page's legend gives.
         values: What is drawn (K,), in the unit of the chart's axis.
         colour: Index into a palette, the same on page and paper.
-        scale: The value in the page's legend is ``values`` times this.
         reference: The desired values (K,), drawn dashed, or None.
         shown: Whether it is visible at first; paper omits it otherwise.
         band: The smallest and the largest possible value (K,); inf where there is no upper bound,
             NaN where it is not defined. None where there is one value.
-        printed: Its name in a legend of its panel.
+        printed: Its name in a legend of its panel, where that is another one.
         dash: Index of its dash pattern on paper; the page draws all lines solid.
     """
 
@@ -357,7 +357,6 @@ class Line:
     unit: str
     values: Array
     colour: int
-    scale: float = 1.0
     reference: Array | None = None
     shown: bool = True
     band: tuple[Array, Array] | None = None
@@ -372,8 +371,7 @@ class Panel:
     Attributes:
         name: Its name on the command line, one of ``PANELS``.
         title: What stands above it.
-        axis: Label of the value axis.
-        factor: What is printed is the chart's value times this.
+        axis: Label of the value axis; of errors it is their unit.
         legend: Whether its lines have a legend in the panel, share that of the joints below the
             figure, or have none.
         references: Whether references are drawn.
@@ -385,8 +383,7 @@ class Panel:
 
     name: str
     title: str
-    axis: str
-    factor: float = 1.0
+    axis: str = ""
     legend: Literal["own", "joints", "none"] = "none"
     references: bool = True
     span: tuple[float, float] | None = None
@@ -408,7 +405,8 @@ class Chart:
         unit: Unit of its axis.
         lines: At least one.
         limits: Levels that are drawn dashed and always in view.
-        errors: Whether its lines are errors, of which the magnitude is drawn over decades.
+        errors: Whether its lines are errors in m or rad: on a logarithmic axis, where it is
+            chosen, their size is drawn.
         note: What a reader must know beside the title.
         panel: How it is printed; None where only the page has it.
         named: Whether its lines are called after joints or runs: legends shorten names together.
@@ -425,9 +423,34 @@ class Chart:
 
 
 def decades(lines: Iterable[Line]) -> tuple[float, float]:
-    """Return the ends of an error's axis: a fifth of the settled error, twice the maximum."""
+    """Return the ends of an error's logarithmic axis, above noise.
+
+    They are a fifth of the settled error and twice the largest.
+    """
     errors = [np.abs(line.values) for line in lines if line.shown]
-    top = 2.0 * max(*(float(error.max()) for error in errors), 10.0 * ERROR_FLOOR)
+    top = 2.0 * max(*(float(error.max()) for error in errors), 5.0 * NOISE)
     settled = min(float(np.median(error[-max(1, len(error) // 5) :])) for error in errors)
-    bottom = max(min(0.2 * max(settled, ERROR_FLOOR), 1e-2 * top), top / 10.0**MAX_DECADES)
-    return bottom, top
+    return max(min(0.2 * settled, 1e-2 * top), top / 10.0**MAX_DECADES, NOISE), top
+
+
+def error_span(lines: Iterable[Line]) -> tuple[float, float]:
+    """Return the ends of an error's linear axis: it holds 0, and is not scaled to noise."""
+    values = [line.values for line in lines if line.shown]
+    low = min(-NOISE, *(float(np.fmin.reduce(each)) for each in values))
+    high = max(NOISE, *(float(np.fmax.reduce(each)) for each in values))
+    margin = AXIS_MARGIN * (high - low)
+    return low - margin, high + margin
+
+
+def prefixed(chart: Chart) -> tuple[str, float]:
+    """Return the prefix of an error's units that suits its largest value, and its factor."""
+    top = max(map(abs, error_span(chart.lines)))
+    return next(each for each in PREFIXES.items() if top * each[1] >= LEAST_SHOWN)
+
+
+def noise_note(chart: Chart) -> str:
+    """Return what is said of errors that are all noise; empty where one is not."""
+    shown = [line for line in chart.lines if line.shown]
+    small = all(np.abs(line.values).max() < NOISE for line in shown)
+    units = " and ".join(dict.fromkeys(f"1 µ{line.unit}" for line in shown))
+    return f"all below {units}" if small else ""

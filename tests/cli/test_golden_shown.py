@@ -71,7 +71,7 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     }
     milli = {key: 1e3 * math.sqrt(sum(x * x for x in row) / 6) for key, row in rms.items()}
     assert printed() == [
-        "late too short a run to tell: base is 102 mm from its reference in the end",
+        "late too short a run to tell: base is up to 102 mm from its reference over the last tenth",
         "base behind its reference by 0.10 s (100 mm) at most, 0.10 s (100 mm) in the end",
         "the model follows itself: the simulated robot is the one that the controller knows",
         "",

@@ -19,7 +19,7 @@ from rpctl.study.cells import CellRunner, Figures
 from rpctl.study.stress_battery import JOURNAL_FILE, StressCell
 from tests.study.stress_samples import GOOD, contents, patch_runs
 
-FILES = ("stress.json", "stress.csv", "envelope.png", "worst-1.toml", JOURNAL_FILE)
+FILES = ("stress.json", "stress.csv", "envelope.png", "stress.html", "worst-1.toml", JOURNAL_FILE)
 
 
 def run(*words: str) -> Any:
@@ -57,6 +57,8 @@ def test_a_battery_is_run_written_and_told(tmp_path: Path, monkeypatch: pytest.M
         iter(next(c for c in cells if len(c["levels"]) > 1)["levels"].items())
     )
     assert (out / "envelope.png").read_bytes().startswith(b"\x89PNG")
+    page = (out / "stress.html").read_text()
+    assert f"rpctl track paper --home zero --config {out}/worst-2.toml --out {out}/worst-2" in page
     again = run(*words, "--resume", "--json")
     assert json.loads(again.stdout) == told
 

@@ -21,7 +21,7 @@ from rpctl.equivalence.certificate import Skipped
 from rpctl.equivalence.contact.leaning_trial import leaning_trial
 from rpctl.equivalence.contact.trial import ContactTrial
 from rpctl.robot.leaning import LeaningRobot, contact_arm
-from rpctl.view.pages.certificate import certificate_page, contact_figure
+from rpctl.view.pages.certificate import certificate_page, contact_figures
 from tests.leaning import OWN, leaning
 
 if not mujoco_engine.installed():
@@ -119,7 +119,7 @@ def test_a_certificate_has_the_trial_and_its_picture(capsys: pytest.CaptureFixtu
     assert len(proof.contact.footprint) == 2
     with pytest.raises(Exception, match="QH"):  # two contacts have no hull
         ConvexHull(proof.contact.footprint)
-    contact_figure(proof.contact)
+    contact_figures(proof.contact)
     assert not says_legs_were_stiff(proof, capsys)
     assert "taken for granted: both wheels press on the ground;" in proof.scope.line
 

@@ -88,6 +88,8 @@ def test_colours_say_what_became_of_a_start() -> None:
     times = picture.time_colours()
     soon, late = (picture.colour_of(replace(HOME, settled_at=t), times) for t in (4.0, 40.0))
     assert sum(soon) < sum(late)  # lighter
+    slipped = replace(HOME, settled_at=4.0, outcome="slips")  # converged, as the figures count it
+    assert picture.colour_of(slipped, times) == soon
     colours = [picture.colour_of(each, times) for each in others]
     assert colours == [picture.UNDECIDED, picture.FAILED, picture.NOT_TAKEN]
 

@@ -24,7 +24,12 @@ def test_no_name_that_is_read_is_an_identifier() -> None:
 @pytest.mark.parametrize(
     ("path", "shown"),
     [
-        ("plant.masses.arm_*", "mass of arm_* (× the file's)"),
+        ("plant.masses.arm_*", "mass of links arm_* (× the file's)"),
+        ("plant.masses.*", "mass of all links (× the file's)"),
+        ("plant.masses.tool", "mass of tool (× the file's)"),
+        ("plant.radii.*", "wheel radius of all wheels (× the file's)"),
+        ("plant.joint_friction.*", "dry friction of all joints (N·m or N)"),
+        ("plant.centres.*.y", "centre of mass of all links along y (m)"),
         ("plant.centres.a.b.x", "centre of mass of a.b along x (m)"),
         ("run.initial_error.y", "initial error along y (m)"),
         ("plant.delay", "delay (s)"),

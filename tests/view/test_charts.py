@@ -100,7 +100,7 @@ def test_no_peak_is_lost(paper_run: Run) -> None:
     times = floats(data["x"])
     efforts = next(c for c in data["charts"] if c["title"] == "Efforts")["variants"][0]
     line = efforts["lines"][0]
-    drawn = floats(line["values"]) * line["scale"]
+    drawn = 0.01 * floats(line["values"]) * paper_run.robot.effort_limits[0]
     assert len(drawn) == len(times) <= MAX_POINTS
     step = 2.0 * float(times[1])
     assert drawn.max() == pytest.approx(55.0)
@@ -123,6 +123,15 @@ def test_the_tilt_is_drawn_against_what_nothing_raises(name: str, other: str) ->
     assert np.abs(lines[other]).max() < (0.05 if name == "whipple" else 1e-12)
     near = chart(run, "Tilt")  # upright: the axis is the tilt's own
     assert near.limits == () and "fallen beyond 1 rad" in near.note
+
+
+def test_a_small_tilt_fills_its_chart() -> None:
+    """0.19 rad of the 1 rad beyond which it has fallen."""
+    robot = leaning("balancer")
+    run = rpctl.track(robot, "line", duration=0.02, collisions=False)
+    q = [robot.configuration(tilt=tilt) for tilt in np.linspace(-0.1, 0.19, len(run.t))]
+    found = chart(vary(run, q=np.array(q)), "Tilt")
+    assert found.limits == () and found.note.endswith("fallen beyond ±1 rad")
 
 
 def test_a_level_robot_has_no_tilt(paper_run: Run) -> None:

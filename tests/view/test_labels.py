@@ -93,7 +93,7 @@ def test_charts_say_once_what_their_names_share(long_run: Run) -> None:
     compared = {c["title"]: c for c in chart_data([long_run] * 2, ["one", "two"])["charts"]}
     labels = [variant["label"] for variant in compared["Efforts"]["variants"]]
     assert labels == ["shoulder_pan", "elbow", "wrist_1", "wrist_2"]
-    assert compared["Efforts"]["note"] == "dashed: limits; summit_xl_arm_…_joint"
+    assert compared["Efforts"]["variants"][0]["note"] == "dashed: limits; summit_xl_arm_…_joint"
     assert [line["label"] for line in compared["Efforts"]["variants"][0]["lines"]] == ["one", "two"]
     runs = chart_data([long_run] * 2, ["summit_xl_of_monday", "summit_xl_of_friday"])["charts"]
     variant = next(chart for chart in runs if chart["title"] == "Base error")["variants"][0]

@@ -1,8 +1,8 @@
 """The outcome of a run in one word: tracked, or what became of it instead.
 
 Each is told from what was logged: where a point of the robot was, where its reference was, and how
-far the point was from the reference's path (``path_error.py``). The end is the last tenth of the
-run, means are over its last quarter.
+far the point was from the reference's path (``path_error.py``). Errors are the largest of the last
+tenth of the run, lags the median of its last quarter, and sentences say so.
 
 What makes a run impossible comes before all but the first two (``impossible.py``): the robot
 **tips** or **slips** for certain, or **fell**, a trailer has **jack-knifed**, a joint is thrown off
@@ -56,6 +56,7 @@ TOUCH_M = 0.005  # m: the horizon law keeps clear at its steps and along straigh
 TURNING_ARM_M = 0.5  # m from P: where the heading of a base that turns on the spot is looked at
 NEAR_TURN_RAD = 0.5  # a reference turning by 1 rad/s is as far ahead in LATE_S
 HEADING = "heading"  # beside BASE and TIP
+TENTH, QUARTER = "over the last tenth", "(median of the last quarter)"  # of a run
 POINT_NAMES = {
     BASE: "base",
     TIP: "end effector",
@@ -198,27 +199,27 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
     rests = _reach(point.actual[end]) <= STANDING_RATIO * to_go
     grown = beside > max(ON_PATH_M, GROWTH_RATIO * start)
     if grown and not rests:
-        return Outcome(DIVERGING, f"{name} is {length(beside)} off its path in the end, "
+        return Outcome(DIVERGING, f"{name} is up to {length(beside)} off its path {TENTH}, "
                        f"and was {length(start)} at most in the first half")  # fmt: skip
     if error <= ON_PATH_M:
-        return Outcome(TRACKED, f"{name} is {length(error)} from its reference in the end")
+        return Outcome(TRACKED, f"{name} is within {length(error)} of its reference {TENTH}")
     run = float(t[-1] - t[0])
-    short = Outcome(LATE, f"too short a run to tell: {name} is {length(error)} from its "
-                    "reference in the end")  # fmt: skip
+    short = Outcome(LATE, f"too short a run to tell: {name} is up to {length(error)} from its "
+                    f"reference {TENTH}")  # fmt: skip
     if run < EVIDENCE_S:
         return short
     if stands or grown:
-        return Outcome(STUCK, f"{name} stands {length(error)} from its reference in the end")
+        return Outcome(STUCK, f"{name} stands up to {length(error)} from its reference {TENTH}")
     falls = beside < FALL_RATIO * float(off[count // 4 : count // 2].mean())
     if beside > ON_PATH_M and not falls:
         return short if run < DECAY_S else Outcome(
-            STUCK, f"{name} moves along {length(beside)} off its path in the end, "
+            STUCK, f"{name} moves along up to {length(beside)} off its path {TENTH}, "
             "and the error stays")  # fmt: skip
     where = "on its path" if beside <= ON_PATH_M else f"{length(beside)} off its path and nearing"
     when = f"{abs(lag):.2g} s ({length(abs(gap))}) {'behind' if lag >= 0.0 else 'ahead of'}"
     under_way = beside > ON_PATH_M and run >= DECAY_S
     return Outcome(LATE if lag > LATE_S or under_way else TRACKED,
-                   f"{name} is {where}, {when} its reference in the end")  # fmt: skip
+                   f"{name} is {where}, {when} its reference {QUARTER}")  # fmt: skip
 
 
 def _reach(places: Array) -> float:

@@ -1,10 +1,9 @@
 /* The plots: uPlot charts on one time axis, with a cursor at the time that the scene shows. */
 
 const HEIGHT = 146; // px of a chart
-const FLOOR = 1e-12; // an error below it is rounding
 const READ = 100; // ms between two readings of the values while the scene plays
 const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
-const PREFIXED = { m: ["", "m", "µ", "n"], rad: ["", "m", "µ", "n"] };
+const PREFIXED = { m: ["", "m", "µ"], rad: ["", "m", "µ"] };
 
 function bytes(text) { return Uint8Array.from(atob(text), (char) => char.charCodeAt(0)); }
 
@@ -86,18 +85,18 @@ function makeCharts(data, host, seek) {
   function makeChart(chart) {
     const card = element("section", "chart"), head = element("header");
     const title = element("h3", "", chart.title), unit = element("span", "unit");
-    const at = element("span", "at"), plot = element("div", "plot"), keys = element("div", "keys");
+    const note = element("span", "note"), at = element("span", "at"), plot = element("div", "plot"), keys = element("div", "keys");
     plot.setAttribute("role", "img");
     plot.setAttribute("aria-label", `Plot over time: ${chart.title}`);
     keys.setAttribute("role", "group");
     keys.setAttribute("aria-label", `Lines of ${chart.title}`);
-    head.append(title, unit, element("span", "note", chart.note), at);
+    head.append(title, unit, note, at);
     card.append(head, plot, keys);
     host.append(card);
-    let variant = chart.variants[0], decades = Boolean(variant.decades), u = null;
+    let variant = chart.variants[0], decades = false, u = null;
     let values = [], edges = [], buttons = [], cursor = null;
     if (chart.variants.length > 1) head.insertBefore(chooser(), at);
-    if (decades) head.append(scaleButton());
+    if (variant.decades) head.append(scaleButton());
     build();
     return { mark, read: readLines, redraw: () => u.redraw(false), resize, zoom: rescale,
       get plot() { return u; }, title: chart.title };
@@ -117,7 +116,7 @@ function makeCharts(data, host, seek) {
       const button = element("button", "scale", "log");
       button.type = "button";
       button.setAttribute("aria-label", `Logarithmic axis of ${chart.title}`);
-      button.setAttribute("aria-pressed", "true");
+      button.setAttribute("aria-pressed", "false");
       button.addEventListener("click", () => {
         decades = !decades;
         button.setAttribute("aria-pressed", String(decades));
@@ -130,7 +129,8 @@ function makeCharts(data, host, seek) {
     function build() {
       const range = u && [u.scales.x.min, u.scales.x.max];
       if (u) u.destroy();
-      unit.textContent = variant.unit;
+      unit.textContent = variant.unit + (decades ? ", size" : "");
+      note.textContent = variant.note;
       values = variant.lines.map((line) => floats(line.values));
       edges = variant.lines.map((line) => line.band && line.band.map(floats));
       const shown = [], series = [{}], bands = [];
@@ -161,7 +161,7 @@ function makeCharts(data, host, seek) {
     }
 
     function prepared(line) {
-      if (decades) line = line.map((value) => Math.max(Math.abs(value), FLOOR));
+      if (decades) line = line.map((value) => Math.max(Math.abs(value), variant.noise / 10));
       return line.some(Number.isNaN)
         ? Array.from(line, (value) => (Number.isNaN(value) ? null : value)) : line;
     }
@@ -195,8 +195,8 @@ function makeCharts(data, host, seek) {
           across,
           { ...up, size: 54, space: 26, ...(decades ? {
             splits: (_, at, low, high) => powers(low, high), filter: (_, splits) => splits,
-            values: (_, splits) => splits.map(superscript),
-          } : {}) },
+            values: (_, splits) => splits.map((power) => superscript(power * variant.factor)),
+          } : { values: (_, splits) => splits.map((at) => plain(at * (variant.factor || 1))) }) },
         ],
         focus: { alpha: 0.25 },
         cursor: {
@@ -220,6 +220,7 @@ function makeCharts(data, host, seek) {
       return { range: (_, low, high) => {
         low = Math.min(low ?? 0, ...variant.limits);
         high = Math.max(high ?? 1, ...variant.limits);
+        if (variant.noise) [low, high] = [Math.min(low, -variant.noise), Math.max(high, variant.noise)];
         const room = 0.06 * (high - low) || Math.max(Math.abs(high), 1e-9);
         return [low - room, high + room];
       } };
@@ -269,9 +270,9 @@ function makeCharts(data, host, seek) {
     function readLines(index) {
       at.textContent = hovered === null ? "" : `at ${x[index].toFixed(2)} s`;
       variant.lines.forEach((line, i) => {
-        const [low, high] = (edges[i] || []).map((edge) => edge[index] * line.scale);
+        const [low, high] = (edges[i] || []).map((edge) => edge[index]);
         const one = low === undefined || Number.isNaN(low), bare = told(low, "").trim();
-        buttons[i].lastChild.textContent = one ? told(values[i][index] * line.scale, line.unit)
+        buttons[i].lastChild.textContent = one ? told(values[i][index], line.unit)
           : high === Infinity ? `≥ ${told(low, line.unit)}` : `${bare} – ${told(high, line.unit)}`;
       });
     }

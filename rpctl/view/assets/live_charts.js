@@ -3,6 +3,7 @@ function makeLiveCharts(charts, host) {
   const HEIGHT = 118; // px of a chart
   const POINTS = 2400; // of a line; beyond, of every two the larger stays
   const PAUSE = 100; // ms between two drawings
+  const NOISE = 0.001; // mm or mrad: smaller errors are noise, to which no axis is scaled
   let x = [], end = 1, drawn = 0, waiting = false;
   const all = charts.filter((chart) => chart.lines.length).map(makeChart);
   new ResizeObserver(() => all.forEach((chart) => chart.resize())).observe(host);
@@ -87,7 +88,7 @@ function makeLiveCharts(charts, host) {
 
     function reach(_, low, high) {
       low = Math.min(low ?? 0, 0, ...limits);
-      high = Math.max(high ?? 1, ...limits);
+      high = Math.max(high ?? 1, NOISE, ...limits);
       const room = 0.08 * (high - low) || 1;
       return [low < 0 ? low - room : 0, high + room];
     }

@@ -22,12 +22,13 @@ from rpctl.equivalence.verify import Certificate
 from rpctl.files.writing import write_atomically
 from rpctl.view.labels import literal
 from rpctl.view.pages.page import Badge, render_page
-from rpctl.view.pages.panel import residual
+from rpctl.view.pages.panel import SYMBOLS, residual
 from rpctl.view.palette import light
 from rpctl.view.plots import style
 from rpctl.view.plots.figures import svg_address
 
 STYLES = ("report.css", "certificate.css")
+HEADS = "Compared", "With", "Residual", "Worst at"
 
 
 def write_certificate(certificate: Certificate, path: str | Path) -> Path:
@@ -54,7 +55,8 @@ def certificate_page(certificate: Certificate) -> str:
         f"seed {certificate.seed}",
         badge=Badge(certificate.passed, "verified" if certificate.passed else "not verified"),
         rows=list(_rows(certificate)),
-        remarks=[f"Scope: {certificate.scope.line}"],
+        heads=HEADS,
+        remarks=[f"Scope: {certificate.scope.line}", f"Symbols: {SYMBOLS}"],
         idealised=certificate.idealised,
         **_trial(certificate.contact),
     )
@@ -69,7 +71,7 @@ def _trial(trial: ContactTrial | None) -> dict[str, Any]:
     return {
         "trial": trial,
         "trial_badge": Badge(not broken, text),
-        "picture": svg_address(contact_figure(trial)),
+        "pictures": [svg_address(figure) for figure in contact_figures(trial)],
     }
 
 
@@ -93,7 +95,7 @@ def _rows(certificate: Certificate) -> Iterator[tuple[str, str, str, str]]:
         yield skipped.name, skipped.against, "not compared", skipped.note
 
 
-WIDTH_IN, PANEL_IN = 9.4, 1.9  # inches: of the figure, and a chart's height
+PLAN_IN, CHART_IN, PANEL_IN = 5.4, 4.0, 1.9  # inches: widths of plan and charts, a chart's height
 MOST_LINES = 5  # joints in a chart: more cannot be told apart
 TRACK_STRIDE = 5  # samples between two points of a contact's track
 BROAD: dict[str, Any] = {"lw": 6.0, "alpha": 0.35, "solid_capstyle": "round"}  # MuJoCo's lines
@@ -101,8 +103,8 @@ THIN: dict[str, Any] = {"lw": 1.4}  # the reduced model's, inside
 
 
 @style.own_settings()
-def contact_figure(trial: ContactTrial) -> Figure:
-    """Return both paths from above, the distance between them, and forces and efforts over time.
+def contact_figures(trial: ContactTrial) -> list[Figure]:
+    """Return both paths from above, and beside it their distance, forces and efforts over time.
 
     MuJoCo's lines are broad, the reduced model's thin: where both agree these lie inside those.
     """
@@ -116,14 +118,16 @@ def contact_figure(trial: ContactTrial) -> Figure:
         names = [trial.joints[k] for k in most]
         title = "Torques of the joints (N·m)" if torques else "Forces of the joints (N)"
         parts.append((title, names, reduced.efforts[:, most], engine.efforts[:, most]))
-    rows = 1 + len(parts)
-    figure = Figure((WIDTH_IN, PANEL_IN * rows), layout="constrained", facecolor=style.PAPER)
-    grid = figure.add_gridspec(rows, 2, width_ratios=(1.35, 1.0))
-    draw_plan(trial, figure.add_subplot(grid[:, 0]))
-    draw_distance(trial, figure.add_subplot(grid[0, 1]))
-    for row, part in enumerate(parts, 1):
-        draw_pairs(trial.t, *part, figure.add_subplot(grid[row, 1]))
-    return figure
+    plan, charts = (
+        Figure((width, PANEL_IN * (1 + len(parts))), layout="constrained", facecolor=style.PAPER)
+        for width in (PLAN_IN, CHART_IN)
+    )
+    draw_plan(trial, plan.add_subplot())
+    panels = charts.subplots(1 + len(parts))
+    draw_distance(trial, panels[0])
+    for part, axes in zip(parts, panels[1:], strict=True):
+        draw_pairs(trial.t, *part, axes)
+    return [plan, charts]
 
 
 def _load_part(trial: ContactTrial) -> tuple[str, Sequence[str], Array, Array]:
@@ -170,7 +174,7 @@ def draw_distance(trial: ContactTrial, axes: Axes) -> None:
     allowed = path.format_value(path.band)
     style.style_axes(axes, f"Distance between the two paths (mm), {allowed} allowed")
     axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("t, s")
+    axes.set_xlabel("time, s")
 
 
 def draw_pairs(
@@ -182,7 +186,7 @@ def draw_pairs(
         axes.plot(t, engine[:, k], color=colour, **BROAD)
         axes.plot(t, reduced[:, k], color=colour, label=literal(name), **THIN)
     style.style_axes(axes, title)
-    axes.set_xlabel("t, s")
+    axes.set_xlabel("time, s")
     style.add_legend(axes)
 
 

@@ -15,7 +15,16 @@ from rpctl.arrays import Array
 from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.run import Run
-from rpctl.view.charts import BASE_SPEED_LABELS, Chart, Line, charts, decades
+from rpctl.view.charts import (
+    BASE_SPEED_LABELS,
+    NOISE,
+    Chart,
+    Line,
+    charts,
+    decades,
+    noise_note,
+    prefixed,
+)
 from rpctl.view.labels import shorten
 
 MAX_POINTS = 2000  # of one line: a screen has no more columns
@@ -66,9 +75,9 @@ def _packed_charts(times: Array, charts: Iterable[tuple[str, str, Variants]]) ->
         "charts": [
             {
                 "title": title,
-                "note": note,
                 "variants": [
-                    {"label": label, **_variant(chart, drawn)} for label, chart, drawn in variants
+                    {"label": label, **_variant(chart, note, drawn)}
+                    for label, chart, drawn in variants
                 ],
             }
             for title, note, variants in charts
@@ -94,7 +103,7 @@ def _by_line(
                 replace(line, label=names[k], colour=k, shown=True) for _, line, k in found
             )
             chart = found[0][0]
-            unit = chart.unit if chart.limits else lines[0].unit
+            unit = lines[0].unit if "," in chart.unit else chart.unit
             chart = replace(chart, unit=unit, lines=lines, named=True)
             variants.append((label, chart, [thins[k] for _, _, k in found]))
         note = variants[0][1].note
@@ -109,11 +118,14 @@ def _by_line(
     return result
 
 
-def _variant(chart: Chart, thins: list[Thin]) -> dict[str, Any]:
+def _variant(chart: Chart, note: str, thins: list[Thin]) -> dict[str, Any]:
     lines = chart.lines
-    entry: dict[str, Any] = {"unit": chart.unit, "limits": list(chart.limits)}
+    entry: dict[str, Any] = {"unit": chart.unit, "note": note, "limits": list(chart.limits)}
     if chart.errors:
-        entry["decades"] = list(decades(lines))
+        prefix, factor = prefixed(chart)
+        entry["unit"] = ", ".join(f"{prefix}{unit}" for unit in chart.unit.split(", "))
+        entry["note"] = "; ".join(filter(None, [note, noise_note(chart)]))
+        entry |= {"factor": factor, "noise": NOISE, "decades": list(decades(lines))}
     if chart.named:
         short = shorten([line.label for line in lines])
         lines = tuple(
@@ -130,7 +142,6 @@ def _line(line: Line, thin: Thin) -> dict[str, Any]:
         "label": line.label,
         "unit": line.unit,
         "colour": line.colour,
-        "scale": line.scale,
         "shown": line.shown,
         "values": packed(thin(line.values)),
     }

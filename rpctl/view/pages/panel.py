@@ -12,10 +12,10 @@ from rpctl.simulation.merits.outcome import SUCCESSES
 from rpctl.simulation.merits.path_error import lag, length
 from rpctl.simulation.merits.summary import Summary
 from rpctl.simulation.run.run import Run
-from rpctl.view.charts import has_base
+from rpctl.view.charts import NOISE, has_base
 from rpctl.view.labels import capital
 from rpctl.view.pages.page import Badge, Cell, LegendEntry, Section, Table, stand_in_entry
-from rpctl.view.pages.settings import GAINS_LABEL, setting_text, setting_texts
+from rpctl.view.pages.settings import GAINS, GAINS_LABEL, setting_text, setting_texts
 from rpctl.view.scene.stage import OBSTACLE_TITLES
 from rpctl.view.scene.stand_ins import StandIn
 
@@ -31,6 +31,12 @@ MERIT_LABELS = {
 }
 HEADLINE = ("rms_base_error", "rms_base_path_error", "rms_end_effector_error")
 NOMINAL = "The model follows itself: the simulated robot is the one that the controller knows."
+SYMBOLS = (
+    "q: configuration; ν: quasi-velocities, the base's speeds (v or vx forward, vy to the left, "
+    "omega turning) and the rates of joints; S: rates that roll, per ν; M: inertia; h: bias, what "
+    "speeds (C) and gravity (g) ask for; B: actuation; τ: efforts; A, λ: constraints of rolling "
+    "and their forces; G: Gibbs function"
+)
 NONE = "–"  # in a table
 EFFORT_SCALES = {  # what the end of the colours of efforts is, and that in full
     "limit": "of each joint's effort limit",
@@ -88,7 +94,11 @@ def merits(run: Run, summary: Summary) -> dict[str, str]:
         "rms_base_path_error": base.rms,
         "rms_end_effector_path_error": None if tip is None else tip.rms,
     }
-    texts = {key: length(figure) for key, figure in figures.items() if is_finite(figure)}
+    texts = {
+        key: length(figure) if figure >= NOISE or not figure else "< 1 µm"
+        for key, figure in figures.items()
+        if is_finite(figure)
+    }
     if is_finite(base.largest_lag):
         texts["base_lag"] = lag(base.largest_lag, base.largest_lag_distance)
     return {
@@ -193,12 +203,13 @@ def _certificate(certificate: Mapping[str, Any]) -> Section:
         [_verified(certificate)],
         rows=rows,
         quiet=f"Worst of {samples} random states, seed {seed}.",
+        details=("Symbols", f"{SYMBOLS}."),
     )
 
 
 def residual(passed: bool, value: float | None, limit: float) -> str:
     """Return a check's residual beside its limit."""
-    worst = f"{value:.1e}" if is_finite(value) else "∞"
+    worst = (f"{value:.1e}" if value else "0") if is_finite(value) else "∞"
     sign, mark = ("≤", "") if passed else (">", " ✗")
     return f"{worst} {sign} {limit:.0e}{mark}"
 
@@ -227,8 +238,9 @@ def _robot(run: Run) -> Section:
 
 
 def notes_section(notes: Sequence[str]) -> list[Section]:
-    """Return the section of notes, if there are any."""
-    return [Section(f"Notes ({len(notes)})", notes=notes)] if notes else []
+    """Return the section of notes, if there are any but on the gains, which the settings tell."""
+    told = [note for note in notes if not note.startswith(GAINS)]
+    return [Section(f"Notes ({len(told)})", notes=told)] if told else []
 
 
 # ---- several runs -------------------------------------------------------------------------
@@ -250,7 +262,9 @@ def compare_panel(
         name: [text.get(key, NONE) for text in texts] for key, name in MERIT_LABELS.items()
     }
     ratios = [summary.max_effort_ratio for summary in summaries]
-    rows["Largest effort / limit"] = [f"{v:.0%}" if is_finite(v) else NONE for v in ratios]
+    rows["Largest effort / limit"] = [
+        f"{100.0 * v:.0f} %" if is_finite(v) else NONE for v in ratios
+    ]
     rows = {name: cells for name, cells in rows.items() if set(cells) != {NONE}}
     rows["Outcome"] = [outcome_badge(summary) for summary in summaries]
     rows["Limits"] = [limits_badge(summary) for summary in summaries]

@@ -325,14 +325,14 @@ def verdict(poles: LoopPoles) -> str:
 def _slowest(poles: LoopPoles) -> str:
     k = int(poles.decay.argmin())
     shown = 0.0 if abs(poles.decay[k]) < STILL else -poles.decay[k]
-    return f"{shown:.3g} 1/s at {poles.t[k]:.3g} s"
+    return f"{shown:.3g} 1/s at {poles.t[k]:.3g} s".replace("-", "−")
 
 
 def _least_damped(poles: LoopPoles) -> str:
     k = int(poles.damping.argmin())
     if poles.damping[k] > NO_SWING:
         return "none oscillates"
-    return f"ζ = {poles.damping[k]:.2f} at {poles.t[k]:.3g} s"
+    return f"damping ratio {poles.damping[k]:.2f} at {poles.t[k]:.3g} s"
 
 
 def _curve(t: Array, decay: Array) -> Curve | None:

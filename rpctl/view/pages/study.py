@@ -101,10 +101,10 @@ def study_page(result: StudyResult, robot: Robot | None = None) -> bytes:
             Badge(name == "tracked", f"{grouped(count)} {name}")
             for name, count in Counter(result.runs.outcomes).most_common()
         ],
-        picture=svg_address(study_runs_figure(result)),
+        pictures=[svg_address(study_runs_figure(result, log)) for log in (False, True)],
         method=None if main is None else METHODS[main.method],
         others=svg_address(others_figure(result)) if len(result.sensitivities) > 1 else "",
-        distributions=svg_address(merits_figure(result)),
+        distributions=[svg_address(merits_figure(result, log)) for log in (False, True)],
         worst=_worst(result),
         worst_title=f"Worst runs by {merit_words(result.merit)}",
         scene=scene,

@@ -14,7 +14,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Wedge
 
-from rpctl.study.attraction import REACH_M, Fraction, Start, converged, fractions, placement
+from rpctl.study.attraction import REACH_M, Fraction, Start, converged, failed, fractions, placement
 from rpctl.study.cells import REFUSED, Figures, Row
 from rpctl.view.labels import literal
 from rpctl.view.palette import light
@@ -71,7 +71,7 @@ def attraction_figure(rows: Sequence[Row[Start]], title: str) -> Figure:
     scale = figure.colorbar(times, ax=panels, location="top", aspect=50, ticks=TICKS_S)
     scale.ax.set_xticklabels([str(t) for t in TICKS_S], **SMALL)
     scale.ax.minorticks_off()
-    scale.set_label("within 5 cm from so many seconds on", **SMALL)
+    scale.set_label("within 5 cm from so many seconds on (logarithmic)", **SMALL)
     handles = [Patch(color=colour, label=words) for words, colour in KEYS.items()]
     figure.legend(handles=handles, loc="outside lower center", frameon=False, fontsize=SMALL_PT,
                   title=CAPTION, title_fontsize=SMALL_PT)  # fmt: skip
@@ -109,7 +109,7 @@ def colour_of(figures: Figures, times: ScalarMappable) -> Any:
     """Return the colour of a start by what became of it."""
     if figures.outcome == REFUSED:
         return NOT_TAKEN
-    if not figures.succeeded:
+    if failed(figures):
         return FAILED
     at: Any = figures.settled_at
     return times.to_rgba(at) if converged(figures) else UNDECIDED

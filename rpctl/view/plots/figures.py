@@ -32,7 +32,6 @@ from rpctl.simulation.merits.obstacles import BASE, TIP, AvoidedObstacle, run_ob
 from rpctl.simulation.run.run import Run
 from rpctl.view.charts import (
     ALL_SPLITS,
-    ERROR_FLOOR,
     PANELS,
     PATHS,
     Chart,
@@ -40,9 +39,12 @@ from rpctl.view.charts import (
     charts,
     coloured_joints,
     decades,
+    error_span,
     has_base,
+    noise_note,
+    prefixed,
 )
-from rpctl.view.labels import MARK, comment
+from rpctl.view.labels import MARK, comment, literal
 from rpctl.view.plots import style
 from rpctl.view.plots.style import (
     LEGEND_ROW_IN,
@@ -74,7 +76,12 @@ def tracking_image(run: Run) -> bytes:
 
 
 def save_figure(
-    run: Run, path: str | Path, *, panels: Sequence[str] = (), column: bool = False
+    run: Run,
+    path: str | Path,
+    *,
+    panels: Sequence[str] = (),
+    column: bool = False,
+    log: bool = False,
 ) -> Path:
     """Write the figure of a run for a paper; the file is there whole or not at all.
 
@@ -83,6 +90,7 @@ def save_figure(
         path: The file: .pdf, of lines and text, or .png.
         panels: The panels wanted, by name and in order; all that the run has, if none is named.
         column: As wide as a column of a two-column page (88 mm), not as the page (180 mm).
+        log: Whether errors have logarithmic axes.
 
     Returns:
         The path.
@@ -94,20 +102,23 @@ def save_figure(
     suffix = path.suffix.lower()
     if suffix not in (".pdf", ".png"):
         raise RpctlError(f"{path}: figures are .pdf or .png; give a name that ends so")
-    figure = tracking_figure(run, panels=panels, column=column)
+    figure = tracking_figure(run, panels=panels, column=column, log=log)
     if suffix == ".pdf":
         return write_atomically(path, to_pdf(figure, run.digest))
     return write_atomically(path, to_png(figure, PRINT_DPI, run.digest))
 
 
 @own_settings()
-def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = False) -> Figure:
+def tracking_figure(
+    run: Run, *, panels: Sequence[str] = (), column: bool = False, log: bool = False
+) -> Figure:
     """Return the figure of a run; panels without data are left out.
 
     Args:
         run: The run.
         panels: Names of panels, in order; all that the run has if empty.
         column: Whether it is as wide as a column (88 mm) or as a page (180 mm).
+        log: Whether errors have logarithmic axes, of their size.
 
     Raises:
         UnknownNameError: The run has no such panel.
@@ -126,7 +137,7 @@ def tracking_figure(run: Run, *, panels: Sequence[str] = (), column: bool = Fals
         if chart is None:
             draw_paths(axes, run)
         else:
-            _draw_chart(axes, run, panel, chart)
+            _draw_chart(axes, run, panel, chart, log and chart.errors)
         below = add_legend(axes, below=width * (panel.wide and columns == 1), title=panel.shared)
         height = (WIDE_ROW_HEIGHT_IN if panel.wide else ROW_HEIGHT_IN) + LEGEND_ROW_IN * below
         heights[row] = max(heights[row], height)
@@ -200,36 +211,42 @@ def find_panels(run: Run) -> list[PanelChart]:
     return sorted(found, key=lambda each: PANELS.index(each[0].name))
 
 
-def _draw_chart(axes: Axes, run: Run, panel: Panel, chart: Chart) -> None:
+def _draw_chart(axes: Axes, run: Run, panel: Panel, chart: Chart, log: bool) -> None:
+    prefix, factor = prefixed(chart) if chart.errors else ("", 1.0)
     for limit in chart.limits:
-        axes.axhline(panel.factor * limit, color=style.INK, **style.LIMIT_STYLE)
+        axes.axhline(limit, color=style.INK, **style.LIMIT_STYLE)
     lines = [line for line in (*chart.lines, *panel.more) if line.shown]
     joints = len(coloured_joints(run)) if panel.legend == "joints" else 0
     for line in lines:
         look = style.line_style(line.colour, line.dash, joints)
         if line.band is not None:
             _draw_band(axes, run.t, line.band, panel, look["color"])
-        values = np.maximum(np.abs(line.values), ERROR_FLOOR) if chart.errors else line.values
-        label = line.printed if panel.legend == "own" else None
-        axes.plot(run.t, panel.factor * values, label=label, **look)
+        name = line.printed or f"{literal(line.label)}, {prefix}{line.unit}"
+        label = name if panel.legend == "own" else None
+        values = np.abs(line.values) if log else line.values
+        axes.plot(run.t, factor * values, label=label, **look)
     wanted = [line.reference for line in lines if line.reference is not None]
     for reference in wanted if panel.references else ():
-        axes.plot(run.t, panel.factor * reference, **style.DESIRED_STYLE)
+        axes.plot(run.t, reference, **style.DESIRED_STYLE)
     if wanted and panel.legend == "own":
         axes.plot([], [], label="reference", **style.DESIRED_STYLE)
-    span = decades(lines) if chart.errors else panel.span
+    span = panel.span
     if chart.errors:
-        axes.set_yscale("log")
+        span = decades(lines) if log else error_span(lines)
+        axes.set_yscale("log" if log else "linear")
+        axes.text(0.5, 0.5, noise_note(chart), ha="center", va="bottom", color=style.DESIRED,
+                  fontsize=style.SMALL_PT, transform=axes.transAxes)  # fmt: skip
     if span is not None:
-        axes.set_ylim(panel.factor * span[0], panel.factor * span[1])
-    axes.set_xlabel("t, s")
-    axes.set_ylabel(panel.axis)
+        axes.set_ylim(factor * span[0], factor * span[1])
+    axes.set_xlabel("time, s")
+    units = " or ".join(f"{prefix}{unit}" for unit in chart.unit.split(", "))
+    axes.set_ylabel(panel.axis or units)
 
 
 def _draw_band(axes: Axes, t: Array, band: tuple[Array, Array], panel: Panel, colour: str) -> None:
     """Shade what lies between the edges (K,) of a band; one without an end leaves the panel."""
     end = np.inf if panel.span is None else panel.span[1]
-    low, high = (panel.factor * np.minimum(edge, end) for edge in band)
+    low, high = (np.minimum(edge, end) for edge in band)
     axes.fill_between(t, low, high, label=ALL_SPLITS, color=colour, alpha=0.2, lw=0.0)
 
 

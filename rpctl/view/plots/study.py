@@ -18,6 +18,7 @@ from rpctl.view.plots import style
 from rpctl.view.plots.style import SMALL_PT, TEXT_PT
 
 LEFT_IN, PANEL_IN, LINE_IN, HEAD_IN = 1.7, 0.95, 0.125, 1.3  # inches
+LEFT_ROOM = 0.06  # of a linear axis: left of zero, for what stands at its edge
 MM_PER_M = 1e3  # mm of a m
 GREY = light("lost")
 BOLD: dict[str, Any] = {"fontsize": TEXT_PT, "fontweight": "bold", "color": style.INK}
@@ -28,13 +29,16 @@ BROKEN: dict[str, Any] = {"marker": "^", "ms": 3.0, "color": style.INK, "ls": ""
 
 
 @style.own_settings()
-def study_figure(rows: Sequence[CompareRow], title: str, proposed: LawPair) -> Figure:
+def study_figure(
+    rows: Sequence[CompareRow], title: str, proposed: LawPair, log: bool = False
+) -> Figure:
     """Return the figure: rms errors of base and end effector; one axis a reference.
 
     Args:
         rows: The rows of a grid.
         title: What it is of.
         proposed: The controller that rpctl proposes.
+        log: Whether the axes of errors are logarithmic.
     """
     groups = group_rows(rows)
     scenarios, references = (list(dict.fromkeys(each)) for each in zip(*groups, strict=True))
@@ -51,20 +55,24 @@ def study_figure(rows: Sequence[CompareRow], title: str, proposed: LawPair) -> F
     for line, scenario in zip(panels, scenarios, strict=True):
         line[0].set_ylabel(literal(scenario), **BOLD)
         for axes, reference in zip(line, references, strict=True):
-            _style(axes, laws, colours)
+            _style(axes, laws, colours, log)
             for row in groups.get((scenario, reference), []):
                 law = row.cell.controller
                 _mark(axes, row.figures, laws.index(law), colours.get(law, GREY))
     for axes, reference in zip(panels[0], references, strict=True):
         axes.set_title(literal(Path(reference).name), pad=5, **BOLD)
     figure.suptitle(literal(title), x=0.01, ha="left", **BOLD)
-    _legend(figure, proposed)
+    for axes in () if log else panels[0]:
+        axes.set_xlim(left=-LEFT_ROOM * axes.get_xlim()[1])
+    known = {PAPER: "the paper's", proposed: "rpctl's"}
+    named = {f"{law} ({whose})": colours[law] for law, whose in known.items() if law in laws}
+    _legend(figure, named, log)
     return figure
 
 
-def _style(axes: Axes, laws: Sequence[LawPair], colours: dict[LawPair, str]) -> None:
-    """Give a panel a logarithmic axis and a line for each law, from the top down."""
-    axes.set(xscale="log", ylim=(len(laws) - 0.4, -0.6), facecolor=style.PAPER)
+def _style(axes: Axes, laws: Sequence[LawPair], colours: dict[LawPair, str], log: bool) -> None:
+    """Give a panel its axis, and a line for each law, from the top down."""
+    axes.set(xscale="log" if log else "linear", ylim=(len(laws) - 0.4, -0.6), facecolor=style.PAPER)
     axes.set_yticks(range(len(laws)), [literal(str(law)) for law in laws])
     axes.margins(x=0.12)
     axes.grid(True, axis="x", color=style.FAINT, lw=0.5)
@@ -92,10 +100,9 @@ def _mark(axes: Axes, figures: Figures, line: int, colour: str) -> None:
         axes.plot([0.05], [line], transform=edge, **BROKEN)
 
 
-def _legend(figure: Figure, proposed: LawPair) -> None:
+def _legend(figure: Figure, named: dict[str, str], log: bool) -> None:
     looks = {
-        f"{proposed} (rpctl's)": {**DOT, "color": style.BASE},
-        f"{PAPER} (the paper's)": {**DOT, "color": style.TIP},
+        **{name: {**DOT, "color": colour} for name, colour in named.items()},
         "others": {**DOT, "color": GREY},
         "base": {**DOT, "color": style.INK, "ls": ""},
         "end effector": {**RING, "color": style.INK},
@@ -103,6 +110,7 @@ def _legend(figure: Figure, proposed: LawPair) -> None:
         "broke a limit": BROKEN,
     }
     handles = [Line2D([], [], label=label, **look) for label, look in looks.items()]
+    title = "rms error, mm (logarithmic)" if log else "rms error, mm"
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=SMALL_PT,
                   labelcolor=style.INK, frameon=False, handlelength=1.6,
-                  title="rms error, mm (logarithmic)", title_fontsize=SMALL_PT)  # fmt: skip
+                  title=title, title_fontsize=SMALL_PT)  # fmt: skip

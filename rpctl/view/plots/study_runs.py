@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -40,7 +40,7 @@ WIDTH_IN, PANEL_IN, SMALL_PANEL_IN, HEAD_IN, BAR_IN = (
 )  # inches: of the figure, and heights
 TITLE_LETTERS, LABEL_LETTERS, NAME_LETTERS = 86, 36, 44  # in a line
 MOST_BARS = 10
-DECADES_RATIO = 40.0  # largest over smallest: beyond, an axis is logarithmic
+OUTLIERS = 3.0  # times what 95 % of runs are below: a linear axis ends there
 MAX_DECADES_RATIO = 1e6  # that a logarithmic axis shows
 ROOM = 0.04  # of the range of values: left free at either end
 BINS = 32  # of a distribution
@@ -55,12 +55,17 @@ Draw = Callable[[Axes], object]
 
 
 @style.own_settings()
-def study_runs_figure(result: StudyResult) -> Figure:
-    """Return errors over time, the merit's distribution, its map, and what matters to it."""
+def study_runs_figure(result: StudyResult, log: bool = False) -> Figure:
+    """Return errors over time, the merit's distribution, its map, and what matters to it.
+
+    Args:
+        result: Of the study.
+        log: Whether errors and the merit have logarithmic axes.
+    """
     series = [name for name in result.runs.series if name != "lateral_error"]
-    panels: list[Draw] = [partial(draw_envelope, result, name) for name in series]
+    panels: list[Draw] = [partial(draw_envelope, result, name, log=log) for name in series]
     panels = panels if len(result.runs.t) > 1 else []
-    panels.append(partial(draw_distribution, result, result.merit))
+    panels.append(partial(draw_distribution, result, result.merit, log=log))
     known = any(np.isfinite(each.median).any() for each in result.maps)
     panels += [partial(draw_map, result)] if known else []
     found = result.sensitivity_of(result.merit)
@@ -82,9 +87,9 @@ def study_runs_figure(result: StudyResult) -> Figure:
 
 
 @style.own_settings()
-def merits_figure(result: StudyResult) -> Figure:
+def merits_figure(result: StudyResult, log: bool = False) -> Figure:
     """Return the distribution of each merit."""
-    panels = [partial(draw_distribution, result, name) for name in result.runs.merits]
+    panels = [partial(draw_distribution, result, name, log=log) for name in result.runs.merits]
     figure = _figure(SMALL_PANEL_IN * -(-len(panels) // 3))
     _fill(figure, panels, 3)
     return figure
@@ -132,12 +137,12 @@ def _fill(figure: Figure | SubFigure, panels: Sequence[Draw], columns: int = 2) 
         draw(figure.add_subplot(grid[row, :] if alone else grid[row, column]))
 
 
-def draw_envelope(result: StudyResult, name: str, axes: Axes) -> None:
+def draw_envelope(result: StudyResult, name: str, axes: Axes, log: bool = False) -> None:
     """Draw how an error spreads over time: the median, half of the runs, and nine in ten."""
     t, words = result.runs.t, name.replace("_", " ")
     quantiles = envelope(np.asarray(result.runs.series[name], float), LEVELS)
     unit = unit_of(result.units.get(name, "") or "m", _largest(quantiles))
-    y = span_of(unit.factor * quantiles)
+    y = span_of(unit.factor * quantiles, log=log)
     values = np.clip(unit.factor * quantiles, y.low, y.high)
     axes.fill_between(t, values[0], values[4], color=style.BASE, alpha=0.18, lw=0.0,
                       label="5 to 95 %")  # fmt: skip
@@ -151,8 +156,11 @@ def draw_envelope(result: StudyResult, name: str, axes: Axes) -> None:
     _legend(axes)
 
 
-def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
-    """Draw how a merit is distributed, runs that failed on top, or say that there is nothing."""
+def draw_distribution(result: StudyResult, merit: str, axes: Axes, log: bool = False) -> None:
+    """Draw how a merit is distributed, runs that failed on top, or say that there is nothing.
+
+    A linear axis ends where outliers would leave no room for the others; the last bar holds these.
+    """
     values = result.runs.merits[merit]
     known = np.isfinite(values)
     unit = unit_of(result.units.get(merit, ""), _largest(values))
@@ -165,10 +173,16 @@ def draw_distribution(result: StudyResult, merit: str, axes: Axes) -> None:
         axes.text(0.5, 0.5, text, ha="center", fontsize=SMALL_PT, transform=axes.transAxes)
         axes.set(xticks=[], yticks=[])
         return
-    x = span_of(inside, zero=False)
+    median = float(np.median(inside))
+    most = OUTLIERS * float(np.quantile(inside, 0.95))
+    x = span_of(inside, zero=False, log=log)
+    if not log and 0.0 < most < float(inside.max()):
+        inside = np.minimum(inside, most)
+        x = replace(span_of(inside, zero=False), high=most)
+        axes.set_xlabel(f"{axes.get_xlabel()}; the last bar: all beyond")
     axes.hist([inside[good], inside[~good]], x.edges(), stacked=True,
               color=[style.BASE, style.TIP], label=["succeeded", "did not"])  # fmt: skip
-    axes.axvline(float(np.median(inside)), color=style.INK, **style.LIMIT_STYLE, label="median")
+    axes.axvline(median, color=style.INK, **style.LIMIT_STYLE, label="median")
     axes.set(xscale=x.scale, xlim=(x.low, x.high))
     if x.log:
         axes.xaxis.set_major_formatter("{x:g}")
@@ -244,19 +258,20 @@ class Span:
         return spaced(self.low, self.high, BINS + 1).tolist()
 
 
-def span_of(values: Array, zero: bool = True) -> Span:
-    """Return an axis that holds values with a little room; it is logarithmic if they span decades.
+def span_of(values: Array, zero: bool = True, log: bool = False) -> Span:
+    """Return an axis that holds values with a little room.
 
     Args:
         values: Those that are not finite are left out.
         zero: Whether a linear one begins at zero, if no value is below.
+        log: Whether it is logarithmic, if no value is negative and one is positive.
     """
     known = values[np.isfinite(values)]
     if not len(known):
         return Span(0.0, 1.0)
     low, high = float(known.min()), float(known.max())
     least = float(known[known > 0.0].min(initial=np.inf))
-    if low >= 0.0 and high > DECADES_RATIO * least:
+    if log and low >= 0.0 and np.isfinite(least):
         return Span(max(least, high / MAX_DECADES_RATIO) / 1.15, high * 1.15, log=True)
     if zero and low >= 0.0:
         low = 0.0

@@ -55,8 +55,8 @@ def test_tracked(golden: Run) -> None:
     found = judged(golden, line(SPEED * T, 0.3 * np.exp(-2.0 * T)))
     assert found.outcome == "tracked"
     assert found.succeeded
-    assert found.outcome_sentence.startswith("base is ")
-    assert found.outcome_sentence.endswith(" µm from its reference in the end")
+    assert found.outcome_sentence.startswith("base is within ")
+    assert found.outcome_sentence.endswith(" µm of its reference over the last tenth")
     assert found.to_dict()["outcome"] == "tracked"
     assert found.to_dict()["outcome_sentence"] == found.outcome_sentence
 
@@ -68,7 +68,7 @@ def test_five_centimetres_are_at_the_reference(golden: Run, beside: float, name:
     assert found.outcome == name
     if name == "stuck":
         assert found.outcome_sentence == (
-            "base moves along 50.1 mm off its path in the end, and the error stays"
+            "base moves along up to 50.1 mm off its path over the last tenth, and the error stays"
         )
 
 
@@ -78,7 +78,9 @@ def test_late(golden: Run, lag: float, name: str) -> None:
     found = judged(golden, line(np.maximum(SPEED * (T - lag), 0.0)))
     assert found.outcome == name
     assert found.succeeded
-    behind = f"0.5 s ({249 if lag < 0.5 else 251} mm) behind its reference in the end"
+    behind = (
+        f"0.5 s ({249 if lag < 0.5 else 251} mm) behind its reference (median of the last quarter)"
+    )
     assert found.outcome_sentence == f"base is on its path, {behind}"
     assert found.base_path.final_lag == pytest.approx(lag)
     assert found.base_path.settled < 1e-9
@@ -111,7 +113,7 @@ def test_stuck(golden: Run, share: float, name: str) -> None:
     assert found.outcome == name
     assert found.succeeded is (name == "late")
     if name == "stuck":
-        assert found.outcome_sentence.startswith("base stands 3.3")
+        assert found.outcome_sentence.startswith("base stands up to 3.3")
 
 
 def test_a_robot_that_never_moves_is_stuck_though_its_reference_returns(golden: Run) -> None:
@@ -126,7 +128,9 @@ def test_a_robot_that_stands_where_it_should_is_not_stuck(golden: Run) -> None:
     assert judged(golden, still + np.array([[0.049, 0.0, 0.0]]), still).outcome == "tracked"
     found = judged(golden, still + np.array([[0.0, 0.3, 0.0]]), still)
     assert found.outcome == "stuck"
-    assert found.outcome_sentence == "base stands 300 mm from its reference in the end"
+    assert (
+        found.outcome_sentence == "base stands up to 300 mm from its reference over the last tenth"
+    )
 
 
 @pytest.mark.parametrize(("ratio", "name"), [(1.49, "stuck"), (1.51, "diverging")])
@@ -139,7 +143,8 @@ def test_diverging(golden: Run, ratio: float, name: str) -> None:
     assert not found.succeeded
     if name == "diverging":
         assert found.outcome_sentence == (
-            "base is 151 mm off its path in the end, and was 100 mm at most in the first half"
+            "base is up to 151 mm off its path over the last tenth, "
+            "and was 100 mm at most in the first half"
         )
 
 
@@ -181,7 +186,7 @@ def test_a_short_run_shows_nothing_steady(golden: Run, duration: float, name: st
     found = judged(golden, np.repeat(reference[:1], COUNT, axis=0), reference, t)
     assert found.outcome == name
     if name == "late":
-        assert found.outcome_sentence.startswith("too short a run to tell: base is 9")
+        assert found.outcome_sentence.startswith("too short a run to tell: base is up to 9")
 
 
 @pytest.mark.parametrize(("duration", "name"), [(4.99, "late"), (5.01, "stuck")])
@@ -199,13 +204,13 @@ def test_the_base_may_be_fine_and_the_end_effector_not(golden: Run) -> None:
     path = np.column_stack([SPEED * T, np.sin(T), 0.5 + 0.0 * T])
     fine = summarize(with_hand(golden, path + np.array([[0.0, 0.0, 0.01]]), path))
     assert fine.outcome == "tracked"
-    assert fine.outcome_sentence.startswith("base is 0 m from")
+    assert fine.outcome_sentence.startswith("base is within 0 m of")
     assert fine.end_effector_path is not None
     assert fine.end_effector_path.rms == pytest.approx(0.01, rel=1e-3)
     assert fine.end_effector_path.mean_lateral is None
     low = summarize(with_hand(golden, path - np.array([[0.0, 0.0, 0.2]]), path))
     assert low.outcome == "stuck"
-    assert low.outcome_sentence.startswith("end effector moves along 200 mm off its path")
+    assert low.outcome_sentence.startswith("end effector moves along up to 200 mm off its path")
     slow = np.column_stack([SPEED * T, np.sin(np.maximum(T - 0.7, 0.0)), 0.5 + 0.0 * T])
     slow[:, 0] = SPEED * np.maximum(T - 0.7, 0.0)
     late = summarize(with_hand(golden, slow, path))
@@ -219,7 +224,7 @@ def test_a_base_that_turns_on_the_spot_must_turn(golden: Run) -> None:
     assert judged(golden, spin + np.array([[0.0, 0.0, 0.099]]), spin).outcome == "tracked"
     still = judged(golden, 0.0 * spin, spin)
     assert still.outcome == "stuck"
-    assert still.outcome_sentence.startswith("heading, 0.5 m from P, stands 2.")
+    assert still.outcome_sentence.startswith("heading, 0.5 m from P, stands up to 2.")
     assert judged(golden, 0.8 * spin, spin).outcome == "late"
     driven = line(SPEED * T) + np.column_stack([0.0 * T, 0.0 * T, 0.0 * T + 1.0])
     assert judged(golden, driven).outcome == "tracked"  # where P goes somewhere, it counts

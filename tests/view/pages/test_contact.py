@@ -16,7 +16,7 @@ from rpctl.equivalence.certificate import CONTACT_ORACLE
 from rpctl.equivalence.contact.trial import ContactMotion, ContactTrial, Gap
 from rpctl.equivalence.scope import Scope
 from rpctl.equivalence.verify import Certificate
-from rpctl.view.pages.certificate import certificate_page, contact_figure, draw_distance, draw_plan
+from rpctl.view.pages.certificate import certificate_page, contact_figures, draw_distance, draw_plan
 from rpctl.view.palette import light
 from rpctl.view.plots import style
 
@@ -107,8 +107,8 @@ def test_the_gap_is_drawn_under_its_band(trial: ContactTrial) -> None:
 def test_charts_hold_both_sides(
     trial: ContactTrial, title: str, determinate: bool, part: str, columns: list[int]
 ) -> None:
-    figure = contact_figure(dataclasses.replace(trial, determinate=determinate))
-    (axes,) = (each for each in figure.axes if each.get_title(loc="left") == title)
+    _, charts = contact_figures(dataclasses.replace(trial, determinate=determinate))
+    (axes,) = (each for each in charts.axes if each.get_title(loc="left") == title)
     for lines, side in ((axes.lines[0::2], trial.engine), (axes.lines[1::2], trial.reduced)):
         values = [line.get_ydata() for line in lines]
         np.testing.assert_array_equal(values, getattr(side, part)[:, columns].T)
@@ -122,7 +122,7 @@ def test_a_gap_too_wide_is_told(trial: ContactTrial) -> None:
     page = certificate_page(certificate)
     assert "the two paths come <strong>200 mm</strong> apart, where 100 mm is allowed" in page
     assert '<span class="badge bad">1 of 3 gaps too wide</span>' in page
-    assert "<td>200 mm &gt; 100 mm ✗</td>" in page
+    assert '<td data-head="Residual">200 mm &gt; 100 mm ✗</td>' in page
     axes = drawn(draw_distance, failed)
     assert (
         axes.lines[0].get_color()

@@ -23,6 +23,7 @@ from rpctl.view.pages.panel import (
     headline_badges,
     headline_rows,
     legend,
+    merits,
     panel,
 )
 from rpctl.view.pages.settings import setting_texts
@@ -57,6 +58,20 @@ def compared(runs: list[Run]) -> str:
     """Return the panel of several runs."""
     names = [f"run {k}" for k in range(len(runs))]
     return panel_text(compare_panel(runs, names, [summarize(run) for run in runs], ()))
+
+
+def test_the_gains_are_told_once(golden: Run) -> None:
+    notes = ["gains: 2.5 Hz, as delay allows", "a caster sinks"]
+    page = panel_text(panel(golden, summarize(golden), notes))
+    assert "Notes (1)" in page and "a caster sinks" in page
+    assert "<li>gains: 2.5 Hz" not in page
+    assert "Notes" not in panel_text(panel(golden, summarize(golden), notes[:1]))
+
+
+def test_a_figure_below_a_micrometre_is_told_as_that(golden: Run) -> None:
+    for error, text in ((9e-7, "< 1 µm"), (1.1e-6, "1.1 µm"), (0.0, "0 m")):
+        known = merits(golden, replace(summarize(golden), final_base_error=error))
+        assert known["final_base_error"] == text
 
 
 def test_panel_of_a_run(golden: Run) -> None:
@@ -103,7 +118,7 @@ def test_panel_of_a_run(golden: Run) -> None:
     assert {label: setting_rows.get(label) for label in expected} == expected
     assert not {"Gain k, 1/s", "Weights"} & set(setting_rows)
     assert badges(page) == [("good", "late"), ("good", "within limits"), ("good", "verified")]
-    assert "<li>Late: too short a run to tell: base is 102 mm from its reference" in page
+    assert "<li>Late: too short a run to tell: base is up to 102 mm from its reference" in page
     assert "<li>The model follows itself: the simulated robot is the one that" in page
     assert "Worst of 7 random states, seed 3." in page
     assert "On the ground: keeps 0.12 m from tipping" in page
@@ -171,7 +186,7 @@ def test_comparison_tells_each_run_in_its_column(golden: Run) -> None:
     assert table["Base, rms"] == ["2.06 m", "206 mm", "206 mm"]
     assert table["Base, final lateral"] == ["40 mm", "4 mm", "4 mm"]
     assert table["End effector, final"] == ["30 mm", "30 mm", "–"]
-    assert table["Largest effort / limit"] == ["80%", "160%", "–"]
+    assert table["Largest effort / limit"] == ["80 %", "160 %", "–"]
     assert [badges(cell)[0][0] for cell in table["Limits"]] == ["good", "bad", "good"]
     assert table["Dynamics"][0] == "–"
     assert entries(compare_legend(runs, ["one", "two", "three"])) == [

@@ -168,7 +168,7 @@ def test_laws_within_laws_are_named(paper_run: Run) -> None:
 def test_what_is_before_a_law_and_what_the_plant_does_is_told(paper_run: Run) -> None:
     plain = setting_texts(replace(paper_run, config=Config(), law_sentences=()))
     assert (plain["Leash (m, rad)"], plain["Approach (m, rad)"]) == ("0.3, 1", "0.5, 0.8")
-    assert plain["M, h of the period's middle"] == "yes"
+    assert plain["Model of the period's middle"] == "yes"
     absent = {"Gains", "Delay, s", "Samples dropped, of 1", "Computing time, s"}
     absent |= {"Reference retimed"}
     assert not absent & plain.keys()

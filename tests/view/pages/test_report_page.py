@@ -256,3 +256,27 @@ def test_page_fits_its_window(browser: Any, report: Path, width: int) -> None:
             page.locator(".chart").nth(4).scroll_into_view_if_needed()
             assert page.get_by_role("slider").is_visible()
             assert page.evaluate("document.querySelector('.stage').getBoundingClientRect().y") == 0
+
+
+@pytest.mark.slow
+def test_errors_are_linear_until_a_logarithm_is_chosen(page: Any, paper_run: Run) -> None:
+    """From -1 µm at least; a line below zero is drawn below it, by choice its size."""
+    card = page.locator(".chart", has_text="Base error").first
+    state = """() => { const { plot } = rpctl.charts[0], { y } = plot.scales;
+      const line = plot.series.findIndex((each) => each.line === 2);
+      return [y.distr || 1, y.min, Math.min(...plot.data[line])]; }"""
+    distribution, low, least = page.evaluate(state)
+    assert distribution == 1
+    assert low <= -1e-6
+    assert least == pytest.approx(float(paper_run.log.e[:, 1].min()), rel=1e-5)
+    card.locator("button.scale").click()
+    distribution, low, least = page.evaluate(state)
+    assert distribution == 3
+    assert low > 0.0 and least > 0.0
+    assert card.locator(".unit").inner_text().endswith(", size")
+    card.locator("button.scale").click()
+    assert page.evaluate(state)[0] == 1
+    efforts = page.locator(".chart", has_text="Efforts").first
+    assert "% of limit" in efforts.locator(".unit").inner_text()
+    told = efforts.locator(".key b").all_inner_texts()
+    assert told and all(text.endswith(" %") for text in told)

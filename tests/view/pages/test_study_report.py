@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,8 +62,11 @@ def test_numbers(value: float, unit: Unit, text: str) -> None:
 
 
 def test_axes() -> None:
-    """Values of 1 to 100 span two decades, of 0 to 25 less; there are 32 bins."""
-    linear, log = span_of(np.array([0.0, 25.0, np.inf])), span_of(np.array([1.0, 100.0, np.nan]))
+    """They are linear unless a logarithm is asked for and has positive values; 32 bins."""
+    values = np.array([1.0, 100.0, np.nan])
+    linear, log = span_of(np.array([0.0, 25.0, np.inf])), span_of(values, log=True)
+    assert span_of(values).scale == span_of(np.array([-1.0, 9.0]), log=True).scale == "linear"
+    assert span_of(np.zeros(3), log=True).scale == "linear"
     assert (linear.low, linear.high, linear.scale) == (0.0, 26.0, "linear")
     assert (log.low, log.high, log.scale) == pytest.approx((1.0 / 1.15, 115.0, "log"))
     assert linear.edges()[16] == pytest.approx(13.0)
@@ -105,6 +109,22 @@ def test_histograms_stack_runs_that_failed_on_those_that_did_not() -> None:
         runs = replace(runs, merits={"work": np.full(5, same)})
         made = result(runs=runs, succeeded=good, units={"work": "J"})
         assert axes_of(draw_distribution, made, "work").texts[0].get_text() == told
+
+
+def test_outliers_leave_room_for_the_others_on_a_linear_axis() -> None:
+    """Of 0.01, 0.02 ... 0.99 and 50 m, 95 % are below 0.96 m: it ends before 3 m, with a bar."""
+    values = np.append(np.linspace(0.01, 0.99, 99), 50.0)
+    runs = replace(result().runs, merits={"rms_base_error": values})
+    made = result(runs=runs, succeeded=np.ones(100, bool))
+    plain, log = (
+        axes_of(partial(draw_distribution, log=log), made, "rms_base_error")
+        for log in (False, True)
+    )
+    bars = [bar.get_height() for bar in plain.containers[0]]
+    assert (sum(bars), bars[-1]) == (100, 1) and sum(bar > 0 for bar in bars) > 9
+    assert plain.get_xlim()[1] < 3e3 and plain.get_xlabel().endswith("; the last bar: all beyond")
+    assert (plain.get_xscale(), log.get_xscale()) == ("linear", "log")
+    assert log.get_xlim()[1] > 50.0 and "beyond" not in log.get_xlabel()
 
 
 def test_bars_and_their_intervals() -> None:

@@ -49,14 +49,14 @@ def test_speeds_and_their_references(golden: Run) -> None:
     """Solid what the robot did, dashed what the reference did; neither is what the law asked."""
     axes = panel(golden, "speeds")
     drawn = labelled(axes)
-    assert over_time(drawn["v, m/s"]) == pytest.approx(speeds(0.5, 0.1))
+    assert over_time(drawn["forward, m/s"]) == pytest.approx(speeds(0.5, 0.1))
     assert over_time(drawn["steer, rad/s"]) == pytest.approx(speeds(0.5, -0.2))
     references = curves(axes, style.DESIRED)
     assert [over_time(c) for c in references] == [
         pytest.approx(speeds(-7.0, 0.1)), pytest.approx(speeds(-7.0, -0.2)),
     ]  # fmt: skip
     handles, named = axes.get_legend_handles_labels()
-    assert named == ["v, m/s", "steer, rad/s", "reference"]
+    assert named == ["forward, m/s", "steer, rad/s", "reference"]
     assert handles[-1].get_color() == style.DESIRED  # type: ignore[attr-defined]
     assert axes.get_ylabel() == "m/s or rad/s"
     joints = panel(golden, "joint-speeds")
@@ -73,11 +73,11 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     figure = tracking_figure(golden, panels=["efforts"])
     shares, free = figure.axes
     low, high, *drawn = curves(shares)
-    assert (low[:, 1].tolist(), high[:, 1].tolist()) == ([-1.0, -1.0], [1.0, 1.0])
-    drawn_efforts = np.array([over_time(c) for c in drawn]).T * [40.0, 15.0, 20.0, 80.0]
+    assert (low[:, 1].tolist(), high[:, 1].tolist()) == ([-100.0, -100.0], [100.0, 100.0])
+    drawn_efforts = np.array([over_time(c) for c in drawn]).T * [0.4, 0.15, 0.2, 0.8]
     assert drawn_efforts == pytest.approx(EFFORTS[:, [0, 2, 3, 4]])
-    assert shares.get_ylabel() == "effort / limit"
-    assert shares.get_ylim() == pytest.approx((-1.12, 1.12))
+    assert shares.get_ylabel() == "effort, % of limit"
+    assert shares.get_ylim() == pytest.approx((-112.0, 112.0))
     (wheel,) = curves(free)
     assert over_time(wheel) == pytest.approx(EFFORTS[:, 1])
     assert free.get_ylabel() == "effort, N·m"
@@ -98,3 +98,21 @@ def test_efforts_of_the_right_actuators(golden: Run) -> None:
     assert (turning.get_ylabel(), sliding.get_ylabel()) == ("effort, N·m", "effort, N")
     assert [over_time(c).tolist() for c in curves(turning)] == EFFORTS[:, :4].T.tolist()
     assert [over_time(c).tolist() for c in curves(sliding)] == [EFFORTS[:, 4].tolist()]
+
+
+def test_errors_are_signed_on_linear_axes_and_sizes_on_logarithmic_ones(golden: Run) -> None:
+    """Longitudinal 3, -.3, .3 ... m, drawn in m, with 0 in view; by choice their sizes."""
+    expected = np.array([3.0, -0.3, 0.3, 0.05, -0.06, 0.03])
+    for log, scale, values in ((False, "linear", expected), (True, "log", np.abs(expected))):
+        (axes,) = tracking_figure(golden, panels=["base"], log=log).axes
+        assert axes.get_yscale() == scale
+        assert over_time(labelled(axes)["longitudinal, m"]) == pytest.approx(values)
+        assert axes.get_ylabel() == "m or rad"
+    assert panel(golden, "efforts").get_yscale() == "linear"
+    small = vary(golden, e=2e-3 * golden.log.e)
+    axes = panel(small, "base")
+    assert over_time(labelled(axes)["longitudinal, mm"]) == pytest.approx(2.0 * expected)
+    assert not any(text.get_text() for text in axes.texts)
+    noise = panel(vary(golden, e=1e-9 * golden.log.e), "base")
+    assert [text.get_text() for text in noise.texts] == ["all below 1 µm and 1 µrad"]
+    assert noise.get_ylim() == pytest.approx((-1.16, 1.16))

@@ -38,7 +38,9 @@ def test_picture_of_a_benchmark() -> None:
     line, spin, delayed, empty = figure.axes
     assert [axes.get_title() for axes in figure.axes] == ["line", "spin", "", ""]
     assert [axes.get_ylabel() for axes in figure.axes] == ["nominal", "", "delay", ""]
-    assert line.get_xlim() == delayed.get_xlim() and line.get_xscale() == "log"
+    assert line.get_xlim() == delayed.get_xlim() and line.get_xscale() == "linear"
+    assert -10.0 < line.get_xlim()[0] < 0.0 < 80.0 < line.get_xlim()[1]  # mm, from zero on
+    assert study_figure(rows, "a robot", PROPOSED, log=True).axes[0].get_xscale() == "log"
     assert line.yaxis_inverted()  # the first law at the top
 
     def marks(axes: Any) -> list[Any]:
