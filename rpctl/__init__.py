@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from rpctl import Run
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 _STUB = __loader__.get_data(f"{__file__}i").decode()  # __init__.pyi: the one list of the names
 _WORDS = [line.split() for line in _STUB.splitlines() if line.startswith("from rpctl.")]
 _MODULES = {name: module for _, module, _, name, *_ in _WORDS}
