@@ -16,18 +16,20 @@ PERIOD = 0.002  # s
 
 
 def section(quick: bool) -> Section:
-    """Return median and 99.9 % of a step along a figure-eight, µs."""
+    """Return median, 99 % and 99.9 % of a step along a figure-eight, µs."""
     samples, rows = 3000 if quick else 15000, []
     for name in ("tiago", "swerve"):
         robot = rpctl.load(name)
         for output in ("effort", "velocity"):
             machine, virtual = (
-                np.quantile(step_seconds(robot, output, compiled, samples), [0.5, 0.999]) * 1e6
+                np.quantile(step_seconds(robot, output, compiled, samples), [0.5, 0.99, 0.999])
+                * 1e6
                 for compiled in (True, False)
             )
             what, peer = f"{name}, {output}: a step", "CasADi's virtual machine"
             rows.append(Row(what, machine[0], "µs", COMMAND, peer, virtual[0], MEDIAN_GOAL))
-            rows.append(Row(f"{what}, 99.9 %", machine[1], "µs", COMMAND, goal=MOST_GOAL))
+            rows.append(Row(f"{what}, 99 %", machine[1], "µs", COMMAND, peer, virtual[1]))
+            rows.append(Row(f"{what}, 99.9 %", machine[2], "µs", COMMAND, goal=MOST_GOAL))
             rows.append(Row(f"{what}, {peer}", virtual[0], "µs", COMMAND, goal=VIRTUAL_GOAL))
     note = (
         "Unified law and law within limits with integral action, on the states of a run; medians, "
