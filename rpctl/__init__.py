@@ -8,7 +8,7 @@ TYPE_CHECKING = False  # `typing` is not imported here: it would delay the answe
 if TYPE_CHECKING:
     from typing import Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 _STUB = __loader__.get_data(f"{__file__}i").decode()  # __init__.pyi: the one list of the names
 _WORDS = [line.split() for line in _STUB.splitlines() if line.startswith("from rpctl.")]
 _MODULES = {name: module for _, module, _, name, *_ in _WORDS}

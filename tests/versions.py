@@ -1,8 +1,9 @@
 """The range of versions that rpctl is tested with: ``make versions``.
 
-For every Python that this machine has, an environment with the lowest versions that
-``pyproject.toml`` allows, and one with the newest, each runs the tests that touch what rpctl
-depends on. Pythons that are not here are named and left out.
+A source archive is built, and a wheel from it. For every Python that this machine has, an
+environment with the lowest versions that ``pyproject.toml`` allows, and one with the newest, takes
+the wheel, runs commands away from the checkout as a user does, and then the tests that touch what
+rpctl depends on. Pythons that are not here are named and left out.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,8 +24,16 @@ import uv
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 RESOLUTIONS = {"lowest": "lowest-direct", "latest": "highest"}  # direct: what pyproject.toml names
-EXTRAS = ("xacro",)
-TOOLS = ("pytest", "hypothesis")  # the newest ones: they are not what is tested
+EXTRAS = ("derive",)
+TOOLS = ("pytest", "pytest-timeout", "hypothesis")  # the newest ones: they are not what is tested
+COMMANDS = (
+    "--version",
+    "doctor",
+    "robots",
+    "inspect paper",
+    "verify mixed_chain --samples 5",
+    "track paper --duration 1 --out run",
+)
 SMOKE = (  # at least one file for each dependency, and what broke with one of them before
     "tests/cli/test_app.py",
     "tests/control/horizon/test_condensed.py",
@@ -70,8 +80,8 @@ def run_uv(*words: str) -> str:
     return done.stdout
 
 
-def install(python: str, resolution: str, folder: Path) -> tuple[Path, dict[str, str]]:
-    """Make an environment; returns its Python, and the version of every package in it."""
+def install(python: str, resolution: str, wheel: Path, folder: Path) -> tuple[Path, dict[str, str]]:
+    """Make an environment of the wheel; returns its Python, and the version of every package."""
     run_uv("venv", "--quiet", "--python", python, str(folder))
     path = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     # Wheels only: what has to be compiled here says nothing of the versions.
@@ -79,10 +89,35 @@ def install(python: str, resolution: str, folder: Path) -> tuple[Path, dict[str,
     extras = [word for name in EXTRAS for word in ("--extra", name)]
     how = ("--resolution", RESOLUTIONS[resolution])
     run_uv(*pip, *how, "--requirement", str(ROOT / "pyproject.toml"), *extras)
+    run_uv(*pip, "--no-deps", str(wheel))
     listed = run_uv("pip", "freeze", "--python", str(path))
     run_uv(*pip, *TOOLS)
     lines = (line.split("==", 1) for line in listed.splitlines() if "==" in line)
     return path, dict(lines)
+
+
+def build(folder: Path) -> Path:
+    """Build the source archive and, from it, the wheel; return the wheel's path."""
+    run_uv("build", "--quiet", "--out-dir", str(folder), str(ROOT))
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def used(python: Path, folder: Path) -> bool:
+    """Run the installed commands in a folder with nothing in it; return whether they passed."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment |= {"RPCTL_CACHE_DIR": str(folder / "cache"), "OMP_NUM_THREADS": "1"}
+    folder.mkdir()
+    for words in COMMANDS:
+        command, began = [str(python.with_name("rpctl")), *words.split()], time.perf_counter()
+        done = subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+        )
+        print(f"rpctl {words}: {time.perf_counter() - began:.1f} s", flush=True)
+        if done.returncode:
+            print(done.stdout, done.stderr, sep="\n", flush=True)
+            return False
+    return True
 
 
 def smoke(python: Path, tests: tuple[str, ...]) -> bool:
@@ -108,18 +143,23 @@ def main() -> int:
     parser.add_argument("tests", nargs="*", help="other tests than the usual ones")
     options = parser.parse_args()
     results = {}
-    for version in options.python or PYTHONS:
-        python = interpreter(version)
-        if python is None:
-            print(f"Python {version}: left out, it is not on this machine", flush=True)
-            continue
-        for resolution in options.resolution or RESOLUTIONS:
-            name = f"Python {version}, {resolution}"
-            with tempfile.TemporaryDirectory(prefix="rpctl-versions-") as folder:
-                path, found = install(python, resolution, Path(folder, "env"))
+    with tempfile.TemporaryDirectory(prefix="rpctl-versions-") as scratch:
+        wheel = build(Path(scratch, "dist"))
+        print(f"{wheel.name}, built from the source archive", flush=True)
+        for version in options.python or PYTHONS:
+            python = interpreter(version)
+            if python is None:
+                print(f"Python {version}: left out, it is not on this machine", flush=True)
+                continue
+            for resolution in options.resolution or RESOLUTIONS:
+                name = f"Python {version}, {resolution}"
+                folder = Path(scratch, name)
+                path, found = install(python, resolution, wheel, folder / "env")
                 direct = [f"{each} {found[each]}" for each in declared() if each in found]
                 print(f"\n== {name}: {', '.join(direct)}", flush=True)
-                results[name] = smoke(path, tuple(options.tests) or SMOKE)
+                passed = used(path, folder / "empty")
+                results[name] = smoke(path, tuple(options.tests) or SMOKE) and passed
+                shutil.rmtree(folder)
     print("\n" + "\n".join(f"{name}: {'passed' if r else 'FAILED'}" for name, r in results.items()))
     return 0 if results and all(results.values()) else 1
 

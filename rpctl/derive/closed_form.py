@@ -115,7 +115,7 @@ def _form(robot: Robot, equations: Equations, short: ShortForm) -> ClosedForm:
     for (i, j), entry in zip(upper, short.entries, strict=False):
         M[i, j] = M[j, i] = entry
     kinds = {joint.name: joint.kind for joint in robot.description.joints}
-    B = [[equations.space.expression(x, {}) for x in row] for row in equations.B]
+    B = [equations.space.expression(x, {}) for row in equations.B for x in row]
     return ClosedForm(
         robot=robot.name,
         coordinates=tuple(
@@ -127,7 +127,7 @@ def _form(robot: Robot, equations: Equations, short: ShortForm) -> ClosedForm:
         actuators=robot.actuators,
         M=sp.ImmutableMatrix(M),
         h=sp.ImmutableMatrix(n, 1, short.entries[len(upper) :]),
-        B=sp.ImmutableMatrix(B),
+        B=sp.ImmutableMatrix(n, len(robot.actuators), B),  # n rows where nothing drives, too
         losses=_losses(equations),
         definitions=short.definitions,
         parameters=equations.parameters,

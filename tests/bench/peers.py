@@ -10,8 +10,11 @@ import pytest
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.equivalence.contact.model import ContactModel
 from rpctl.robot.model import Robot
+from rpctl.simulation.config import RunSettings
+from rpctl.simulation.plants.contact import MujocoMotion
 
 HOLDING = 20.0  # rad/s: bandwidth at which a joint of the arm is held, critically damped
 
@@ -80,3 +83,25 @@ class MujocoPeer:
         """
         if abs(late - self._began) > 1e-6:
             raise ValueError("MuJoCo's robot diverged: its time says nothing")
+
+
+def same_world(robot: Robot, dt: float, steps: int) -> float:
+    """Return the processor time, s, of the contact plant's own world, its arm held from Python.
+
+    Args:
+        robot: The robot.
+        dt: Control period, s; the world divides it into steps as the plant does.
+        steps: Control periods.
+    """
+    dynamics, q = ReducedDynamics(robot), robot.configuration_at(np.zeros(3), robot.home)
+    world = MujocoMotion(robot, ContactSettings(), RunSettings().friction, q)
+    model, data = world.mjm, world.data
+    dofs = model.jnt_dofadr[[model.actuator(name).trnid[0] for name in robot.actuators]]
+    held, M = world.places, np.zeros((model.nv, model.nv))
+    world.mujoco.mj_fullM(model, data, M)
+    p = HOLDING**2 * M[dofs, dofs]
+    tau = dynamics.efforts(q, dynamics.bias(q, np.zeros(robot.dof)))
+    began = time.process_time()
+    for _ in range(steps):
+        world.run(tau + p * (held - world.places - 2.0 / HOLDING * data.qvel[dofs]), dt)
+    return time.process_time() - began

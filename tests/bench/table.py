@@ -43,25 +43,33 @@ def measured(names: Sequence[str], quick: bool) -> Iterator[Section]:
             print(f"{name}: {time.perf_counter() - began:.0f} s", file=sys.stderr)
 
 
-def circumstances(quick: bool) -> str:
-    """Return what was measured with, in a sentence or two."""
+def circumstances(quick: bool, loads: Sequence[float]) -> str:
+    """Return what was measured with, in a sentence or two.
+
+    Args:
+        quick: Whether less was measured.
+        loads: What waited for a processor meanwhile, this process included, over a minute each.
+    """
     installed = {each.metadata["Name"]: each.version for each in distributions()}
     packages = [f"{name} {installed[name]}" for name in PEERS if name in installed]
     how = "quick" if quick else "in full"
     return (
         f"Measured {how} on {_processor()}, Python {platform.python_version()}, "
-        f"{', '.join(packages)}. Processor time of one core, the least of several, unless said; "
-        "compare ratios, which are of one run, and not times of different machines. A ratio is how "
-        "many times better than the peer.\n"
+        f"{', '.join(packages)}, load {min(loads):.1f} to {max(loads):.1f}. Processor time of one "
+        "core, the least of several, unless said; compare ratios, which are of one run, and not "
+        "times of different machines. A ratio is how many times better than the peer.\n"
     )
 
 
 def _processor() -> str:
-    lines = Path("/proc/cpuinfo")
-    for line in lines.read_text().splitlines() if lines.exists() else ():
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+    """Return the processor's name; the family and model tell what a hypervisor's name does not."""
+    path = Path("/proc/cpuinfo")
+    lines = path.read_text().splitlines() if path.exists() else []
+    found = {name.strip(): value.strip() for name, _, value in (x.partition(":") for x in lines)}
+    if "model name" not in found:
+        return platform.processor() or platform.machine()
+    kind = f"family {found.get('cpu family', '?')}, model {found.get('model', '?')}"
+    return f"{os.cpu_count()} × {found['model name']} ({kind})"
 
 
 def write(out: Path, sections: Sequence[Section], said: str) -> None:
@@ -78,10 +86,10 @@ def write(out: Path, sections: Sequence[Section], said: str) -> None:
     (out / "speed.json").write_text(json.dumps(data, indent=1, allow_nan=False), encoding="utf-8")
 
 
-def read(out: Path) -> list[Section]:
-    """Return the sections that a folder's ``speed.json`` has."""
+def read(out: Path) -> tuple[list[Section], str]:
+    """Return the sections that a folder's ``speed.json`` has, and how they were measured."""
     data = json.loads((out / "speed.json").read_text(encoding="utf-8"))
-    return [Section.from_dict(each) for each in data["sections"]]
+    return [Section.from_dict(each) for each in data["sections"]], data["circumstances"]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -95,12 +103,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if asked.readme:
         from tests.bench.readme_table import rewrite
 
-        rewrite(read(asked.out))
+        rewrite(*read(asked.out))
         return
     sections: list[Section] = []
+    loads = [os.getloadavg()[0]]
     for section in measured(asked.only or SECTIONS, asked.quick):
         sections.append(section)
-        write(asked.out, sections, circumstances(asked.quick))  # what a later one cannot undo
+        loads.append(os.getloadavg()[0])
+        write(
+            asked.out, sections, circumstances(asked.quick, loads)
+        )  # what a later one cannot undo
     print((asked.out / "speed.md").read_text(encoding="utf-8"))
 
 

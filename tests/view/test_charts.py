@@ -121,8 +121,6 @@ def test_the_tilt_is_drawn_against_what_nothing_raises(name: str, other: str) ->
     own = lines.pop("roll" if name == "whipple" else "pitch")
     assert own == pytest.approx(tilts, abs=1e-12)
     assert np.abs(lines[other]).max() < (0.05 if name == "whipple" else 1e-12)
-    near = chart(run, "Tilt")  # upright: the axis is the tilt's own
-    assert near.limits == () and "fallen beyond 1 rad" in near.note
 
 
 def test_a_small_tilt_fills_its_chart() -> None:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
+from rpctl import __version__
 from rpctl.engines.mujoco.bodies import FREE, HOME, HOW, body_name, sensor_parts
 from rpctl.engines.mujoco.certificate import MjcfCertificate
 from rpctl.engines.mujoco.check import compare_tables
@@ -37,7 +38,6 @@ from rpctl.files.writing import make_folder, require_writable, write_atomically
 from rpctl.robot.inspection import model_digest
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import without_losses
-from rpctl.version import VERSION
 
 LINK_GROUP, CONTACT_GROUP = 4, 3  # of sites and of contact shapes; a viewer shows 0 to 2
 HARD_STEPS = 4.0  # timesteps: time constant of the contacts of crowned wheels
@@ -210,7 +210,7 @@ def _certificate(
         source=robot.source,
         urdf=robot.description.sha256,
         model=model_digest(robot),
-        made_with={"rpctl": VERSION, "mujoco": version("mujoco")},
+        made_with={"rpctl": __version__, "mujoco": version("mujoco")},
         checks=tuple({"name": c.name, "against": c.against, "limit": c.limit} for c in checks),
         verified={
             "sha256": hashlib.sha256(text.encode()).hexdigest(),
@@ -247,7 +247,7 @@ def _document(spec: Any, drawn: Drawn, sections: dict[str, list[Any]], path: Pat
     )
     parts = {**drawn.parts, "world": [light]}
     comment = (
-        f" Written by rpctl {VERSION}. Units: m, kg, s, rad, N. Controls are efforts at "
+        f" Written by rpctl {__version__}. Units: m, kg, s, rad, N. Controls are efforts at "
         f"the joints (N m, N). `rpctl check {path.name.replace('--', '- -')}` proves it again. "
     )
     root = write_model(spec, parts, sections, comment)

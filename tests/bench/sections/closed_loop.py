@@ -12,11 +12,12 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation.compiled.build import compiled_loop
 from rpctl.simulation.config import Config, RunSettings
-from tests.bench.peers import MujocoPeer
+from tests.bench.peers import MujocoPeer, same_world
 from tests.bench.rows import Row, Section, cpu_seconds
 
 COMMAND = "python -m tests.bench.table --only closed_loop"
 SECONDS, PERIOD = 10.0, 0.002
+STEPS = round(SECONDS / PERIOD)
 GOAL = 300.0  # times real time
 UNIT = "times real time"
 
@@ -34,16 +35,23 @@ def section(quick: bool) -> Section:
 
     built, loaded = build(), min(build() for _ in range(2))
     peer, its = "MuJoCo, controller in Python", SECONDS / _mujoco(robot, rounds)
+    world = "the same world, controller in Python"
+    worlds = SECONDS / min(same_world(robot, PERIOD, STEPS) for _ in range(rounds))
     reference = reference_by_name(robot, "eight")
 
     def row(what: str, took: float, command: str, goal: float | None = None) -> Row:
         return Row(what, SECONDS / took, UNIT, command, peer, its, goal)
 
-    def track(backend: str, bare: bool) -> float:
-        of = reference if bare else "eight"
-
+    def track(backend: str, bare: bool, plant: str = "ideal") -> float:
         def run() -> object:
-            return rpctl.track(robot, of, duration=SECONDS, collisions=not bare, backend=backend)
+            return rpctl.track(
+                robot,
+                reference if bare else "eight",
+                duration=SECONDS,
+                collisions=not bare,
+                backend=backend,
+                plant=plant,
+            )
 
         run()
         return cpu_seconds(run, rounds=1 if backend == "pinocchio" else rounds)
@@ -58,6 +66,14 @@ def section(quick: bool) -> Section:
             GOAL,
         ),
         row("the same in Python", track("pinocchio", True), bare.format("pinocchio")),
+        Row(
+            "the loop on contact in MuJoCo",
+            SECONDS / track("auto", True, "contact"),
+            UNIT,
+            'rpctl.track(robot, reference, duration=10.0, collisions=False, plant="contact")',
+            world,
+            worlds,
+        ),
         row("`track`, all it does, compiled", track("compiled", False), whole),
         Row(peer, its, UNIT, COMMAND),
         Row("the loop is built and checked, once", built, "s", COMMAND),
@@ -65,17 +81,18 @@ def section(quick: bool) -> Section:
     )
     note = (
         "10 s of TIAGo's figure-eight at 2 ms, the default laws. `track` also fits the reference "
-        "to the robot and looks for collisions. The processor time of MuJoCo's loop is that of a "
-        "robot on its wheels whose arm a proportional-derivative law holds."
+        "to the robot and looks for collisions. rpctl's loop rolls without contact; MuJoCo's is "
+        "of a robot on its wheels, in steps of 2 ms, whose arm a proportional-derivative law "
+        "holds. On contact both are of the same world, in steps of 1 ms."
     )
     return Section("One closed loop", rows, note)
 
 
 def _mujoco(robot: rpctl.Robot, rounds: int) -> float:
-    steps, found = round(SECONDS / PERIOD), []
+    found = []
     for _ in range(rounds):
         peer = MujocoPeer(robot, PERIOD)
-        found.append(peer.with_python_control(steps))
+        found.append(peer.with_python_control(STEPS))
         if not np.all(np.isfinite(peer.data.qpos)):
             raise ValueError("MuJoCo's robot left the finite numbers")
     return min(found)

@@ -18,7 +18,7 @@ TRACKED = ("paper", "tiago", "swerve", "car")
 
 def section(quick: bool) -> Section:
     """Return the processor time of whole processes, and of the picture of a run."""
-    rounds = 1 if quick else 4
+    rounds = 1 if quick else 2
     empty, engine, package = (
         process_seconds(rounds, "-c", code)
         for code in ("pass", "import numpy, pinocchio", "import rpctl")

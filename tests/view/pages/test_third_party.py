@@ -32,11 +32,11 @@ FILES = [third_party.MESHCAT_SCRIPT, third_party.MESHCAT_LICENCE, third_party.BU
 @pytest.fixture
 def pages(cart: Robot, cart_run: Run, tmp_path: Path) -> dict[str, str]:
     report = write_report(cart_run, tmp_path / "report.html", robot=cart)
-    return {
+    return {  # plain text: older MarkupSafe escapes what a page is parted at
         "report": report.read_text(encoding="utf-8"),
-        "robot": robot_page(cart),
-        "served": waiting_page(cart),
-        "scene": bare_scene(build_scene(cart, cart_run)),
+        "robot": str(robot_page(cart)),
+        "served": str(waiting_page(cart)),
+        "scene": str(bare_scene(build_scene(cart, cart_run))),
     }
 
 

@@ -1,3 +1,0 @@
-"""The version of rpctl."""
-
-VERSION = "0.1.0"
