@@ -8,8 +8,9 @@ from scipy.linalg import expm, solve_discrete_are
 
 import rpctl
 from rpctl import Plant, ReducedDynamics, Wrench
-from rpctl.control.balance import ERRORS, Balance, Posture, sampled
+from rpctl.control.balance import Balance
 from rpctl.control.law import LeaningCommand, Rest
+from rpctl.control.steady_motion import ERRORS, Posture, sampled
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.simulation.config import Config
 from rpctl.simulation.plants.starting import start_motion

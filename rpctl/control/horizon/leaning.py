@@ -23,11 +23,12 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.balance import ERRORS, LATENESS_S, Balance, Posture, cost_to_go, sampled
+from rpctl.control.balance import LATENESS_S, Balance, cost_to_go
 from rpctl.control.error import base_error
 from rpctl.control.horizon.regulation import Box, Regulated, Regulator, Steps
 from rpctl.control.law import EffortCommand, Efforts, Limit
 from rpctl.control.sampling import TIME_ROUNDING
+from rpctl.control.steady_motion import ERRORS, Posture, sampled
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.files.records import POSITIVE, Range, Record, Setting
 from rpctl.reference.motion import Reference

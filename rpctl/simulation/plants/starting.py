@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.balance import Posture
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
+from rpctl.control.steady_motion import Posture
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError, require_known
 from rpctl.reference.motion import ReferenceState

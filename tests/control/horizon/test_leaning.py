@@ -9,12 +9,13 @@ from scipy.linalg import solve_discrete_are
 import rpctl
 from rpctl import Plant, ReducedDynamics, Wrench
 from rpctl.arrays import Array
-from rpctl.control.balance import Balance, Posture, sampled
+from rpctl.control.balance import Balance
 from rpctl.control.bandwidth import knowing_delay
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.leaning import LeaningHorizon, LeaningHorizonLaw
 from rpctl.control.horizon.regulation import STIFFNESS, Box, Regulated, Regulator, Steps
 from rpctl.control.obstacles import Disc
+from rpctl.control.steady_motion import Posture, sampled
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.reference.motion import Reference, ReferenceState
