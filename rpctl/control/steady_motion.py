@@ -76,6 +76,7 @@ class Posture:
                 "hold joints with --lock"
             )
         limits = robot.effort_limits
+        self._still = np.zeros(robot.dof)
         self.scale = np.where(np.isfinite(limits), limits, 1.0)
         # m/s: a slower bicycle is balanced as if it went so fast
         self.slowest = robot.balancing_speed(LEAST_LEAN) if self.steered else -math.inf
@@ -125,7 +126,7 @@ class Posture:
         )
         own = np.zeros(1 + len(self.steered))
         for _ in range(STEPS):
-            here = self._motion(self.at(own, joints), state, own)
+            here = self._motion(self.at(own, joints), self._still, state, own)
             gap = self._left(here, omega)
             if np.abs(gap).max() <= STEADY:
                 return here
@@ -151,8 +152,7 @@ class Posture:
         """Return a motion near another one: of a reference, with a tilt and a steering (own)."""
         way = np.zeros(self.robot.dof)
         way[self.index] = np.concatenate([own - before.posture, state.joints - before.joints])
-        far = max(way.max(), -way.min()) > STEADY
-        return self._motion(self.dynamics.moved(before.q, way) if far else before.q, state, own)
+        return self._motion(before.q, way, state, own)
 
     def slope(self, steady: SteadyMotion, joints: Array) -> Array:
         """Return how what is left over of a motion changes with tilt and steering."""
@@ -163,13 +163,20 @@ class Posture:
         )
         gap = self._left(steady, 0.0)
         columns = [
-            self._left(self._motion(self.at(own, joints), state, own), 0.0) - gap
+            self._left(self._motion(self.at(own, joints), self._still, state, own), 0.0) - gap
             for own in steady.posture + STEP * np.eye(len(steady.posture))
         ]
         return np.column_stack(columns) / STEP
 
-    def _motion(self, q: Array, state: ReferenceState, own: Array) -> SteadyMotion:
-        """Return a motion with the least efforts, of their limits, that keep it up."""
+    def _motion(self, q: Array, way: Array, state: ReferenceState, own: Array) -> SteadyMotion:
+        """Return a motion with the least efforts, of their limits, that keep it up.
+
+        Args:
+            q: A configuration (nq,) near it.
+            way: Quasi-velocities (dof,) that lead from there to it in 1 s.
+            state: What is wished.
+            own: Its tilt and steering.
+        """
         nu, nu_dot = np.zeros((2, self.robot.dof))
         for into, base, arm in (
             (nu, state.twist, state.joint_rates), (nu_dot, state.twist_dot,
@@ -178,7 +185,7 @@ class Posture:
             into[0], into[len(into) - len(arm) :] = base[0], arm
             if not self.steered:
                 into[1] = base[2]
-        force, B, twist = self.dynamics.required(q, nu, nu_dot)
+        q, force, B, twist = self.dynamics.required(q, way, nu, nu_dot)
         tau = self.scale * np.linalg.lstsq(B * self.scale, force, rcond=None)[0]
         lacking = (force - B @ tau)[self.first] / (GRAVITY * self.robot.mass)
         turn = float(twist[2])
