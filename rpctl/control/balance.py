@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -164,11 +163,13 @@ class Design(NamedTuple):
         asked, by_lean = math.hypot(*(self.K[:, outer] @ x[outer])), math.hypot(*self.K[:, ERRORS])
         return min(1.0, MENDING_LEAN * by_lean / max(asked, TINY))
 
-    def foretold(self, x: Array, sent: Sequence[Array]) -> Array:
-        """Return x (n,) when what is sent now acts, given what was sent before that, in order."""
-        for u in sent:
-            x = self.F @ x + self.G @ u
-        return x
+
+def foretelling(F: Array, G: Array, periods: int) -> Array:
+    """Return the map (n, n + periods m) from x, and from what is sent in each period, to x then."""
+    found = np.eye(len(F))
+    for _ in range(periods):
+        found = np.hstack([F @ found, G])
+    return found
 
 
 class BalanceController(ReportsNothing):
@@ -181,7 +182,7 @@ class BalanceController(ReportsNothing):
     """
 
     def __init__(self, law: Balance, posture: Posture, period: float) -> None:
-        self._posture, robot = posture, posture.robot
+        self._posture, robot, limits = posture, posture.robot, posture.robot.effort_limits
         self._speeds = [v for v in SPEEDS if v > 0.5 * posture.slowest]
         steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds]
         self._designs = [law.design(posture, each, period) for each in steady]
@@ -189,9 +190,14 @@ class BalanceController(ReportsNothing):
         self._slopes: list[Array] = [np.asarray(np.linalg.inv(each)) for each in slopes]
         late = LATENESS_S if law.lateness is None else law.lateness
         self._sent = deque([np.zeros(len(robot.actuators))] * round(late / period))
+        self._foretold = [foretelling(each.F, each.G, len(self._sent)) for each in self._designs]
+        self._gains = np.array([each.K for each in self._designs])
+        flat = [each.ahead.swapaxes(0, 1).reshape(len(limits), -1) for each in self._designs]
+        self._by_changes = np.array(flat)
         self._steady: SteadyMotion | None = None
         self._ahead: deque[SteadyMotion] = deque(maxlen=AHEAD + 2)
         self._last = 0  # step of the last of these
+        self._looked: int | None = None  # step of the first, as it was looked at last
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         """Return τ (n_act,) and the limits that bind.
@@ -209,39 +215,36 @@ class BalanceController(ReportsNothing):
         if not isinstance(command, LeaningCommand):
             raise UnfitLawError("the kinematic law tells no goal to balance for; take unified")
         goal = command.goal
-        postures, share = self._look(goal)
-        own = (1.0 - share) * postures[0] + share * postures[1]
-        state = posture.possible(goal.reference(goal.t))
+        own, of_changes = self._look(goal)
+        state = posture.possible(goal.state)
         self._steady = steady = posture.moved(self._steady or self._ahead[0], state, own)
         wanted = np.concatenate([steady.posture, steady.joints, command.nu_d])
         x = posture.short(np.concatenate([posture.of(q), nu]) - wanted)
-        x = np.concatenate([-goal.error, x])
-        (low, high), part = self._near(float(state.twist[0]))
-        x = (high if part > 0.5 else low).foretold(x, self._sent)
-        x[posture.outer] *= min(design.leans_less(x, posture.outer) for design in (low, high))
-        changes = np.diff(postures, axis=0)
-        changes = (1.0 - share) * changes[:-1] + share * changes[1:]
-        asked = steady.tau.copy()
-        for design, weight in ((low, 1.0 - part), (high, part)):
-            asked += weight * (np.einsum("kij,kj->i", design.ahead, changes) - design.K @ x)
-        tau = np.clip(asked, -limits, limits)
+        k, part = self._near(float(state.twist[0]))
+        both, weights = slice(k, k + 2), np.array([1.0 - part, part])
+        x = self._foretold[k + round(part)] @ np.concatenate([-goal.error, x, *self._sent])
+        x[posture.outer] *= min(each.leans_less(x, posture.outer) for each in self._designs[both])
+        asked = steady.tau + weights @ (of_changes[both] - self._gains[both] @ x)
+        tau = np.minimum(np.maximum(asked, -limits), limits)
         if self._sent:
             self._sent.append(tau - steady.tau)
             self._sent.popleft()
         names = (posture.robot.actuators[i] for i in np.flatnonzero(tau != asked))
         return Efforts(tau, tuple(Limit(name, "effort") for name in names))
 
-    def _look(self, goal: Goal) -> tuple[Array, float]:
-        """Return tilt and steering (AHEAD + 2, ·) of steps ahead, and how far the first is gone.
+    def _look(self, goal: Goal) -> tuple[Array, Array]:
+        """Return tilt and steering now (1 + n_steered,), and what their changes ahead add.
 
-        The steps are those of time itself, so that each is looked at once.
+        The steps ahead are those of time itself, so that each is looked at once. What they add to
+        the efforts is that of each design, (len(designs), n_act).
         """
         posture, (step, share) = self._posture, divmod(goal.t / AHEAD_STEP, 1.0)
         first = int(step)
         if not 0 <= first - (self._last + 1 - len(self._ahead)) <= len(self._ahead):
             self._ahead.clear()
         if not self._ahead:
-            self._last, state = first, posture.possible(goal.reference(first * AHEAD_STEP))
+            self._looked, self._last = None, first
+            state = posture.possible(goal.reference(first * AHEAD_STEP))
             v, _, omega = state.twist.tolist()
             self._ahead.append(posture.steady(v, omega, state.joints))
         while self._last < first + AHEAD + 1:
@@ -249,14 +252,20 @@ class BalanceController(ReportsNothing):
             state = posture.possible(goal.reference(self._last * AHEAD_STEP))
             slope = self._slopes[self._index(float(state.twist[0]))]
             self._ahead.append(posture.follow(self._ahead[-1], state, slope))
-        return np.array([each.posture for each in self._ahead]), share
+        if first != self._looked:
+            self._looked, postures = first, np.array([each.posture for each in self._ahead])
+            changes = np.diff(postures, axis=0)
+            ends = np.array([changes[:-1].ravel(), changes[1:].ravel()])
+            self._own, self._of_changes = postures[:2], self._by_changes @ ends.T
+        weights = np.array([1.0 - share, share])
+        return weights @ self._own, self._of_changes @ weights
 
     def _index(self, v: float) -> int:
         """Return the entry of the table below a speed (m/s)."""
         return min(max(bisect_left(self._speeds, v) - 1, 0), len(self._speeds) - 2)
 
-    def _near(self, v: float) -> tuple[list[Design], float]:
-        """Return the two designs next to a speed (m/s), and how far it is to the second."""
+    def _near(self, v: float) -> tuple[int, float]:
+        """Return the entry of the table below a speed (m/s), and how far it is to the next."""
         k = self._index(v)
         low, high = self._speeds[k : k + 2]
-        return self._designs[k : k + 2], min(max((v - low) / (high - low), 0.0), 1.0)
+        return k, min(max((v - low) / (high - low), 0.0), 1.0)
