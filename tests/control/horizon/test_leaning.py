@@ -12,8 +12,9 @@ from rpctl.arrays import Array
 from rpctl.control.balance import Balance
 from rpctl.control.bandwidth import knowing_delay
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.leaning import LeaningHorizon, LeaningHorizonLaw
+from rpctl.control.horizon.leaning_plan import LeaningHorizon
 from rpctl.control.horizon.regulation import STIFFNESS, Box, Regulated, Regulator, Steps
+from rpctl.control.law import EffortCommand
 from rpctl.control.obstacles import Disc
 from rpctl.control.steady_motion import Posture, sampled
 from rpctl.control.unified import UnifiedKinematic
@@ -25,6 +26,11 @@ PERIOD, SEED = 0.002, 7
 UNBOUND = 1e6
 BETWEEN = 1.013  # s: no multiple of a step
 SMALL = 1e-5  # of deviations: a leash takes 1e-9 of them
+
+
+def in_line(leaning: LeaningHorizon) -> Horizon:
+    """Return the law with its plans made within their samples."""
+    return Horizon(leaning=leaning, asynchronous=False)
 
 
 def random_steps(count: int = 12) -> Steps:
@@ -120,8 +126,9 @@ def test_where_nothing_binds_it_is_the_regulator(name: str, late: float) -> None
     place = [x_r + cos * ahead - sin * left, y_r + sin * ahead + cos * left, turned + more]
     q = robot.configuration_at(np.array(place), joints, own[1:], float(own[0]))
     nu = steady.nu + x[-robot.dof :]
-    law = LeaningHorizonLaw(LeaningHorizon(regulator=cost), posture.dynamics, PERIOD)
+    law = in_line(LeaningHorizon(regulator=cost)).start(posture.dynamics, PERIOD)
     command = law(posture.dynamics, reference, BETWEEN, q, nu)
+    assert isinstance(command, EffortCommand)
     if late:
         x = F @ x
     asked = command.efforts.tau - steady.tau
@@ -152,9 +159,10 @@ def test_it_leans_before_it_sets_off() -> None:
     q = robot.configuration_at(np.zeros(3), robot.home, np.empty(0), float(steady.posture[0]))
     found = []
     for acceleration in (0.0, 1.0):
-        law = LeaningHorizonLaw(LeaningHorizon(), dynamics, PERIOD)
+        law = in_line(LeaningHorizon()).start(dynamics, PERIOD)
         reference = sets_off(BETWEEN + 0.3, acceleration, robot.home)
         command = law(dynamics, reference, BETWEEN, q, np.zeros(robot.dof))
+        assert isinstance(command, EffortCommand)
         found.append(command.efforts.tau - steady.tau)
     resting, leaning_ahead = found
     assert np.abs(resting).max() < 1e-6
@@ -171,7 +179,7 @@ def test_a_delay_that_is_told_is_foretold() -> None:
 def test_efforts_stay_within_limits_and_are_named() -> None:
     """It falls forward fast: its wheels drive under it as hard as they can."""
     robot = leaning("balancer")
-    controller = rpctl.Controller(robot, "line", Horizon())
+    controller = rpctl.Controller(robot, "line", Horizon(asynchronous=False))
     q, nu = robot.state(twist=(0.0, 0.0, 0.0), rates={"shoulder_joint": 0.0}, tilt=0.45)
     output = controller.step(0.0, q, nu)
     assert output.status == "ok"
