@@ -4,7 +4,9 @@ What the reference asks at a time, for ever, is a steady motion, about which the
 (:mod:`rpctl.control.steady_motion`): ẋ = A x + B u, sampled exactly with efforts that are held for
 a period. P's errors are bounded by the kinematic law's leash. u = −K x makes
 Σ xᵀQ x + aᵀR a a least, a the accelerations that u gives wheels, steering and joints: of light legs
-and heavy frames alike it asks what both can do. Changes of tilt and steering that the reference
+and heavy frames alike it asks what both can do; what each motor gives alone costs a little, too, or
+the optimum has them work against each other. K = K↑ + K→: K↑ keeps the robot up wherever it is, and
+what K→ adds to bring it back to its place is bounded. Changes of tilt and steering that the reference
 will ask for in the next two seconds add what the same cost makes of them. K is made for a table of
 speeds. Efforts come late; x is foretold by the linear model for as long as that is told, or taken
 to be.
@@ -38,8 +40,9 @@ from rpctl.errors import UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
 
 SPEEDS = (-4.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
-MENDING_LEAN, TINY = 0.3, 1e-12  # rad: it leans by no more to mend its speed and its place
-REDUNDANT = 1e-6  # of the largest cost: that of efforts which work against each other
+SLACK = 100.0  # times: a robot that only stays up may be so much further off its place
+MENDING_LEAN = 0.3  # rad: it leans no more to mend its place
+ALONE = 0.01  # of what an effort costs: as if others did not work with it
 LATENESS_S = 0.01  # s: what nobody tells, and is foretold
 AHEAD, AHEAD_STEP = 50, 0.04  # how far ahead the reference is looked at: steps, and their length, s
 
@@ -122,9 +125,8 @@ class Balance(Record):
         places = [self.place, self.place, self.heading, *own]
         Q = np.diag(1.0 / np.concatenate([places, rates]) ** 2)
         driven = np.delete(B[ERRORS + count :] / accelerations[:, None], posture.first, axis=0)
-        R = driven.T @ driven
-        R += REDUNDANT * np.diag(np.diag(R).max() / posture.scale**2 * posture.scale.min() ** 2)
-        return Q, R
+        together = driven.T @ driven
+        return Q, together + ALONE * np.diag(np.diag(together))
 
     def design(self, posture: Posture, steady: SteadyMotion, period: float) -> Design:
         """Return the regulator about a motion.
@@ -135,6 +137,10 @@ class Balance(Record):
         A, B = posture.linear(steady)
         F, G = sampled(A, B, period)
         Q, R = self.costs(posture, B)
+        up = np.ones(len(F))
+        up[posture.outer] = SLACK**-2
+        P = cost_to_go(posture, steady, F, G, Q * up, R)
+        upright = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
         P = cost_to_go(posture, steady, F, G, Q, R)
         left = np.linalg.solve(R + G.T @ P @ G, G.T)
         K = left @ P @ F
@@ -147,7 +153,7 @@ class Balance(Record):
         ahead = np.empty((AHEAD, *(far @ P[:, own]).shape))
         for k in range(AHEAD):
             ahead[k], far = far @ P[:, own], far @ stride
-        return Design(F, G, K, ahead)
+        return Design(F, G, upright, K - upright, ahead)
 
 
 class Design(NamedTuple):
@@ -155,13 +161,24 @@ class Design(NamedTuple):
 
     F: Array  # (n, n)
     G: Array  # (n, n_act)
-    K: Array  # (n_act, n)
+    upright: Array  # (n_act, n) gains that keep it up
+    mending: Array  # (n_act, n) gains that bring it back to its place and speed besides
     ahead: Array  # (AHEAD, n_act, 1 + n_steered) by how tilt and steering change in a step ahead
 
-    def leans_less(self, x: Array, outer: list[int]) -> float:
-        """Return the share of some deviations for which it leans by no more than MENDING_LEAN."""
-        asked, by_lean = math.hypot(*(self.K[:, outer] @ x[outer])), math.hypot(*self.K[:, ERRORS])
-        return min(1.0, MENDING_LEAN * by_lean / max(asked, TINY))
+
+def mended(upright: Array, efforts: Array, limits: Array) -> Array:
+    """Return the efforts (n_act,) that bring a robot back to its place, when staying up comes first.
+
+    They become less together until none is beyond its limit and they lean by no more than
+    MENDING_LEAN.
+
+    Args:
+        upright: Gains that keep the robot up (n_act, n).
+        efforts: What the optimum asks beyond those (n_act,).
+        limits: Of the efforts (n_act,).
+    """
+    lean = math.hypot(*efforts) / (MENDING_LEAN * math.hypot(*upright[:, ERRORS]))
+    return efforts / max(1.0, lean, np.abs(efforts / limits).max())
 
 
 def foretelling(F: Array, G: Array, periods: int) -> Array:
@@ -191,7 +208,8 @@ class BalanceController(ReportsNothing):
         late = LATENESS_S if law.lateness is None else law.lateness
         self._sent = deque([np.zeros(len(robot.actuators))] * round(late / period))
         self._foretold = [foretelling(each.F, each.G, len(self._sent)) for each in self._designs]
-        self._gains = np.array([each.K for each in self._designs])
+        self._upright = np.array([each.upright for each in self._designs])
+        self._mending = np.array([each.mending for each in self._designs])
         flat = [each.ahead.swapaxes(0, 1).reshape(len(limits), -1) for each in self._designs]
         self._by_changes = np.array(flat)
         self._steady: SteadyMotion | None = None
@@ -223,8 +241,9 @@ class BalanceController(ReportsNothing):
         k, part = self._near(float(state.twist[0]))
         both, weights = slice(k, k + 2), np.array([1.0 - part, part])
         x = self._foretold[k + round(part)] @ np.concatenate([-goal.error, x, *self._sent])
-        x[posture.outer] *= min(each.leans_less(x, posture.outer) for each in self._designs[both])
-        asked = steady.tau + weights @ (of_changes[both] - self._gains[both] @ x)
+        upright = np.tensordot(weights, self._upright[both], 1)
+        mends = mended(upright, weights @ (self._mending[both] @ x), limits)
+        asked = steady.tau + weights @ of_changes[both] - upright @ x - mends
         tau = np.minimum(np.maximum(asked, -limits), limits)
         if self._sent:
             self._sent.append(tau - steady.tau)

@@ -63,8 +63,8 @@ class Posture:
         names = robot.quasi_velocities
         self.first = 1 if robot.rolls_sideways else 2  # index in ν of the tilt's rate
         self.index = np.arange(self.first, len(names))  # of tilt, steering and arm in ν
-        # of x: what it leans for, a bicycle for its place to the side and its heading
-        self.outer = [1, 2] if robot.rolls_sideways else [0, ERRORS + len(self.index)]
+        # of x: what can wait while it stays up
+        self.outer = [1, 2] if robot.rolls_sideways else [0, 1, 2, ERRORS + len(self.index)]
         self.steered = [swivel.joint for swivel in robot.drive.steered]
         turning = [joint.kind == "continuous" for joint in robot.joints]
         self._turning = 1 + len(self.steered) + np.flatnonzero(turning)  # index in x
