@@ -6,10 +6,10 @@ a period. P's errors are bounded by the kinematic law's leash. u = −K x makes
 Σ xᵀQ x + aᵀR a a least, a the accelerations that u gives wheels, steering and joints: of light legs
 and heavy frames alike it asks what both can do; what each motor gives alone costs a little, too, or
 the optimum has them work against each other. K = K↑ + K→: K↑ keeps the robot up wherever it is, and
-what K→ adds to bring it back to its place is bounded. Changes of tilt and steering that the reference
-will ask for in the next two seconds add what the same cost makes of them. K is made for a table of
-speeds. Efforts come late; x is foretold by the linear model for as long as that is told, or taken
-to be.
+what K→ adds to bring it back to its place is bounded. Changes of tilt and steering that the
+reference will ask for in the next two seconds add what the same cost makes of them. K is made for a
+table of speeds. Efforts come late; x is foretold by the linear model for as long as that is told,
+or taken to be.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ class Design(NamedTuple):
 
 
 def mended(upright: Array, efforts: Array, limits: Array) -> Array:
-    """Return the efforts (n_act,) that bring a robot back to its place, when staying up comes first.
+    """Return the efforts (n_act,) that bring a robot back to its place where staying up is first.
 
     They become less together until none is beyond its limit and they lean by no more than
     MENDING_LEAN.
