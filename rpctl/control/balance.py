@@ -1,17 +1,15 @@
 """The regulator of robots that lean: it follows a reference by leaning before it goes or turns.
 
-What the reference asks at a time, for ever, is a steady motion: its tilt, its steering and its
-efforts follow from the equations of motion. About it the robot is linear,
-
-    ẋ = A x + B u,   x = (P's errors; tilt, steering, legs and arm; ν),   u = τ less the motion's,
-
-with :func:`rpctl.linearize`'s A and B, seen from the ground and sampled exactly with efforts that
-are held for a period. P's errors are bounded by the kinematic law's leash. u = −K x makes
+What the reference asks at a time, for ever, is a steady motion, about which the robot is linear
+(:mod:`rpctl.control.steady_motion`): ẋ = A x + B u, sampled exactly with efforts that are held for
+a period. P's errors are bounded by the kinematic law's leash. u = −K x makes
 Σ xᵀQ x + aᵀR a a least, a the accelerations that u gives wheels, steering and joints: of light legs
-and heavy frames alike it asks what both can do. Changes of tilt and steering that the reference
-will ask for in the next two seconds add what the same cost makes of them. K is made for a table of
-speeds. Efforts come late; x is foretold by the linear model for as long as that is told, or taken
-to be.
+and heavy frames alike it asks what both can do; what each motor gives alone costs a little, too, or
+the optimum has them work against each other. K = K↑ + K→: K↑ keeps the robot up wherever it is, and
+what K→ adds to bring it back to its place is bounded. Changes of tilt and steering that the
+reference will ask for in the next two seconds add what the same cost makes of them. K is made for a
+table of speeds. Efforts come late; x is foretold by the linear model for as long as that is told,
+or taken to be.
 """
 
 from __future__ import annotations
@@ -19,12 +17,11 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm, solve_discrete_are
+from scipy.linalg import solve_discrete_are
 
 from rpctl.arrays import Array
 from rpctl.control.law import (
@@ -37,213 +34,17 @@ from rpctl.control.law import (
     Rest,
 )
 from rpctl.control.output_groups import DEAD_TIME
-from rpctl.dynamics.derivatives import linearize
-from rpctl.dynamics.reduced import LeaningDynamics, ReducedDynamics
-from rpctl.errors import RpctlError, UnfitLawError
+from rpctl.control.steady_motion import ERRORS, Posture, SteadyMotion, sampled
+from rpctl.dynamics.reduced import ReducedDynamics
+from rpctl.errors import UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
-from rpctl.reference.motion import ReferenceState
-from rpctl.robot.leaning import GRAVITY, LEAST_LEAN, MAX_LEAN
 
 SPEEDS = (-4.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
-STEPS, STEP = 30, 1e-6  # of Newton's to a steady motion, and of its differences, rad
-STRIDE = 0.1  # rad: no step of Newton's is longer
-STEADY = 1e-9  # of the weight, at 1 m: what may be left over of a steady motion
-MENDING_LEAN, TINY = 0.3, 1e-12  # rad: it leans by no more to mend its speed and its place
-REDUNDANT = 1e-6  # of the largest cost: that of efforts which work against each other
+SLACK = 100.0  # times: a robot that only stays up may be so much further off its place
+MENDING_LEAN = 0.3  # rad: it leans no more to mend its place
+ALONE = 0.01  # of what an effort costs: as if others did not work with it
 LATENESS_S = 0.01  # s: what nobody tells, and is foretold
 AHEAD, AHEAD_STEP = 50, 0.04  # how far ahead the reference is looked at: steps, and their length, s
-ERRORS = 3  # of P: ahead, to the left and in heading
-
-
-class SteadyMotion(NamedTuple):
-    """A motion that goes on as it is, but for its speed, with the arm held; P is at the origin."""
-
-    q: Array  # (nq,)
-    nu: Array  # (dof,)
-    nu_dot: Array  # (dof,) of the speed alone
-    tau: Array  # (n_act,)
-    posture: Array  # (1 + n_steered,) tilt and steering, rad
-    joints: Array  # (n_joints,) rad or m
-    lacking: float  # of the weight, at 1 m: what tilts it and no actuator gives
-    turn: float  # rad/s
-
-
-class Posture:
-    """The coordinates in which a robot that leans is balanced: tilt, steering, arm.
-
-    Args:
-        dynamics: The robot's.
-
-    Raises:
-        UnfitLawError: It does not lean, or nothing drives its wheels, its steering or its arm.
-    """
-
-    def __init__(self, dynamics: ReducedDynamics) -> None:
-        if not isinstance(dynamics, LeaningDynamics):
-            raise UnfitLawError(
-                f"{dynamics.robot.name} does not lean, so there is nothing to balance"
-            )
-        self.robot, self.dynamics = dynamics.robot, dynamics
-        robot = self.robot
-        names = robot.quasi_velocities
-        self.first = 1 if robot.rolls_sideways else 2  # index in ν of the tilt's rate
-        self.index = np.arange(self.first, len(names))  # of tilt, steering and arm in ν
-        # of x: what it leans for, a bicycle for its place to the side and its heading
-        self.outer = [1, 2] if robot.rolls_sideways else [0, ERRORS + len(self.index)]
-        self.steered = [swivel.joint for swivel in robot.drive.steered]
-        turning = [joint.kind == "continuous" for joint in robot.joints]
-        self._turning = 1 + len(self.steered) + np.flatnonzero(turning)  # index in x
-        undriven = [name for name in names[self.first + 1 :] if name not in robot.actuators]
-        if undriven or not any(wheel.driven for wheel in robot.drive.wheels):
-            what = ", ".join(undriven) or "its wheels"
-            raise UnfitLawError(
-                f"nothing drives {what} of {robot.name}, so no law balances it; give motors, or "
-                "hold joints with --lock"
-            )
-        limits = robot.effort_limits
-        self.scale = np.where(np.isfinite(limits), limits, 1.0)
-        # m/s: a slower bicycle is balanced as if it went so fast
-        self.slowest = robot.balancing_speed(LEAST_LEAN) if self.steered else -math.inf
-
-    def of(self, q: Array) -> Array:
-        """Return tilt, steering and arm (dof − first,) at q (nq,), rad or m."""
-        robot = self.robot
-        steering = [robot.joint_position(q, name) for name in self.steered]
-        return np.array([robot.tilt(q), *steering, *robot.joint_positions(q)])
-
-    def at(self, own: Array, joints: Array) -> Array:
-        """Return q (nq,) with P at the origin, of tilt and steering (1 + n_steered,) and arm."""
-        return self.robot.configuration_at(np.zeros(3), joints, own[1:], float(own[0]))
-
-    def possible(self, state: ReferenceState) -> ReferenceState:
-        """Return a reference with the nearest speed and turning rate of a steady motion.
-
-        A bicycle goes forward, in bends that its steering and its lean allow.
-        """
-        if not self.steered:
-            return state
-        v = max(float(state.twist[0]), self.slowest)
-        widest = min(self.robot.sharpest_bend * v, math.tan(MAX_LEAN) * GRAVITY / v)
-        omega = min(max(float(state.twist[2]), -widest), widest)
-        return state._replace(twist=np.array([v, 0.0, omega]))
-
-    def short(self, x: Array) -> Array:
-        """Return a deviation x with those of joints without limits the short way round."""
-        for k in self._turning:
-            x[k] = math.remainder(x[k], 2.0 * math.pi)
-        return x
-
-    def steady(self, v: float, omega: float, joints: Array) -> SteadyMotion:
-        """Return the steady motion of a speed (m/s) and a turning rate (rad/s).
-
-        Args:
-            v: Of P.
-            omega: Likewise.
-            joints: Positions of the arm (n_joints,), rad or m.
-
-        Raises:
-            RpctlError: There is none near the upright one.
-        """
-        still = np.zeros_like(joints)
-        state = ReferenceState(
-            np.zeros(3), np.array([v, 0.0, omega]), np.zeros(3), joints, still, still
-        )
-        own = np.zeros(1 + len(self.steered))
-        for _ in range(STEPS):
-            here = self._motion(self.at(own, joints), state, own)
-            gap = self._left(here, omega)
-            if np.abs(gap).max() <= STEADY:
-                return here
-            own = own - np.clip(np.linalg.solve(self.slope(here, joints), gap), -STRIDE, STRIDE)
-        raise RpctlError(
-            f"{self.robot.name}: no steady motion has a speed of {v:.3g} m/s and a turning rate of "
-            f"{omega:.3g} rad/s; give a wider or a slower turn, or hold joints that reach far out"
-        )
-
-    def follow(self, before: SteadyMotion, state: ReferenceState, slope: Array) -> SteadyMotion:
-        """Return a steady motion a step of Newton's nearer to that of what is wished now.
-
-        Args:
-            before: The one of the time before.
-            state: What is wished.
-            slope: Inverse of :meth:`slope` near it.
-        """
-        here = self.moved(before, state, before.posture)
-        step = -np.clip(slope @ self._left(here, float(state.twist[2])), -STRIDE, STRIDE)
-        return self.moved(here, state, here.posture + step)
-
-    def moved(self, before: SteadyMotion, state: ReferenceState, own: Array) -> SteadyMotion:
-        """Return a motion near another one: of a reference, with a tilt and a steering (own)."""
-        way = np.zeros(self.robot.dof)
-        way[self.index] = np.concatenate([own - before.posture, state.joints - before.joints])
-        far = max(way.max(), -way.min()) > STEADY
-        return self._motion(self.dynamics.moved(before.q, way) if far else before.q, state, own)
-
-    def slope(self, steady: SteadyMotion, joints: Array) -> Array:
-        """Return how what is left over of a motion changes with tilt and steering."""
-        still, (v, _, omega) = np.zeros_like(joints), self.dynamics.twist(steady.q, steady.nu)
-        turn = 0.0 if self.steered else omega
-        state = ReferenceState(
-            np.zeros(3), np.array([v, 0.0, turn]), np.zeros(3), joints, still, still
-        )
-        gap = self._left(steady, 0.0)
-        columns = [
-            self._left(self._motion(self.at(own, joints), state, own), 0.0) - gap
-            for own in steady.posture + STEP * np.eye(len(steady.posture))
-        ]
-        return np.column_stack(columns) / STEP
-
-    def _motion(self, q: Array, state: ReferenceState, own: Array) -> SteadyMotion:
-        """Return a motion with the least efforts, of their limits, that keep it up."""
-        nu, nu_dot = np.zeros((2, self.robot.dof))
-        for into, base, arm in (
-            (nu, state.twist, state.joint_rates), (nu_dot, state.twist_dot,
-             state.joint_accelerations),
-        ):  # fmt: skip
-            into[0], into[len(into) - len(arm) :] = base[0], arm
-            if not self.steered:
-                into[1] = base[2]
-        force, B, twist = self.dynamics.required(q, nu, nu_dot)
-        tau = self.scale * np.linalg.lstsq(B * self.scale, force, rcond=None)[0]
-        lacking = (force - B @ tau)[self.first] / (GRAVITY * self.robot.mass)
-        turn = float(twist[2])
-        return SteadyMotion(q, nu, nu_dot, tau, own, state.joints, float(lacking), turn)
-
-    def _left(self, motion: SteadyMotion, omega: float) -> Array:
-        """Return what no actuator gives, of the weight's moment, and what turns too much."""
-        if not self.steered:
-            return np.array([motion.lacking])
-        return np.array([motion.lacking, motion.turn - omega])
-
-    def linear(self, steady: SteadyMotion, way: float = 0.0) -> tuple[Array, Array]:
-        """Return A (n, n) and B (n, n_act) of x about a motion.
-
-        Args:
-            steady: The motion.
-            way: Speed with which a heading leads aside, m/s; 0: the motion's own.
-        """
-        q, nu, dynamics = steady.q, steady.nu, self.dynamics
-        model = linearize(self.robot, q, nu, steady.tau)
-        nv, dof, count = self.robot.nv, self.robot.dof, len(self.index)
-        along, rates = dynamics.basis(q)[:, self.index], ERRORS + count
-        A = np.zeros((rates + dof, rates + dof))
-        twist = dynamics.twist(q, nu)
-        A[0, 1], A[1, 0], A[1, 2] = twist[2], -twist[2], way or twist[0]
-        A[:ERRORS, rates:] = dynamics.at(q).twist
-        for k, each in enumerate(along.T, start=ERRORS):
-            beside = dynamics.twist(dynamics.integrate(q, STEP * each), nu)
-            A[:ERRORS, k] = (beside - twist) / STEP
-        A[ERRORS:rates, rates + self.index] = np.eye(count)
-        A[rates:, ERRORS:rates] = model.A[nv:, :nv] @ along
-        A[rates:, rates:] = model.A[nv:, nv:]
-        return A, np.vstack([np.zeros((rates, model.B.shape[1])), model.B[nv:]])
-
-
-def sampled(A: Array, B: Array, period: float) -> tuple[Array, Array]:
-    """Return the model whose inputs are held for a period (s), exactly."""
-    n, m = B.shape
-    both = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * period)
-    return both[:n, :n], both[:n, n:]
 
 
 def cost_to_go(
@@ -324,9 +125,8 @@ class Balance(Record):
         places = [self.place, self.place, self.heading, *own]
         Q = np.diag(1.0 / np.concatenate([places, rates]) ** 2)
         driven = np.delete(B[ERRORS + count :] / accelerations[:, None], posture.first, axis=0)
-        R = driven.T @ driven
-        R += REDUNDANT * np.diag(np.diag(R).max() / posture.scale**2 * posture.scale.min() ** 2)
-        return Q, R
+        together = driven.T @ driven
+        return Q, together + ALONE * np.diag(np.diag(together))
 
     def design(self, posture: Posture, steady: SteadyMotion, period: float) -> Design:
         """Return the regulator about a motion.
@@ -337,6 +137,10 @@ class Balance(Record):
         A, B = posture.linear(steady)
         F, G = sampled(A, B, period)
         Q, R = self.costs(posture, B)
+        up = np.ones(len(F))
+        up[posture.outer] = SLACK**-2
+        P = cost_to_go(posture, steady, F, G, Q * up, R)
+        upright = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
         P = cost_to_go(posture, steady, F, G, Q, R)
         left = np.linalg.solve(R + G.T @ P @ G, G.T)
         K = left @ P @ F
@@ -349,7 +153,7 @@ class Balance(Record):
         ahead = np.empty((AHEAD, *(far @ P[:, own]).shape))
         for k in range(AHEAD):
             ahead[k], far = far @ P[:, own], far @ stride
-        return Design(F, G, K, ahead)
+        return Design(F, G, upright, K - upright, ahead)
 
 
 class Design(NamedTuple):
@@ -357,19 +161,32 @@ class Design(NamedTuple):
 
     F: Array  # (n, n)
     G: Array  # (n, n_act)
-    K: Array  # (n_act, n)
+    upright: Array  # (n_act, n) gains that keep it up
+    mending: Array  # (n_act, n) gains that bring it back to its place and speed besides
     ahead: Array  # (AHEAD, n_act, 1 + n_steered) by how tilt and steering change in a step ahead
 
-    def leans_less(self, x: Array, outer: list[int]) -> float:
-        """Return the share of some deviations for which it leans by no more than MENDING_LEAN."""
-        asked, by_lean = math.hypot(*(self.K[:, outer] @ x[outer])), math.hypot(*self.K[:, ERRORS])
-        return min(1.0, MENDING_LEAN * by_lean / max(asked, TINY))
 
-    def foretold(self, x: Array, sent: Sequence[Array]) -> Array:
-        """Return x (n,) when what is sent now acts, given what was sent before that, in order."""
-        for u in sent:
-            x = self.F @ x + self.G @ u
-        return x
+def mended(upright: Array, efforts: Array, limits: Array) -> Array:
+    """Return the efforts (n_act,) that bring a robot back to its place where staying up is first.
+
+    They become less together until none is beyond its limit and they lean by no more than
+    MENDING_LEAN.
+
+    Args:
+        upright: Gains that keep the robot up (n_act, n).
+        efforts: What the optimum asks beyond those (n_act,).
+        limits: Of the efforts (n_act,).
+    """
+    lean = math.hypot(*efforts) / (MENDING_LEAN * math.hypot(*upright[:, ERRORS]))
+    return efforts / max(1.0, lean, np.abs(efforts / limits).max())
+
+
+def foretelling(F: Array, G: Array, periods: int) -> Array:
+    """Return the map (n, n + periods m) from x, and from what is sent in each period, to x then."""
+    found = np.eye(len(F))
+    for _ in range(periods):
+        found = np.hstack([F @ found, G])
+    return found
 
 
 class BalanceController(ReportsNothing):
@@ -382,7 +199,7 @@ class BalanceController(ReportsNothing):
     """
 
     def __init__(self, law: Balance, posture: Posture, period: float) -> None:
-        self._posture, robot = posture, posture.robot
+        self._posture, robot, limits = posture, posture.robot, posture.robot.effort_limits
         self._speeds = [v for v in SPEEDS if v > 0.5 * posture.slowest]
         steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds]
         self._designs = [law.design(posture, each, period) for each in steady]
@@ -390,9 +207,15 @@ class BalanceController(ReportsNothing):
         self._slopes: list[Array] = [np.asarray(np.linalg.inv(each)) for each in slopes]
         late = LATENESS_S if law.lateness is None else law.lateness
         self._sent = deque([np.zeros(len(robot.actuators))] * round(late / period))
+        self._foretold = [foretelling(each.F, each.G, len(self._sent)) for each in self._designs]
+        self._upright = np.array([each.upright for each in self._designs])
+        self._mending = np.array([each.mending for each in self._designs])
+        flat = [each.ahead.swapaxes(0, 1).reshape(len(limits), -1) for each in self._designs]
+        self._by_changes = np.array(flat)
         self._steady: SteadyMotion | None = None
         self._ahead: deque[SteadyMotion] = deque(maxlen=AHEAD + 2)
         self._last = 0  # step of the last of these
+        self._looked: int | None = None  # step of the first, as it was looked at last
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         """Return τ (n_act,) and the limits that bind.
@@ -410,39 +233,37 @@ class BalanceController(ReportsNothing):
         if not isinstance(command, LeaningCommand):
             raise UnfitLawError("the kinematic law tells no goal to balance for; take unified")
         goal = command.goal
-        postures, share = self._look(goal)
-        own = (1.0 - share) * postures[0] + share * postures[1]
-        state = posture.possible(goal.reference(goal.t))
+        own, of_changes = self._look(goal)
+        state = posture.possible(goal.state)
         self._steady = steady = posture.moved(self._steady or self._ahead[0], state, own)
         wanted = np.concatenate([steady.posture, steady.joints, command.nu_d])
         x = posture.short(np.concatenate([posture.of(q), nu]) - wanted)
-        x = np.concatenate([-goal.error, x])
-        (low, high), part = self._near(float(state.twist[0]))
-        x = (high if part > 0.5 else low).foretold(x, self._sent)
-        x[posture.outer] *= min(design.leans_less(x, posture.outer) for design in (low, high))
-        changes = np.diff(postures, axis=0)
-        changes = (1.0 - share) * changes[:-1] + share * changes[1:]
-        asked = steady.tau.copy()
-        for design, weight in ((low, 1.0 - part), (high, part)):
-            asked += weight * (np.einsum("kij,kj->i", design.ahead, changes) - design.K @ x)
-        tau = np.clip(asked, -limits, limits)
+        k, part = self._near(float(state.twist[0]))
+        both, weights = slice(k, k + 2), np.array([1.0 - part, part])
+        x = self._foretold[k + round(part)] @ np.concatenate([-goal.error, x, *self._sent])
+        upright = np.tensordot(weights, self._upright[both], 1)
+        mends = mended(upright, weights @ (self._mending[both] @ x), limits)
+        asked = steady.tau + weights @ of_changes[both] - upright @ x - mends
+        tau = np.minimum(np.maximum(asked, -limits), limits)
         if self._sent:
             self._sent.append(tau - steady.tau)
             self._sent.popleft()
         names = (posture.robot.actuators[i] for i in np.flatnonzero(tau != asked))
         return Efforts(tau, tuple(Limit(name, "effort") for name in names))
 
-    def _look(self, goal: Goal) -> tuple[Array, float]:
-        """Return tilt and steering (AHEAD + 2, ·) of steps ahead, and how far the first is gone.
+    def _look(self, goal: Goal) -> tuple[Array, Array]:
+        """Return tilt and steering now (1 + n_steered,), and what their changes ahead add.
 
-        The steps are those of time itself, so that each is looked at once.
+        The steps ahead are those of time itself, so that each is looked at once. What they add to
+        the efforts is that of each design, (len(designs), n_act).
         """
         posture, (step, share) = self._posture, divmod(goal.t / AHEAD_STEP, 1.0)
         first = int(step)
         if not 0 <= first - (self._last + 1 - len(self._ahead)) <= len(self._ahead):
             self._ahead.clear()
         if not self._ahead:
-            self._last, state = first, posture.possible(goal.reference(first * AHEAD_STEP))
+            self._looked, self._last = None, first
+            state = posture.possible(goal.reference(first * AHEAD_STEP))
             v, _, omega = state.twist.tolist()
             self._ahead.append(posture.steady(v, omega, state.joints))
         while self._last < first + AHEAD + 1:
@@ -450,14 +271,20 @@ class BalanceController(ReportsNothing):
             state = posture.possible(goal.reference(self._last * AHEAD_STEP))
             slope = self._slopes[self._index(float(state.twist[0]))]
             self._ahead.append(posture.follow(self._ahead[-1], state, slope))
-        return np.array([each.posture for each in self._ahead]), share
+        if first != self._looked:
+            self._looked, postures = first, np.array([each.posture for each in self._ahead])
+            changes = np.diff(postures, axis=0)
+            ends = np.array([changes[:-1].ravel(), changes[1:].ravel()])
+            self._own, self._of_changes = postures[:2], self._by_changes @ ends.T
+        weights = np.array([1.0 - share, share])
+        return weights @ self._own, self._of_changes @ weights
 
     def _index(self, v: float) -> int:
         """Return the entry of the table below a speed (m/s)."""
         return min(max(bisect_left(self._speeds, v) - 1, 0), len(self._speeds) - 2)
 
-    def _near(self, v: float) -> tuple[list[Design], float]:
-        """Return the two designs next to a speed (m/s), and how far it is to the second."""
+    def _near(self, v: float) -> tuple[int, float]:
+        """Return the entry of the table below a speed (m/s), and how far it is to the next."""
         k = self._index(v)
         low, high = self._speeds[k : k + 2]
-        return self._designs[k : k + 2], min(max((v - low) / (high - low), 0.0), 1.0)
+        return k, min(max((v - low) / (high - low), 0.0), 1.0)

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.balance import ERRORS, Balance, Posture
+from rpctl.control.balance import Balance
+from rpctl.control.steady_motion import ERRORS, Posture
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar, overload, runtime_checkab
 
 from rpctl.arrays import Array
 from rpctl.dynamics.reduced import ReducedDynamics
-from rpctl.reference.motion import Reference
+from rpctl.reference.motion import Reference, ReferenceState
 
 
 class Goal(NamedTuple):
@@ -19,6 +19,7 @@ class Goal(NamedTuple):
 
     reference: Reference  # what is tracked, whose future counts
     t: float  # now, s
+    state: ReferenceState  # of the reference now
     error: Array  # (3,) of P, in its frame, as far as it is to be mended at once; m, rad
 
 

@@ -242,7 +242,9 @@ class LeaningWish(ReportsNothing):
             seen = math.vertsplit(error)
         else:
             seen = sheet.resolved(law.leash(sheet, math.vertsplit(error)))
-        leash = math.Function("leash", [error], [math.vertcat(*seen)])
+        ahead, aside, turned = seen
+        kept = math.vertcat(ahead, math.sinc(error[2]) * aside, turned)
+        leash = math.Function("leash", [error], [kept])
         self._robot, self._leash = robot, interpreted(leash)
 
     def row(
@@ -269,7 +271,6 @@ class LeaningWish(ReportsNothing):
         robot, state = self._robot, require_state(self._robot, reference(t), t)
         whole = base_error(state.pose, robot.base_pose(q))
         error = self._leash(whole)[0].copy()
-        error[1] *= np.sinc(whole[2] / np.pi)
         nu_d, nu_d_dot = np.zeros(robot.dof), np.zeros(robot.dof)
         for into, base, arm in (
             (nu_d, state.twist, state.joint_rates),
@@ -280,7 +281,7 @@ class LeaningWish(ReportsNothing):
                 into[1] = base[2]
         if not robot.rolls_sideways:
             nu_d[0] *= np.cos(whole[2])
-        return LeaningCommand(nu_d, nu_d_dot, Goal(reference, t, error))
+        return LeaningCommand(nu_d, nu_d_dot, Goal(reference, t, state, error))
 
 
 def _numbers(record: BaseLaw | Leash) -> dict[str, float]:

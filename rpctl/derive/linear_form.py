@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.balance import ERRORS, STEADY, Posture
+from rpctl.control.steady_motion import ERRORS, STEADY, Posture
 from rpctl.derive.text import escaped, rendered
 from rpctl.dynamics.derivatives import linearize
 from rpctl.dynamics.reduced import ReducedDynamics

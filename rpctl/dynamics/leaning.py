@@ -83,17 +83,21 @@ class LeaningFormulas:
         """Return d/dt [A; W] v (nv, 1) at v (nv, 1) held, symbols of its own."""
         return casadi.jtimes(self.L @ v, self.q, self.rate @ v)
 
+    @property
+    def back(self) -> Any:
+        """The least v (nv, 1) that brings both heights to 0 in 1 s, to first order."""
+        rise = self.A[self.A.shape[0] - 2 :, :]
+        return -rise.T @ casadi.solve(rise @ rise.T, self.heights)
+
     @cached_property
     def functions(self) -> tuple[Callable[..., Any], ...]:
         """[A; W], its rate times v, the twist's map, and the heights with the way to 0, at q."""
-        v, rows = casadi.SX.sym("v", self.robot.nv), self.A.shape[0]
-        rise = self.A[rows - 2 :, :]
-        back = -rise.T @ casadi.solve(rise @ rise.T, self.heights)
+        v = casadi.SX.sym("v", self.robot.nv)
         return (
             self.function("equations", [self.q], [self.L]),
             self.function("rates", [self.q, v], [self.L_rate(v)]),
             self.function("twist", [self.q], [self.twist]),
-            self.function("heights", [self.q], [self.heights, back]),
+            self.function("heights", [self.q], [self.heights, self.back]),
         )
 
     def function(self, name: str, given: list[Any], found: list[Any]) -> Callable[..., list[Array]]:
@@ -112,7 +116,7 @@ class LeaningFormulas:
         """Return the map (nq, nv) from v to q̇."""
         robot, q = self.robot, self.q
         rate = casadi.SX(robot.nq, robot.nv)
-        rate[:3, :3] = self._root_axes()
+        rate[:3, :3] = self.root_axes
         x, y, z, w = (q[i] for i in range(3, FREE_NQ))
         rate[3:FREE_NQ, 3:FREE_NV] = 0.5 * casadi.vertcat(
             casadi.horzcat(w, -z, y),
@@ -128,8 +132,9 @@ class LeaningFormulas:
                 rate[i, index] = 1.0
         return rate
 
-    def _root_axes(self) -> Any:
-        """Return the root link's axes in the world (3, 3), columns."""
+    @property
+    def root_axes(self) -> Any:
+        """The root link's axes in the world (3, 3), columns."""
         x, y, z, w = (self.q[i] for i in range(3, FREE_NQ))
         return casadi.vertcat(
             casadi.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
@@ -140,7 +145,7 @@ class LeaningFormulas:
     def _walk(self) -> dict[int, tuple[Any, Any]]:
         """Return axes (3, 3) and origin (3, 1) in the world of the wheels' joints and all above."""
         model, q = self.robot.model, self.q
-        places = {ROOT_JOINT: (self._root_axes(), q[:3])}
+        places = {ROOT_JOINT: (self.root_axes, q[:3])}
         wheels = {axle.joint for axle in self.robot.axles}
         wanted = {j for wheel in wheels for j in model.supports[wheel] if j}
         for joint in sorted(wanted - {ROOT_JOINT}):

@@ -78,6 +78,8 @@ def rk4_step(
     A Runge-Kutta-Munthe-Kaas method of order 4: the stages live in the Lie algebra of the
     root, so q stays on the manifold and the order is that of the classical method.
     """
+    if outside is None and (done := dynamics.stepped(q, nu, tau, dt)) is not None:
+        return Step(*done)
     model, losses = dynamics.robot.model, dynamics.robot.losses
 
     def stage(slide: Array, speed: Array) -> tuple[Array, Array, float]:

@@ -247,6 +247,12 @@ class ReducedDynamics:
         M = S.T.dot(pin.crba(self._model, data, q).dot(S))
         return M, S.T.dot(self.columns.dot(tau) - force)
 
+    def stepped(
+        self, q: Array, nu: Array, tau: Array, dt: float
+    ) -> tuple[Array, Array, float, float] | None:
+        """Return q, ν, work and loss after a step, where machine code has them; else None."""
+        return None
+
     def _not_finite(self, q: Array, nu: Array) -> RpctlError:
         what = "q" if not np.isfinite(q).all() else "ν" if not np.isfinite(nu).all() else "τ or ν̇"
         return RpctlError(f"{self.robot.name}: the state ({what}) is not finite, or out of range")
@@ -373,6 +379,7 @@ def find_projector(robot: Robot, gliding: Collection[str] = ()) -> Projector | L
 class Required(NamedTuple):
     """What a motion takes of the actuators, and what these can give."""
 
+    q: Array  # (nq,)
     force: Array  # (dof,) M ν̇ + h − ℓ
     B: Array  # (dof, n_act)
     twist: Array  # (3,) of the base
@@ -383,41 +390,41 @@ class LeaningDynamics(ReducedDynamics):
 
     robot: LeaningRobot
 
-    def rates(
-        self, q: Array, nu: Array, tau: Array, *, outside: Array | None = None
-    ) -> tuple[Array, Array, float]:
-        """Return v (nv,), ν̇ (dof,) and the power (W) of what drives; see :meth:`forward`."""
+    def stepped(
+        self, q: Array, nu: Array, tau: Array, dt: float
+    ) -> tuple[Array, Array, float, float] | None:
+        """Return q, ν, work and loss after a step of :func:`rpctl.dynamics.motion.rk4_step`."""
         code = motion_code(self.robot)
-        found = None if code is None else code(q, nu, tau, outside)
-        if found is None:
-            return super().rates(q, nu, tau, outside=outside)
-        power = found.v.dot(self.columns.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
-        return found.v.copy(), found.nu_dot.copy(), float(power)
+        return None if code is None else code.step(q, nu, tau, dt)
 
-    def moved(self, q: Array, nu: Array) -> Array:
-        """Return q (nq,) moved along ν for a time of 1 s, its wheels on the ground."""
-        code = motion_code(self.robot)
-        found = None if code is None else code(q, nu)
-        return self.integrate(q, self.basis(q) @ nu if found is None else found.v)
+    def required(self, q: Array, way: Array, nu: Array, nu_dot: Array) -> Required:
+        """Return what a motion takes; see :meth:`inverse`.
 
-    def required(self, q: Array, nu: Array, nu_dot: Array) -> Required:
-        """Return what a motion takes; see :meth:`inverse`."""
+        Args:
+            q: Configuration (nq,) from which it is moved, its wheels on the ground.
+            way: Quasi-velocities (dof,), along which it is moved for 1 s.
+            nu: Quasi-velocities there (dof,).
+            nu_dot: Their derivatives (dof,).
+        """
         code = motion_code(self.robot)
-        found = None if code is None else code(q, nu)
+        found = None if code is None else code.along(q, way, nu)
         if found is None:
-            return Required(self.inverse(q, nu, nu_dot), self.actuation(q), self.twist(q, nu))
+            q = self.integrate(q, self.basis(q) @ way)
+            force = self.inverse(q, nu, nu_dot)
+            return Required(q, force, self.actuation(q), self.twist(q, nu))
         force = found.M.dot(nu_dot) + found.bias
-        return Required(force, found.S.T.dot(self.columns), found.twist.copy())
+        return Required(found.q.copy(), force, found.B.copy(), found.twist.copy())
 
 
 @lru_cache(maxsize=KEPT_ROBOTS)
 def motion_code(robot: LeaningRobot) -> MotionCode | None:
     """Return the equations of motion as machine code; None if its numbers are not Pinocchio's."""
     code, dynamics, rng = MotionCode(robot), ReducedDynamics(robot), np.random.default_rng(SEED)
+    still = np.zeros(robot.dof)
     for _ in range(STATES):
         q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
         tau = rng.normal(size=len(robot.actuators))
-        found, wanted = code(q, nu, tau), dynamics.forward(q, nu, tau)
+        found, wanted = code.along(q, still, nu, tau), dynamics.forward(q, nu, tau)
         if found is None or np.abs(found.nu_dot - wanted).max() > SAME * np.abs(wanted).max():
             return None
     return code

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from rpctl.arrays import Array
 from rpctl.kernels.cache import cached
@@ -48,24 +49,26 @@ def interpreted(function: Any) -> SampleFunction:
     return SampleFunction(VirtualMachine(program), ins, outs)
 
 
+class Layout(NamedTuple):
+    """A program, and where it reads and writes."""
+
+    program: Program
+    inputs: Sequence[Buffer]
+    outputs: Sequence[Buffer]
+
+
 def compiled(
-    sizes: tuple[Sequence[int], Sequence[int]], parts: object, make: Callable[[], Any]
+    parts: object,
+    lay: Callable[[Mapping[str, Any]], Layout],
+    make: Callable[[], Mapping[str, Any]],
 ) -> SampleFunction:
-    """Return a function as machine code, from disk if it was ever compiled.
+    """Return a program as machine code, from disk if it was ever compiled.
 
     Args:
-        sizes: Of its input columns, and of its output columns.
         parts: All that it depends on besides the sources of rpctl; see :func:`code_key`.
-        make: Makes the ``casadi.Function`` of dense columns.
+        lay: Makes the program of functions by name; of code from disk they are None.
+        make: Makes the functions, ``casadi.Function`` of dense columns.
     """
-    ins, outs = (
-        tuple(Buffer(f"{name}{k}", size) for k, size in enumerate(group))
-        for name, group in zip("io", sizes, strict=True)
-    )
-
-    def program(function: Any) -> Program:
-        return Program((Call(function, ins, outs),))
-
-    key = code_key("sample", sizes, parts)
-    code = cached(key, lambda: compile_program(program(make()), 1).code)
-    return SampleFunction(MachineCode(program(None), 1, code), ins, outs)
+    code = cached(code_key("sample", parts), lambda: compile_program(lay(make()).program, 1).code)
+    program, inputs, outputs = lay(defaultdict(lambda: None))
+    return SampleFunction(MachineCode(program, 1, code), inputs, outputs)

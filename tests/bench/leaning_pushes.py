@@ -22,7 +22,7 @@ from scipy.linalg import solve_continuous_are
 import rpctl
 from rpctl import Plant, ReducedDynamics
 from rpctl.arrays import Array
-from rpctl.control.balance import Posture
+from rpctl.control.steady_motion import Posture
 from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.equivalence.contact.plan import felt_inertia
 from rpctl.robot.leaning import LeaningRobot, lies

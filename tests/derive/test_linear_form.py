@@ -15,7 +15,7 @@ import rpctl
 from rpctl import ReducedDynamics, RpctlError
 from rpctl.arrays import Array
 from rpctl.cli.app import app
-from rpctl.control.balance import Posture
+from rpctl.control.steady_motion import Posture
 from rpctl.derive.linear_form import LinearForm, linear_form
 from rpctl.derive.write import FORMATS, derive, derive_law
 from rpctl.robot.leaning import LeaningRobot

@@ -194,13 +194,22 @@ def test_the_ground_carries_the_weight_of_what_stands(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_machine_code_leads_a_robot_as_its_basis_does(name: str) -> None:
+def test_machine_code_moves_a_robot_as_pinocchio_does(name: str) -> None:
+    """A step and a way, of which a step that is pushed by nothing and S tell."""
     robot, rng = leaning(name), np.random.default_rng(2)
     dynamics = ReducedDynamics(robot)
     assert isinstance(dynamics, LeaningDynamics)
-    q, nu = robot.random_configuration(rng), 0.1 * rng.normal(size=robot.dof)
-    wanted = dynamics.integrate(q, dynamics.basis(q) @ nu)
-    assert np.abs(dynamics.moved(q, nu) - wanted).max() < 1e-12
+    q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
+    tau, dt = rng.normal(size=len(robot.actuators)), 0.02
+    found = rk4_step(dynamics, q, nu, tau, dt)
+    wanted = rk4_step(dynamics, q, nu, tau, dt, lambda _: np.zeros(robot.dof))
+    for one, other in zip(found, wanted, strict=True):
+        assert one == pytest.approx(other, abs=1e-12)
+    place, force, B, _ = dynamics.required(q, dt * nu, nu, nu)
+    wanted_place = dynamics.integrate(q, dynamics.basis(q) @ (dt * nu))
+    assert np.abs(place - wanted_place).max() < 1e-12
+    assert force == pytest.approx(dynamics.inverse(place, nu, nu), abs=1e-9)
+    assert pytest.approx(dynamics.actuation(place), abs=1e-12) == B
 
 
 @pytest.mark.parametrize(("name", "radius"), [("balancer", 0.1), ("whipple", 0.3)])

@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import math
-import time
-from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Annotated, cast
 
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach, ApproachStage
-from rpctl.control.horizon.leaning import LeaningHorizon, LeaningHorizonLaw
-from rpctl.control.horizon.planner import Asked, Follower, HorizonPlan, Planned, Planner, Planning
+from rpctl.control.horizon.leaning import LeaningHorizonLaw
+from rpctl.control.horizon.leaning_plan import REACH, LeaningHorizon, LeaningPlanner
+from rpctl.control.horizon.planner import (
+    Asked,
+    Follower,
+    HorizonPlan,
+    Planned,
+    Planner,
+    Planning,
+    start_planning,
+)
 from rpctl.control.horizon.process import PlanningProcess
 from rpctl.control.horizon.settings import PlannerSettings
+from rpctl.control.horizon.simulated import (
+    Delays,
+    SimulatedPlanning,
+    SimulatedTime,
+    simulated_time,
+)
 from rpctl.control.law import Command, KinematicController, KinematicLaw, Rest, as_law
 from rpctl.control.sampling import TIME_ROUNDING
 from rpctl.control.unified import UnifiedKinematic
@@ -24,7 +35,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SingularBasisError, UnfitLawError
 from rpctl.files.records import Setting
 from rpctl.reference.motion import Reference
-from rpctl.robot.leaning import LeaningRobot
+from rpctl.robot.model import Robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,20 +98,35 @@ class Horizon(PlannerSettings):
         Raises:
             RpctlError: The process that plans cannot be started.
         """
-        if isinstance(dynamics.robot, LeaningRobot):
-            if self.base_obstacles or self.end_effector_obstacles or self.body_clearance:
-                raise UnfitLawError(
-                    f"{dynamics.robot.name} leans: the horizon law keeps it clear of nothing; "
-                    "leave out obstacles and body_clearance"
-                )
-            return cast(HorizonLaw, LeaningHorizonLaw(self.leaning, dynamics, period))
-        process = None
-        if self.asynchronous and _simulated.get() is None:
-            process = PlanningProcess(self, dynamics.robot)  # it starts while this one goes on
+        leans, simulated, process = dynamics.robot.drive.leans, simulated_time.get(), None
+        if leans and (self.base_obstacles or self.end_effector_obstacles or self.body_clearance):
+            raise UnfitLawError(
+                f"{dynamics.robot.name} leans: the horizon law keeps it clear of nothing; "
+                "leave out obstacles and body_clearance"
+            )
+        if self.asynchronous and simulated is None:
+            process = self._process(dynamics.robot, period)  # it starts while this one goes on
         fallback = as_law(self.fallback).start(dynamics, period, rest)
         if process is not None:
             process.await_ready()
-        return HorizonLaw(self, dynamics, fallback, process)
+        if not leans:
+            return HorizonLaw(self, dynamics, fallback, process)
+        beside = process or SimulatedPlanning(
+            LeaningPlanner(self.leaning, period, dynamics),
+            (self.asynchronous and simulated) or SimulatedTime(),
+        )
+        started = LeaningHorizonLaw(self.leaning, dynamics, period, fallback, beside)
+        started.asynchronous = self.asynchronous
+        return cast(HorizonLaw, started)
+
+    def _process(self, robot: Robot, period: float) -> PlanningProcess:
+        """Return what plans beside the samples of a robot."""
+        if robot.drive.leans:
+            law, make = self.leaning, partial(LeaningPlanner, self.leaning, period)
+            return PlanningProcess(make, robot, law.dt, law.steps + REACH)
+        known = {each.name: getattr(self, each.name) for each in fields(PlannerSettings)}
+        plain = partial(start_planning, PlannerSettings(**known))
+        return PlanningProcess(plain, robot, self.dt, self.steps + 2)
 
 
 class HorizonLaw:
@@ -124,7 +150,7 @@ class HorizonLaw:
     ) -> None:
         self._law, self._fallback, self._dynamics = law, fallback, dynamics
         self._beside: PlanningProcess | SimulatedPlanning | None = process
-        self.process, simulated = process, _simulated.get()
+        self.process, simulated = process, simulated_time.get()
         if process is None:
             self.planner = Planner(law, dynamics)
             if law.asynchronous and simulated is not None:
@@ -265,91 +291,3 @@ class HorizonLaw:
             self._made_for, self._measured_at = reference, asked.t
             self._take(self._next)
             self._asked = self._next = None
-
-
-ComputingTime = float | str  # s, or "measured"
-REMEMBERED_DELAYS = 20
-EXPECTED_RANK = 15  # of them, in ascending order: the delay to expect; few come later
-
-
-@dataclass
-class SimulatedTime:
-    """What computing takes in a simulation, in the place of what it takes on this machine.
-
-    Attributes:
-        computing_time: Of a computation, s, or "measured": its processor time.
-        spent_in_background: Processor time of what was computed beside the samples, s.
-    """
-
-    computing_time: ComputingTime = 0.0
-    spent_in_background: float = 0.0
-
-
-_simulated: ContextVar[SimulatedTime | None] = ContextVar("simulated", default=None)
-
-
-@contextmanager
-def in_simulated_time(simulated: SimulatedTime) -> Iterator[None]:
-    """Let the laws that are started meanwhile compute in simulated time."""
-    token = _simulated.set(simulated)
-    try:
-        yield
-    finally:
-        _simulated.reset(token)
-
-
-class Delays:
-    """How long plans took, s.
-
-    Attributes:
-        largest: The longest.
-    """
-
-    def __init__(self) -> None:
-        self._last = deque[float](maxlen=REMEMBERED_DELAYS)
-        self.largest = 0.0
-
-    def add(self, delay: float) -> None:
-        """Take note of another, s."""
-        self._last.append(delay)
-        self.largest = max(self.largest, delay)
-
-    @property
-    def expected(self) -> float:
-        """What the next is not expected to exceed, s; 0 before the first."""
-        if not self._last:
-            return 0.0
-        return sorted(self._last)[EXPECTED_RANK * len(self._last) // REMEMBERED_DELAYS]
-
-
-class SimulatedPlanning:
-    """What :class:`PlanningProcess` does, in simulated time."""
-
-    def __init__(self, planning: Planning, simulated: SimulatedTime) -> None:
-        self._planning, self._simulated = planning, simulated
-        self._found: Planned | None = None
-        self._due = 0.0
-
-    @property
-    def busy(self) -> bool:
-        """Whether it owes a plan."""
-        return self._found is not None
-
-    def can_begin(self, reference: Reference, t: float, lag: float, delay: float) -> bool:
-        """Return whether no plan is on its way."""
-        return not self.busy
-
-    def begin(self, reference: Reference, asked: Asked) -> None:
-        """Compute a plan, and hold it back."""
-        began = time.thread_time()
-        self._found = self._planning(reference, asked)
-        spent, stated = time.thread_time() - began, self._simulated.computing_time
-        self._due = asked.t + (spent if isinstance(stated, str) else stated)
-        self._simulated.spent_in_background += spent
-
-    def result(self, t: float) -> Planned | None:
-        """Return the plan that is there at a time, once."""
-        if self._found is None or t < self._due - TIME_ROUNDING:
-            return None
-        found, self._found = self._found, None
-        return found

@@ -62,7 +62,9 @@ class Asked(NamedTuple):
     q: Array  # (nq,)
     nu: Array  # (dof,)
     delay: float  # s until the plan is expected: it begins then
-    beside: Array  # (dof,) by how much ν_d is off the plan before
+    # by how much ν_d is off the plan before (dof,); of a robot that leans, efforts (periods, n_act)
+    # that were sent and do not act yet, less those of the steady motion
+    beside: Array
     sees: bool = True  # whether what is measured corrects what is commanded
 
 
@@ -256,6 +258,11 @@ class Planning:
         return planned
 
 
+def start_planning(law: PlannerSettings, dynamics: ReducedDynamics) -> Planning:
+    """Return what plans for a robot."""
+    return Planning(Planner(law, dynamics))
+
+
 def _soft_bounds(
     law: PlannerSettings, model: Model, forces: ForceModel, radius: float
 ) -> list[SoftBound]:
@@ -299,6 +306,17 @@ class HorizonPlan(NamedTuple):
     feedback: Feedback | None = None
 
     @property
+    def parts(self) -> tuple[tuple[float, ...], list[Array]]:
+        """Its numbers, and its arrays; see :meth:`of`."""
+        return self[:2], [self.nu, self.nu_dot, *(self.feedback or ())]
+
+    @classmethod
+    def of(cls, numbers: tuple[float, float], arrays: list[Array]) -> HorizonPlan:
+        """Return the plan of its parts."""
+        nu, nu_dot, *gain = arrays
+        return cls(*numbers, nu, nu_dot, Feedback(*gain) if gain else None)
+
+    @property
     def ends(self) -> float:
         """When nothing is planned any more, s."""
         return self.t + len(self.nu_dot) * self.dt
@@ -337,7 +355,7 @@ class HorizonPlan(NamedTuple):
 class Planned(NamedTuple):
     """What became of a solve."""
 
-    plan: HorizonPlan | None  # None if a QP was not solved
+    plan: Any  # HorizonPlan, or that of a robot that leans; None if a QP was not solved
     slack: float = 0.0  # the largest, of a limit or m
     largest_lag: float = 0.0  # of the scaled reference time so far, s
     lag: float = 0.0  # of it at the plan's start, s

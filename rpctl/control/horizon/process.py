@@ -23,21 +23,13 @@ import time
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.planner import (
-    Asked,
-    Feedback,
-    HorizonPlan,
-    Planned,
-    Planner,
-    Planning,
-)
-from rpctl.control.horizon.settings import PlannerSettings
+from rpctl.control.horizon.leaning_plan import LeaningPlan
+from rpctl.control.horizon.planner import Asked, HorizonPlan, Planned
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.files.worker import LENGTH, ONE_THREAD, Channel
@@ -149,6 +141,12 @@ def _end(child: subprocess.Popen[bytes], own: int) -> None:
 class PlanningProcess:
     """Plans of one robot from a process: started here, and anew whenever it ends.
 
+    Args:
+        make: Makes there, of the robot's dynamics, what plans.
+        robot: The robot.
+        dt: Length of a step, s.
+        reach: How many steps of the reference it reads.
+
     Raises:
         RpctlError: It cannot be started, or the settings cannot be sent to it.
 
@@ -157,17 +155,17 @@ class PlanningProcess:
         fault: Why it is not started any more.
     """
 
-    def __init__(self, law: PlannerSettings, robot: Robot) -> None:
-        named = {each.name: getattr(law, each.name) for each in fields(PlannerSettings)}
+    def __init__(
+        self, make: Callable[[ReducedDynamics], Any], robot: Robot, dt: float, reach: int
+    ) -> None:
         try:
-            self._made_of = pickle.dumps((PlannerSettings(**named), robot))
+            self._made_of = pickle.dumps((make, robot))
         except Exception as error:  # whatever somebody's own obstacle raises
             raise RpctlError(
                 f"the horizon law's settings cannot be sent to the process that plans ({error}); "
                 "give obstacles of a class of an importable module, or Horizon(asynchronous=False)"
             ) from None
-        self._horizon, self._reach = law.steps * law.dt, (law.steps + 2) * law.dt
-        self._ahead = ReadAhead(robot, law.dt)
+        self._reach, self._ahead = reach * dt, ReadAhead(robot, dt)
         self.restarts, self.fault = 0, ""
         self._process: Process | None = None
         self._asked: Asked | None = None
@@ -224,7 +222,7 @@ class PlanningProcess:
         if (self._ready and not self.busy) or not self._alive():
             return None
         found = self._receive()
-        if self._asked is not None and t - self._asked.t > HUNG * self._horizon:
+        if self._asked is not None and t - self._asked.t > HUNG * self._reach:
             self._lost()
         return found
 
@@ -275,22 +273,22 @@ def _failed(error: Exception) -> Planned:
     return Planned(None, fault=f"{type(error).__name__}: {error}")
 
 
+PLANS: dict[str, Any] = {plan.__name__: plan for plan in (HorizonPlan, LeaningPlan)}
+
+
 def message_of(planned: Planned) -> bytes:
     """Return a plan as Python's own format has it, which a sample reads soonest."""
     plan, *figures, fault = planned
-    arrays = [] if plan is None else [plan.nu, plan.nu_dot, *(plan.feedback or ())]
+    numbers, arrays = ((), []) if plan is None else plan.parts
     told = [(each.shape, each.tobytes()) for each in arrays]
-    return marshal.dumps((plan and plan[:2], told, *map(float, figures), fault))
+    return marshal.dumps((type(plan).__name__, numbers, told, *map(float, figures), fault))
 
 
 def planned_of(message: bytes) -> Planned:
     """Return what :func:`message_of` was given; its arrays are read-only."""
-    times, told, *more = marshal.loads(message)
+    name, numbers, told, *more = marshal.loads(message)
     arrays = [np.frombuffer(data).reshape(shape) for shape, data in told]
-    if not arrays:
-        return Planned(None, *more)
-    (t, dt), (nu, nu_dot, *gain) = times, arrays
-    return Planned(HorizonPlan(t, dt, nu, nu_dot, Feedback(*gain) if gain else None), *more)
+    return Planned(PLANS[name].of(numbers, arrays) if name in PLANS else None, *more)
 
 
 def main(parent: int) -> None:
@@ -331,11 +329,11 @@ def main(parent: int) -> None:
             channel.send(message_of(found))
 
 
-def _planning(channel: Channel) -> Planning:
+def _planning(channel: Channel) -> Any:
     """Return what plans, and tell that it does."""
     try:
-        law, robot = pickle.loads(channel.receive(LONG))
-        planning = Planning(Planner(law, ReducedDynamics(robot)))
+        make, robot = pickle.loads(channel.receive(LONG))
+        planning = make(ReducedDynamics(robot))
     except Exception as error:  # as of a class that the parent alone knows
         channel.send(message_of(_failed(error)))
         raise EOFError from None

@@ -48,13 +48,13 @@ class Regulated(NamedTuple):
     Attributes:
         x: (N + 1, n).
         u: (N, m).
-        gain: K of the first step (m, n).
+        gains: K of each step (N, m, n).
         solved: Whether it is the solution; else no bound is kept.
     """
 
     x: Array
     u: Array
-    gain: Array
+    gains: Array
     solved: bool = True
 
 
@@ -114,7 +114,7 @@ class Regulator:
         x, (_, G, d, *_) = [start], self._steps
         for i, push in enumerate(pushed):
             x.append(self._closed[i] @ x[-1] + G[i] @ push + d[i])
-        return Regulated(np.array(x), pushed - np.matvec(self._K, x[:-1]), self._K[0])
+        return Regulated(np.array(x), pushed - np.matvec(self._K, x[:-1]), self._K)
 
     @staticmethod
     def _excess(motion: Regulated, box: Box) -> Array:

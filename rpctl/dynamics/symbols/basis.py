@@ -81,6 +81,11 @@ def integrated(q: Any, v: Any, entries_of: dict[int, JointEntry]) -> Any:
     along, aside = chord * (c * ahead - s * left), chord * (s * ahead + c * left)
     found[0], found[1] = x + (cos * along - sin * aside), y + (sin * along + cos * aside)
     found[2:4] = _composed(cos, sin, 1.0 - 2.0 * s * s, 2.0 * s * c)
+    return column(joints_moved(found, v, entries_of))
+
+
+def joints_moved(found: list[Scalar], v: Any, entries_of: dict[int, JointEntry]) -> list[Scalar]:
+    """Return the entries of q with the joints moved along v for a time of 1."""
     for index, entry in entries_of.items():
         i = entry.index
         if entry.is_pair:
@@ -89,7 +94,7 @@ def integrated(q: Any, v: Any, entries_of: dict[int, JointEntry]) -> Any:
             )
         else:
             found[i] = found[i] + v[index]
-    return column(found)
+    return found
 
 
 def _composed(cos: Scalar, sin: Scalar, c: Scalar, s: Scalar) -> list[Scalar]:

@@ -13,7 +13,7 @@ import numpy as np
 from rpctl.arrays import Array
 from rpctl.control.controller import Controller, ControllerOutput
 from rpctl.control.error import tracking_error
-from rpctl.control.horizon.law import SimulatedTime, in_simulated_time
+from rpctl.control.horizon.simulated import SimulatedTime, in_simulated_time
 from rpctl.control.law import Rest
 from rpctl.control.sampling import TIME_ROUNDING
 from rpctl.dynamics.reduced import ReducedDynamics

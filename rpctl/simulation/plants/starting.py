@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.balance import Posture
 from rpctl.control.controller import ControllerOutput
 from rpctl.control.law import Rest
+from rpctl.control.steady_motion import Posture
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.dynamics.standing import stand_at_home
 from rpctl.errors import RpctlError, require_known

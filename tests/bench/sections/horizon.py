@@ -11,7 +11,7 @@ import numpy as np
 import rpctl
 from rpctl import Controller, Robot
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.leaning import LeaningHorizonLaw
+from rpctl.control.horizon.leaning_plan import LeaningPlanner
 from rpctl.control.horizon.planner import Planner
 from tests.bench.real_time import step_seconds
 from tests.bench.rows import Row, Section
@@ -69,7 +69,7 @@ def paced_rows(name: str, duration: float) -> Iterator[Row]:
 def leaning_rows(name: str, duration: float) -> Iterator[Row]:
     """Yield percentiles of what a plan of a robot that leans takes, ms."""
     parts = {"plan": "_solved"}
-    took = part_seconds(rpctl.load(name), Horizon(), parts, duration, LeaningHorizonLaw)["plan"]
+    took = part_seconds(rpctl.load(name), Horizon(), parts, duration, LeaningPlanner)["plan"]
     for label in ("median", "99 %"):
         figure = 1e3 * float(np.percentile(took[1:], SHARES[label]))
         yield Row(f"plan, {name}: {label}", figure, "ms", COMMAND)

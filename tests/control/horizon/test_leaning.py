@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
@@ -9,12 +12,17 @@ from scipy.linalg import solve_discrete_are
 import rpctl
 from rpctl import Plant, ReducedDynamics, Wrench
 from rpctl.arrays import Array
-from rpctl.control.balance import Balance, Posture, sampled
+from rpctl.control.balance import Balance
 from rpctl.control.bandwidth import knowing_delay
 from rpctl.control.horizon.law import Horizon
-from rpctl.control.horizon.leaning import LeaningHorizon, LeaningHorizonLaw
+from rpctl.control.horizon.leaning_plan import REACH, LeaningHorizon, LeaningPlanner
+from rpctl.control.horizon.planner import Asked
+from rpctl.control.horizon.process import PlanningProcess
 from rpctl.control.horizon.regulation import STIFFNESS, Box, Regulated, Regulator, Steps
+from rpctl.control.horizon.simulated import SimulatedTime, in_simulated_time
+from rpctl.control.law import EffortCommand, LeaningCommand
 from rpctl.control.obstacles import Disc
+from rpctl.control.steady_motion import Posture, SteadyMotion, sampled
 from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.reference.motion import Reference, ReferenceState
@@ -22,8 +30,14 @@ from tests.leaning import OWN, leaning
 
 PERIOD, SEED = 0.002, 7
 UNBOUND = 1e6
+PATIENCE = 60.0  # s that a busy machine may take
 BETWEEN = 1.013  # s: no multiple of a step
 SMALL = 1e-5  # of deviations: a leash takes 1e-9 of them
+
+
+def in_line(leaning: LeaningHorizon) -> Horizon:
+    """Return the law with its plans made within their samples."""
+    return Horizon(leaning=leaning, asynchronous=False)
 
 
 def random_steps(count: int = 12) -> Steps:
@@ -93,6 +107,20 @@ def steady_reference(v: float, omega: float, joints: Array) -> Reference:
     return reference
 
 
+def beside(
+    posture: Posture, steady: SteadyMotion, state: ReferenceState, x: Array
+) -> tuple[Array, Array]:
+    """Return q and ν of a robot that is off a steady motion by x."""
+    robot, steered = posture.robot, len(posture.steered)
+    own = steady.posture + x[3 : 4 + steered]
+    joints = robot.home + x[4 + steered : 3 + len(posture.index)]
+    (x_r, y_r, turned), (ahead, left, more) = state.pose, x[:3]
+    cos, sin = np.cos(turned), np.sin(turned)
+    place = [x_r + cos * ahead - sin * left, y_r + sin * ahead + cos * left, turned + more]
+    q = robot.configuration_at(np.array(place), joints, own[1:], float(own[0]))
+    return q, steady.nu + x[-robot.dof :]
+
+
 @pytest.mark.parametrize(
     ("name", "late"), [("balancer", 0.0), ("wheel_legs", 0.0), ("whipple", 0.0), ("balancer", 0.02)]
 )
@@ -110,17 +138,11 @@ def test_where_nothing_binds_it_is_the_regulator(name: str, late: float) -> None
     P = solve_discrete_are(F, G, Q, R)
     K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
     x = SMALL * np.random.default_rng(SEED).normal(size=len(F))
-    steered = len(posture.steered)
-    own = steady.posture + x[3 : 4 + steered]
-    joints = robot.home + x[4 + steered : 3 + len(posture.index)]
     reference = steady_reference(v, 0.3, robot.home)
-    (x_r, y_r, turned), (ahead, left, more) = reference(BETWEEN).pose, x[:3]
-    cos, sin = np.cos(turned), np.sin(turned)
-    place = [x_r + cos * ahead - sin * left, y_r + sin * ahead + cos * left, turned + more]
-    q = robot.configuration_at(np.array(place), joints, own[1:], float(own[0]))
-    nu = steady.nu + x[-robot.dof :]
-    law = LeaningHorizonLaw(LeaningHorizon(regulator=cost), posture.dynamics, PERIOD)
+    q, nu = beside(posture, steady, reference(BETWEEN), x)
+    law = in_line(LeaningHorizon(regulator=cost)).start(posture.dynamics, PERIOD)
     command = law(posture.dynamics, reference, BETWEEN, q, nu)
+    assert isinstance(command, EffortCommand)
     if late:
         x = F @ x
     asked = command.efforts.tau - steady.tau
@@ -129,6 +151,39 @@ def test_where_nothing_binds_it_is_the_regulator(name: str, late: float) -> None
     after = F @ x - G @ K @ x
     assert command.nu_d == pytest.approx((steady.nu + x[-robot.dof :]), abs=1e-9)
     assert command.nu_d_dot == pytest.approx((after - x)[-robot.dof :] / 0.02, rel=1e-5, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("samples", [3, 10, 24])
+def test_a_late_plan_is_followed_from_where_it_is_by_then(name: str, samples: int) -> None:
+    """Where nothing binds a plan is that of the regulator, K, and so is the way back to it.
+
+    Until it is there the fallback answers. 24 samples later two steps of 10 are gone.
+    """
+    posture = Posture(ReducedDynamics(leaning(name)))
+    robot, v = posture.robot, 3.0 if name == "whipple" else 1.0
+    steady, cost = posture.steady(v, 0.3, robot.home), Balance(lateness=0.0)
+    A, B = posture.linear(steady)
+    F, G = sampled(A, B, 0.02)
+    Q, R = cost.costs(posture, B)
+    P = solve_discrete_are(F, G, Q, R)
+    K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
+    reference, comes = steady_reference(v, 0.3, robot.home), samples * PERIOD
+    with in_simulated_time(SimulatedTime(comes)):
+        law = Horizon(leaning=LeaningHorizon(regulator=cost)).start(posture.dynamics, PERIOD)
+    states = SMALL * np.random.default_rng(SEED).normal(size=(3, len(F)))
+    for t, x in zip(BETWEEN + np.array([0.0, 0.5, 1.0]) * comes, states, strict=True):
+        q, nu = beside(posture, steady, reference(t), x)
+        command = law(posture.dynamics, reference, float(t), q, nu)
+        assert isinstance(command, LeaningCommand) == bool(t < BETWEEN + 0.9 * comes)
+    assert isinstance(command, EffortCommand)
+    step, share = divmod(samples, 10)
+    planned = np.linalg.matrix_power(F - G @ K, step) @ states[0]
+    aim = planned + 0.1 * share * (F @ planned - G @ K @ planned - planned)
+    wanted = -K @ planned - K @ (states[2] - aim)
+    assert command.efforts.tau - steady.tau == pytest.approx(wanted, rel=1e-6, abs=1e-8)
+    assert law.report()["unplanned"] == 2.0
+    assert law.report()["largest_delay"] == pytest.approx(comes)
 
 
 def sets_off(at: float, acceleration: float, joints: Array) -> Reference:
@@ -151,9 +206,10 @@ def test_it_leans_before_it_sets_off() -> None:
     q = robot.configuration_at(np.zeros(3), robot.home, np.empty(0), float(steady.posture[0]))
     found = []
     for acceleration in (0.0, 1.0):
-        law = LeaningHorizonLaw(LeaningHorizon(), dynamics, PERIOD)
+        law = in_line(LeaningHorizon()).start(dynamics, PERIOD)
         reference = sets_off(BETWEEN + 0.3, acceleration, robot.home)
         command = law(dynamics, reference, BETWEEN, q, np.zeros(robot.dof))
+        assert isinstance(command, EffortCommand)
         found.append(command.efforts.tau - steady.tau)
     resting, leaning_ahead = found
     assert np.abs(resting).max() < 1e-6
@@ -170,7 +226,7 @@ def test_a_delay_that_is_told_is_foretold() -> None:
 def test_efforts_stay_within_limits_and_are_named() -> None:
     """It falls forward fast: its wheels drive under it as hard as they can."""
     robot = leaning("balancer")
-    controller = rpctl.Controller(robot, "line", kinematic=Horizon())
+    controller = rpctl.Controller(robot, "line", kinematic=Horizon(asynchronous=False))
     q, nu = robot.state(twist=(0.0, 0.0, 0.0), rates={"shoulder_joint": 0.0}, tilt=0.45)
     output = controller.step(0.0, q, nu)
     assert output.status == "ok"
@@ -202,13 +258,60 @@ def test_it_follows_an_eight(name: str, delay: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["balancer", "wheel_legs"])
+@pytest.mark.parametrize("samples", [3, 10])
+def test_it_follows_an_eight_with_plans_that_come_late(name: str, samples: int) -> None:
+    plant = Plant(computing_time=samples * PERIOD)
+    run = rpctl.track(leaning(name), "eight", kinematic=Horizon(), duration=6.0, collisions=False,
+                      plant=plant)  # fmt: skip
+    figures = rpctl.summarize(run)
+    assert figures.outcome == "tracked"
+    assert figures.kinematic_report["unplanned"] == samples  # before the first
+    assert np.hypot(*run.log.e[run.t > 5.0, :2].T).max() < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", [3, 10])
+def test_it_returns_from_that_push_with_plans_that_come_late(samples: int) -> None:
+    plant = Plant(wrenches=(PUSH,), computing_time=samples * PERIOD)
+    run = rpctl.track(leaning("balancer"), "line", kinematic=Horizon(), duration=5.0,
+                      collisions=False, plant=plant)  # fmt: skip
+    assert rpctl.summarize(run).outcome != "fell"
+    assert abs(leaning("balancer").tilt(run.q[-1])) < 0.05
+
+
+@pytest.mark.slow
+def test_a_process_makes_the_plan() -> None:
+    """What differs is what lies between the rows of the reference that it is sent."""
+    law, robot = LeaningHorizon(), leaning("balancer")
+    planner = partial(LeaningPlanner, law, PERIOD)
+    process = PlanningProcess(planner, robot, law.dt, law.steps + REACH)
+    process.await_ready()
+    reference = steady_reference(1.0, 0.3, robot.home)
+    q, nu = robot.state(twist=(1.0, 0.0, 0.3), rates={"shoulder_joint": 0.0}, tilt=0.05)
+    asked = Asked(1.013, q, nu, 0.0, 0.1 * np.ones((5, 3)))
+    ends = time.monotonic() + PATIENCE
+    while not process.can_begin(reference, asked.t, 0.1, 0.0):
+        assert time.monotonic() < ends
+    process.begin(reference, asked)
+    while (found := process.result(asked.t)) is None:
+        assert time.monotonic() < ends
+    wanted = planner(dynamics=ReducedDynamics(robot))(reference, asked).plan
+    assert found.plan[:4] == wanted[:4]
+    for one, other in zip(found.plan[4:], wanted[4:], strict=True):
+        assert one == pytest.approx(other, rel=1e-3, abs=1e-4)
+
+
+PUSH = Wrench("base_link", (260.0, 0.0, 0.0), (0.0, 130.0, 0.0), 1.0, 1.1)
+
+
+@pytest.mark.slow
 def test_it_returns_from_a_push_that_the_regulator_falls_from() -> None:
     """26 N s half a metre high: its wheels' efforts and its tilt are at their bounds for long."""
-    push = Wrench("base_link", (260.0, 0.0, 0.0), (0.0, 130.0, 0.0), start=1.0, end=1.1)
     outcomes, tilts = [], []
     for law in (UnifiedKinematic(), Horizon()):
         run = rpctl.track(leaning("balancer"), "line", kinematic=law, duration=4.0,
-                          collisions=False, plant=Plant(wrenches=(push,)))  # fmt: skip
+                          collisions=False, plant=Plant(wrenches=(PUSH,)))  # fmt: skip
         outcomes.append(rpctl.summarize(run).outcome)
         tilts.append(leaning("balancer").tilt(run.q[-1]))
     assert outcomes[0] == "fell" and outcomes[1] != "fell"

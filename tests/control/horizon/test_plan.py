@@ -9,8 +9,9 @@ import pytest
 import rpctl
 from rpctl import Plant, ReducedDynamics, Robot, Run, summarize
 from rpctl.arrays import Array
-from rpctl.control.horizon.law import Delays, Horizon
+from rpctl.control.horizon.law import Horizon
 from rpctl.control.horizon.planner import Asked, Follower, HorizonPlan, Planner, Planning
+from rpctl.control.horizon.simulated import Delays
 from rpctl.control.obstacles import Disc
 from rpctl.reference.motion import configuration_along, reference_rates
 from rpctl.reference.named import reference_by_name

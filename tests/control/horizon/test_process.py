@@ -19,7 +19,7 @@ import rpctl
 from rpctl import ReducedDynamics, Robot, RpctlError
 from rpctl.arrays import Array
 from rpctl.control.horizon.law import Horizon, HorizonLaw
-from rpctl.control.horizon.planner import Asked, Planned, Planner, Planning
+from rpctl.control.horizon.planner import Asked, Planned, Planner, Planning, start_planning
 from rpctl.control.horizon.process import NumbersAhead, PlanningProcess, ReadAhead
 from rpctl.control.law import Command
 from rpctl.control.obstacles import Disc, LinearBounds
@@ -110,7 +110,7 @@ def test_numbers_of_a_reference_are_the_reference(paper: Robot) -> None:
 
 def test_a_plan_from_a_process_is_the_plan(paper: Robot) -> None:
     """Of a reference that cannot be sent; what differs is what lies between its rows."""
-    process = PlanningProcess(LAW, paper)
+    process = PlanningProcess(partial(start_planning, LAW), paper, LAW.dt, LAW.steps + 2)
     process.await_ready()
     planning = Planning(Planner(LAW, ReducedDynamics(paper)))
     state = EIGHT(3.0)

@@ -10,8 +10,9 @@ import pytest
 
 import rpctl
 from rpctl import Horizon, PaperKinematic, Plant, ReducedDynamics, Robot, RpctlError, Run
-from rpctl.control.horizon.law import HorizonLaw, SimulatedTime, in_simulated_time
+from rpctl.control.horizon.law import HorizonLaw
 from rpctl.control.horizon.planner import Planned
+from rpctl.control.horizon.simulated import SimulatedTime, in_simulated_time
 from rpctl.control.law import KinematicLaw
 from rpctl.reference.named import reference_by_name
 from rpctl.simulation.plants.interfaces import HeldCommands
