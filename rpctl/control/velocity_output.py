@@ -76,13 +76,18 @@ class VelocityOutput(Record):
         float,
         LAG,
         Setting(
-            "s", "Lag", "Lag of first order with which it follows speeds, s; 0 if not given.", "S"
+            "s", "Lag", "First-order lag with which the robot follows speeds, s; default: 0.", "S"
         ),
     ] = 0.0
     dead_time: Annotated[
         float,
         DEAD_TIME,
-        Setting("s", "Dead time", "Time until it begins to follow them, s; 0 if not given.", "S"),
+        Setting(
+            "s",
+            "Dead time",
+            "Time until the robot begins to follow a change of speed, s; default: 0.",
+            "S",
+        ),
     ] = 0.0
     lags: Annotated[
         Mapping[str, float],
@@ -117,7 +122,9 @@ class VelocityOutput(Record):
     groups: Annotated[
         Mapping[str, OutputGroup],
         Setting(
-            "", "", 'What the robot takes, by "base" and by pattern of joints; its speeds if none.'
+            "",
+            "",
+            'What the controller commands, by "base" and by pattern of joints; default: speeds.',
         ),
     ] = field(default_factory=dict)
 
