@@ -140,7 +140,7 @@ def _show_outcome(out: Console, summary: Summary) -> None:
 
 
 def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
-    table = new_table("effort", ">peak", ">limit", ">share", ">leaps")
+    table = new_table("effort", ">peak", ">limit", ">share", ">jump")
     for effort in efforts:
         share, limit = effort.ratio, effort.limit
         table.add_row(

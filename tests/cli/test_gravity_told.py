@@ -46,7 +46,8 @@ def test_inspect_finds_that_a_robot_does_not_stand(tmp_path: Path) -> None:
     path = str(write(tmp_path, platform(SET_A)))
     findings = json.loads(said("inspect", path, "--json"))["findings"]
     assert [each["message"] for each in findings if "stand" in each["message"]] == [
-        "it does not stand at home: only left_joint, right_joint touch the ground, on one line"
+        "it does not stand in its home posture: only left_joint, right_joint touch the ground, "
+        "on one line"
     ]
     assert "does not stand" not in said("inspect", "paper")
 

@@ -185,7 +185,7 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
     count, name, off = len(t), point.name, point.trace.error
     ahead = np.linalg.norm(point.reference - point.actual, axis=1)
     if not np.isfinite(off).all():
-        return Outcome(DIVERGING, f"{name} left the finite numbers")
+        return Outcome(DIVERGING, f"the motion of {name} has infinite or undefined numbers")
     last = slice(3 * count // 4, None)
     end = slice(9 * count // 10, None)
     error, beside = float(ahead[end].max()), float(off[end].max())
@@ -198,27 +198,30 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
     rests = _reach(point.actual[end]) <= STANDING_RATIO * to_go
     grown = beside > max(ON_PATH_M, GROWTH_RATIO * start)
     if grown and not rests:
-        return Outcome(DIVERGING, f"{name} is {length(beside)} off its path in the end, "
-                       f"and was {length(start)} at most in the first half")  # fmt: skip
+        return Outcome(DIVERGING, f"{name} is up to {length(beside)} off its path in the last "
+                                  f"tenth of the run, and at most {length(start)} in the first "
+                                  "half")  # fmt: skip
     if error <= ON_PATH_M:
         return Outcome(TRACKED, f"{name} is {length(error)} from its reference in the end")
     run = float(t[-1] - t[0])
-    short = Outcome(LATE, f"too short a run to tell: {name} is {length(error)} from its "
-                    "reference in the end")  # fmt: skip
+    short = Outcome(LATE, f"the run is too short to judge: {name} is up to {length(error)} from "
+                    "its reference in its last tenth")  # fmt: skip
     if run < EVIDENCE_S:
         return short
     if stands or grown:
-        return Outcome(STUCK, f"{name} stands {length(error)} from its reference in the end")
+        return Outcome(STUCK, f"{name} stands {length(error)} from its reference")
     falls = beside < FALL_RATIO * float(off[count // 4 : count // 2].mean())
     if beside > ON_PATH_M and not falls:
         return short if run < DECAY_S else Outcome(
-            STUCK, f"{name} moves along {length(beside)} off its path in the end, "
-            "and the error stays")  # fmt: skip
-    where = "on its path" if beside <= ON_PATH_M else f"{length(beside)} off its path and nearing"
+            STUCK, f"{name} moves on, up to {length(beside)} off its path in the last tenth of "
+            "the run, and the error does not decay")  # fmt: skip
+    where = (
+        "on its path" if beside <= ON_PATH_M else f"up to {length(beside)} off its path and nearing"
+    )
     when = f"{abs(lag):.2g} s ({length(abs(gap))}) {'behind' if lag >= 0.0 else 'ahead of'}"
     under_way = beside > ON_PATH_M and run >= DECAY_S
     return Outcome(LATE if lag > LATE_S or under_way else TRACKED,
-                   f"{name} is {where}, {when} its reference in the end")  # fmt: skip
+                   f"{name} is {where}, {when} its reference (last quarter)")  # fmt: skip
 
 
 def _reach(places: Array) -> float:
