@@ -78,7 +78,7 @@ def judge(figures: Figures, tolerance: float) -> StressVerdict:
         return StressVerdict(REFUSED, figures.sentence)
     wheels = ""  # that bore nothing
     if figures.hanging_wheels:
-        wheels = f"; {', '.join(figures.hanging_wheels)} bore nothing from the start"
+        wheels = f"; {', '.join(figures.hanging_wheels)} carried no load from the start"
     elif figures.lifted_wheels:
         wheels = f"; {', '.join(figures.lifted_wheels)} lifted"
     fault = _fault(figures)
@@ -99,7 +99,7 @@ def _fault(figures: Figures) -> str | None:
     if figures.outcome not in SUCCESSES:
         return f"{figures.outcome}: {figures.sentence}"
     if figures.tilt > MAX_TILT:
-        return f"tipped over: it leant {math.degrees(figures.tilt):.0f} degrees"
+        return f"tipped over: it leaned {math.degrees(figures.tilt):.0f} degrees"
     if figures.would_tip:
         return "it would tip over"
     if figures.violations:
@@ -222,7 +222,7 @@ class StressReport:
             if row.cell.plant == plant
         }
         always = hanging.get((), ())
-        told = [f"nothing stressed: {', '.join(always)} bear nothing: {OTHERS}"] if always else []
+        told = [f"nothing stressed: {', '.join(always)} carry no load: {OTHERS}"] if always else []
         for stress in self.battery.stresses_on(plant):
             wheels = {
                 level: [n for n in hanging.get(((stress.name, level),), ()) if n not in always]
@@ -233,7 +233,7 @@ class StressReport:
                 named = dict.fromkeys(name for names in wheels.values() for name in names)
                 where = f"{stress.name} {', '.join(levels)} {stress.unit}".rstrip()
                 why = RIGID if stress.name == RADIUS else OTHERS
-                told.append(f"{where}: {', '.join(named)} bear nothing from the start: {why}")
+                told.append(f"{where}: {', '.join(named)} carry no load from the start: {why}")
         return told
 
     @property

@@ -223,5 +223,5 @@ def test_a_function_is_a_law_at_pythons_speed_which_is_said(paper: Robot) -> Non
         return Command(np.zeros(4), np.zeros(4))
 
     run = rpctl.track(paper, "line", duration=0.5, kinematic=own)
-    assert "closed in Python: the kinematic law own" in " ".join(run.notes)
+    assert "ran in Python, not as machine code: the kinematic law own" in " ".join(run.notes)
     assert not np.any(run.log.nu_d)

@@ -161,11 +161,13 @@ def test_wheels_that_hang_are_told_once_a_ladder() -> None:
                for c in found.cells}  # fmt: skip
     report = report_of(found, figures, TOLERANCE)
     (sentence,) = report.hanging("rolling")
-    assert sentence.startswith("radius -3, -2, -1 %: a, b bear nothing from the start: the support")
+    assert sentence.startswith(
+        "radius -3, -2, -1 %: a, b carry no load from the start: the support"
+    )
     assert report.to_dict()["hanging"] == {"rolling": [sentence]}
     always = {key: replace(GOOD, hanging_wheels=("a",)) for key in figures}
     (sentence,) = report_of(found, always, TOLERANCE).hanging("rolling")
-    assert sentence.startswith("nothing stressed: a bear nothing: the other")
+    assert sentence.startswith("nothing stressed: a carry no load: the other")
     assert report_of(found, dict.fromkeys(figures, GOOD), TOLERANCE).hanging("rolling") == []
 
 

@@ -58,8 +58,8 @@ class Collision:
     def sentence(self) -> str:
         """All of it in one sentence."""
         return (
-            f"{self.link} ran into {self.other or self.to} at {self.first_time:.3g} s, at most "
-            f"{length(self.depth)} deep, for {self.duration:.2g} s"
+            f"{self.link} ran into {self.other or self.to} at {self.first_time:.3g} s, "
+            f"{length(self.depth)} deep at worst, for {self.duration:.2g} s"
         )
 
 

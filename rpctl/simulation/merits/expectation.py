@@ -77,7 +77,7 @@ class Expectation:
         behind = lag(main.largest_lag, main.largest_lag_distance)
         word = "the error does not decay" if self.outcome == STUCK else self.outcome
         tail = "" if self.outcome in SUCCESSES else f"; {word}"
-        return f"{head}: path error {errors}, at most {behind} behind{tail}"
+        return f"{head}: path error {errors}, {behind} behind at most{tail}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON says it."""

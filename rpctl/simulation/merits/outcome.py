@@ -202,7 +202,8 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
                                   f"tenth of the run, and at most {length(start)} in the first "
                                   "half")  # fmt: skip
     if error <= ON_PATH_M:
-        return Outcome(TRACKED, f"{name} is {length(error)} from its reference in the end")
+        return Outcome(TRACKED, f"{name} is within {length(error)} of its reference in the last "
+                       "tenth of the run")  # fmt: skip
     run = float(t[-1] - t[0])
     short = Outcome(LATE, f"the run is too short to judge: {name} is up to {length(error)} from "
                     "its reference in its last tenth")  # fmt: skip

@@ -122,7 +122,7 @@ def test_the_loop_of_steered_bases_is_that_of_a_real_step(kind: str, tmp_path: P
 
 def test_laws_that_plan_have_no_poles(paper: Robot) -> None:
     run = rpctl.track(paper, "line", duration=0.04, kinematic=rpctl.Horizon(), control_period=0.02)
-    with pytest.raises(RpctlError, match="Horizon plans or remembers"):
+    with pytest.raises(RpctlError, match="Horizon plans ahead or has memory"):
         loop_poles(run, paper)
     section = poles_section(run, paper)
     assert section is not None and "Horizon plans" in section.quiet
@@ -131,7 +131,7 @@ def test_laws_that_plan_have_no_poles(paper: Robot) -> None:
 def test_speeds_as_output_have_no_poles_here(paper: Robot) -> None:
     run = run_of(paper, "spin")
     by_speed = replace(run, config=run.config.with_output("velocity"))
-    with pytest.raises(RpctlError, match="output are speeds"):
+    with pytest.raises(RpctlError, match="the controller commands speeds"):
         loop_poles(by_speed, paper)
 
 

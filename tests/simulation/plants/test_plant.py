@@ -62,8 +62,8 @@ def test_the_delay_logged_is_the_one_simulated(paper: Robot, delay: float, sampl
     np.testing.assert_array_equal(run.tau[samples:], sent[:-samples])
     assert run.config.plant.delay == pytest.approx(samples * 0.002)
     notes = (
-        f"a delay of {delay:g} s is no whole number of control periods of 0.002 s: "
-        f"{samples * 0.002:g} s are simulated",
+        f"a delay of {delay:g} s is not a whole number of control periods of 0.002 s: "
+        f"the plant delays by {samples * 0.002:g} s",
     )
     assert run.notes == (() if delay == 0.01 else notes)
 
