@@ -130,7 +130,7 @@ for label, value, message in (
     ("comma", "1,5", 'decimal comma; write "1.5"'),
     ("unit", "1.5kg", 'leave out the unit "kg"; write "1.5"'),
     ("unit after a blank", "1.5 kg", 'leave out the unit "kg"; write "1.5"'),
-    ("xacro value", "${m}", "xacro is left unexpanded"),
+    ("xacro value", "${m}", "the file contains xacro that is not expanded"),
     ("hexadecimal", "0x10", "is not a number"),
     ("underscore", "1_000", "is not a number"),
     ("full-width digit", "１", "is not a number"),
@@ -262,8 +262,9 @@ for error in (
 add_warning("mimic: multiplier 0", 'joint "shoulder" mimics with multiplier 0', LIMIT, LIMIT + '<mimic joint="slide" multiplier="0"/>')
 GRIP = '<limit lower="0" upper="0.1" effort="5" velocity="1"/>'
 for case in (
-    ("mimic: circle", "error", "mimics in a circle (shoulder > slide)", BASE.replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}').replace(GRIP, '<mimic joint="shoulder"/>' + GRIP)),
-    ("mimic: chain", "warning", 'joint "slide" mimics "shoulder", itself a mimic; read as one of "left_joint"', BASE.replace(LIMIT, '<mimic joint="left_joint"/>' + LIMIT).replace(GRIP, f'{MARK}<mimic joint="shoulder"/>{GRIP}')),
+    ("mimic: circle", "error", "mimics itself in a loop (shoulder > slide)", BASE.replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}').replace(GRIP, '<mimic joint="shoulder"/>' + GRIP)),
+    ("mimic: chain", "warning", ('joint "slide" mimics "shoulder", itself a mimic; rpctl resolves '
+                                'it to "left_joint"'), BASE.replace(LIMIT, '<mimic joint="left_joint"/>' + LIMIT).replace(GRIP, f'{MARK}<mimic joint="shoulder"/>{GRIP}')),
     ("mimic: fixed", "error", 'mimics joint "slide", which is fixed', BASE.replace('"slide" type="prismatic"', '"slide" type="fixed"').replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}')),
 ):
     add_case(*case)
@@ -326,8 +327,9 @@ for magic, kind in ((b"\x89PNG\r\n\x1a\n\0", "a PNG picture"), (b"PK\x03\x04\0",
     CASES.append(UrdfCase(kind, "error", f"this is {kind}, not URDF", magic, None))
 CASES.append(UrdfCase("zero bytes", "error", "a zero byte", b"<robot>\n\0\0</robot>", 2))
 for encoded in (
-    ("xacro", "error", "xacro is left unexpanded (2 elements, the first is <macro>)", f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>', "utf-16"),
-    ("xacro undeclared", "error", "xacro is left unexpanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>', "utf-16"),
+    ("xacro", "error", ("the file contains xacro that is not expanded (2 elements, the first is "
+                       "<macro>)"), f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>', "utf-16"),
+    ("xacro undeclared", "error", "the file contains xacro that is not expanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>', "utf-16"),
 ):
     add_case(*encoded)
 

@@ -86,7 +86,7 @@ HOSTILE = {
     ),
     "2 million elements": (
         f"<robot name='r'>{'<a/>' * 2_000_000}</robot>",
-        "2000001 elements, where 100000 are the limit; if it is meant, set RPCTL_MAX_ELEMENTS",
+        "2000001 elements, where 100000 are the limit; to allow it, set RPCTL_MAX_ELEMENTS",
     ),
     "2 million elements of a namespace": (
         f"<robot name='r' xmlns='u'>{'<a/>' * 2_000_000}</robot>",
@@ -94,7 +94,7 @@ HOSTILE = {
     ),
     "5 million attributes": (
         "<robot name='r'>" + f"<link {' '.join(f'a{i}=1' for i in range(99))}/>\n" * 51_000,
-        "5049001 attributes, where 1000000 are the limit; if it is meant, set RPCTL_MAX_ATTRIBUTES",
+        "5049001 attributes, where 1000000 are the limit; to allow it, set RPCTL_MAX_ATTRIBUTES",
     ),
     "2 million comments": ("<robot name='r'>" + "<!--" * 2_000_000, "Double hyphen within comment"),
     "100000 unknown elements": (

@@ -131,7 +131,7 @@ def test_what_measures_leave_open() -> None:
     without = ("changing your files' modes", "starting processes", "using the network")
     assert open_ways(("rlimits", "landlock")) == without
     assert open_ways(("rlimits",)) == ("reading and writing your files", *without[1:])
-    assert open_ways(("seccomp", "landlock")) == ("taking all memory",)
+    assert open_ways(("seccomp", "landlock")) == ("using all memory",)
 
 
 def test_an_unknown_architecture_has_no_filter(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -91,13 +91,13 @@ def test_columns_by_other_names_are_told_theirs(
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (",".join("c" * 300), "1: error: 300 columns; 200 are the most; if it is meant, set "
-         "RPCTL_MAX_COLUMNS"),
+        (",".join("c" * 300), "1: error: 300 columns; 200 are the most; to allow it, set "
+                              "RPCTL_MAX_COLUMNS"),
         (f"{TABLE}\n{'0,' * MAX_LINE}", f"10: error: a row of {2 * MAX_LINE} characters; {MAX_LINE}"
          " are the most; keep to t"),
         (f"{TABLE}\n{'0,' * 250}", "10: error: 251 columns; 200 are the most"),
-        (f"{TABLE}\n900000,1,0,0", "10: error: t is 900000, over 86400 s after the first row; use "
-         "seconds; if it is meant, set RPCTL_MAX_REFERENCE_SECONDS"),
+        (f"{TABLE}\n900000,1,0,0", "10: error: t is 900000, over 86400 s after the first row; "
+                                   "use seconds; to allow it, set RPCTL_MAX_REFERENCE_SECONDS"),
         (f"{TABLE}\n0.9;1;0;0", "10: error: 1 entries where the header names 4: separated by semi"),
         (f"{TABLE}\n\0,1,0,0", r'10: error: t "\x00" is not a number'),
     ],

@@ -129,7 +129,8 @@ def test_states_of_an_srdf_are_joined_and_strange_joints_told(tmp_path: Path) ->
         ("</robot>", "", "home", r"truncated"),
         ("<robot", "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot", "home", r":2: error: a DOCTYPE"),
         ("</robot>", '<link name="base"/></robot>', "home", r"this is a URDF; give the SRDF"),
-        ("group_state", "state", "home", r"no group state is called \"home\"; it has none"),
+        ("group_state", "state", "home", r"there is no group state \"home\"; it has no group "
+                                         r"states"),
     ],
 )  # fmt: skip
 def test_faults_of_an_srdf_have_a_line(

@@ -168,7 +168,7 @@ def test_obstacles_come_from_a_file(tmp_path: Path) -> None:
     [
         ('shape = "disk"', "[1].shape: obstacle 'disk' is not known; did you mean disc?"),
         ("x = 1", '[1]: names no shape; write [[kinematic.base_obstacles]], then shape = "disc"'),
-        ('shape = "disc"\nx = 1', "[1]: lacks y, radius"),
+        ('shape = "disc"\nx = 1', "[1]: misses y, radius"),
         ('shape = "disc"\nx = 1\ny = 1\nradius = 0', "[1]: radius of a disc is 0"),
         ('shape = "half-plane"\nnx = 0\nny = 0\noffset = 1', "[1]: length of a half-plane's"),
     ],
@@ -205,7 +205,7 @@ def test_a_law_within_a_law_is_named() -> None:
 
 
 def test_what_no_file_can_say_is_refused() -> None:
-    with pytest.raises(RpctlError, match=r"_Nested.names is .*, which no file can say"):
+    with pytest.raises(RpctlError, match=r"_Nested.names is .*, which a file cannot store"):
         to_plain(_Nested(names=(None,)))  # type: ignore[arg-type]
     with pytest.raises(RpctlError, match="_Nested is none of"):
         write_config(Config(kinematic=_Nested()), "never.toml")  # type: ignore[arg-type]

@@ -137,7 +137,7 @@ def _accessor(number: int, **changes: object) -> bytes:
 
 
 LYING_PLY = ply(TRIANGLE, [(0, 1, 2)]).replace(b"vertex 3", b"vertex 4000000000")
-MANY = "and 1,000,000 are the most; if it is meant, set RPCTL_MAX_MESH_TRIANGLES"
+MANY = "and 1,000,000 are the most; to allow it, set RPCTL_MAX_MESH_TRIANGLES"
 BAD: dict[str, tuple[bytes, str]] = {  # by name: what the file holds, and what is said of it
     "bomb.dae": (dae_bomb(18), "refused: it shows 262,144 parts"),
     "wide.dae": (dae_bomb(5, 16), f"refused: it shows 1,048,576 triangles, {MANY}"),
@@ -162,19 +162,19 @@ BAD: dict[str, tuple[bytes, str]] = {  # by name: what the file holds, and what 
     "line.stl": (stl([(0, 0, 0), (0.1, 0.1, 0.1), (0.3, 0.3, 0.3)] * 2), "all of its 2 triangles"),
     "count.stl": (stl(TRIANGLE, 2**32 - 1), "its header promises 4294967295 triangles"),
     "short.stl": (stl(TRIANGLE)[:-1], "its header promises 1 triangles"),
-    "empty.stl": (stl([]), "holds no triangles"),
+    "empty.stl": (stl([]), "has no triangles"),
     "far.obj": (obj(_scaled(1e300), [(1, 2, 3)]), "its vertices reach 1e+300 m"),
-    "out.obj": (obj(TRIANGLE, [(1, 2, 9)]), "a triangle names a vertex that is not there"),
+    "out.obj": (obj(TRIANGLE, [(1, 2, 9)]), "a triangle refers to a missing vertex"),
     "zero.obj": (obj(TRIANGLE, [(0, 1, 2)]), "names vertex 0, and an OBJ counts from 1"),
-    "points.obj": (obj(TRIANGLE, []), "holds no triangles"),
+    "points.obj": (obj(TRIANGLE, []), "has no triangles"),
     "out.ply": (ply(TRIANGLE, [(0, 1, 9)]), "a triangle names vertex 9 of 3 (from 0)"),
     "below.ply": (ply(TRIANGLE, [(0, 1, -1)]), "a triangle names vertex -1 of 3 (from 0)"),
-    "points.ply": (ply(TRIANGLE, []), "holds no triangles, only 3 points"),
+    "points.ply": (ply(TRIANGLE, []), "has no triangles, only 3 points"),
     "count.ply": (LYING_PLY, 'its header promises 4000000000 of "vertex", and'),
     "none.ply": (b"ply\n", "no header of a PLY"),
     "count.glb": (_accessor(0, count=2**31), f"it shows 715,827,882 triangles, {MANY}"),
     "zeros.glb": (_accessor(0, bufferView=None, count=2**30), "it shows 357,913,941 triangles"),
     "below.glb": (_accessor(0, count=-3), "its header is damaged"),
     "text.glb": (b"glTF" + bytes(40), "no GLB of version 2"),
-    "loop.glb": (glb(glb_triangle(nodes=[{"children": [0]}]), GLB_BINARY), "holds no triangles"),
+    "loop.glb": (glb(glb_triangle(nodes=[{"children": [0]}]), GLB_BINARY), "has no triangles"),
 }

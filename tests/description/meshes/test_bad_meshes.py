@@ -127,7 +127,7 @@ def test_loose_vertices_are_left_out_and_told(folder: Path) -> None:
     mesh = read_mesh(folder / "a.ply")
     assert mesh.surfaces[0].vertices.max() == 1.0
     assert mesh.remarks == (
-        "a vertex lies beyond its triangles, in none of them, and counts for nothing",
+        "a vertex lies beyond its triangles, belong to none of them, and are ignored",
     )
 
 

@@ -39,8 +39,8 @@ def with_mesh(tmp_path: Path, name: str) -> Path:
         ("file:///etc/passwd", "refused: it lies outside the folders"),
         ("file://etc/passwd", "refused: only package:// and paths"),
         ("http://example.org/a.stl", "refused: only package:// and paths"),
-        ("bot.urdf", "refused: a mesh ends in .stl"),
-        ("a" * 5000 + ".stl", "refused: no file has such a name"),
+        ("bot.urdf", "refused: the name of a mesh must end in .stl"),
+        ("a" * 5000 + ".stl", "refused: this is not a valid file name"),
     ],
 )  # fmt: skip
 def test_meshes_out_of_reach_are_told(name: str, expected: str, tmp_path: Path) -> None:

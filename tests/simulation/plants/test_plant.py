@@ -127,7 +127,7 @@ def test_samples_that_never_arrive_leave_the_efforts_on(paper: Robot) -> None:
     distance = np.linalg.norm(runs[0].log.base - runs[2].log.base, axis=1)
     assert 0.0 < distance.max() < 1e-3
     for share in (-0.1, 1.0, np.nan):
-        with pytest.raises(RpctlError, match="give a share from 0 to less than 1"):
+        with pytest.raises(RpctlError, match="give a fraction from 0 to less than 1"):
             Plant(dropped=share)
 
 

@@ -338,7 +338,7 @@ def test_a_file_takes_no_more_memory_than_a_run(
     long = zipped([("header.npy", npy(np.zeros(1_000_000, np.uint8))), t, *rest])
     monkeypatch.setattr(file, "MAX_HEADER", 900_000)
     for data, most, wanted in (
-        (large, 1_000_000, "bytes, over 1000000; if it is meant, set RPCTL_MAX_RUN_BYTES"),
+        (large, 1_000_000, "bytes, over 1000000; to allow it, set RPCTL_MAX_RUN_BYTES"),
         (long, 10_000_000, 'entry "header": over 900000 bytes'),
         (directory_of(50_000), 10_000_000, "a table of contents that is not that of an array file"),
     ):
