@@ -97,8 +97,8 @@ class Posture:
         if undriven or not any(wheel.driven for wheel in robot.drive.wheels):
             what = ", ".join(undriven) or "its wheels"
             raise UnfitLawError(
-                f"nothing drives {what} of {robot.name}, so no law balances it; give motors, or "
-                "hold joints with --lock"
+                f"nothing drives {what} of {robot.name}, so no law can balance it; add motors, or "
+                "freeze joints with --lock"
             )
         limits = robot.effort_limits
         self.scale = np.where(np.isfinite(limits), limits, 1.0)
@@ -156,8 +156,9 @@ class Posture:
                 return here
             own = own - np.clip(np.linalg.solve(self.slope(here, joints), gap), -STRIDE, STRIDE)
         raise RpctlError(
-            f"{self.robot.name}: no steady motion has a speed of {v:.3g} m/s and a turning rate of "
-            f"{omega:.3g} rad/s; give a wider or a slower turn, or hold joints that reach far out"
+            f"{self.robot.name}: no steady motion has a speed of {v:.3g} m/s and a turning rate "
+            f"of {omega:.3g} rad/s; give a wider or a slower turn, or freeze joints that reach "
+            "far out"
         )
 
     def follow(self, before: SteadyMotion, state: ReferenceState, slope: Array) -> SteadyMotion:
@@ -408,7 +409,7 @@ class BalanceController(ReportsNothing):
         """
         posture, limits = self._posture, self._posture.robot.effort_limits
         if not isinstance(command, LeaningCommand):
-            raise UnfitLawError("the kinematic law tells no goal to balance for; take unified")
+            raise UnfitLawError("the kinematic law gives no goal to balance for; use unified")
         goal = command.goal
         postures, share = self._look(goal)
         own = (1.0 - share) * postures[0] + share * postures[1]

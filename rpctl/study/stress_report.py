@@ -24,7 +24,7 @@ VERDICTS = (PASS, DEGRADE, FAIL)  # from good to bad; a run that was refused has
 TOLERANCE_RATIO = 0.01  # of the robot's length: how far from its reference a run that passes may be
 MOST_TOLD = 3  # broken limits that a reason names; the figures have all
 MAX_TILT = math.radians(10.0)  # rad: tyres and casters give way by less; a fall goes on beyond it
-RIGID = "the supports are rigid and as high as the file has them, so they carry the robot"
+RIGID = "the supports are rigid and at the height in the file, so they carry the robot"
 OTHERS = "the other contacts carry the robot"
 COLUMNS = (
     "plant", "law", "stress", "level", "unit", "and_stress", "and_level", "and_unit", "seed",
@@ -66,9 +66,9 @@ def rule(tolerance: float) -> str:
     """
     return (
         f"{PASS}: tracked within all limits, base and end effector within {length(tolerance)} of "
-        f"their references (rms of the second half). {DEGRADE}: tracked farther away, or late, or "
-        f"the motion needs more grip than there is. {FAIL}: stuck, diverging, collided, ended "
-        "early, a limit broken, or tipped over."
+        f"their references (rms of the second half). {DEGRADE}: tracked with a larger error, or "
+        f"late, or the motion needs more grip than available. {FAIL}: stuck, diverging, collided, "
+        "ended early, a limit broken, or tipped over."
     )
 
 
@@ -285,7 +285,7 @@ def report_of(battery: Battery, figures: Mapping[str, Figures], tolerance: float
     )
     report = StressReport(battery, tolerance, rows)
     if not report.worst():
-        raise RpctlError(f"no run could be made: {rows[0].verdict.reason}")
+        raise RpctlError(f"none of the runs could start: {rows[0].verdict.reason}")
     return report
 
 

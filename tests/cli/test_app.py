@@ -151,7 +151,10 @@ def test_the_outcome_decides_the_exit_code(
     ("words", "output"),
     [
         (("inspect", "tiag0"), "did you mean"),
-        (("inspect", "."), ".: error: Is a directory; give one of the URDF or .xacro files in it"),
+        (
+            ("inspect", "."),
+            ".: error: this is a folder; give one of the URDF or .xacro files in it",
+        ),
         (("inspect", "tiago", "--lock", "hed_*"), "did you mean head_*"),
         (("inspect", "none.urdf"), "none.urdf: error: No such file or directory"),
         (("inspect", "tiago", "--lock", "hand"), "joint to lock 'hand' is not known"),

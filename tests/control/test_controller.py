@@ -171,8 +171,8 @@ def test_a_solver_that_gives_up_stops_nothing(paper: Robot) -> None:
     assert robot.outputs[7].reason == "no solution"
     assert robot.controller.report()["fallbacks"] == 3
     assert robot.controller.notes() == (
-        "the dynamic law failed at 3 of 20 samples and was replaced there; first at t = 0 s: "
-        "no solution",
+        "the dynamic law failed at 3 of 20 samples, where a fallback law replaced it; first at t "
+        "= 0 s: no solution",
     )
 
 

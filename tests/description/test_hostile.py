@@ -187,7 +187,7 @@ def test_what_pinocchio_refuses_is_told_without_its_noise(
     monkeypatch.setattr(
         "rpctl.description.urdf.reader._engine_xml", lambda *_: '<robot name="r"><joint/></robot>'
     )
-    with pytest.raises(DescriptionError, match=r"error: Pinocchio refuses this robot: .*; correct"):
+    with pytest.raises(DescriptionError, match=r"error: Pinocchio rejects this robot: .*; correct"):
         rpctl.load(path)
     assert capfd.readouterr() == ("", "")
 

@@ -30,7 +30,7 @@ def test_parallel_wheels_are_skid_steer_by_assumption(
     assert len(robot.drive.wheels) == 2 * len(places)
     (doubt,) = robot.drive.doubts
     assert doubt.startswith(f"{2 * len(places)} parallel wheels are taken for ordinary ones")
-    assert doubt.endswith("say --drive skid-steer or --drive mecanum")
+    assert doubt.endswith("give --drive skid-steer or --drive mecanum")
     assert doubt in files.refusal(axles(*places), strict=True)
     assert files.load(axles(*places), "skid-steer", strict=True).drive.doubts == ()
 
@@ -109,7 +109,7 @@ def test_a_file_that_says_two_things_is_asked_about(files: Files) -> None:
     refusal = files.refusal(text)
     assert 'the name "axle0_left_mecanum" mentions them' in refusal
     assert 'plugin "libgazebo_ros_skid_steer_drive.so" (line 1) is made for skid-steer' in refusal
-    assert refusal.endswith("say --drive skid-steer or --drive mecanum")
+    assert refusal.endswith("give --drive skid-steer or --drive mecanum")
     assert files.load(text, "skid-steer").drive.type == "skid-steer"
     assert files.load(text, "mecanum").drive.type == "mecanum"
 

@@ -118,7 +118,7 @@ def test_a_caster_that_would_run_into_limits_is_told(files: Files) -> None:
                 "continuous", "revolute"
             )
     (doubt,) = files.load(parts).drive.doubts
-    assert doubt == '"caster_1" is a caster, yet it has limits, into which it would run'
+    assert doubt == '"caster_1" is a caster but has limits, which it would reach'
 
 
 def test_one_powered_caster_leaves_a_motion_undriven(files: Files) -> None:

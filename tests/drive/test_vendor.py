@@ -85,7 +85,7 @@ def test_a_plugin_for_another_drive_is_warned_of(files: Files, kind: str) -> Non
     text = driven("", f"gz-sim-{kind}-system")
     (found,) = told(files.load(text))
     assert found.severity == "warning"
-    assert "by its wheels the drive is differential; say which it is with --drive" in found.message
+    assert "by its wheels the drive is differential; choose with --drive" in found.message
     assert "by its wheels the drive is differential" in files.refusal(text, strict=True)
 
 

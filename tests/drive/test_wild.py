@@ -95,7 +95,7 @@ def test_meshes_that_are_not_there(files: Files) -> None:
     robot = files.load(parts)
     wheel, doubt = robot.drive.wheels[0], robot.drive.doubts[0]
     assert (wheel.radius, wheel.source) == (0.1, 'axle height over the root link "base"')
-    assert doubt.startswith('no shape tells the size of wheel "left" (mesh "gone.stl"')
+    assert doubt.startswith('no shape gives the size of wheel "left" (mesh "gone.stl"')
     assert "its radius, 0.1 m, is the axle height" in doubt
     bare = re.sub("<visual>.*?</visual>", "", xml(parts))
     assert "error: no shape tells the size of wheel" in files.refusal(bare, strict=True)
@@ -117,7 +117,9 @@ def test_a_mesh_that_is_not_round_about_its_axis(files: Files) -> None:
     assert files.load(text, "skid-steer").drive.doubts == ()
     doubts = files.load(text.replace('<axis xyz="0 1 0"/>', ""), "skid-steer").drive.doubts
     assert len(doubts) == 4
-    assert "is 0.04 m by 0.2 m across its axis, which no wheel is: correct the <axis>" in doubts[0]
+    assert (
+        "is 0.04 m by 0.2 m across its axis, so it is not a wheel: correct the <axis>" in doubts[0]
+    )
 
 
 def test_a_root_high_above_the_ground(files: Files) -> None:
@@ -164,16 +166,16 @@ def test_an_arm_of_continuous_joints_is_no_wheel(files: Files) -> None:
         parts.joint(f"joint_{k}", "continuous", (parent, f"link_{k}"), "0 0 0.3", axis)
     robot = files.load(parts)
     assert robot.drive.type == "fixed"
-    assert robot.drive.doubts[0].startswith("no joint could carry a wheel, so the base is taken")
+    assert robot.drive.doubts[0].startswith("no joint can carry a wheel, so the base is taken")
     assert "say --drive fixed" in files.refusal(parts, strict=True)
 
 
 def test_nothing_moves(files: Files) -> None:
     refusal_text = files.refusal(body())
     assert refusal_text.endswith(
-        "no known drive: no joint could carry a wheel; it needs continuous joints about level "
+        "no known drive: no joint can carry a wheel; it needs continuous joints about level "
         'axles that reach the ground, held by the root link "base"; make the wheels\' joints '
-        'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
+        'type="continuous" with the axle as <axis>, or give --drive fixed for an arm'
     )
 
 

@@ -233,7 +233,7 @@ def test_a_caster_that_meshes_draw_is_a_ball(tmp_path: Path) -> None:
     roller = free_caster(urdf.shape('mesh filename="roller.stl"', "visual"))
     path = write(tmp_path, platform(SET_A, extra=roller))
     found = built(rpctl.load(path, lock=("swivel", "roller_joint")))
-    assert 'caster "roller" is drawn by meshes alone; it is a ball of 0.05 m' in found.notes
+    assert 'caster "roller" has only meshes; it becomes a ball of 0.05 m' in found.notes
     model = found.compile()
     assert model.pair("roller").dim[0] == 1
     np.testing.assert_allclose(model.geom("roller").pos, [0.44, 0.02, 0.05])

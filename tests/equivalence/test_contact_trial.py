@@ -206,7 +206,7 @@ def test_nothing_gentle_is_a_row_that_says_so(paper: Robot) -> None:
 
 @pytest.mark.parametrize(
     ("name", "why"),
-    [("arm", "a fixed base has nothing to roll"), ("bicycle", "not known to stand: only wheel_")],
+    [("arm", "a fixed base does not roll"), ("bicycle", "not known to stand: only wheel_")],
 )
 def test_what_cannot_roll_is_left_out_and_said(name: str, why: str) -> None:
     found = contact_trial.contact_trial(rpctl.load(name))

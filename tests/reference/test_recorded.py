@@ -198,8 +198,8 @@ GOOD = "\n".join(f"{0.1 * k:.1f},{0.01 * k * k:.4f},0" for k in range(8))
 FAULTS = {
     "": "a.csv: error: empty; give a header such as t,x,y,theta, and rows",
     "t,x,y": "a.csv:1: error: 0 rows; give 6 or more",
-    "t\n1": "a.csv:1: error: only times; add x,y or ee_x,ee_y,ee_z or joints",
-    f"x,y\n{GOOD}": "a.csv:1: error: no column t; add the time in s",
+    "t\n1": "a.csv:1: error: there are only times; add x,y or ee_x,ee_y,ee_z or joints",
+    f"x,y\n{GOOD}": "a.csv:1: error: there is no column t; add the time in s",
     f"t,x,z\n{GOOD}": 'a.csv:1: error: column "z" is not known; columns are t, x, y, theta',
     f"t,x,thet\n{GOOD}": 'a.csv:1: error: column "thet" is not known; did you mean theta?',
     f"t,x\n{GOOD}": "a.csv:1: error: column y is missing beside x; add it",

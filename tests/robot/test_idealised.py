@@ -233,6 +233,6 @@ def test_friction_that_is_smooth_and_losses_that_are_left_out(files: Files) -> N
         ("damping", 70.0, "N·s/m"),
     ]
     assert found[0].sentence == (
-        '<dynamics> damping of 3 joints is left out, at most 0.5 N·m·s/rad of "shoulder" (line 1)'
+        '<dynamics> damping of 3 joints is ignored, at most 0.5 N·m·s/rad of "shoulder" (line 1)'
     )
-    assert found[1].sentence == ('<dynamics> friction is left out: 0.3 N·m of "shoulder" (line 1)')
+    assert found[1].sentence == ('<dynamics> friction is ignored: 0.3 N·m of "shoulder" (line 1)')

@@ -234,7 +234,7 @@ def test_editors_complete_a_saved_configuration(tmp_path: Path) -> None:
     horizon = schema["$defs"]["UnifiedKinematic"]["properties"]["horizon"]
     assert horizon == {
         "type": "number", "minimum": 1e-12, "maximum": 1e12,
-        "description": "Prediction time h; what period and lateness allow if not given. [s]",
+        "description": "Prediction time h; default: what period and delay allow. [s]",
     }  # fmt: skip
     run = schema["$defs"]["RunSettings"]
     assert run["properties"]["friction"]["default"] == 0.7 and not run["additionalProperties"]

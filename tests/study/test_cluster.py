@@ -77,7 +77,7 @@ def test_a_port_that_is_no_schedulers_is_told_in_bounded_time(
         if hangs_up:
             Thread(target=lambda: server.accept()[0].close(), daemon=True).start()
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        why = "it hangs up" if hangs_up else "timed out"
+        why = "it closes the connection" if hangs_up else "timed out"
         with pytest.raises(RpctlError, match=rf"{address}: no scheduler answers \({why}\)"):
             DaskExecutor(address)
 
@@ -95,7 +95,7 @@ def test_a_scheduler_without_workers_is_told_while_it_is_waited_for(
     told: list[str] = []
     with pytest.raises(RpctlError, match="no worker has joined in 1 s; start some with"):
         DaskExecutor(dask.address, told.append)
-    assert told == [f"{dask.address}: no worker is there yet; waiting 1 s for one to join"]
+    assert told == [f"{dask.address}: there is no worker yet; waiting 1 s for one to join"]
 
 
 @pytest.fixture

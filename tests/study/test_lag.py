@@ -89,7 +89,7 @@ def test_channels_stand_beside_one_another() -> None:
     assert found.channel("omega").lag == pytest.approx(0.2, abs=1e-5)
     assert 0.1 < found.lag < 0.2
     assert found.left_out == {
-        "lift": "its command does not change; send a step, as from rest to half of its speed"
+        "lift": "its command does not change; send a step, such as from rest to half of its speed"
     }
     with pytest.raises(UnknownNameError, match="did you mean omega"):
         found.channel("omga")
@@ -103,7 +103,7 @@ def with_noise(command: Array) -> Array:
     "command, measured, reason",
     [
         (0.0 * T, lambda c: c, "its command does not change"),
-        (STEP, lambda c: 0.0 * c, "it does not move, whatever is commanded"),
+        (STEP, lambda c: 0.0 * c, "it does not move when commanded"),
         (0.05 * T, with_noise, "changes too slowly to tell a lag from a dead time"),
         (STEP, lambda c: -c, "does not follow its command as a lag of first order"),
         (STEP, lambda c: np.roll(c, 42), "dead time is longer than the 0.8 s"),

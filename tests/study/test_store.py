@@ -101,7 +101,7 @@ def test_a_merit_that_was_changed_is_found_out(tmp_path: Path) -> None:
         changed = table.set_column(column, table.field(name), library("pyarrow").array(
             values, table.field(name).type))  # fmt: skip
         pq.write_table(changed, path)
-        with pytest.raises(RpctlError, match="it was changed after it was written; remove it"):
+        with pytest.raises(RpctlError, match="it was edited after it was written; remove it"):
             read_runs(path)
     pq.write_table(table, path)
     assert_same(read_runs(path)[0], rows(*range(9)))

@@ -123,7 +123,7 @@ def test_the_worst_is_by_its_verdict_first() -> None:
     ]
     (worst,) = replace(found, rows=tuple(rows)).worst()
     assert worst.cell.words == "payload 1 kg"
-    with pytest.raises(RpctlError, match="no run could be made: on its way"):
+    with pytest.raises(RpctlError, match="none of the runs could start: on its way"):
         report(p0="refused", p05="refused", p1="refused", p2="refused", p5="refused")
 
 

@@ -62,7 +62,8 @@ def require_within(size: Size, most: Size) -> None:
         if count > cap:
             said = f"{count:,}" if count < 1e15 else "more than can be counted"
             raise MeshFaultError(
-                f"refused: it shows {said} {what}, and {cap:,} are the most; {how_to_raise(name)}"
+                f"refused: it shows {said} {what}, but at most {cap:,} are allowed; "
+                f"{how_to_raise(name)}"
             )
 
 

@@ -240,8 +240,11 @@ def read_rotors(findings: Findings, root: Any) -> dict[str, float]:
         if not given:
             continue
         if len(joints) != 1:
-            findings.warn(given[0], "rpctl ignores the rotor of a transmission with "
-                                    "several joints; give its inertia as --armature PATTERN=KG_M2")  # fmt: skip
+            findings.warn(
+                given[0],
+                "rpctl ignores the rotor of a transmission with several joints; give its inertia "
+                "as --armature PATTERN=KG_M2",
+            )
             continue
         name = joints[0].get("name", "")
         inertia = sum(_inertia(findings, actuator, name) for actuator in given)
@@ -258,8 +261,11 @@ def _inertia(findings: Findings, actuator: Any, joint: str) -> float:
                                "rpctl uses 0; correct it")  # fmt: skip
         return 0.0
     if inertia > LARGE_ROTOR:
-        findings.warn(element, f"the rotor inertia {inertia:g} of joint \"{joint}\" is too "
-                               "large for a motor; give kg m2, on the motor's side of the gears")  # fmt: skip
+        findings.warn(
+            element,
+            f'the rotor inertia {inertia:g} of joint "{joint}" is too large for a motor; give kg '
+            "m2, on the motor's side of the gears",
+        )
     return inertia * _ratio(findings, actuator) ** 2
 
 

@@ -95,7 +95,7 @@ def test_steering_that_is_singular_ahead_is_left_to_the_fallback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def singular(self: Model, *_: Array) -> PredictedMotion:
-        raise SingularBasisError("the steered wheels fix no one motion ahead")
+        raise SingularBasisError("the steered wheels do not determine the motion ahead")
 
     robot = load(tmp_path, "twin")
     monkeypatch.setattr(Model, "predict", singular)
