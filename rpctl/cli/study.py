@@ -130,8 +130,11 @@ def study_command(
     """
     loaded = options.load(robot)
     if template:
-        text = study_template(loaded)
-        tell(as_json, lambda: {"text": text}, lambda: print_document(text))
+        tell(
+            as_json,
+            lambda: {"text": study_template(loaded)},
+            lambda: print_document(study_template(loaded)),
+        )
         return
     if file is None:
         raise RpctlError("no study file is given; `rpctl study ROBOT --template` prints one")
@@ -190,10 +193,7 @@ def _optimise(
     details = "" if asked is None else f"{asked.evaluations} settings of {asked.runs} runs"
     with progress_bar("optimize", details) as advance:
         found = optimise(robot, study, folder, executor, advance, settings.resume)
-    if as_json:
-        print_json(found)
-    else:
-        show_optimum(found, study.command)
+    tell(as_json, lambda: found, lambda: show_optimum(found, study.command))
 
 
 def show_study(result: StudyResult) -> None:

@@ -148,8 +148,10 @@ def say(text: str, *, err: bool = False) -> None:
 def print_json(value: object) -> None:
     """Print a value as JSON on stdout and at once, in ASCII if its encoding is not Unicode's."""
     text = to_json(value)
-    text = text if _is_unicode() else BEYOND_ASCII.sub(lambda sign: json_escape(sign[0]), text)
-    print(text, flush=True)
+    print(
+        text if _is_unicode() else BEYOND_ASCII.sub(lambda sign: json_escape(sign[0]), text),
+        flush=True,
+    )
 
 
 def print_document(text: str, *, xml: bool = False) -> None:

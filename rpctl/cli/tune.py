@@ -54,11 +54,18 @@ def tune_command(
     with progress_bar("tune") as advance:
         rows = run_cells(CellRunner(References(loaded)), cells, Executor(), advance)
     results = [row_dict(loaded, row) for row in rows]
-    told = {
-        "robot": loaded.name, "reference": reference, "duration": duration, "bandwidths": results,
-    }  # fmt: skip
-    tracks = any(result["succeeded"] for result in results)
-    tell(as_json, lambda: told, lambda: _show(loaded, results), tracks)
+    found = {
+        "robot": loaded.name,
+        "reference": reference,
+        "duration": duration,
+        "bandwidths": results,
+    }
+    tell(
+        as_json,
+        lambda: found,
+        lambda: _show(loaded, results),
+        any(result["succeeded"] for result in results),
+    )
 
 
 def _read(text: str) -> tuple[float, ...]:

@@ -19,7 +19,9 @@ from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.charts import PANELS
 
+_note = partial(say, err=True)
 DEFAULT_FIGURE = "figure.pdf"
+ADDRESS = "{}  (Ctrl-C ends it)"  # how that of a page is printed
 RunArgument = Annotated[
     Path, typer.Argument(metavar="RUN", help="A run: its folder or its run.npz.")
 ]
@@ -124,9 +126,8 @@ def view_command(
     """
     from rpctl.view.run_folder import is_run
 
-    folders, ready = options.package_dirs, partial(_served, as_json)
-    files = film.write(what, folders)
-    if files:
+    folders = options.package_dirs
+    if files := film.write(what, folders):
         _written(as_json, files)
         return
     if html is not None:
@@ -135,7 +136,7 @@ def view_command(
         from rpctl.view.serve.live import serve
 
         report = _report([Path(each) for each in what], folders)
-        _write_or(html, report, lambda: serve(report, ready), as_json)
+        _write_or(html, report, partial(serve, report), as_json)
         return
     from rpctl.view.pages.robot_page import robot_page
     from rpctl.view.serve.go import GoServer
@@ -143,7 +144,7 @@ def view_command(
     robot = _load(what[0], options)  # faults of a later edit are told by the page
     words = shlex.join([what[0], *options.words()])
     server = GoServer(lambda: options.load(what[0]), f"rpctl track {words}")
-    _write_or(html, lambda: robot_page(robot).encode(), lambda: server.run(ready), as_json)
+    _write_or(html, lambda: robot_page(robot).encode(), server.run, as_json)
 
 
 def _report(runs: Sequence[Path], package_dirs: Sequence[Path | str]) -> Callable[[], bytes]:
@@ -156,29 +157,22 @@ def _report(runs: Sequence[Path], package_dirs: Sequence[Path | str]) -> Callabl
     return lambda: page
 
 
-def _note(text: str) -> None:
-    """Print a note beside the output."""
-    say(text, err=True)
-
-
 def _write_or(
-    html: Path | None, page: Callable[[], bytes], serve: Callable[[], object], as_json: bool
+    html: Path | None,
+    page: Callable[[], bytes],
+    serve: Callable[[Callable[[str], object]], object],
+    as_json: bool,
 ) -> None:
-    """Write a page if there is a file to write, else serve it."""
+    """Write a page if there is a file to write, else serve it and print its address."""
     if html is None:
-        serve()
+        serve(lambda url: _written(as_json, {"url": url}, ADDRESS))
     else:
         _written(as_json, {"page": str(write_atomically(html, page()))})
 
 
-def _written(as_json: bool, files: Mapping[str, str]) -> None:
-    """Print which files were written, by kind."""
-    tell(as_json, lambda: files, lambda: say("\n".join(f"wrote {file}" for file in files.values())))
-
-
-def _served(as_json: bool, url: str) -> None:
-    """Print where a page is served."""
-    tell(as_json, lambda: {"url": url}, lambda: say(f"{url}  (Ctrl-C ends it)"))
+def _written(as_json: bool, files: Mapping[str, str], form: str = "wrote {}") -> None:
+    """Print which files were written, or the address of what is served, by kind."""
+    tell(as_json, lambda: files, lambda: say("\n".join(map(form.format, files.values()))))
 
 
 def _load(name: str, options: LoadOptions) -> Robot:

@@ -33,8 +33,8 @@ KEYS = {
 }
 ARROW: dict[str, Any] = {"arrowstyle": "-|>", "color": style.INK, "shrinkA": 0, "shrinkB": 0}
 CAPTION = (
-    "Each petal is a start: its position is that of the robot relative to its reference (the arrow),"
-    "\nits direction the robot's heading."
+    "Each petal is a start: its position is that of the robot relative to its reference (the\n"
+    "arrow), its direction the robot's heading."
 )
 SMALL: dict[str, Any] = {"fontsize": SMALL_PT, "color": style.INK}
 
