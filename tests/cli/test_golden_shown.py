@@ -139,7 +139,7 @@ def test_a_certificate_tells_its_worst(printed: Printed) -> None:
     text = printed()
     assert "✓ bias Lagrange 4.0e-13 1e-12 v at sample 3" in text
     assert "✓ inertia Lagrange 0.0e+00 1e-12" in text
-    assert "scope the equations; taken for granted: it stands (by 0.1 m at home)" in text
+    assert "scope the equations; assumptions: it stands (by 0.1 m at home)" in text
     assert text[-1].startswith("✓ verified: 2 checks over 5 random states, seed 2")
     assert text[-1].endswith("nearest to its limit: bias, 4e-13 of 1e-12")
     verify.show_certificate(replace(good, checks=(exact, bad)))

@@ -67,7 +67,7 @@ def test_what_is_doubtful_of_the_drive_is_told_with_the_proof_and_before_the_run
             ),
         )
     )
-    told = "4 parallel wheels are taken for ordinary ones, skid-steer"
+    told = "4 parallel wheels: rpctl assumes ordinary ones, skid-steer"
     assert f"doubtful, {told}" in " ".join(said("verify", path, "--samples", "1").split())
     words = ("--samples", "0", "--duration", "0.1", "--out", str(tmp_path / "out"))
     assert f"doubt {told}" in " ".join(said("track", path, *words).split())

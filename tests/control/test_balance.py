@@ -205,7 +205,7 @@ def test_what_cannot_be_balanced_is_refused() -> None:
         Balance().start(ReducedDynamics(rpctl.load("paper")), PERIOD)
     with pytest.raises(RpctlError, match=r"leans.*balance"):
         rpctl.Controller(rpctl.load("balancer"), "line", dynamic="integral")
-    with pytest.raises(RpctlError, match="leans: no law here balances it where rates"):
+    with pytest.raises(RpctlError, match="leans: no law of rpctl balances it if rates"):
         rpctl.Controller(rpctl.load("balancer"), "line", rates="estimated")
 
 

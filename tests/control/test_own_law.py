@@ -172,10 +172,13 @@ class Twice(rpctl.BaseLaw):
     [
         ("none.py:Law", r"none\.py: error: No such file"),
         ("own.py:Treshold", r"own\.py: class 'Treshold' is not known; did you mean Threshold\?"),
-        ("own.py:Half", r"own\.py: Half is no law; give a subclass of rpctl\.BaseLaw"),
+        ("own.py:Half", r"own\.py: Half is not a law; give a subclass of rpctl\.BaseLaw"),
         ("own.py:math", r"own\.py: math is no law"),
-        ("own.py:Threshold", r"of Threshold is no formula: .*. Write it with rpctl\.math"),
-        ("own.py:Floats", r"of Floats is no formula: it has a NaN, as Python's math makes"),
+        ("own.py:Threshold", r"of Threshold is not a formula: .*. Write it with rpctl\.math"),
+        (
+            "own.py:Floats",
+            r"of Floats is not a formula: it gives NaN, as functions of Python's math do",
+        ),
         ("own.py:Short", "Short: formulas and code have no symbol 'short' left for its setting"),
         ("own.py:Twice", "Twice: formulas and code have no symbol 'x1' left for its setting"),
         ("broken.py:Law", r"broken\.py:2: error: ZeroDivisionError: division by zero"),

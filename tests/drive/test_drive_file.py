@@ -43,7 +43,9 @@ def test_it_picks_two_wheels_out_of_four(tmp_path: Path) -> None:
     assert two.drive.type == "differential"
     assert "rear_left_joint" in two.quasi_velocities  # turns freely, as an arm's joint would
     (doubt,) = two.drive.doubts
-    assert doubt.startswith("rear_left_joint, rear_right_joint: not among the wheels")
+    assert doubt.startswith(
+        "rear_left_joint, rear_right_joint: the drive file does not name them as wheels"
+    )
 
 
 @pytest.mark.parametrize(

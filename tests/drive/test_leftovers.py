@@ -82,7 +82,7 @@ def test_a_wheel_that_is_left_out_is_an_error(
     files: Files, parts: Parts, why: str, ways: tuple[str, ...]
 ) -> None:
     refusal = files.refusal(parts)
-    assert refusal.startswith(f"{files.folder / 'robot.urdf'}:1: the differential drive leaves out")
+    assert refusal.startswith(f"{files.folder / 'robot.urdf'}:1: the differential drive ignores")
     assert why in refusal
     for way in ways:
         assert f"\n  {way}" in refusal
@@ -339,7 +339,7 @@ def test_rollers_are_held_and_tell_mecanum_wheels(files: Files) -> None:
     assert len(robot.locked) == 32
     (told,) = infos(robot)
     assert told.message.startswith("32 rollers of front_left, front_right, rear_left, rear_right")
-    assert "lie askew to its axle" in robot.drive.evidence[0]
+    assert "are at an angle to its axle" in robot.drive.evidence[0]
     assert [wheel.radius for wheel in robot.drive.wheels] == pytest.approx([0.1] * 4)
     assert {wheel.source for wheel in robot.drive.wheels} == {"its rollers"}
     assert rpctl.verify(robot, samples=1).passed

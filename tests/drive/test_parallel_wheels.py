@@ -29,7 +29,7 @@ def test_parallel_wheels_are_skid_steer_by_assumption(
     assert robot.drive.type == "skid-steer"
     assert len(robot.drive.wheels) == 2 * len(places)
     (doubt,) = robot.drive.doubts
-    assert doubt.startswith(f"{2 * len(places)} parallel wheels are taken for ordinary ones")
+    assert doubt.startswith(f"{2 * len(places)} parallel wheels: rpctl assumes ordinary ones")
     assert doubt.endswith("give --drive skid-steer or --drive mecanum")
     assert doubt in files.refusal(axles(*places), strict=True)
     assert files.load(axles(*places), "skid-steer", strict=True).drive.doubts == ()

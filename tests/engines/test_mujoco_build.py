@@ -160,7 +160,7 @@ def test_heights_lie_where_the_file_has_them(
 @pytest.mark.parametrize(
     ("name", "data", "said"),
     [
-        ("a.txt", b"1,2", "no kind of file"),
+        ("a.txt", b"1,2", "an unknown kind of file"),
         ("a.csv", b"1,2\n3", "heights of a ground"),
         ("a.csv", b"1,2\n3,nan", "a height is no number"),
         ("a.csv", b"1,2", "its shape is"),

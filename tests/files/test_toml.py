@@ -69,7 +69,7 @@ def test_a_file_that_is_missing_or_too_long_is_refused(
 
 NINES = "9" * 400
 TOO_DEEP = f"nested over {MAX_NESTING} deep; write it flatter"
-TOO_LONG = f"digits; {MAX_DIGITS} are the most"
+TOO_LONG = f"digits; at most {MAX_DIGITS} are allowed"
 OVER_64 = "is a whole number of more than 64 bits; give a smaller one"
 BEYOND = "is larger than 1.8e308; give a smaller number"
 

@@ -205,7 +205,7 @@ FAULTS = {
     f"t,x\n{GOOD}": "a.csv:1: error: column y is missing beside x; add it",
     f"t,x,x,y\n{GOOD}": 'a.csv:1: error: column "x" comes 2 times; keep one',
     f"t,theta\n{GOOD}": "a.csv:1: error: column theta needs x, y beside it; add them",
-    f"t,x,y\n{GOOD}\n0.8,1": "a.csv:10: error: 2 entries where the header names 3; complete",
+    f"t,x,y\n{GOOD}\n0.8,1": "a.csv:10: error: 2 entries, but the header has 3; complete",
     f"t,x,y\n{GOOD}\n0.8,nan,0": 'a.csv:10: error: x "nan" is not finite; give a finite number',
     f"t,x,y\n{GOOD}\n0.8,1m,0": 'a.csv:10: error: x "1m" is not a number: leave out the unit',
     f"t,x,y\n{GOOD}\n0.8,,0": "a.csv:10: error: x is empty; give a number or leave the row out",

@@ -187,7 +187,7 @@ def test_a_stretched_arm_takes_a_posture_and_tells(tmp_path: Path) -> None:
     robot, straight = rpctl.load(path), rpctl.load(path, home="zero")
     assert straight.home.tolist() == [0.0] * 6
     assert not told(straight, "home")
-    (message,) = told(robot, "home is chosen")
+    (message,) = told(robot, "rpctl chose the home posture")
     assert "the arm to palm is stretched or near singular (0.0% of its best" in message
     assert "--home zero" in message
     assert manipulability(straight, straight.home) < 1e-9
@@ -253,7 +253,7 @@ def test_chosen_postures_of_random_arms(seed: int, tmp_path: Path) -> None:
     assert auto > 0.2 * best, seed
     usual = rpctl.load(path)
     assert manipulability(usual, usual.home, rank) > (
-        zero if told(usual, "home is chosen") else 0.05 * best
+        zero if told(usual, "rpctl chose the home posture") else 0.05 * best
     )
     assert lowest(robot) > 0.02, seed
 

@@ -49,7 +49,7 @@ def test_a_hinge_without_a_motor_is_a_state_and_no_actuator(tmp_path: Path) -> N
     line = robot.description.joint["hinge"].line
     (told,) = [f for f in robot.findings if "hinge" in f.message]
     assert (told.severity, told.line) == ("info", line)
-    assert "nothing drives it, it coasts" in told.message and "--lock hinge" in told.message
+    assert "no motor drives it, so it coasts" in told.message and "--lock hinge" in told.message
 
 
 def test_it_coasts_as_a_pendulum_does(tmp_path: Path) -> None:

@@ -145,7 +145,7 @@ def test_a_run_tells_its_plant(paper: Robot, tmp_path: Path, kind: str) -> None:
         assert found.channel("omega").dead_time == pytest.approx(0.06, abs=1e-6)
     efforts = track(paper, "eight", duration=0.1, collisions=False)
     assert efforts.log.nu_cmd.shape == (len(efforts.t), 0)
-    with pytest.raises(RpctlError, match="its output were efforts; track with output velocity"):
+    with pytest.raises(RpctlError, match="its output was efforts; track with --output velocity"):
         lag_from(efforts)
 
 
@@ -168,7 +168,7 @@ def test_the_command_line_prints_what_to_set(tmp_path: Path) -> None:
         ("", "empty; give a header such as t,commanded,measured"),
         ("a,commanded,measured\n", ":1: error: no column t"),
         ("t,commanded,v\n", ":1: error: no commanded speed has a measured one beside it"),
-        ("t,commanded,measured\n0,1\n", ":2: error: 2 entries where the header names 3"),
+        ("t,commanded,measured\n0,1\n", ":2: error: 2 entries, but the header has 3"),
         ("t,commanded,measured\n0,x,1\n", ':2: error: commanded "x" is not a number'),
         ("t,commanded,measured\n0,1,nan\n", ':2: error: measured "nan" is not finite'),
         ("t;commanded;measured\n", "separated by semicolons"),
@@ -205,7 +205,7 @@ def test_arrays_that_are_no_log_are_refused(
 
 
 @pytest.mark.parametrize(
-    ("step", "told"), [(1e6, "every 1e\\+06 s tells nothing"), (1e-9, "lasts 1.99e-07 s")]
+    ("step", "told"), [(1e6, "every 1e\\+06 s is too coarse"), (1e-9, "lasts 1.99e-07 s")]
 )
 def test_absurd_steps_are_no_log(step: float, told: str) -> None:
     t, speed = step * np.arange(200.0), np.sin(np.arange(200.0))

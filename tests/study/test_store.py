@@ -83,10 +83,10 @@ def test_what_is_no_file_of_runs_is_refused(tmp_path: Path) -> None:
     flipped = data[:inside] + bytes([data[inside] ^ 1]) + data[inside + 1 :]
     for damaged in (data[:-9], flipped, b"PAR1 no"):
         path.write_bytes(damaged)
-        with pytest.raises(RpctlError, match=r"is no file of a study's runs: .*; remove it"):
+        with pytest.raises(RpctlError, match=r"is not a file of a study's runs: .*; remove it"):
             read_runs(path)
     library("pandas").DataFrame({"a": [1]}).to_parquet(path)
-    with pytest.raises(RpctlError, match="is no file of a study's runs"):
+    with pytest.raises(RpctlError, match="is not a file of a study's runs"):
         read_runs(path)
 
 

@@ -63,7 +63,7 @@ def test_what_a_folder_holds_is_not_mixed(tmp_path: Path, monkeypatch: pytest.Mo
     patch_runs(monkeypatch)
     found = battery("delay", laws=1)
     run_battery(found, tmp_path)
-    with pytest.raises(RpctlError, match="add --resume to go on with them, or give another --out"):
+    with pytest.raises(RpctlError, match="add --resume to continue them, or give another --out"):
         run_battery(found, tmp_path)
     other = replace(found, run=replace(found.run, duration=3.0))
     with pytest.raises(RpctlError, match=r"something else: run.duration: 2.0 there, 3.0 here"):

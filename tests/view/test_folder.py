@@ -172,7 +172,7 @@ def test_killed_before_old_files_are_removed_they_are_told(
     names = (*MADE_FILES, "figure.pdf")
     assert said == [
         f"{tmp_path}: {', '.join(f'{name} belongs to another run' for name in names)}",
-        f"{tmp_path}: {', '.join(MADE_FILES)} are drawn again",
+        f"{tmp_path}: rpctl draws {', '.join(MADE_FILES)} again",
     ]
     digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
     assert [*find_faults(tmp_path, digest)] == ["figure.pdf"]
@@ -256,7 +256,7 @@ def test_the_newest_motion_is_shown_after_a_loss_of_power(
     np.testing.assert_array_equal(run.q, part.q)
     assert said == [
         f"{tmp_path / 'run.part'}: it reaches t = 0.1 s",
-        f"{tmp_path / 'run.npz'} is of an earlier simulation and stays as it is",
+        f"{tmp_path / 'run.npz'} belongs to an earlier simulation and is unchanged",
     ]
     assert RunPage(tmp_path)().endswith(b"paper")
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before

@@ -176,7 +176,7 @@ def test_settings_that_cannot_be_sent_are_refused(paper: Robot) -> None:
         pass
 
     law = Horizon(base_obstacles=(Own(9.0, 0.0, 0.1),))
-    with pytest.raises(RpctlError, match="cannot be sent to the process that plans"):
+    with pytest.raises(RpctlError, match="cannot be sent to the planning process"):
         law.start(ReducedDynamics(paper), 0.002)
 
 

@@ -137,13 +137,16 @@ def _accessor(number: int, **changes: object) -> bytes:
 
 
 LYING_PLY = ply(TRIANGLE, [(0, 1, 2)]).replace(b"vertex 3", b"vertex 4000000000")
-MANY = "and 1,000,000 are the most; to allow it, set RPCTL_MAX_MESH_TRIANGLES"
+MANY = "but at most 1,000,000 are allowed; to allow it, set RPCTL_MAX_MESH_TRIANGLES"
 BAD: dict[str, tuple[bytes, str]] = {  # by name: what the file holds, and what is said of it
     "bomb.dae": (dae_bomb(18), "refused: it shows 262,144 parts"),
     "wide.dae": (dae_bomb(5, 16), f"refused: it shows 1,048,576 triangles, {MANY}"),
     "deep.dae": (dae_bomb(200), "it shows more than can be counted triangles"),
-    "nested.dae": (dae(scene="<node>" * 400 + "</node>" * 400), "in a circle, or too deeply"),
-    "loop.dae": (dae(nodes=LOOP, scene='<node><instance_node url="#a"/></node>'), "in a circle"),
+    "nested.dae": (
+        dae(scene="<node>" * 400 + "</node>" * 400),
+        "in a loop, or are nested too deeply",
+    ),
+    "loop.dae": (dae(nodes=LOOP, scene='<node><instance_node url="#a"/></node>'), "in a loop"),
     "zero.dae": (dae(unit="0"), 'its unit is "0" m; write a length'),
     "negative.dae": (dae(unit="-1"), 'its unit is "-1" m'),
     "infinite.dae": (dae(unit="inf"), 'its unit is "inf" m'),
@@ -152,12 +155,15 @@ BAD: dict[str, tuple[bytes, str]] = {  # by name: what the file holds, and what 
     "tiny.dae": (dae(unit="1e-300"), 'its unit is "1e-300" m'),
     "words.dae": (dae(unit="mm"), 'its unit is "mm" m'),
     "below.dae": (dae(indices=(0, 1, -1)), "a triangle names a vertex below 0"),
-    "out.dae": (dae(indices=(0, 1, 9)), "no triangles whose vertices are there"),
-    "far.dae": (dae(points=_scaled(1e30)), "its vertices reach 1e+30 m, and no robot 1e+09"),
-    "over.dae": (dae(points=_scaled(1e300)), "whose vertices are there and are numbers"),
+    "out.dae": (dae(indices=(0, 1, 9)), "no triangles with valid vertices"),
+    "far.dae": (
+        dae(points=_scaled(1e30)),
+        "its vertices reach 1e+30 m; at most 1e+09 m are allowed",
+    ),
+    "over.dae": (dae(points=_scaled(1e300)), "with valid vertices"),
     "broken.dae": (dae()[:-100], "no XML"),
     "far.stl": (stl(_scaled(3e38)), "its vertices reach 3e+38 m"),
-    "nan.stl": (stl([(float("nan"), 0, 0), *TRIANGLE[1:]]), "vertices that are no numbers"),
+    "nan.stl": (stl([(float("nan"), 0, 0), *TRIANGLE[1:]]), "vertices are not numbers"),
     "point.stl": (stl([(1, 1, 1)] * 3), "is degenerate: its only triangle has no area"),
     "line.stl": (stl([(0, 0, 0), (0.1, 0.1, 0.1), (0.3, 0.3, 0.3)] * 2), "all of its 2 triangles"),
     "count.stl": (stl(TRIANGLE, 2**32 - 1), "its header promises 4294967295 triangles"),
@@ -171,10 +177,10 @@ BAD: dict[str, tuple[bytes, str]] = {  # by name: what the file holds, and what 
     "below.ply": (ply(TRIANGLE, [(0, 1, -1)]), "a triangle names vertex -1 of 3 (from 0)"),
     "points.ply": (ply(TRIANGLE, []), "has no triangles, only 3 points"),
     "count.ply": (LYING_PLY, 'its header promises 4000000000 of "vertex", and'),
-    "none.ply": (b"ply\n", "no header of a PLY"),
+    "none.ply": (b"ply\n", "its header is not that of a PLY"),
     "count.glb": (_accessor(0, count=2**31), f"it shows 715,827,882 triangles, {MANY}"),
     "zeros.glb": (_accessor(0, bufferView=None, count=2**30), "it shows 357,913,941 triangles"),
     "below.glb": (_accessor(0, count=-3), "its header is damaged"),
-    "text.glb": (b"glTF" + bytes(40), "no GLB of version 2"),
+    "text.glb": (b"glTF" + bytes(40), "not a GLB of version 2"),
     "loop.glb": (glb(glb_triangle(nodes=[{"children": [0]}]), GLB_BINARY), "has no triangles"),
 }

@@ -165,7 +165,7 @@ def test_macros_alone_come_with_the_file_that_calls_them(tmp_path: Path) -> None
         rpctl.load(path)
     told, _, wrapper = str(caught.value).partition("load it:\n")
     line = 2 + macro[: macro.index('"bot"')].count("\n")
-    assert told.startswith(f"{path}:{line}: error: it defines macros (helper, bot) and calls none")
+    assert told.startswith(f"{path}:{line}: error: it defines macros (helper, bot) but calls none")
     assert wrapper.count("...") == 2
     filled = wrapper.replace('prefix="..."', 'prefix="p"').replace("<cargo>...", "<cargo>")
     robot = rpctl.load(write(path.with_name("mine.xacro"), filled))

@@ -102,7 +102,9 @@ def test_an_argument_that_nobody_declares_is_an_error(tmp_path: Path) -> None:
     undeclared = xacro(tmp_path / "u.urdf.xacro", USE)
     assert mass(undeclared, "mass:=5") == 5.0
     plain = write(tmp_path / "plain.urdf", f'<robot name="r">{link("base")}</robot>')
-    with pytest.raises(DescriptionError, match="holds no xacro and takes no arguments; leave out"):
+    with pytest.raises(
+        DescriptionError, match="contains no xacro, so it takes no arguments; leave out"
+    ):
         rpctl.load(plain, xacro_args={"mass": 1})
 
 

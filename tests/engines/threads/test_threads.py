@@ -19,7 +19,7 @@ WORDS = {  # in the sentence: what the engine does, and the setting that mends i
     "tracer": ("a velocity motor holds each joint still", "VELOCITY_CONTROL, force=0"),
     "rear_steered": ("a velocity motor holds each joint still", "VELOCITY_CONTROL, force=0"),
     "forklift": ("its supports drag on the ground with friction", "drake:mu_static"),
-    "mecanum": ("solid wheels hold sideways", "roller"),
+    "mecanum": ("solid wheels have lateral friction", "roller"),
 }
 
 
