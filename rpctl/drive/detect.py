@@ -140,7 +140,7 @@ def _unused(evidence: Evidence) -> Iterator[str]:
     still = wheels_on_fixed_joints(tree, wheels)
     if still:
         yield (
-            "further bodies that look like wheels on the ground are on fixed joints, so they "
+            "further bodies that look like wheels on the ground are held by fixed joints, so they "
             f"slide; make {'; '.join(still)}, or name it a caster"
         )
     straight = fixed_swivels(tree, [wheel.joint for wheel in wheels])
@@ -280,7 +280,7 @@ def _fixed(evidence: Evidence) -> Drive:
     rejected = "".join(f"{reason}; " for reason in evidence.grounded.rejected)
     doubt = (
         "no joint can carry a wheel, so rpctl assumes a fixed base: give --drive fixed if it is; "
-        f' {rejected}a wheel\'s joint is type="continuous", about a level axis, held by the '
+        f'{rejected}a wheel\'s joint is type="continuous", about a level axis, held by the '
         f'root link "{evidence.description.root}" or by an upright joint of it'
     )
     return Drive("fixed", doubts=(doubt,))

@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rpctl import Plant, Run, summarize
-from rpctl.cli.app import COMMANDS, app, load_command
+from rpctl.cli.app import COMMANDS, WITHOUT_JSON, app, load_command
 from rpctl.cli.options import LOADED, PANELS
 from rpctl.cli.track import ResultOptions
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -208,6 +208,17 @@ def test_help_has_an_example_and_begins_as_the_list_of_commands_says(command: st
     assert code == 0
     assert f"Example: rpctl {command}" in " ".join(out.split())
     assert load_command(command).help.splitlines()[0] == COMMANDS[command].summary
+
+
+def test_each_command_takes_json_or_says_why_not() -> None:
+    options = {name: {o for p in load_command(name).params for o in p.opts} for name in COMMANDS}
+    assert {name for name in COMMANDS if "--json" not in options[name]} == {*WITHOUT_JSON}
+
+
+def test_view_says_in_json_what_it_wrote(tmp_path: Path) -> None:
+    page = tmp_path / "robot.html"
+    assert run_json("view", "paper", "--html", str(page)) == {"page": str(page)}
+    assert page.exists()
 
 
 def test_options_of_a_dataclass_are_options_of_the_command() -> None:

@@ -97,7 +97,7 @@ def test_a_plugin_that_moves_any_way_is_weak_evidence(files: Files, file: str) -
     drive = files.load(text).drive
     assert drive.type == "mecanum"
     (doubt,) = drive.doubts
-    assert f'for plugin "{file}" (line 1) moves the base any way' in doubt
+    assert f'because plugin "{file}" (line 1) moves the base any way' in doubt
     assert doubt in files.refusal(text, strict=True)
     both = with_plugin(axles(0.25, -0.25), plugin(file), plugin("libgazebo_ros_diff_drive.so"))
     assert files.load(both, strict=True).drive.type == "skid-steer"

@@ -68,7 +68,7 @@ def test_a_rear_axle_on_fixed_joints_is_told_whatever_the_drive(files: Files) ->
     assert drive.type == "differential"
     (doubt,) = drive.doubts
     assert doubt.startswith(
-        "further bodies that look like wheels on the ground are on fixed joints"
+        "further bodies that look like wheels on the ground are held by fixed joints"
     )
     for name in ("rear_left", "rear_right"):
         assert f'"{name}" (line 1) type="continuous" with <axis xyz="0 1 0"/>' in doubt

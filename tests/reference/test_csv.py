@@ -98,7 +98,7 @@ def test_columns_by_other_names_are_told_theirs(
         (f"{TABLE}\n{'0,' * 250}", "10: error: 251 columns; at most 200 are allowed"),
         (f"{TABLE}\n900000,1,0,0", "10: error: t is 900000, over 86400 s after the first row; "
                                    "use seconds; to allow it, set RPCTL_MAX_REFERENCE_SECONDS"),
-        (f"{TABLE}\n0.9;1;0;0", "10: error: 1 entries, but the header has 4: columns are separated by semi"),
+        (f"{TABLE}\n0.9;1;0;0", "10: error: 1 entries, but the header has 4: columns are sep"),
         (f"{TABLE}\n\0,1,0,0", r'10: error: t "\x00" is not a number'),
     ],
 )  # fmt: skip

@@ -92,8 +92,8 @@ def test_all_that_is_wrong_is_told_with_file_and_key(tmp_path: Path) -> None:
         for line, told in zip(
             (2, 3, 6, 7, 8, 12, 11, 14, 15),
             (
-                "other: a configuration has no such table; it can have kinematic, dynamic, run, limits, "
-                "plant, output and guards",
+                "other: a configuration has no such table; it can have kinematic, dynamic, run, "
+                "limits, plant, output and guards",
                 "limits: is 3; write [limits]",
                 "kinematic.horizn: setting 'horizn' is not known; "
                 "did you mean horizon or joint_horizon?",
