@@ -205,7 +205,7 @@ def explain_unknown_radius(evidence: Evidence, kind: str | None) -> str:
     joint = next(wheel.joint for wheel in evidence.grounded.wheels if wheel.radius is None)
     return (
         f'{evidence.description.path}:{joint.line}: the radius of wheel "{joint.child}" is '
-        "unknown: no cylinder or sphere among its shapes, no mesh that can be read, and its axle "
+        "not known: no cylinder or sphere among its shapes, no mesh that can be read, and its axle "
         'is not above the root link; give the link a <collision> with <cylinder radius="..." '
         'length="..."/> along the axle, or its radius in a drive '
         f"file{drive_file_draft(evidence, kind)}"
