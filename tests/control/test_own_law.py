@@ -173,7 +173,7 @@ class Twice(rpctl.BaseLaw):
         ("none.py:Law", r"none\.py: error: No such file"),
         ("own.py:Treshold", r"own\.py: class 'Treshold' is not known; did you mean Threshold\?"),
         ("own.py:Half", r"own\.py: Half is not a law; give a subclass of rpctl\.BaseLaw"),
-        ("own.py:math", r"own\.py: math is no law"),
+        ("own.py:math", r"own\.py: math is not a law"),
         ("own.py:Threshold", r"of Threshold is not a formula: .*. Write it with rpctl\.math"),
         (
             "own.py:Floats",

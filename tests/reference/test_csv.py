@@ -46,7 +46,7 @@ def test_another_separator_is_named_with_a_command_that_mends_it(
 ) -> None:
     text = TABLE.replace(".", "·").replace(",", separator).replace("·", comma)
     (fault,) = faults(tmp_path / "FILE", text + "\n")
-    assert fault.startswith(f"1: error: separated by {name}; use commas between columns")
+    assert fault.startswith(f"1: error: columns are separated by {name}; use commas")
     command = fault[fault.index("tr ") :].removesuffix(" does")
     subprocess.run(command, shell=True, check=True, cwd=tmp_path)
     mended = read_table(tmp_path / "NEW.csv")
@@ -93,7 +93,7 @@ def test_columns_by_other_names_are_told_theirs(
     [
         (",".join("c" * 300), "1: error: 300 columns; at most 200 are allowed; to allow it, set "
                               "RPCTL_MAX_COLUMNS"),
-        (f"{TABLE}\n{'0,' * MAX_LINE}", f"10: error: a row of {2 * MAX_LINE} characters; {MAX_LINE}"
+        (f"{TABLE}\n{'0,' * MAX_LINE}", f"10: error: a row of {2 * MAX_LINE} characters; at most {MAX_LINE}"
          " are allowed; give only t"),
         (f"{TABLE}\n{'0,' * 250}", "10: error: 251 columns; at most 200 are allowed"),
         (f"{TABLE}\n900000,1,0,0", "10: error: t is 900000, over 86400 s after the first row; "

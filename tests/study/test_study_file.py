@@ -134,7 +134,7 @@ def test_a_run_of_a_study_is_a_configuration(paper: Robot, tmp_path: Path) -> No
         ("[optimize.parameters]\n'dynamic.gain' = 3.0", "'?dynamic.gain.*: has no range"),
         ("[optimize.parameters]\n'dynamic.gain' = {normal = [1, 2]}", "has no range"),
         ("[scatter]\ndynamic.gain = {uniform = [1, 2]}\n"
-         "[optimize.parameters]\n'dynamic.gain' = [1, 2]", "is also under [scatter]"),
+         "[optimize.parameters]\n'dynamic.gain' = [1, 2]", "is also under .scatter"),
     ],
 )  # fmt: skip
 def test_a_fault_is_named(paper: Robot, tmp_path: Path, wrong: str, text: str) -> None:
