@@ -139,6 +139,6 @@ def test_an_unknown_mesh_is_not_taken_as_nothing(mesh: str, expected: str, tmp_p
     with pytest.raises(DescriptionError) as caught:
         rpctl.load(path, density=RHO)
     (message,) = str(caught.value).splitlines()
-    assert message.startswith(f'{path}:{line}: error: mesh "{mesh}" of link "arm" gives no')
+    assert message.startswith(f'{path}:{line}: error: mesh "{mesh}" of link "arm" cannot be used')
     assert expected in message
     assert message.endswith("its link has no <inertial>: give one, or the mesh")

@@ -93,7 +93,8 @@ def test_columns_by_other_names_are_told_theirs(
     [
         (",".join("c" * 300), "1: error: 300 columns; at most 200 are allowed; to allow it, set "
                               "RPCTL_MAX_COLUMNS"),
-        (f"{TABLE}\n{'0,' * MAX_LINE}", f"10: error: a row of {2 * MAX_LINE} characters; at most {MAX_LINE}"
+        (f"{TABLE}\n{'0,' * MAX_LINE}", f"10: error: a row of {2 * MAX_LINE} characters; at "
+         f"most {MAX_LINE}"
          " are allowed; give only t"),
         (f"{TABLE}\n{'0,' * 250}", "10: error: 251 columns; at most 200 are allowed"),
         (f"{TABLE}\n900000,1,0,0", "10: error: t is 900000, over 86400 s after the first row; "
