@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import rpctl
-from rpctl.cli.app import COMMANDS, load_command
+from rpctl.cli.app import COMMANDS, WITHOUT_JSON, load_command
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS
 from rpctl.files.records import TYPE_LABELS, FieldType, OneOf, settings_of
 from rpctl.robot.catalog import ENTRIES
@@ -36,7 +36,11 @@ def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
 
 def commands() -> str:
     """Return the page of the command line."""
-    text = "# Command line\n\nEvery command answers `--help` with an example.\n"
+    without = " and ".join(f"`{name}` ({why})" for name, why in WITHOUT_JSON.items())
+    text = (
+        "# Command line\n\nEvery command answers `--help` with an example, and `--json` with its "
+    )
+    text += f"result as JSON on stdout and messages on stderr, except {without}.\n"
     for name, entry in COMMANDS.items():
         command = load_command(name)
         text += f"\n## rpctl {name}\n\n{command.help or entry.summary}\n\n"

@@ -43,7 +43,7 @@ class LazyCommand:
 COMMANDS = {
     "inspect": LazyCommand(
         "rpctl.cli.inspect:inspect_command",
-        "Show what a robot is: drive, wheels, joints, and what is doubtful in its file.",
+        "Show a robot's drive, wheels and joints, and what is doubtful in its file.",
         "rpctl inspect tiago --lock 'head_*'",
     ),
     "verify": LazyCommand(
@@ -53,38 +53,38 @@ COMMANDS = {
     ),
     "derive": LazyCommand(
         "rpctl.cli.export:derive_command",
-        "Write the reduced equations, or a law, in closed form: to read, to publish, or as code.",
+        "Write the reduced equations of motion, or a control law, as text, LaTeX, Python or C.",
         "rpctl derive tiago --law unified --format c --out tiago_law.c",
     ),
     "export": LazyCommand(
         "rpctl.cli.export:export_command",
-        "Write a robot for MuJoCo, compared before it is there, or a law on it as a ROS 2 package.",
+        "Write a robot as a MuJoCo model, once MuJoCo agrees with it, or a law as a ROS 2 package.",
         "rpctl export tiago --format mjcf --out tiago.xml, or "
         "rpctl export tiago --format ros2_control --law unified",
     ),
     "node": LazyCommand(
         "rpctl.cli.node:node_command",
-        "Run a controller as a node of ROS 2, for prototypes, until Ctrl-C.",
+        "Run a controller as a ROS 2 node, for prototypes, until Ctrl-C.",
         "rpctl node tiago --reference eight --output velocity",
     ),
     "check": LazyCommand(
         "rpctl.cli.export:check_command",
-        "Prove an exported file again and name what was edited; exit 1 if it is another robot now.",
+        "Verify an exported MuJoCo model and list its edits; exit 1 if one can change the motion.",
         "rpctl check tiago.xml",
     ),
     "track": LazyCommand(
         "rpctl.cli.track:track_command",
-        "Close the loop with the predictive controllers; write run, figures, plots and report.",
+        "Simulate a robot that tracks a reference; write the run, a summary, plots and a report.",
         "rpctl track tiago --reference eight --initial-error 0.1,-0.1,0.1",
     ),
     "view": LazyCommand(
         "rpctl.cli.view:view_command",
-        "Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play.",
+        "Show a robot with sliders, or play runs, on a page served to this machine until Ctrl-C.",
         "rpctl view tiago, or rpctl view runs/tiago-eight",
     ),
     "plot": LazyCommand(
         "rpctl.cli.view:plot_command",
-        "Write the figure of a run for a paper: lines and text as PDF, or pixels as PNG.",
+        "Write the figure of a run for a paper, as PDF or PNG.",
         "rpctl plot runs/tiago-eight --out tiago.pdf",
     ),
     "compare": LazyCommand(
@@ -94,27 +94,27 @@ COMMANDS = {
     ),
     "tune": LazyCommand(
         "rpctl.cli.tune:tune_command",
-        "Show what a bandwidth of the joints buys and costs.",
+        "Compare bandwidths of the arm's joints: error, stiffness, effort, tolerated delay.",
         "rpctl tune tiago --bandwidth 4,8",
     ),
     "attraction": LazyCommand(
         "rpctl.cli.attraction:attraction_command",
-        "Draw from which starts a law brings a robot to its reference, and how soon.",
-        "rpctl attraction car --reference line,circle --starts 100",
+        "Plot from which initial errors a law brings a robot to its reference, and how soon.",
+        "rpctl attraction car --references line,circle --starts 100",
     ),
     "study": LazyCommand(
         "rpctl.cli.study:study_command",
-        "Run a robot many times with settings that differ, and tell what became of it and why.",
+        "Simulate a robot many times with varied settings; report outcomes and what causes them.",
         "rpctl study tiago --template > study.toml; rpctl study tiago study.toml --workers 4",
     ),
     "referee": LazyCommand(
         "rpctl.cli.referee:referee_command",
-        "Drive a robot in other simulators as in the model, and tell why they disagree.",
+        "Drive a robot in other simulators and in the model, and explain where they disagree.",
         "rpctl referee tiago --html referee.html",
     ),
     "stress": LazyCommand(
         "rpctl.cli.stress:stress_command",
-        "Find how far laws hold as payload, grip, delay, wheels, sensors, efforts, ground worsen.",
+        "Find how much payload, delay, noise, slip and other stress laws bear before they fail.",
         "rpctl stress tiago --plants rolling --workers 4",
     ),
     "lag": LazyCommand(
@@ -124,7 +124,7 @@ COMMANDS = {
     ),
     "expand": LazyCommand(
         "rpctl.cli.sources:expand_command",
-        "Print the URDF that a .xacro becomes; the lines of messages are those of this text.",
+        "Print the URDF that a .xacro expands to; line numbers in messages refer to it.",
         "rpctl expand robot.urdf.xacro > robot.urdf",
     ),
     "doctor": LazyCommand(
@@ -134,10 +134,13 @@ COMMANDS = {
     ),
     "robots": LazyCommand(
         "rpctl.cli.sources:robots_command",
-        "List the robots that have names: the project's own, and those of other packages.",
+        "List the robots that can be loaded by name: rpctl's own, and those of other packages.",
         "rpctl robots --json",
     ),
 }
+
+
+WITHOUT_JSON = {"node": "it sends messages of ROS and prints ROS's log"}  # commands, and why
 
 
 class LazyGroup(TyperGroup):
@@ -293,6 +296,6 @@ def main() -> None:
     ignore_signals()
     fault = streams.close()
     if fault is not None:
-        say(f"the output was lost: {fault.strerror}", err=True)
+        say(f"standard output could not be written: {fault.strerror}", err=True)
         code = max(int(code or 0), RpctlError.exit_code) if isinstance(code, int) else code
     sys.exit(code)  # type: ignore[arg-type]

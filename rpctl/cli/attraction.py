@@ -26,34 +26,34 @@ FILES = ("attraction.json", "attraction.png", "attraction.pdf")
 class AttractionOptions:
     """Which laws start where, and where the result goes."""
 
-    reference: Annotated[
-        str, typer.Option(metavar="NAME|FILE,...", help="References, as track takes them.")
+    references: Annotated[
+        str, typer.Option(metavar="NAME|FILE,...", help="References, as for `rpctl track`.")
     ] = "eight"
     laws: Annotated[
-        str, typer.Option(metavar="NAME,...", help=f"Of {', '.join(KINEMATIC_LAWS)}.")
+        str, typer.Option(metavar="NAME,...", help=f"Kinematic laws: {', '.join(KINEMATIC_LAWS)}.")
     ] = "unified"
     dynamic: Annotated[
         str | None,
-        typer.Option(
-            metavar="|".join(DYNAMIC_LAWS), help="Dynamic law; the robot's own if not given."
-        ),
+        typer.Option(metavar="|".join(DYNAMIC_LAWS), help="Dynamic law; default: the robot's own."),
     ] = None
     starts: Annotated[
         int,
         typer.Option(
             min=16,
             metavar="N",
-            help=f"About so many starts, in ±{REACH_M:g} m and all round, for each law on each "
-            "reference.",
+            help=f"Starts for each law on each reference, about; they cover ±{REACH_M:g} m and "
+            "all headings.",
         ),
     ] = 200
-    duration: Annotated[float, typer.Option(metavar="S", help="Of each run, s.")] = DURATION
+    duration: Annotated[float, typer.Option(metavar="S", help="Duration of each run, s.")] = (
+        DURATION
+    )
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes; as many as there are processors.")
+        int, typer.Option(min=1, help="Number of processes; default: one for each processor.")
     ] = os.cpu_count() or 1
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-attraction if not given."),
+        typer.Option(metavar="DIR", help="Folder to write to; default: runs/ROBOT-attraction."),
     ] = None
 
     def cells(self) -> list[Start]:
@@ -62,7 +62,7 @@ class AttractionOptions:
         Raises:
             UnknownNameError: There is no such law.
         """
-        laws, references = split_names(self.laws), split_names(self.reference)
+        laws, references = split_names(self.laws), split_names(self.references)
         for law in laws:
             read_law("kinematic", law)
         if self.dynamic is not None:
@@ -81,17 +81,20 @@ def attraction_command(
     settings: AttractionOptions,
     as_json: JsonOption = False,
 ) -> None:
-    """Draw from which starts a law brings a robot to its reference, and how soon.
+    """Plot from which initial errors a law brings a robot to its reference, and how soon.
 
-    Each start is a run at 100 Hz within the robot's limits. It has converged if the base stays
-    within 5 cm of its reference from some time on, no limit is broken, and the outcome is that of a
-    run that tracks.
+    Each start is a run at 100 Hz within the robot's limits. It converges if the base comes within
+    5 cm of its reference and stays there, breaks no limit, and the outcome is `tracked` or `late`,
+    or `slips` or `tips`, as its wheels roll in any case.
     """
     require_positive("--duration", settings.duration)
     cells = settings.cells()
     loaded = options.load(robot)
     if not loaded.drive.base_speeds:
-        raise RpctlError(f"{loaded.name} has a fixed base: it starts where it is")
+        raise RpctlError(
+            f"{loaded.name} has a fixed base, which has no region of attraction; "
+            "give a robot that drives"
+        )
     folder = writable_folder(settings.out, loaded.name, "attraction", FILES)
     rows = run_shown("attraction", CellRunner(References(loaded)), cells, settings.workers)
     summary = {
@@ -114,7 +117,7 @@ def attraction_command(
 def _show(rows: Sequence[Row[Start]], folder: Path) -> None:
     """Print a row for each law on each reference, why others did not run, and the folder."""
     out = console()
-    table = new_table("law", "reference", ">starts", ">converged", ">on the way", ">failed",
+    table = new_table("law", "reference", ">starts", ">converged", ">undecided", ">failed",
                       ">slowest\ns")  # fmt: skip
     for each in fractions(rows):
         style = "green" if each.converged == each.starts else "yellow"

@@ -26,7 +26,9 @@ def junit(certificate: Certificate) -> bytes:
     for check in (*certificate.checks, *(check for checks in trials for check in checks)):
         case = _case(suite, check.against, check.name)
         if not check.passed:
-            said = f"{check.residual:.3g}, where {check.limit:.3g} is allowed; {check.entry}"
+            said = (
+                f"residual {check.residual:.3g} exceeds the limit {check.limit:.3g}; {check.entry}"
+            )
             etree.SubElement(case, "failure", message=printable(said))
     for onset in certificate.onset.onsets if certificate.onset else ():
         case = _case(suite, "onset", f"{onset.manoeuvre} until it {onset.ending}")

@@ -66,26 +66,26 @@ class GridOptions:
         str,
         typer.Option(
             metavar="NAME,...",
-            help="Kinematic laws, or pairs as unified+bounded; all if not given.",
+            help="Kinematic laws, or pairs such as unified+bounded; default: all.",
         ),
     ] = ""
     dynamic: Annotated[
         str,
         typer.Option(
             metavar="|".join((AUTO, *DYNAMIC_LAWS)),
-            help="Dynamic law of kinematic laws that stand alone; auto takes the pairs that tell "
-            "most.",
+            help="Dynamic law for kinematic laws given without one; auto chooses it for each.",
         ),
     ] = AUTO
     references: Annotated[
         str,
         typer.Option(
             metavar="NAME|FILE,...",
-            help=f"References, as track takes them; {', '.join(REFERENCES)} if not given.",
+            help=f"References, as for `rpctl track`; default: {', '.join(REFERENCES)}.",
         ),
     ] = ""
     scenarios: Annotated[
-        str, typer.Option(metavar="NAME,...", help=f"Of {', '.join(SCENARIOS)}; all if not given.")
+        str,
+        typer.Option(metavar="NAME,...", help=f"Scenarios: {', '.join(SCENARIOS)}; default: all."),
     ] = ""
 
     def cells(self, robot: Robot, run: RunSettings) -> list[CompareCell]:
@@ -111,9 +111,7 @@ class CompareOptions:
 
     duration: Annotated[
         float | None,
-        typer.Option(
-            metavar="S", help="Of each run, s; as long as the laps take or the reference moves."
-        ),
+        typer.Option(metavar="S", help="Duration of each run, s; default: that of the reference."),
     ] = None
     sizing: Annotated[Plain, FieldOptions(RunSettings, REFERENCE_FIELDS)] = field(
         default_factory=dict
@@ -122,11 +120,11 @@ class CompareOptions:
         str, typer.Option(metavar="X,Y,THETA", help="Tracking error at the start, m, m, rad.")
     ] = ",".join(map(str, INITIAL_ERROR))
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes; as many as there are processors.")
+        int, typer.Option(min=1, help="Number of processes; default: one for each processor.")
     ] = os.cpu_count() or 1
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-compare if not given."),
+        typer.Option(metavar="DIR", help="Folder to write to; default: runs/ROBOT-compare."),
     ] = None
     log: Annotated[bool, typer.Option("--log", help="Logarithmic axes in the figure.")] = False
 
@@ -148,7 +146,7 @@ def compare_command(
 ) -> None:
     """Compare pairs of laws over references and scenarios; write a table and a figure.
 
-    A cell that cannot run says why in the table.
+    The table gives the reason for each combination that cannot run.
     """
     run = settings.run()
     loaded = options.load(robot)

@@ -74,7 +74,7 @@ def _show(found: Mapping[str, Any]) -> None:
     out, table, cache = console(), new_table("what", "found"), found["cache"]
     for name in ("rpctl", "python", "executable", "platform", "processors"):
         table.add_row(name, escape(str(found[name])))
-    browser = found["browser"] or "none of the system's; playwright install chromium"
+    browser = found["browser"] or "none installed; run `playwright install chromium`"
     table.add_row("browser, for films", escape(browser))
     size = f"{cache['files']} files, {cache['bytes'] / MB:.0f} of {MOST_BYTES // MB} MB"
     table.add_row("cache", escape(f"{cache['folder']}: {size}"))

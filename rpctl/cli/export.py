@@ -49,62 +49,66 @@ class ExportOptions:
         typer.Option(
             "--format",
             metavar="mjcf|ros2_control",
-            help="MuJoCo's MJCF, or a ROS 2 package with a law as a controller of ros2_control.",
+            help="mjcf: a MuJoCo model. ros2_control: a ROS 2 package that runs the law.",
         ),
     ] = "mjcf"
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="PATH",
-            help="Where to write, whole or not at all: a file, ROBOT.xml if not given, or the "
-            "package's folder, ROBOT_controller.",
+            help="File of the model, default ROBOT.xml, or folder of the package, default "
+            "ROBOT_controller.",
         ),
     ] = None
     friction: Annotated[
-        float, typer.Option(metavar="MU", help="Coefficient between wheels and ground.")
+        float, typer.Option(metavar="MU", help="Friction coefficient between wheels and ground.")
     ] = 0.7
     wheel_width: Annotated[
         float | None,
         typer.Option(
             metavar="M",
-            help="Width of the wheels, m, as cylinders, which scrub where they turn; else they are "
-            "crowned, touch the ground at one point and roll as the model's do.",
+            help="Make the wheels cylinders of this width, m, which scrub as they turn; default: "
+            "crowned wheels, which touch the ground at one point, as in rpctl's model.",
         ),
     ] = None
     meshes: Annotated[
         bool,
         typer.Option(
-            "--meshes/--no-meshes", help="Write the visual meshes, too, into a folder beside FILE."
+            "--meshes/--no-meshes",
+            help="Write the visual meshes too, into a folder beside the model.",
         ),
     ] = True
     law: Annotated[
         str | None,
         typer.Option(
             metavar="NAME|FILE.py:CLASS",
-            help="The kinematic law, as of `rpctl derive --law`; unified if not given.",
+            help="Kinematic law, as for `rpctl derive`; default: unified.",
         ),
     ] = None
-    dynamic: Annotated[str, typer.Option(metavar="paper", help="The dynamic law.")] = "paper"
+    dynamic: Annotated[str, typer.Option(metavar="paper", help="Dynamic law.")] = "paper"
     period: Annotated[
         float,
-        typer.Option("--control-period", metavar="SECONDS", help="Of the controller manager."),
+        typer.Option(
+            "--control-period",
+            metavar="S",
+            help="Control period of the controller manager, s.",
+        ),
     ] = USUAL_PERIOD
     output: Annotated[
-        str, typer.Option(metavar="effort|velocity", help="What the motors take.")
+        str, typer.Option(metavar="effort|velocity", help="What the controller commands.")
     ] = "effort"
     delay: Annotated[
         float | None,
         typer.Option(
             metavar="S",
-            help="As of `rpctl track`: what the package's parameter is unless it is set, and gains "
-            "for it.",
+            help="As for `rpctl track`: default of the package's parameter; the gains suit it.",
         ),
     ] = None
     rates: Annotated[
         str | None,
         typer.Option(
             metavar="measured|estimated",
-            help="As of `rpctl track`: what the package's parameter is unless it is set.",
+            help="As for `rpctl track`: default of the package's parameter.",
         ),
     ] = None
 
@@ -128,7 +132,7 @@ def export_command(
     settings: ExportOptions,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a robot for MuJoCo, compared before it is there, or a law on it as a ROS 2 package."""
+    """Write a robot as a MuJoCo model, once MuJoCo agrees with it, or a law as a ROS 2 package."""
     settings.require_own()
     if settings.form == "ros2_control":
         _export_ros2(robot, options, settings, as_json)
@@ -169,8 +173,11 @@ def _export_ros2(robot: str, options: LoadOptions, settings: ExportOptions, as_j
     if as_json:
         print_json({**asdict(made), "folder": str(made.folder)})
     else:
-        say(f"wrote the package {made.name} into {made.folder}; at most {made.operations} a sample")
-        say(f"it has not met ROS yet: see What was not run in {made.folder / 'README.md'}")
+        say(
+            f"wrote the package {made.name} into {made.folder}; at most {made.operations} per "
+            "sample"
+        )
+        say(f"it has not been run under ROS: see What was not run in {made.folder / 'README.md'}")
 
 
 def file_name(robot: str) -> str:
@@ -205,13 +212,13 @@ def check_command(
         str | None,
         typer.Option(
             metavar="ROBOT",
-            help="Compare with this robot, loaded with the options here; else with the one that "
-            "the file holds.",
+            help="Compare with this robot, loaded with the options here; default: the robot "
+            "stored in the file.",
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Prove an exported file again and name what was edited; exit 1 if it is another robot now."""
+    """Verify an exported MuJoCo model and list its edits; exit 1 if one can change the motion."""
     from rpctl.simulation.mjcf_file import check_mjcf
 
     os.environ.setdefault("MUJOCO_GL", "disable")  # it draws nothing here, and looks for displays
@@ -232,7 +239,8 @@ def show_check(found: MjcfCheck) -> None:
     said = f"{own.robot}, certificate {own.digest[:16]}, rpctl {own.made_with.get('rpctl', '?')}"
     if found.passed:
         out.print(
-            f"[green]✓[/] [bold]holds[/]: the file is the robot that was exported: {escape(said)}"
+            "[green]✓[/] [bold]valid[/]: the file describes the robot that was exported: "
+            f"{escape(said)}"
         )
         return
     count = sum(edit.matters for edit in found.edits)
@@ -247,43 +255,45 @@ class DeriveOptions:
     """What is written of a robot, and where."""
 
     form: Annotated[
-        str, typer.Option("--format", metavar="text|latex|python|c", help="What to write.")
+        str, typer.Option("--format", metavar="text|latex|python|c", help="Language to write.")
     ] = "text"
     parameters: Annotated[
-        bool, typer.Option("--parameters", help="Keep masses and lengths as symbols.")
+        bool, typer.Option("--parameters", help="Keep masses and lengths symbolic.")
     ] = False
     speed: Annotated[
         float | None,
         typer.Option(
             metavar="M/S",
-            help="Of a robot that leans, at which its linear equations are written; a bicycle's "
-            "hold at all speeds if none is given, others' are those of standing.",
+            help="Speed about which to linearise a robot that leans; default: a bicycle at any "
+            "speed, others at rest.",
         ),
     ] = None
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Where to write, whole or not at all; else to stdout."),
+        typer.Option(metavar="FILE", help="File to write; default: stdout."),
     ] = None
     law: Annotated[
         str | None,
         typer.Option(
             metavar="NAME|FILE.py:CLASS",
-            help="Write this kinematic law, its derivative and a dynamic law, down to the efforts; "
-            "as C, a controller in one file.",
+            help="Write this kinematic law, its derivative and the dynamic law, up to the "
+            "efforts; with --format c, a whole controller in one file.",
         ),
     ] = None
-    dynamic: Annotated[str, typer.Option(metavar="paper", help="The dynamic law, with --law.")] = (
+    dynamic: Annotated[str, typer.Option(metavar="paper", help="Dynamic law, with --law.")] = (
         "paper"
     )
     precision: Annotated[
-        str, typer.Option(metavar="double|float", help="Numbers of the law in C, with --law.")
+        str,
+        typer.Option(metavar="double|float", help="Floating-point type of the C code, with --law."),
     ] = "double"
     period: Annotated[
         float,
         typer.Option(
             "--control-period",
-            metavar="SECONDS",
-            help="Of the loop that will run the law; the joints' prediction times follow from it.",
+            metavar="S",
+            help="Control period of the loop that will run the law, s, with --law; the joints' "
+            "gains depend on it.",
         ),
     ] = USUAL_PERIOD
 
@@ -295,7 +305,7 @@ def derive_command(
     settings: DeriveOptions,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the reduced equations, or a law, in closed form: to read, to publish, or as code."""
+    """Write the reduced equations of motion, or a control law, as text, LaTeX, Python or C."""
     from rpctl.derive.linear_form import linear_form
     from rpctl.derive.write import derive, derive_law  # SymPy takes long to import
 
@@ -311,9 +321,7 @@ def derive_command(
             matrices = {name: matrix.tolist() for name, matrix in form.matrices.items()}
             shown = form._asdict() | {"matrices": matrices} | shown
     elif settings.parameters or settings.speed is not None:
-        raise RpctlError(
-            "--law has numbers only, for all speeds; leave --parameters and --speed out"
-        )
+        raise RpctlError("--law writes numbers, for all speeds; leave out --parameters and --speed")
     else:
         text, cost = derive_law(
             options.load(robot),
@@ -333,7 +341,7 @@ def derive_command(
     if as_json:
         print_json({**shown, "text": text})
     elif settings.out is not None:
-        say(f"wrote {settings.out}" + (f"; at most {cost} a sample" if cost else ""))
+        say(f"wrote {settings.out}" + (f"; at most {cost} per sample" if cost else ""))
     else:
         print_document(text)
 
@@ -342,4 +350,4 @@ def _require_law(dynamic: str, precision: str) -> None:
     """Refuse options that only a law has."""
     given = {"--dynamic": dynamic != "paper", "--precision": precision != "double"}
     for name in (option for option, changed in given.items() if changed):
-        raise RpctlError(f"{name} is of a law; give --law unified too")
+        raise RpctlError(f"{name} applies to a law; give --law too, as --law unified")

@@ -39,25 +39,27 @@ def inspect_command(
     options: LoadOptions,
     list_xacro_args: Annotated[
         bool,
-        typer.Option("--xacro-args", help="List the arguments that its xacro declares, no more."),
+        typer.Option(
+            "--xacro-args", help="List the arguments that its .xacro declares, and nothing else."
+        ),
     ] = False,
     sarif_file: Annotated[
         Path | None,
         typer.Option(
-            "--sarif", metavar="FILE", help="Write what was found in the file as SARIF, too."
+            "--sarif", metavar="FILE", help="Write the findings in the robot's file as SARIF too."
         ),
     ] = None,
     balance: Annotated[
         bool,
         typer.Option(
             "--balance",
-            help="Tell how far a robot that leans can lean and be brought back, by simulation: "
+            help="Simulate from how far a robot that leans can be brought upright again; takes "
             "some ten seconds.",
         ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a robot is: drive, wheels, joints, and what is doubtful in its file."""
+    """Show a robot's drive, wheels and joints, and what is doubtful in its file."""
     if list_xacro_args:
         source = find_source(robot)
         declared = list_arguments(source.path, source.read_settings(read_settings(options.given)))
@@ -81,7 +83,11 @@ def _with_faults(robot: Robot) -> Robot:
     dynamics = ReducedDynamics(robot)
     weak = too_weak(dynamics) if robot.joints else ""
     standing = stand_at_home(dynamics)
-    fallen = f"it does not stand at home: {standing.fault}" if standing and standing.fault else ""
+    fallen = (
+        f"it does not stand in its home posture: {standing.fault}"
+        if standing and standing.fault
+        else ""
+    )
     faults = (Finding("warning", None, text) for text in (fallen, weak) if text)
     return replace(robot, findings=(*robot.findings, *faults))
 
@@ -103,8 +109,9 @@ def _balanced(speed: float, controllability: float, tilt: float) -> str:
     """Return in a line what can be balanced."""
     where = f"at {speed:.2f} m/s" if speed else "standing"
     return (
-        f"[bold]balanced[/] from {tilt:.2f} rad and less, {where}, simulated with its efforts on "
-        f"endless grip; controllability's smallest singular value {controllability:.3g}"
+        f"[bold]balanced[/] from up to {tilt:.2f} rad, {where}, in simulation with its effort "
+        "limits and unlimited grip; smallest singular value of the controllability matrix "
+        f"{controllability:.3g}"
     )
 
 
@@ -140,7 +147,7 @@ def show_robot(robot: Robot) -> None:
         out.print()
         out.print(*remarks, sep="\n")
     if any(ASKED in doubt for doubt in robot.drive.doubts):
-        out.print(f"\n[yellow]{ASKED}[/] to start from (--drive FILE):")
+        out.print(f"\n[yellow]{ASKED}[/] to edit and give with --drive FILE:")
         out.print(*map(escape, draft(robot.drive).splitlines()), sep="\n", soft_wrap=True)
 
 
@@ -185,9 +192,9 @@ def _drive_rows(drive: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _leaning_rows(leans: Mapping[str, Any] | None) -> Iterator[tuple[str, str]]:
     """Yield a label and markup for about what a robot leans, if it does."""
     if leans is not None:
-        text = f"about {leans['about']}: its {leans['tilt']} is free, and has to be balanced"
+        text = f"about {leans['about']}: its {leans['tilt']} is free and must be balanced"
         yield "leans", escape(text)
-        yield "", f"centre of mass {leans['height']:.3g} m above that at home"
+        yield "", f"centre of mass {leans['height']:.3g} m above it in the home posture"
 
 
 def _reasons(wheels: Sequence[Mapping[str, Any]]) -> Iterator[str]:

@@ -26,49 +26,63 @@ class NodeOptions:
     """What a node runs, and where it reads."""
 
     reference: Annotated[
-        str, typer.Option(metavar="NAME|FILE", help="What is tracked, as of `rpctl track`.")
+        str, typer.Option(metavar="NAME|FILE", help="Reference, as for `rpctl track`.")
     ] = "eight"
     kinematic: Annotated[
-        str | None, typer.Option(metavar="NAME|FILE.py:CLASS", help="As of `rpctl track`.")
+        str | None,
+        typer.Option(metavar="NAME|FILE.py:CLASS", help="Kinematic law, as for `rpctl track`."),
     ] = None
-    dynamic: Annotated[str | None, typer.Option(metavar="NAME", help="As of `rpctl track`.")] = None
+    dynamic: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Dynamic law, as for `rpctl track`.")
+    ] = None
     period: Annotated[
-        float, typer.Option("--control-period", metavar="SECONDS", help="Between two steps.")
+        float, typer.Option("--control-period", metavar="S", help="Control period, s.")
     ] = 0.01
     output: Annotated[
         str,
         typer.Option(
             metavar=OUTPUT_WORDS,
-            help="As of `rpctl track`. Efforts go to ~/efforts, in the order of `rpctl inspect "
-            "--json`'s actuators; speeds to ~/speeds, ~/wheel_speeds, ~/cmd_vel or "
-            "~/ackermann_cmd, and positions of an arm to ~/joint_trajectory.",
+            help="What the node commands, as for `rpctl track`. Efforts go to ~/efforts, in the "
+            "order of `actuators` in `rpctl inspect --json`; speeds to ~/speeds, "
+            "~/wheel_speeds, ~/cmd_vel or ~/ackermann_cmd; positions of an arm to "
+            "~/joint_trajectory.",
         ),
     ] = "effort"
     lag: Annotated[
-        float | None, typer.Option("--actuator-lag", metavar="SECONDS", help="As of `rpctl track`.")
+        float | None,
+        typer.Option(
+            "--actuator-lag", metavar="S", help="Lag of the speeds, as for `rpctl track`."
+        ),
     ] = None
     dead_time: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="As of `rpctl track`.")
+        float | None,
+        typer.Option(metavar="S", help="Dead time of the speeds, as for `rpctl track`."),
     ] = None
     joints: Annotated[
-        str, typer.Option("--joint-states", metavar="TOPIC", help="Of sensor_msgs/JointState.")
+        str,
+        typer.Option("--joint-states", metavar="TOPIC", help="Topic of sensor_msgs/JointState."),
     ] = "/joint_states"
     odometry: Annotated[
         str,
         typer.Option(
             metavar="TOPIC|tf",
-            help="Of nav_msgs/Odometry; tf: one transform of /tf, from --frame to --base-frame.",
+            help="Topic of nav_msgs/Odometry; tf: read --frame to --base-frame from /tf.",
         ),
     ] = "/odom"
     frame: Annotated[
         str,
         typer.Option(
             metavar="FRAME",
-            help="Of the reference; a map, too, in which /tf has the frame of the odometry.",
+            help="Frame of the reference: that of the odometry, or a map in which /tf gives the "
+            "odometry's frame.",
         ),
     ] = "odom"
     base_frame: Annotated[
-        str | None, typer.Option(metavar="FRAME", help="That is located; else the root link.")
+        str | None,
+        typer.Option(
+            metavar="FRAME",
+            help="Frame of the robot that odometry or tf locates; default: the root link.",
+        ),
     ] = None
     known: Annotated[Plain, FieldOptions(RunSettings, ("rates", "delay"))] = field(
         default_factory=dict
@@ -76,13 +90,13 @@ class NodeOptions:
 
 
 def node_command(*, robot: RobotArgument, options: LoadOptions, settings: NodeOptions) -> None:
-    """Run a controller as a node of ROS 2, for prototypes, until Ctrl-C."""
+    """Run a controller as a ROS 2 node, for prototypes, until Ctrl-C."""
     try:
         rclpy, signals = import_module("rclpy"), import_module("rclpy.signals")
     except ImportError as error:
         raise RpctlError(
-            f"{error}: rclpy comes with ROS 2 and not with pip; install ros-DISTRO-rclpy, source "
-            "/opt/ros/DISTRO/setup.bash, and run rpctl with the Python of that ROS"
+            f"{error}: rclpy comes with ROS 2, not with pip; install ros-DISTRO-rclpy, source "
+            "/opt/ros/DISTRO/setup.bash, and run rpctl with that ROS distribution's Python"
         ) from None
     loaded = options.load(robot)
     loaded.require_level()
@@ -137,7 +151,7 @@ class ControllerNode:
         if sample is None:
             missing = ", ".join((*self.readings.missing(), *self.readings.refused))
             say = self.node.get_logger().warning
-            say(f"not read so far: {missing}", throttle_duration_sec=REMINDER)
+            say(f"waiting for {missing}", throttle_duration_sec=REMINDER)
         else:
             self.sent = commands_of(self.controller.step(*sample))
             self.send(self.sent)

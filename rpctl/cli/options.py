@@ -32,7 +32,8 @@ RobotArgument = Annotated[
     ),
 ]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print JSON on stdout and everything else on stderr.")
+    bool,
+    typer.Option("--json", help="Print the result as JSON on stdout, and messages on stderr."),
 ]
 
 
@@ -95,11 +96,12 @@ PANELS = {  # of a command's help, in order, behind the options in none of them:
     "Laws": (
         "kinematic", "dynamic", "laws", "bandwidth", "output", "lag", "dead_time", "delay",
         "rates", "control_period",
+        "period",
     ),
     "Plant": ("plant", "plants", "friction", "allow_sag", "perturbed", "backend"),
     "Results": (
-        "out", "max_megabytes", "live", "png", "log", "single", "log_every", "collisions",
-        "as_json",
+        "out", "html", "png", "video", "at", "pixels", "fps", "junit", "sarif_file",
+        "max_megabytes", "live", "log", "single", "log_every", "collisions", "as_json",
     ),
     "Robot": LOADED.names,
 }  # fmt: skip
@@ -170,7 +172,7 @@ def _arguments(words: Iterable[str]) -> dict[str, str]:
     for word in words:
         name, given, value = word.partition(":=")
         if not name or not given:
-            raise RpctlError(f"--xacro-arg {word}: write NAME:=VALUE, as arm:=true")
+            raise RpctlError(f"--xacro-arg {word}: write NAME:=VALUE, such as arm:=true")
         values[name] = value
     return values
 
@@ -193,7 +195,7 @@ def _numbers(items: Iterable[str], option: str, default: str, form: str) -> dict
 
 def _armature(items: Iterable[str]) -> bool | dict[str, float]:
     """Return what ``file`` and ``NAME=KG_M2`` say of rotors, as :func:`rpctl.load` takes it."""
-    form = f"NAME=0.01, in kg m2, or {FROM_FILE} for what the file's transmissions say"
+    form = f"NAME=0.01, in kg m2, or {FROM_FILE} for the inertias of the file's transmissions"
     return _numbers((item for item in items if item != FROM_FILE), "--armature", "", form) or True
 
 
@@ -223,7 +225,9 @@ def read_triple(text: str) -> tuple[float, float, float]:
     try:
         x, y, theta = (float(word) for word in text.split(","))
     except ValueError:
-        raise RpctlError(f"--initial-error {text}: give three numbers, as 0.1,-0.1,0.1") from None
+        raise RpctlError(
+            f"--initial-error {text}: give three numbers, such as 0.1,-0.1,0.1"
+        ) from None
     return x, y, theta
 
 

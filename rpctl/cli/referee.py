@@ -28,21 +28,30 @@ class RefereeOptions:
     """What drives in which engines, and how."""
 
     catalogue: Annotated[
-        bool, typer.Option("--catalogue", help="All wheeled robots of the catalogue.")
+        bool, typer.Option("--catalogue", help="Judge all wheeled robots of the catalogue.")
     ] = False
     engines: Annotated[
-        str, typer.Option(metavar="NAME,...", help=f"{', '.join(ENGINES)}; all by default.")
+        str,
+        typer.Option(
+            metavar="NAME,...",
+            help=f"Engines: {', '.join(ENGINES)}; default: those that are installed.",
+        ),
     ] = ""
     friction: Annotated[
-        float, typer.Option(help="Coefficient of the ground, where an engine's own is mended.")
+        float, typer.Option(help="Friction coefficient of the ground in the corrected runs.")
     ] = FRICTION
-    duration: Annotated[float, typer.Option(help="How long the robot drives, s.")] = DURATION_S
+    duration: Annotated[float, typer.Option(help="Duration of the drive, s.")] = DURATION_S
     html: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write a page: all engines' robots on one timeline."),
+        typer.Option(
+            metavar="FILE", help="Write a page that plays the robot of each engine on one timeline."
+        ),
     ] = None
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes for several robots; as many as processors.")
+        int,
+        typer.Option(
+            min=1, help="Number of processes for several robots; default: one for each processor."
+        ),
     ] = os.cpu_count() or 1
 
 
@@ -50,12 +59,16 @@ def referee_command(
     *,
     options: LoadOptions,
     robots: Annotated[
-        list[str] | None, typer.Argument(metavar="[ROBOT]...", help="Robots, as for inspect.")
+        list[str] | None,
+        typer.Argument(
+            metavar="[ROBOT]...",
+            help="Robots: URDF or .xacro files, or names listed by `rpctl robots`.",
+        ),
     ] = None,
     settings: RefereeOptions,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive a robot in other simulators as in the model, and tell why they disagree.
+    """Drive a robot in other simulators and in the model, and explain where they disagree.
 
     The same efforts and the same start go to the reduced model and to each engine that is
     installed, with its own defaults. Exit 1 if a disagreement could not be traced to its causes.
@@ -65,12 +78,12 @@ def referee_command(
     if settings.html is not None:
         require_writable(settings.html)
         if len(names) > 1:
-            raise RpctlError("--html shows one robot; give one")
+            raise RpctlError("--html shows one robot; you gave several")
     found, missing = installed_engines(split_names(settings.engines))
     for sentence in missing:
         say(f"left out: {sentence}", err=True)
     if not found:
-        raise RpctlError("no engine is installed to compare with; pip install 'rpctl[mujoco]'")
+        raise RpctlError("no engine is installed to compare with; run pip install 'rpctl[mujoco]'")
     motion = settings.friction, settings.duration
     if len(names) == 1:
         verdicts = _judge(names[0], options, found, motion, settings.html)
@@ -93,11 +106,11 @@ def _robots(given: list[str], catalogue: bool) -> list[str]:
         RpctlError: There are none, or the catalogue and others.
     """
     if catalogue and given:
-        raise RpctlError("give robots or --catalogue, not both")
+        raise RpctlError("give either robots or --catalogue")
     if catalogue:
         return [entry.name for entry in ENTRIES if entry.base == "wheeled"]
     if not given:
-        raise RpctlError("which robot? Give its URDF or its name, or --catalogue for all")
+        raise RpctlError("no robot is given; give a URDF file or a name, or --catalogue for all")
     return given
 
 
@@ -155,7 +168,7 @@ def _cells(verdict: EngineVerdict) -> list[str]:
     if verdict.trace is None:
         return [head, *gaps, "agrees"]
     causes = [" with ".join(cause.names) for cause in verdict.trace.causes]
-    return [head, *gaps, f"disagrees: {', '.join(causes) or 'not traced'}"]
+    return [head, *gaps, f"disagrees: {', '.join(causes) or 'for no cause found'}"]
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ def run_shown(
     with executor_for(min(workers, len(cells))) as executor, progress_bar(title) as advance:
         rows = run_cells(runner, cells, executor, advance)
     if all(row.figures.failure is not None for row in rows):
-        raise RpctlError(f"nothing ran: {rows[0].figures.failure}")
+        raise RpctlError(f"none of the runs could start: {rows[0].figures.failure}")
     return rows
 
 

@@ -18,12 +18,16 @@ from rpctl.robot.sources import PACKAGE, PublicRobot, cache_folder, find_source,
 def expand_command(
     robot: Annotated[
         str,
-        typer.Argument(metavar="FILE", help="A .xacro file, or a name. Its expressions are run."),
+        typer.Argument(
+            metavar="FILE",
+            help="A .xacro file, or a name listed by `rpctl robots`. "
+            "xacro evaluates the file's expressions.",
+        ),
     ],
     options: ReadOptions,
     as_json: JsonOption = False,
 ) -> None:
-    """Print the URDF that a .xacro becomes; the lines of messages are those of this text."""
+    """Print the URDF that a .xacro expands to; line numbers in messages refer to it."""
     found = find_source(robot)
     read_source(found.path)  # or say why it cannot be
     expansion = expand(found.path, found.read_settings(read_settings(options)))
@@ -36,21 +40,22 @@ def expand_command(
 
 
 def robots_command(as_json: JsonOption = False) -> None:
-    """List the robots that have names: the project's own, and those of other packages."""
+    """List the robots that can be loaded by name: rpctl's own, and those of other packages."""
     public = list_robots()
     cached = [robot for robot in public if robot.cached]
     if as_json:
         print_json([*map(_own, ENTRIES), *map(_public, cached)])
         return
-    table = new_table("name", "base", "what it is")
+    table = new_table("name", "base", "description")
     for each in (*map(_own, ENTRIES), *map(_public, cached)):
         table.add_row(each["name"], each["base"], escape(each["summary"]))
     console().print(table)
     missing = [robot.name for robot in public if robot.wheeled and not robot.cached]
     if missing:
         console().print(
-            f"[dim]of {PACKAGE}, not in its cache ({escape(str(cache_folder()))}), with wheels: "
-            f"{escape(', '.join(missing))}; `python -m {PACKAGE} pull NAME` downloads one[/]"
+            f"[dim]wheeled robots of {PACKAGE} that are not in its cache "
+            f"({escape(str(cache_folder()))}): {escape(', '.join(missing))}; `python -m {PACKAGE} "
+            "pull NAME` downloads one[/]"
         )
 
 

@@ -69,41 +69,44 @@ class BatteryOptions:
         str,
         typer.Option(
             metavar="NAME,...",
-            help=f"Of {', '.join(SIMULATED)}; all that are installed if not given.",
+            help=f"Plants: {', '.join(SIMULATED)}; default: all that are installed.",
         ),
     ] = ""
     laws: Annotated[
         str,
         typer.Option(
             metavar="NAME,...",
-            help=f"{DEFAULT}, or pairs as unified+integral; the robot's own, the paper's and "
-            "Kanayama's if not given. The first is the one that is judged.",
+            help=f"{DEFAULT}, or pairs such as unified+integral. The exit code judges the first. "
+            "Default: the robot's own laws, the paper's and Kanayama's.",
         ),
     ] = ""
     stresses: Annotated[
         str,
-        typer.Option(metavar="NAME,...", help=f"Of {', '.join(STRESSES)}; all if not given."),
+        typer.Option(metavar="NAME,...", help=f"Stresses: {', '.join(STRESSES)}; default: all."),
     ] = ""
     combinations: Annotated[
         int | None,
         typer.Option(
             min=0,
             metavar="N",
-            help="Runs of each law on each plant with two stresses at once, at levels drawn within "
-            f"their ranges; {COMBINATIONS} if not given.",
+            help="Runs of each law on each plant with two stresses at once, at random levels; "
+            f"default: {COMBINATIONS}.",
         ),
     ] = None
     reference: Annotated[
-        str, typer.Option(metavar="NAME|FILE", help="What is tracked, as track takes it.")
+        str, typer.Option(metavar="NAME|FILE", help="Reference, as for `rpctl track`.")
     ] = "eight"
-    duration: Annotated[float, typer.Option(metavar="S", help="Of each run, s.")] = DURATION
-    seed: Annotated[int, typer.Option(min=0, help="Of noise and combinations.")] = 0
+    duration: Annotated[float, typer.Option(metavar="S", help="Duration of each run, s.")] = (
+        DURATION
+    )
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise and combinations.")] = 0
     quick: Annotated[
         bool,
         typer.Option(
             "--quick",
-            help="Only the ends of each ladder, on the rolling plant, with the robot's own laws "
-            f"and the paper's, and {QUICK_COMBINATIONS} combinations; what is named stays.",
+            help="Try the extreme levels only, on the rolling plant, with the robot's own laws "
+            f"and the paper's, and {QUICK_COMBINATIONS} combinations; other options still "
+            "apply.",
         ),
     ] = False
 
@@ -170,19 +173,20 @@ class StressOptions:
         float | None,
         typer.Option(
             metavar="M",
-            help="How far from its reference a run that passes may be, m; "
-            f"{100 * TOLERANCE_RATIO:g} % of the robot's length if not given.",
+            help="Largest tracking error of a run that passes, m; default: "
+            f"{100 * TOLERANCE_RATIO:g} % of the robot's length.",
         ),
     ] = None
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes; as many as there are processors.")
+        int, typer.Option(min=1, help="Number of processes; default: one for each processor.")
     ] = os.cpu_count() or 1
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with what the folder holds.")] = (
-        False
-    )
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Keep the runs that the folder holds, and do the others."),
+    ] = False
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-stress if not given."),
+        typer.Option(metavar="DIR", help="Folder to write to; default: runs/ROBOT-stress."),
     ] = None
 
 
@@ -194,12 +198,12 @@ def stress_command(
     settings: StressOptions,
     as_json: JsonOption = False,
 ) -> None:
-    """Find how far laws hold as payload, grip, delay, wheels, sensors, efforts, ground worsen.
+    """Find how much payload, delay, noise, slip and other stress laws bear before they fail.
 
-    Each level of each stress is a run of each law on each plant; so are some with two stresses at
-    once. The table gives a verdict on each by the rule that it prints; the folder holds all of it,
-    a picture of each law's envelope, its worst case as a file that `rpctl track --config` replays,
-    and a page. Exit 1 if the first of the laws fails where nothing is stressed.
+    Runs each law on each plant at each level of each stress, and with some pairs of stresses. The
+    table gives a verdict on each run, by the rule printed above it. The folder holds all verdicts,
+    a page of them, a picture of each law's envelope, and its worst case as a file that
+    `rpctl track --config` replays. Exit 1 if the first law fails without stress.
     """
     loaded = options.load(robot)
     battery, bound = selection.battery(loaded), settings.tolerance
@@ -249,8 +253,8 @@ def show_stress(report: StressReport, worst: Sequence[Path], replay: str) -> Non
     out.width = min(out.width, WIDTH)
     battery = report.battery
     out.print(f"[bold]{escape(battery.robot.name)}[/]: {len(report.rows)} runs of "
-              f"{battery.run.duration:g} s on {escape(battery.run.reference)}, "
-              f"seed {battery.seed}; errors in mm, base's or end effector's")  # fmt: skip
+              f"{battery.run.duration:g} s on {escape(battery.run.reference)}, seed "
+              f"{battery.seed}; errors in mm, the larger of base and end effector")  # fmt: skip
     out.print(f"[dim]{escape(rule(report.tolerance))}[/]")
     for plant in battery.plants:
         out.print()
@@ -323,7 +327,7 @@ def _show_worst(out: Console, report: StressReport, worst: Sequence[Path], repla
         )
     out.print(table)
     view = f"rpctl view {quote(str(worst[0].with_suffix('')))}"
-    out.print("replay one, and look at it:")
+    out.print("to replay one and look at it:")
     out.print(f"  [bold]{escape(f'{replay}; {view}')}[/]", soft_wrap=True)
     out.print(f"wrote [bold]{escape(str(worst[0].parent))}[/]: {', '.join(FILES)} "
               f"and {len(worst)} worst cases")  # fmt: skip

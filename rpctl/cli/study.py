@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, default_folder
+from rpctl.cli.options import JsonOption, LoadOptions, RobotArgument, default_folder, tell
 from rpctl.cli.terminal import (
     console,
     escape,
@@ -68,34 +68,38 @@ class StudyOptions:
 
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where to write; runs/ROBOT-FILE if not given."),
+        typer.Option(metavar="DIR", help="Folder to write to; default: runs/ROBOT-FILE."),
     ] = None
     workers: Annotated[
-        int, typer.Option(min=1, help="Processes; as many as there are processors.")
+        int, typer.Option(min=1, help="Number of processes; default: one for each processor.")
     ] = os.cpu_count() or 1
     resume: Annotated[
         bool,
         typer.Option(
-            "--resume", help="Go on with what the folder holds; more runs extend monte-carlo."
+            "--resume",
+            help="Keep the runs that the folder holds, and do the others; a "
+            "monte-carlo study can grow.",
         ),
     ] = False
     optimize: Annotated[
         bool,
         typer.Option(
-            "--optimize", help="Find the settings under [optimize] that are best over the scatter."
+            "--optimize",
+            help="Search for the best values of the settings under [optimize] in FILE.",
         ),
     ] = False
-    backend: Annotated[str, typer.Option(metavar="|".join(BACKENDS), help="What simulates.")] = (
-        "auto"
-    )
+    backend: Annotated[
+        str,
+        typer.Option(metavar="|".join(BACKENDS), help="Code that simulates, as for `rpctl track`."),
+    ] = "auto"
     scheduler: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Of a Dask scheduler, as tcp://10.0.0.1:8786, for more machines.",
+            help="Address of a Dask scheduler, such as tcp://10.0.0.1:8786, to use more machines.",
         ),
     ] = None
-    html: Annotated[bool, typer.Option(help="Write a report to look at.")] = True
+    html: Annotated[bool, typer.Option(help="Write a report as a page.")] = True
 
     def executor(self) -> Executor:
         """Return what runs the chunks."""
@@ -113,23 +117,27 @@ def study_command(
     options: LoadOptions,
     settings: StudyOptions,
     template: Annotated[
-        bool, typer.Option("--template", help="Print a study file that fits the robot, and end.")
+        bool, typer.Option("--template", help="Print a study file for the robot, and stop.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run a robot many times with settings that differ, and tell what became of it and why.
+    """Simulate a robot many times with varied settings; report outcomes and what causes them.
 
-    What differs (masses, friction, delay, noise, the start, gains) and how often is said in FILE.
-    All runs go to runs.parquet, figures to study.json, the worst runs to files that `rpctl track
-    --config` replays. With --optimize it finds settings that are good over all the scatter instead,
-    compares them with those of FILE on a fresh one, and writes optimized.toml.
+    FILE says what varies (masses, friction, delay, noise, the start, gains) and how many runs there
+    are. Writes all runs to runs.parquet, statistics to study.json, and the worst runs to files that
+    `rpctl track --config` replays. With --optimize, searches for settings that are good over the
+    whole scatter, compares them with those of FILE on fresh runs, and writes optimized.toml.
     """
     loaded = options.load(robot)
     if template:
-        print_document(study_template(loaded))
+        tell(
+            as_json,
+            lambda: {"text": study_template(loaded)},
+            lambda: print_document(study_template(loaded)),
+        )
         return
     if file is None:
-        raise RpctlError("give a study file; `rpctl study ROBOT --template` prints one")
+        raise RpctlError("no study file is given; `rpctl study ROBOT --template` prints one")
     extra("pyarrow.parquet")  # told before any run
     words = [robot, *options.words()]
     study = read_study(file, loaded, settings.backend)
@@ -158,7 +166,7 @@ def _run(
         run_study(robot, study, folder, executor, advance, settings.resume)
     result = read_result(folder)
     if {*result.runs.outcomes} == {REFUSED}:
-        raise RpctlError(f"no run could be made: {result.runs.reasons[0]}")
+        raise RpctlError(f"none of the runs could start: {result.runs.reasons[0]}")
     content = result.to_dict()
     files = [RUNS_FILE, SUMMARY_FILE]
     write_atomically(folder / SUMMARY_FILE, (to_json(content) + "\n").encode(), follow_links=False)
@@ -185,10 +193,7 @@ def _optimise(
     details = "" if asked is None else f"{asked.evaluations} settings of {asked.runs} runs"
     with progress_bar("optimize", details) as advance:
         found = optimise(robot, study, folder, executor, advance, settings.resume)
-    if as_json:
-        print_json(found)
-    else:
-        show_optimum(found, study.command)
+    tell(as_json, lambda: found, lambda: show_optimum(found, study.command))
 
 
 def show_study(result: StudyResult) -> None:
@@ -228,7 +233,7 @@ def _show_statistics(out: Console, result: StudyResult) -> None:
         )
     out.print(table)
     if any(each.missing for each in result.statistics):
-        out.print("[dim]∞: of runs without the merit, as one that was not simulated to its end[/]")
+        out.print("[dim]∞: some runs have no such figure, as they ended early[/]")
 
 
 def _show_sensitivity(out: Console, result: StudyResult, found: Sensitivity) -> None:
@@ -290,7 +295,9 @@ def show_optimum(found: Mapping[str, Any], command: str) -> None:
     out.print(f"smaller in {percent(share.value)} of the runs ({share_span(share)}), each with the "
               f"same scatter; {found['evaluations']} sets of settings were tried")  # fmt: skip
     if verdict != BETTER:
-        out.print("the search met too few runs to tell: give it more, or keep the file's settings")
+        out.print(
+            "too few runs to decide: raise runs under [optimize], or keep the file's settings"
+        )
     kind = "the settings found" if verdict == BETTER else "what was found"
     replay = replay_command(command, Path(found["config"]))
     out.print(f"use {kind}: [bold]{escape(replay)}[/]", soft_wrap=True)

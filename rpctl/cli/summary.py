@@ -69,15 +69,17 @@ def show_summary(written: RunFolder, folder: Path) -> None:
     out.print(_effort_table(summary.efforts))
     out.print()
     for broken in summary.limits_violated:
-        out.print(f"[bold red]limit[/] {escape(broken.joint)} {broken.limit}: "
-                  f"{broken.value:.4g} where {broken.allowed:.4g} is allowed, from "
-                  f"{broken.first_time:.3g} s for {broken.duration:.2g} s")  # fmt: skip
+        out.print(f"[bold red]limit[/] {escape(broken.joint)} {broken.limit}: {broken.value:.4g}, "
+                  f"limit {broken.allowed:.4g}, from {broken.first_time:.3g} s for "
+                  f"{broken.duration:.2g} s")  # fmt: skip
     for bound in summary.limits_bound:
         out.print(f"[yellow]limit[/] {escape(bound.sentence)}")
     for collision in collision_texts(summary.collisions):
         out.print(f"[bold red]collision[/] {escape(collision)}")
     if summary.clearances:
-        out.print(escape(f"nearest to {', '.join(map(clearance_text, summary.clearances))}"))
+        out.print(
+            escape(f"smallest distance: {', '.join(map(clearance_text, summary.clearances))}")
+        )
     for remark in summary.collision_notes:
         out.print(f"[yellow]note[/] {escape(remark)}")
     ground = summary.ground
@@ -132,14 +134,13 @@ def _show_outcome(out: Console, summary: Summary) -> None:
     if summary.end_effector_path is not None and not path.length:
         name, path = "end effector", summary.end_effector_path  # of a base that stands
     out.print(f"{name} behind its reference by {lag(path.largest_lag, path.largest_lag_distance)} "
-              f"at most, {lag(path.final_lag, path.final_lag_distance)} in the end")  # fmt: skip
+              f"at most, {lag(path.final_lag, path.final_lag_distance)} at the end")  # fmt: skip
     if summary.nominal:
-        out.print("[dim]the model follows itself: the simulated robot is the one that the "
-                  "controller knows[/]")  # fmt: skip
+        out.print("[dim]ideal plant: the simulated robot equals the controller's model[/]")
 
 
 def _effort_table(efforts: Sequence[EffortPeak]) -> Table:
-    table = new_table("effort", ">peak", ">limit", ">share", ">leaps")
+    table = new_table("effort", ">peak", ">limit", ">share", ">jump")
     for effort in efforts:
         share, limit = effort.ratio, effort.limit
         table.add_row(

@@ -106,7 +106,7 @@ def kept_told(folder: Path, again: str) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         out = console(stderr=True)
-        out.print(f"what is done is kept in [bold]{escape(str(folder))}[/]; go on with")
+        out.print(f"the runs so far are kept in [bold]{escape(str(folder))}[/]; to continue, run")
         out.print(f"  {escape(again)}", soft_wrap=True)
         raise
 
@@ -146,9 +146,12 @@ def say(text: str, *, err: bool = False) -> None:
 
 
 def print_json(value: object) -> None:
-    """Print a value as JSON on stdout, in ASCII where its encoding is none of Unicode's."""
+    """Print a value as JSON on stdout and at once, in ASCII if its encoding is not Unicode's."""
     text = to_json(value)
-    print(text if _is_unicode() else BEYOND_ASCII.sub(lambda sign: json_escape(sign[0]), text))
+    print(
+        text if _is_unicode() else BEYOND_ASCII.sub(lambda sign: json_escape(sign[0]), text),
+        flush=True,
+    )
 
 
 def print_document(text: str, *, xml: bool = False) -> None:

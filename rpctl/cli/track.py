@@ -65,14 +65,14 @@ class ConfigOptions:
         str | None,
         typer.Option(
             metavar="X,Y,THETA",
-            help="Go there instead, from the origin, and stop: m, m and rad.",
+            help="Pose to drive to from the origin, in place of --reference: m, m, rad.",
         ),
     ] = None
     arm_goal: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=POSITION",
-            help="Where a joint of the arm is to be in the end, rad or m. Repeatable.",
+            help="Final position of a joint of the arm, rad or m. Repeatable.",
         ),
     ] = None
     run: Annotated[
@@ -94,20 +94,21 @@ class ConfigOptions:
         str | None,
         typer.Option(
             metavar="|".join((*KINEMATIC_LAWS, "FILE.py:CLASS")),
-            help="Kinematic law, or one of your own; unified if not given.",
+            help="Kinematic law, or a class in a Python file of yours; default: unified.",
         ),
     ] = None
     dynamic: Annotated[
         str | None,
-        typer.Option(metavar="paper|bounded|integral", help="Dynamic law; integral if not given."),
+        typer.Option(metavar="paper|bounded|integral", help="Dynamic law; default: integral."),
     ] = None
     output: Annotated[
         str | None,
         typer.Option(
             metavar=OUTPUT_WORDS,
-            help="What the robot takes: efforts; speeds of base and arm, which it follows late; "
-            "the base's twist, wheel speeds or steering beside the arm's rates; positions of an "
-            "arm; or by groups, base=twist,arm_*=position. Efforts if not given.",
+            help="What the controller commands: efforts; velocity, the speeds of base and arm; "
+            "twist, wheel-speeds or steering of the base, and the arm's rates; positions of "
+            "an arm; or each group by itself, such as base=twist,arm_*=position. Default: "
+            "effort.",
         ),
     ] = None
     late: Annotated[
@@ -118,30 +119,33 @@ class ConfigOptions:
         str | None,
         typer.Option(
             metavar="|".join(PLANTS),
-            help="What the controller drives: its own model; that with the differences of the "
-            "configuration's [plant], or usual ones; a robot on tyres that slip; MuJoCo. As the "
-            "configuration says if not given.",
+            help="Simulated robot: ideal, the controller's model; perturbed, that model with the "
+            "differences under [plant] of the configuration, or usual ones; slipping, on "
+            "tyres that slip; contact, in MuJoCo. Default: that of the configuration, or "
+            "ideal.",
         ),
     ] = None
     grip: Annotated[Plain, FieldOptions(RunSettings, ("friction",))] = field(default_factory=dict)
-    sampled: Annotated[
-        Plain, FieldOptions(RunSettings, ("control_period",), {"control_period": "--period"})
-    ] = field(default_factory=dict)
+    sampled: Annotated[Plain, FieldOptions(RunSettings, ("control_period",))] = field(
+        default_factory=dict
+    )
     config: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Laws, their settings, limits and all else (TOML); options win."
+            metavar="FILE",
+            help="Configuration file (TOML): laws, their settings, limits, "
+            "plant; options override it.",
         ),
     ] = None
     save_config: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the configuration in use.")
+        Path | None, typer.Option(metavar="FILE", help="Write the configuration in use to a file.")
     ] = None
     bandwidth: Annotated[
         float | None,
         typer.Option(
             metavar="HZ",
-            help="Of the arm's joints; what the period and 50 ms of delay allow, 2.5 at 2 ms, if "
-            "not given. `rpctl tune` shows the trade.",
+            help="Bandwidth of the arm's joints, Hz; default: what the control period and a "
+            "delay of 50 ms allow, 2.5 at 2 ms. `rpctl tune` compares bandwidths.",
         ),
     ] = None
 
@@ -177,7 +181,7 @@ class ConfigOptions:
         if self.goal is None and not self.arm_goal:
             return self.named.get("reference")
         if self.named:
-            raise RpctlError("--goal and --arm-goal are a reference themselves; omit --reference")
+            raise RpctlError("--goal and --arm-goal replace the reference; leave out --reference")
         return goal_of_words(self.goal, self.arm_goal or ())
 
 
@@ -189,50 +193,51 @@ class ResultOptions:
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Where to write, over what is there; else runs/ROBOT-REFERENCE, with a number at "
-            "its end if that has a run.",
+            help="Folder to write to; a run in it is replaced. Default: runs/ROBOT-REFERENCE, "
+            "with a number appended if that holds a run.",
         ),
     ] = None
     max_megabytes: Annotated[
         float,
         typer.Option(
-            metavar="MB", min=0.1, help="Size of the report; meshes are simplified to keep it."
+            metavar="MB",
+            min=0.1,
+            help="Largest size of the report; rpctl simplifies meshes to keep it.",
         ),
     ] = 6.0
     live: Annotated[
-        bool, typer.Option("--live", help="Watch in a browser, in real time, while it simulates.")
+        bool, typer.Option("--live", help="Show the simulation in a browser, in real time.")
     ] = False
     png: Annotated[
-        bool, typer.Option("--png", help="Write a picture of the scene, too; needs a browser.")
+        bool, typer.Option("--png", help="Write a picture of the scene too; needs a browser.")
     ] = False
     single: Annotated[
         bool,
         typer.Option(
             "--single",
-            help="Write places in single precision, too: 7 digits of all but the time.",
+            help="Write the run in single precision (7 digits), except time.",
         ),
     ] = False
     perturbed: Annotated[
         bool,
         typer.Option(
-            help="Tell what to expect with 10 % more mass, wheel friction and a delay: another "
-            "run, a third as long; not where the configuration has a [plant] of its own.",
+            help="Estimate the error with 10 % more mass, wheel friction and a delay, in a "
+            "second run a third as long, unless the configuration has a [plant] of its own.",
         ),
     ] = True
 
     collisions: Annotated[
         bool,
         typer.Option(
-            help="Look for what the links run into: obstacles, the ground, each other; it takes "
-            "about a third as long as the simulation of a long arm."
+            help="Look for collisions of the links with obstacles, the ground and each other."
         ),
     ] = True
     backend: Annotated[
         str,
         typer.Option(
             metavar="|".join(BACKENDS),
-            help="What closes the loop: machine code, built in a second or two and kept on disk, "
-            "Pinocchio in Python, or what takes less time. The numbers agree to rounding.",
+            help="Code that simulates: compiled, machine code that is built in a second or two "
+            "and cached; pinocchio, Python; auto, the faster. Results agree to rounding.",
         ),
     ] = BACKENDS[0]
 
@@ -284,15 +289,18 @@ def track_command(
     options: LoadOptions,
     settings: ConfigOptions,
     samples: Annotated[
-        int, typer.Option(min=0, help="Random states of the certificate; 0 for none.")
+        int,
+        typer.Option(
+            min=0, help="Random states at which to verify the dynamics first; 0 for none."
+        ),
     ] = 20,
     results: ResultOptions,
     as_json: JsonOption = False,
 ) -> None:
-    """Close the loop with the predictive controllers; write run, figures, plots and report.
+    """Simulate a robot that tracks a reference; write the run, a summary, plots and a report.
 
-    Exit 1 if the reference was not tracked (stuck, diverging, collided; late is told, and is no
-    failure), a limit of the URDF was broken, or the dynamics could not be verified.
+    Exit 1 if the outcome is neither `tracked` nor `late`, if a limit of the URDF was broken, or if
+    the dynamics failed verification.
     """
     config = settings.read()
     loaded = config.limits.apply(options.load(robot))
@@ -391,7 +399,7 @@ def _part_told(part: PartWriter) -> Iterator[None]:
         yield
     except BaseException:
         where = escape(str(part.folder))
-        console(stderr=True).print(f"what was simulated is kept: [bold]{where}[/]")
+        console(stderr=True).print(f"the samples so far are kept in [bold]{where}[/]")
         raise
 
 

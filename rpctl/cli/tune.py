@@ -27,18 +27,24 @@ def tune_command(
     robot: RobotArgument,
     options: LoadOptions,
     reference: Annotated[
-        str, typer.Option(metavar="NAME|FILE", help="What is tracked, as track takes it.")
+        str, typer.Option(metavar="NAME|FILE", help="Reference, as for `rpctl track`.")
     ] = "eight",
     bandwidth: Annotated[
-        str, typer.Option(metavar="HZ,...", help="To try; a quarter to four times the usual.")
+        str,
+        typer.Option(
+            metavar="HZ,...",
+            help="Bandwidths to try, Hz; default: a quarter to four times the usual one.",
+        ),
     ] = "",
-    duration: Annotated[float, typer.Option(metavar="S", help="Of each run, s.")] = SECONDS,
+    duration: Annotated[
+        float, typer.Option(metavar="S", help="Duration of each run, s.")
+    ] = SECONDS,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a bandwidth of the joints buys and costs.
+    """Compare bandwidths of the arm's joints: error, stiffness, effort, tolerated delay.
 
-    Each is tried on a robot 10 % heavier than its model whose efforts come 5 ms late. Exit 1 if
-    none tracks within all limits.
+    Tries each on a robot 10 % heavier than its model whose efforts act 5 ms late. Exit 1 if none
+    tracks within all limits.
     """
     require_positive("--duration", duration)
     loaded = options.load(robot)
@@ -48,11 +54,18 @@ def tune_command(
     with progress_bar("tune") as advance:
         rows = run_cells(CellRunner(References(loaded)), cells, Executor(), advance)
     results = [row_dict(loaded, row) for row in rows]
-    told = {
-        "robot": loaded.name, "reference": reference, "duration": duration, "bandwidths": results,
-    }  # fmt: skip
-    tracks = any(result["succeeded"] for result in results)
-    tell(as_json, lambda: told, lambda: _show(loaded, results), tracks)
+    found = {
+        "robot": loaded.name,
+        "reference": reference,
+        "duration": duration,
+        "bandwidths": results,
+    }
+    tell(
+        as_json,
+        lambda: found,
+        lambda: _show(loaded, results),
+        any(result["succeeded"] for result in results),
+    )
 
 
 def _read(text: str) -> tuple[float, ...]:
@@ -60,13 +73,13 @@ def _read(text: str) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise RpctlError(f"--bandwidth {text}: give numbers in Hz, as 3,6,12") from None
+        raise RpctlError(f"--bandwidth {text}: give numbers in Hz, such as 3,6,12") from None
 
 
 def _show(robot: Robot, results: Sequence[Mapping[str, Any]]) -> None:
     console().print(escape(gains_sentence(usual_gains(USUAL_PERIOD))))
     table = new_table(
-        "bandwidth", ">h", ">h1", ">k", ">least stiffness", ">stands lateness of",
+        "bandwidth", ">h", ">h1", ">k", ">least stiffness", ">tolerated delay",
         ">peak effort", ">joint error", "outcome",
     )  # fmt: skip
     for each in results:
@@ -91,11 +104,11 @@ def lag_command(
         Path,
         typer.Argument(
             metavar="LOG",
-            help="CSV with t and columns NAME_commanded and NAME_measured, or a run.npz.",
+            help="A CSV file with columns t, NAME_commanded and NAME_measured, or a run.npz.",
         ),
     ],
     max_dead_time: Annotated[
-        float, typer.Option(metavar="S", help="Longest dead time to look for, s.")
+        float, typer.Option(metavar="S", help="Longest dead time to try, s.")
     ] = MAX_DEAD_TIME,
     as_json: JsonOption = False,
 ) -> None:
@@ -106,7 +119,7 @@ def lag_command(
 
 def show_lag(found: ActuatorLag) -> None:
     """Print what was identified of each speed, and of all together."""
-    out, table = console(), new_table("speed", ">lag", ">dead time", ">left over")
+    out, table = console(), new_table("speed", ">lag", ">dead time", ">residual")
     for each in found.channels:
         table.add_row(
             escape(each.name),
@@ -117,6 +130,6 @@ def show_lag(found: ActuatorLag) -> None:
     out.print(table)
     for name, reason in found.left_out.items():
         out.print(f"[yellow]left out[/] {escape(name)}: {escape(reason)}")
-    out.print(f"all together: {found.residual:.1%} of the motion is left over with\n"
+    out.print(f"all together, with a residual of {found.residual:.1%} of the motion:\n"
               f"--output velocity --actuator-lag {found.lag:.3g} --dead-time "
               f"{found.dead_time:.3g}")  # fmt: skip

@@ -42,22 +42,29 @@ class VerifyOptions:
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random states.")] = 0
     engines: Annotated[
         str,
-        typer.Option(metavar="mujoco|none", help="Other physics engines that take part."),
+        typer.Option(metavar="mujoco|none", help="Physics engine to compare with, too."),
     ] = "mujoco"
     contact: Annotated[
         bool,
-        typer.Option("--contact", help="Let it roll on a plane, too, as a free body in MuJoCo."),
+        typer.Option(
+            "--contact",
+            help="Also drive the robot on a plane in MuJoCo, as a free body, and compare.",
+        ),
     ] = False
     onset: Annotated[
         bool,
-        typer.Option("--onset", help="Let it slip and tip there, too, and when was predicted."),
+        typer.Option(
+            "--onset", help="Also make it slip and tip there, and compare with the predicted onset."
+        ),
     ] = False
     html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the certificate as a page, too.")
+        Path | None, typer.Option(metavar="FILE", help="Write the certificate as a page too.")
     ] = None
     junit: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write it as JUnit's XML, too, for a build server."),
+        typer.Option(
+            metavar="FILE", help="Write the certificate as JUnit XML too, for a build server."
+        ),
     ] = None
 
 
@@ -212,13 +219,13 @@ def print_onsets(trial: OnsetTrial) -> None:
     out = console()
     out.print(table)
     for each in trial.untried:
-        out.print(f"[dim]untried[/] {escape(each.manoeuvre)} until it {each.ending}: {each.why}")
+        out.print(f"[dim]not tried[/] {escape(each.manoeuvre)} until it {each.ending}: {each.why}")
     for note in trial.notes:
         out.print(f"[dim]note[/] {escape(note)}")
     if not trial.determinate:
         out.print(
-            "[dim]note[/] a prediction is that of equally stiff contacts; in brackets from where "
-            "one split of the load slips, to where all of them do"
+            "[dim]note[/] predictions assume equally stiff contacts; brackets give the range "
+            "from where one load distribution slips to where all do"
         )
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -18,8 +19,12 @@ from rpctl.files.writing import require_writable, write_atomically
 from rpctl.robot.model import Robot
 from rpctl.view.charts import PANELS
 
+_note = partial(say, err=True)
 DEFAULT_FIGURE = "figure.pdf"
-RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder or its run.npz.")]
+ADDRESS = "{}  (Ctrl-C ends it)"  # how that of a page is printed
+RunArgument = Annotated[
+    Path, typer.Argument(metavar="RUN", help="A run: its folder or its run.npz.")
+]
 
 
 @dataclass(frozen=True)
@@ -28,24 +33,32 @@ class FilmOptions:
 
     video: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write a film, .mp4 or .gif; serve nothing."),
+        typer.Option(metavar="FILE", help="Write a film of the run, .mp4 or .gif; serve nothing."),
     ] = None
     png: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write one picture; serve nothing.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write one picture of the run; serve nothing."),
     ] = None
     at: Annotated[
-        float | None, typer.Option(metavar="S", help="Time of the picture, s; else the run's end.")
+        float | None,
+        typer.Option(metavar="S", help="Time of the picture, s; default: the end of the run."),
     ] = None
     pixels: Annotated[
         str | None,
-        typer.Option(metavar="WxH", help="Of picture or film; else 1280x720, of a GIF 800x450."),
+        typer.Option(
+            metavar="WxH",
+            help="Size of picture or film in pixels; default: 1280x720, or 800x450 for a GIF.",
+        ),
     ] = None
     fps: Annotated[
-        int | None, typer.Option(min=1, max=120, help="Pictures a second; else 30, of a GIF 20.")
+        int | None,
+        typer.Option(
+            min=1, max=120, help="Frames per second of the film; default: 30, or 20 for a GIF."
+        ),
     ] = None
 
-    def write(self, what: list[str], package_dirs: Sequence[Path | str]) -> bool:
-        """Write the picture and the film that are asked for; return whether there are any.
+    def write(self, what: list[str], package_dirs: Sequence[Path | str]) -> dict[str, str]:
+        """Write the picture and the film that are asked for; return their files, by kind.
 
         Args:
             what: The run.
@@ -61,9 +74,9 @@ class FilmOptions:
             ("pixels", self.pixels, wanted),
         ):
             if value is not None and needed is None:
-                raise RpctlError(f"--{name} is for a picture or a film; give --png or --video, too")
+                raise RpctlError(f"--{name} needs a picture or a film; give --png or --video too")
         if wanted is None:
-            return False
+            return {}
         for path in filter(None, (self.png, self.video)):
             require_writable(path)
         from rpctl.view.film import write_film, write_still
@@ -71,21 +84,23 @@ class FilmOptions:
         from rpctl.view.run_folder import is_run, load_run
 
         if len(what) > 1 or not is_run(what[0]):
-            raise RpctlError(f"{' '.join(what)} is no run; films and pictures are of one run")
+            raise RpctlError(f"{' '.join(what)} is not a run; --png and --video need one run")
         run, pixels = load_run(Path(what[0]), _note), _read_size(self.pixels)
         robot = robot_of(run, package_dirs)
         if isinstance(robot, RpctlError):
-            _note(f"the robot cannot be drawn: {robot}")
+            _note(f"rpctl cannot draw the robot: {robot}")
+        files: dict[str, str] = {}
         if self.png is not None:
-            file = write_still(run, self.png, size=pixels, time=self.at, robot=robot)
-            say(f"wrote {file}")
+            files["picture"] = str(
+                write_still(run, self.png, size=pixels, time=self.at, robot=robot)
+            )
         if self.video is not None:
             with progress_bar("film") as advance:
                 write_film(
                     run, self.video, size=pixels, rate=self.fps, robot=robot, progress=advance
                 )
-            say(f"wrote {self.video}")
-        return True
+            files["film"] = str(self.video)
+        return files
 
 
 def view_command(
@@ -93,7 +108,8 @@ def view_command(
     what: Annotated[
         list[str],
         typer.Argument(
-            metavar="ROBOT|RUN...", help="A robot, or runs: their folders or run.npz files."
+            metavar="ROBOT|RUN...",
+            help="A robot, or one or more runs: their folders or run.npz files.",
         ),
     ],
     options: LoadOptions,
@@ -101,16 +117,18 @@ def view_command(
         Path | None, typer.Option(metavar="FILE", help="Write the page; serve nothing.")
     ] = None,
     film: FilmOptions,
+    as_json: JsonOption = False,
 ) -> None:
-    """Serve a page on this machine only, until Ctrl-C: a robot with sliders, or runs that play.
+    """Show a robot with sliders, or play runs, on a page served to this machine until Ctrl-C.
 
-    Or write the page, a film or a picture. A run is data: showing it evaluates nothing, and folders
-    that it names are not used.
+    With --html, --png or --video, write a file and serve nothing. rpctl evaluates no code of a run
+    and reads no folder that a run names.
     """
     from rpctl.view.run_folder import is_run
 
     folders = options.package_dirs
-    if film.write(what, folders):
+    if files := film.write(what, folders):
+        _written(as_json, files)
         return
     if html is not None:
         require_writable(html)
@@ -118,7 +136,7 @@ def view_command(
         from rpctl.view.serve.live import serve
 
         report = _report([Path(each) for each in what], folders)
-        _write_or(html, report, lambda: serve(report, _say))
+        _write_or(html, report, partial(serve, report), as_json)
         return
     from rpctl.view.pages.robot_page import robot_page
     from rpctl.view.serve.go import GoServer
@@ -126,7 +144,7 @@ def view_command(
     robot = _load(what[0], options)  # faults of a later edit are told by the page
     words = shlex.join([what[0], *options.words()])
     server = GoServer(lambda: options.load(what[0]), f"rpctl track {words}")
-    _write_or(html, lambda: robot_page(robot).encode(), lambda: server.run(_say))
+    _write_or(html, lambda: robot_page(robot).encode(), server.run, as_json)
 
 
 def _report(runs: Sequence[Path], package_dirs: Sequence[Path | str]) -> Callable[[], bytes]:
@@ -139,21 +157,22 @@ def _report(runs: Sequence[Path], package_dirs: Sequence[Path | str]) -> Callabl
     return lambda: page
 
 
-def _note(text: str) -> None:
-    """Print a note beside the output."""
-    say(text, err=True)
-
-
-def _write_or(html: Path | None, page: Callable[[], bytes], serve: Callable[[], object]) -> None:
-    """Write a page if there is a file to write, else serve it."""
+def _write_or(
+    html: Path | None,
+    page: Callable[[], bytes],
+    serve: Callable[[Callable[[str], object]], object],
+    as_json: bool,
+) -> None:
+    """Write a page if there is a file to write, else serve it and print its address."""
     if html is None:
-        serve()
+        serve(lambda url: _written(as_json, {"url": url}, ADDRESS))
     else:
-        say(f"wrote {write_atomically(html, page())}")
+        _written(as_json, {"page": str(write_atomically(html, page()))})
 
 
-def _say(url: str) -> None:
-    say(f"{url}  (Ctrl-C ends it)")
+def _written(as_json: bool, files: Mapping[str, str], form: str = "wrote {}") -> None:
+    """Print which files were written, or the address of what is served, by kind."""
+    tell(as_json, lambda: files, lambda: say("\n".join(map(form.format, files.values()))))
 
 
 def _load(name: str, options: LoadOptions) -> Robot:
@@ -166,10 +185,10 @@ def _load(name: str, options: LoadOptions) -> Robot:
         return options.load(name)
     except RpctlError as error:
         if is_folder(name) or (Path(name).name != name and not is_file(name)):
-            what = "a folder without a run.npz is" if is_folder(name) else "nothing is there,"
+            what = "this folder holds no run.npz" if is_folder(name) else "no such file or folder"
             raise RpctlError(
-                f"{name}: {what} no run, and no robot; give a run's folder, a URDF file, or a name "
-                "listed by `rpctl robots`"
+                f"{name}: {what}; give a run's folder, a URDF file, or a name listed by "
+                "`rpctl robots`"
             ) from None
         if isinstance(error, UnknownNameError) and error.name == name:
             raise UnknownNameError("robot or run", name, error.choices) from None
@@ -180,18 +199,27 @@ def plot_command(
     run: RunArgument,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help=f"A .pdf or .png; else {DEFAULT_FIGURE} beside the run."),
+        typer.Option(
+            metavar="FILE",
+            help=f"File to write, .pdf or .png; default: {DEFAULT_FIGURE} beside the run.",
+        ),
     ] = None,
     panels: Annotated[
-        str, typer.Option(metavar="NAME,...", help=f"Some panels only: {', '.join(PANELS)}.")
+        str,
+        typer.Option(
+            metavar="NAME,...", help=f"Panels to draw: {', '.join(PANELS)}; default: all."
+        ),
     ] = "",
     column: Annotated[
-        bool, typer.Option("--column", help="88 mm wide, for one of two columns; else 180 mm.")
+        bool,
+        typer.Option(
+            "--column", help="Make the figure 88 mm wide, for one of two columns; default: 180 mm."
+        ),
     ] = False,
     log: Annotated[bool, typer.Option("--log", help="Errors on logarithmic axes.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the figure of a run for a paper: lines and text as PDF, or pixels as PNG."""
+    """Write the figure of a run for a paper, as PDF or PNG."""
     from rpctl.view.plots.figures import save_figure
     from rpctl.view.run_folder import load_run
 
@@ -200,7 +228,7 @@ def plot_command(
         path.unlink()  # the folder may be another's, and the link lead to any file
     require_writable(path)
     save_figure(load_run(run, _note), path, panels=split_names(panels), column=column, log=log)
-    tell(as_json, lambda: {"figure": str(path)}, lambda: say(f"wrote {path}"))
+    _written(as_json, {"figure": str(path)})
 
 
 def _read_size(text: str | None) -> tuple[int, int] | None:
@@ -210,5 +238,5 @@ def _read_size(text: str | None) -> tuple[int, int] | None:
     try:
         width, height = (int(word) for word in text.lower().split("x"))
     except ValueError:
-        raise RpctlError(f"--pixels {text}: give two numbers, as 1280x720") from None
+        raise RpctlError(f"--pixels {text}: give two numbers, such as 1280x720") from None
     return width, height

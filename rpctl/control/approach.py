@@ -183,15 +183,17 @@ class Approach(Record):
     """
 
     distance: Annotated[
-        float, POSITIVE, Setting("m", "", "Position error from which on the base drives up.")
+        float,
+        POSITIVE,
+        Setting("m", "", "Position error beyond which the base drives an approach."),
     ] = 0.5
     heading: Annotated[
-        float, POSITIVE, Setting("rad", "", "Heading error from which on it does.")
+        float, POSITIVE, Setting("rad", "", "Heading error beyond which it does.")
     ] = 0.8
     haste: Annotated[
         float,
         POSITIVE,
-        Setting("", "", "Largest speed on the way, over the reference's own largest."),
+        Setting("", "", "Largest speed of the approach, as a multiple of the reference's largest."),
     ] = 2.0
 
     def start(self, dynamics: ReducedDynamics, law: TrackingController) -> TrackingController:

@@ -231,7 +231,7 @@ class BalanceController(ReportsNothing):
         """
         posture, limits = self._posture, self._posture.robot.effort_limits
         if not isinstance(command, LeaningCommand):
-            raise UnfitLawError("the kinematic law tells no goal to balance for; take unified")
+            raise UnfitLawError("the kinematic law gives no goal to balance for; use unified")
         goal = command.goal
         own, of_changes = self._look(goal)
         state = posture.possible(goal.state)

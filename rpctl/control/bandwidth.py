@@ -67,7 +67,7 @@ def gains_of(bandwidth: float) -> Gains:
     """
     if not 0.0 < bandwidth <= MAX_BANDWIDTH:
         raise RpctlError(
-            f"a bandwidth of {bandwidth} Hz; give more than 0, {MAX_BANDWIDTH:g} at most"
+            f"a bandwidth of {bandwidth} Hz; give more than 0 and at most {MAX_BANDWIDTH:g}"
         )
     a, b, k = (2.0 * math.pi * bandwidth * PROPORTIONS / PROPORTIONS.sum()).tolist()
     return Gains(bandwidth, 1.0 / a, 1.0 / b, k)

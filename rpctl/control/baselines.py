@@ -98,14 +98,14 @@ class FeedbackLinearization(BaseLaw):
     kp: Annotated[float, POSITIVE, Setting("1/s²", "", "Gain of the position error.")] = 1.0
     kd: Annotated[float, POSITIVE, Setting("1/s", "", "Gain of its rate.")] = 2.0
     slowest: Annotated[
-        float, POSITIVE, Setting("m/s", "", "v₀: from this speed on the law is exact.")
+        float, POSITIVE, Setting("m/s", "", "v₀: above this speed the law is exact.")
     ] = 0.2
     leash: Leash | None = field(default_factory=Leash)
     approach: Approach | None = field(default_factory=Approach)
 
     refusal = (
-        "the reference turns on the spot, where feedback linearisation does not know which way "
-        "to head; take --kinematic unified"
+        "the reference turns on the spot, where feedback linearisation is singular; take "
+        "--kinematic unified"
     )
 
     def refuses(self, at: Tracking) -> Any:

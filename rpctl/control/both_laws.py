@@ -170,8 +170,8 @@ class BothLaws:
         own: list[str] = [*self._kinematic.notes()]
         second = "dynamic law" if self.speeds is None else "velocity output"
         return own + [
-            f"the {name} failed at {law.failures} of {samples} samples and was replaced there; "
-            f"first at t = {law.first.t:.4g} s: {law.first.reason}"
+            f"the {name} failed at {law.failures} of {samples} samples, where a fallback law "
+            f"replaced it; first at t = {law.first.t:.4g} s: {law.first.reason}"
             for name, law in (("kinematic law", self._kinematic), (second, self._sending))
             if law.first is not None
         ]

@@ -64,7 +64,7 @@ class BoundedDynamic(ClosedFormDynamic):
         Setting(
             "s",
             "Horizon h₁",
-            "Prediction time h1 of the base; what period and lateness allow if not given.",
+            "Prediction time h1 of the base; default: what period and delay allow.",
         ),
     ] = field(default=None, kw_only=False)
     along: Annotated[
@@ -73,7 +73,7 @@ class BoundedDynamic(ClosedFormDynamic):
         Setting(
             "",
             "Weight along the motion",
-            "Weight of the base's error along its motion, where one across weighs 1.",
+            "Weight of the base's error along its motion, relative to the lateral error.",
         ),
     ] = 1e-2
     weights: Annotated[
@@ -82,7 +82,7 @@ class BoundedDynamic(ClosedFormDynamic):
         Setting(
             "",
             "",
-            "w′ by name of the quasi-velocity; 1 for the base's and 1e-6 for joints' if not given.",
+            "w′ by name of the quasi-velocity; default: 1 for the base and 1e-6 for joints.",
         ),
     ] = field(default_factory=dict)
     joint_horizon_dyn: Annotated[
@@ -91,7 +91,7 @@ class BoundedDynamic(ClosedFormDynamic):
         Setting(
             "s",
             "Joints' horizon h₁",
-            "Prediction time of the arm's joints; what period and lateness allow if not given.",
+            "Prediction time of the arm's joints; default: what period and delay allow.",
         ),
     ] = None
     midpoint: Annotated[
@@ -99,7 +99,7 @@ class BoundedDynamic(ClosedFormDynamic):
         Setting(
             "",
             "Model of the period's middle",
-            "Whether M and h are those of the middle of the period, or those of the sample.",
+            "Whether to use M and h of the middle of the period, or of the sample.",
         ),
     ] = True
 
@@ -168,9 +168,9 @@ class IntegralDynamic(ClosedFormDynamic):
         Setting(
             "1/s",
             "Gain k",
-            "k of the base; what period and lateness allow if not given: 8.6 at 2 ms. In MuJoCo, "
-            "where its wheels scrub, TIAGo is then 4.1 mm rms off the eight (15: 2.4 mm); of a "
-            "delay of 50 ms that leaves 28° of phase (10: 24°; 15: 11°).",
+            "k of the base; default: what period and delay allow, 8.6 at 2 ms. With it TIAGo is "
+            "4.1 mm rms off the eight in MuJoCo, where wheels scrub (2.4 mm with 15), and has "
+            "28° of phase margin with 50 ms of delay (24° with 10, 11° with 15).",
         ),
     ] = None
     inner: Annotated[
@@ -182,7 +182,7 @@ class IntegralDynamic(ClosedFormDynamic):
         Setting(
             "1/s",
             "Joints' gain k",
-            "k of the arm's joints; what period and lateness allow if not given.",
+            "k of the arm's joints; default: what period and delay allow.",
         ),
     ] = None
 

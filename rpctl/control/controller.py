@@ -208,7 +208,7 @@ class Controller:
         self._rest, self._output = rest, as_output(output or "effort")
         if delay and self._output is not None:
             raise RpctlError(
-                f"delay is {delay:g} s; of a robot that takes speeds it is part of the dead time: "
+                f"delay is {delay:g} s; for a robot that takes speeds the dead time includes it: "
                 "give dead_time of its VelocityOutput, --dead-time"
             )
         if self._output is not None:
@@ -216,10 +216,14 @@ class Controller:
         self._dynamics, self._compiled = ReducedDynamics(robot), compiled
         self._rolls, self._leans = bool(robot.drive.base_speeds), robot.drive.leans
         if self._leans and (rates == "estimated" or self._output is not None):
-            what = "rates are estimated" if self._output is None else "efforts are sent by others"
+            what = (
+                "rates are estimated"
+                if self._output is None
+                else ("another controller sends the efforts")
+            )
             raise RpctlError(
-                f"{robot.name} leans: no law here balances it where {what}; measure its rates, and "
-                "send efforts"
+                f"{robot.name} leans: no law of rpctl balances it if {what}; measure its rates, "
+                "and send efforts"
             )
         self._in_arm = np.array([name in robot.joint_names for name in robot.actuators])
         self._most = (self.guards.effort_rate or EFFORT_RATE) * period * robot.effort_limits
@@ -368,11 +372,13 @@ class Controller:
         found = self._both.notes(self._counts["samples"])
         if self._counts["stopped"]:
             found.append(f"the controller braked the robot at {self._counts['stopped']} samples: "
-                         "there was nothing safe to send for too long")  # fmt: skip
+                         "it had no safe command for too long")  # fmt: skip
         if self._counts["lost"]:
-            found.append(f"the robot did not do what it was sent, and was braked: {self._lost}")
+            found.append(
+                f"the robot did not follow its commands, so the controller braked it: {self._lost}"
+            )
         if (slowest := self._following.slowest) < 1.0:
-            found.append(f"the reference ran at {slowest:.2g} of its pace at least, where the "
+            found.append(f"the reference ran at {slowest:.2g} of its speed or more where the "
                          f"robot left it, and at {self._following.pace:.2g} at last")  # fmt: skip
         return (*found, *filter(None, [self._estimate.note, self.lateness()]))
 
@@ -491,9 +497,9 @@ class Controller:
         self._following.stand(sample.t)
         self._lost = (
             f"at its limits for {self.guards.lost_after:g} s, {error:.2g} m or rad from its "
-            f"reference and no nearer, at {sample.t:.4g} s"
+            f"reference without coming nearer, at {sample.t:.4g} s"
         )
-        self._waits = f"lost: {self._lost}; resume() goes on"
+        self._waits = f"lost: {self._lost}; call resume() to continue"
         self._following.stop(sample)
         return self._lost_base(sample, output)
 

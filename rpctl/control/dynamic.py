@@ -100,14 +100,14 @@ def unsupported(kinematic: Any, dynamic: Any) -> str | None:
         dynamic: The dynamic law.
     """
     if not isinstance(kinematic, BaseLaw) or _starts_itself(kinematic):
-        return f"the kinematic law {_name(kinematic)} is not one that is compiled"
+        return f"the kinematic law {_name(kinematic)} cannot be compiled"
     if type(kinematic.leash) not in (type(None), Leash):
-        return f"the leash {_name(kinematic.leash)} is not one that is compiled"
+        return f"the leash {_name(kinematic.leash)} cannot be compiled"
     if type(kinematic.approach) not in (type(None), Approach):
-        return f"the approach {_name(kinematic.approach)} is not one that is compiled"
+        return f"the approach {_name(kinematic.approach)} cannot be compiled"
     for law in (dynamic, getattr(dynamic, "inner", dynamic)):
         if not isinstance(law, ClosedFormDynamic) or _starts_itself(law):
-            return f"the dynamic law {_name(law)} is not one that is compiled"
+            return f"the dynamic law {_name(law)} cannot be compiled"
     return None
 
 
@@ -157,7 +157,7 @@ class PaperDynamic(ClosedFormDynamic):
         Setting(
             "s",
             "Joints' horizon h₁",
-            "Prediction time of the arm's joints; h1, as published, if not given.",
+            "Prediction time of the arm's joints; default: h1, as published.",
         ),
     ] = None
     midpoint: Annotated[
@@ -165,8 +165,7 @@ class PaperDynamic(ClosedFormDynamic):
         Setting(
             "",
             "Model of the period's middle",
-            "Whether M and h are those of the middle of the period, or those of the sample, as "
-            "published.",
+            "Whether to use M and h of the middle of the period, or of the sample, as published.",
         ),
     ] = False
 

@@ -153,8 +153,8 @@ def end_effector_link(robot: Robot) -> str:
     """
     if robot.end_effector is None or not robot.joints:
         raise RpctlError(
-            f"{robot.name} has no arm, so no end effector to put first; take a kinematic law of "
-            'the base alone, such as "paper"'
+            f"{robot.name} has no arm, so no end effector; take a kinematic law of the base "
+            'alone, such as "paper"'
         )
     return robot.end_effector
 
@@ -321,14 +321,14 @@ class EndEffector(Record):
 
     base: Annotated[
         KinematicLaw,
-        Setting("", "Law of the base", "The law of the base; its arm rates are the posture's."),
+        Setting("", "Law of the base", "The law of the base; its arm rates set the posture."),
     ] = field(default_factory=Horizon)
     horizon: Annotated[
         float, POSITIVE, Setting("s", "Horizon h", "Prediction time h of the end effector.")
     ] = 0.4
     orientation: Annotated[
         bool,
-        Setting("", "", "Whether its orientation is an output too, or its position only."),
+        Setting("", "", "Whether to track its orientation too, or its position only."),
     ] = False
     lever: Annotated[
         float,
@@ -336,7 +336,7 @@ class EndEffector(Record):
         Setting(
             "m",
             "Lever",
-            "Length at the end of which an error of orientation counts as one of position.",
+            "Length that converts an error of orientation to one of position.",
         ),
     ] = 0.3
     damping: Annotated[
@@ -345,7 +345,7 @@ class EndEffector(Record):
         Setting(
             "m/s",
             "Damping",
-            "Directions in which the arm at full speed is slower count as singular.",
+            "Directions in which the arm's largest speed is lower count as singular.",
         ),
     ] = 0.01
 
@@ -355,8 +355,8 @@ class EndEffector(Record):
 
         if isinstance(self.base, Horizon) and self.base.end_effector_obstacles:
             raise RpctlError(
-                "the end effector that comes first would run into end_effector_obstacles; take the "
-                "horizon law alone, which keeps clear of them"
+                "the end-effector law does not avoid end_effector_obstacles; take the horizon "
+                "law alone, which does"
             )
 
     def start(

@@ -112,10 +112,10 @@ class Leash(Record):
     distance: Annotated[
         float,
         POSITIVE,
-        Setting("m", "", "L: the position error that a law is given stays below it."),
+        Setting("m", "", "L: bound of the position error that enters a law."),
     ] = 0.3
     heading: Annotated[
-        float, POSITIVE, Setting("rad", "", "T: the heading error that a law is given, likewise.")
+        float, POSITIVE, Setting("rad", "", "T: bound of the heading error that enters a law.")
     ] = 1.0
 
     def __call__(self, sheet: Sheet, error: Sequence[Any]) -> list[Any]:

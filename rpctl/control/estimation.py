@@ -491,8 +491,8 @@ class StateEstimate:
         why = "they were missing" if numbers.isnan(self.lattice) else (
             f"they were found to be quantised at {self.lattice:.4g} s"
         )  # fmt: skip
-        why = "so it was told" if self._told else why
-        return f"rates were estimated at {self.samples} samples: {why}"
+        why = 'as set by rates="estimated"' if self._told else why
+        return f"the controller estimated rates at {self.samples} samples: {why}"
 
     def sent(self, t: float, efforts: Array) -> None:
         """Take note of efforts (n_act,) that act from a time (s) on."""

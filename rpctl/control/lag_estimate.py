@@ -107,16 +107,14 @@ class LagEstimate:
             return ""
         rows = np.flatnonzero(self.learnt)
         each = ", ".join(
-            f"{self._found[k]:.2g} s of {names[k]} ({self._told[k]:g} s told)"
-            for k in rows.tolist()
+            f"{self._found[k]:.2g} s of {names[k]} ({self._told[k]:g} s set)" for k in rows.tolist()
         )
         lag, dead = (float(np.median(of[rows])) for of in (self._found, self._found_dead))
         return (
-            f"the robot follows its speeds otherwise than told: with a lag of {each}, after a dead "
-            f"time of {dead:.2g} s ({np.median(self._told_dead[rows]):g} s told); the controller "
-            "goes by that. Say "
-            f"so with --actuator-lag {lag:.2g} --dead-time {dead:.2g}, or "
-            f"rpctl.VelocityOutput({lag:.2g}, {dead:.2g})"
+            f"the robot follows its speeds differently from the settings: with a lag of {each}, "
+            f"after a dead time of {dead:.2g} s ({np.median(self._told_dead[rows]):g} s set); the "
+            f"controller uses these values. Set them with --actuator-lag {lag:.2g} --dead-time "
+            f"{dead:.2g}, or rpctl.VelocityOutput({lag:.2g}, {dead:.2g})"
         )
 
     def _restart(self, t: float, nu: Array) -> None:

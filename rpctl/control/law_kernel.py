@@ -336,7 +336,7 @@ class LimitedLaw(ReportsNothing):
         """
         if not self._running.follow(q, nu, command):
             dynamics.inverse(q, nu, command.nu_d_dot)
-            raise SolverError("the search for efforts within limits did not end with finite ones")
+            raise SolverError("the search for efforts within limits found no finite efforts")
         return Efforts(self._running.answer.copy(), self._running.limits())
 
 

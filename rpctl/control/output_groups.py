@@ -47,14 +47,16 @@ class OutputGroup(Record):
     motion that the commands lead to by the model.
     """
 
-    kind: Annotated[str, OneOf(GROUP_KINDS), Setting("", "Sent", "What it is sent.")] = field(
+    kind: Annotated[str, OneOf(GROUP_KINDS), Setting("", "Sent", "Kind of command.")] = field(
         default=RATES, kw_only=False
     )
     lag: Annotated[
-        float | None, LAG, Setting("s", "Lag", "Of first order; the output's if not given.")
+        float | None, LAG, Setting("s", "Lag", "First-order lag; default: that of the output.")
     ] = field(default=None, kw_only=False)
     dead_time: Annotated[
-        float | None, DEAD_TIME, Setting("s", "Dead time", "The output's if not given.")
+        float | None,
+        DEAD_TIME,
+        Setting("s", "Dead time", "Dead time; default: that of the output."),
     ] = field(default=None, kw_only=False)
     speeds: Annotated[
         Mapping[str, float], POSITIVE, Setting("m/s or rad/s", "Speeds", "The largest.")
@@ -105,7 +107,7 @@ def members(groups: Mapping[str, OutputGroup], robot: Robot) -> dict[str, Member
                 )
             if group.kind == EFFORT and group != OutputGroup(EFFORT):
                 raise RpctlError(
-                    f"{pattern} is sent efforts, which act at once and within the URDF's limits: "
+                    f"{pattern} takes efforts, which act at once and within the URDF's limits: "
                     "leave out its lag, dead time and bounds"
                 )
             found[pattern] = group, names
@@ -125,12 +127,12 @@ def _require_base(kind: str, robot: Robot) -> None:
     drive = robot.drive
     one, free = len(drive.steered) == 1, drive.base_speeds in TWISTS
     for wrong, why in (
-        (not drive.base_speeds, f"{robot.name} has a fixed base; leave the group {BASE} out"),
-        (kind == POSITION, f"a base has no {POSITION} to be sent; give {WHEELS} or {RATES}"),
+        (not drive.base_speeds, f"{robot.name} has a fixed base; leave out the group {BASE}"),
+        (kind == POSITION, f"a base does not take {POSITION}; give {WHEELS} or {RATES}"),
         (
             kind == EFFORT,
-            f"a base that is sent efforts beside an arm in groups is not made; give {WHEELS} or "
-            f'{RATES}, or output="{EFFORT}" for the whole robot',
+            "rpctl does not support a base that takes efforts beside groups of the arm; give "
+            f'{WHEELS} or {RATES}, or output="{EFFORT}" for the whole robot',
         ),
         (
             kind == TWIST and not free,
@@ -139,8 +141,8 @@ def _require_base(kind: str, robot: Robot) -> None:
         ),
         (
             kind == STEERING and not one,
-            f"{kind} is of bases that one angle steers; the base of {robot.name} is {drive.type}: "
-            f"give {TWIST if free else WHEELS}",
+            f"{kind} applies to bases with one steering angle; the base of {robot.name} is "
+            f"{drive.type}: give {TWIST if free else WHEELS}",
         ),
     ):
         if wrong:

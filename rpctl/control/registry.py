@@ -88,11 +88,11 @@ def own_law(name: str) -> Callable[[], BaseLaw]:
     Raises:
         RpctlError: The file cannot be run, or has no such law, or one that lacks a setting.
     """
-    law = own_thing(name, "one with a law, as own.py:MyLaw")
+    law = own_thing(name, "a file with a law, such as own.py:MyLaw")
     path, _, word = name.rpartition(":")
     if not (isinstance(law, type) and issubclass(law, BaseLaw)) or isabstract(law):
         raise RpctlError(
-            f"{path}: {word} is no law; give a subclass of rpctl.BaseLaw that has unicycle(at)"
+            f"{path}: {word} is not a law; give a subclass of rpctl.BaseLaw that has unicycle(at)"
         )
     lacks = [key for key, each in fields_of(law).items() if each.default is dataclasses.MISSING]
     if lacks:
@@ -165,7 +165,9 @@ class Unregistered:
         Raises:
             RpctlError: Always.
         """
-        raise RpctlError(f"only the name of {self.name} is known; give the law itself")
+        raise RpctlError(
+            f"only the name of the law {self.name} is known, not its code; give the law itself"
+        )
 
 
 def unregistered(thing: object) -> Unregistered:
@@ -239,10 +241,10 @@ def _plain(value: object) -> object:
     return value.item() if isinstance(value, np.generic) else unregistered(value)
 
 
-IGNORED = "limits of efforts, rates and positions, and that efforts are held for a period"
+IGNORED = "limits of efforts, rates and positions, and the sampling"
 LIMITLESS = "ignores limits of speeds, rates and positions"
-UNLEASHED = "is on no leash (far errors ask for high speeds)"
-LINE = "leaves the lateral error of a straight line as it is"
+UNLEASHED = "has no leash (large errors cause high speeds)"
+LINE = "does not reduce the lateral error on a straight line"
 GAIN_SYMBOLS = {"horizon": ("h", "s"), "horizon_dyn": ("h1", "s"), "gain": ("k", "1/s")}
 
 

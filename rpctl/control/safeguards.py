@@ -35,12 +35,12 @@ class Guards(Record):
     stale_after: Annotated[
         float,
         POSITIVE,
-        Setting("s", "", "Time without a good sample after which the robot is braked."),
+        Setting("s", "", "Time without a good sample after which the controller brakes the robot."),
     ] = 0.1
     lost_after: Annotated[
         float,
         POSITIVE,
-        Setting("s", "", "How long a robot may be at its limits while its error does not fall."),
+        Setting("s", "", "How long a robot may stay at its limits while its error does not fall."),
     ] = 2.0
     fading: Annotated[
         float,
@@ -48,8 +48,8 @@ class Guards(Record):
         Setting(
             "m/s or rad/s",
             "",
-            "How fast an error that comes at once, as of a pose that jumps or of a resumed "
-            "reference, is let in.",
+            "Rate at which the controller feeds in a sudden error, such as that of a pose that "
+            "jumps or of a resumed reference.",
         ),
     ] = 0.6
     effort_rate: Annotated[
@@ -58,7 +58,8 @@ class Guards(Record):
         Setting(
             "1/s",
             "",
-            "Largest rate of each effort, over its limit; 100 after the first sample if not given.",
+            "Largest rate of each effort, relative to its limit; default: 100, after the first "
+            "sample.",
         ),
     ] = None
 

@@ -67,12 +67,12 @@ class SampleReader:
             given = float(t)
         except Exception as error:  # whatever it raises
             self._pass_a_period()
-            return f"the sample holds what is no number: {error}"
+            return f"the sample has entries that are not numbers: {error}"
         fault = self._clock_fault(given)
         try:
             sample = MeasuredSample(self.time, np.array(q, dtype=float), np.array(nu, dtype=float))
         except Exception as error:  # whatever its numbers raise where they are made floats
-            return f"the sample holds what is no number: {error}"
+            return f"the sample has entries that are not numbers: {error}"
         return self._state_fault(sample) or fault or sample
 
     def _clock_fault(self, t: float) -> str:
@@ -112,13 +112,13 @@ class SampleReader:
             if name == "nu" and not self._needs_rates:
                 values = values[~np.isnan(values)]
             if not np.abs(values).max(initial=0.0) <= largest:
-                return f"{name} holds numbers that are not finite or larger than {largest:g}"
+                return f"{name} has numbers that are not finite, or larger than {largest:g}"
         for k in self._cos:
             cos, sin = places[k], places[k + 1]
             if abs(cos * cos + sin * sin - 1.0) > MAX_NORM_ERROR:
-                return "q holds a cosine and a sine that belong to no angle"
+                return "q has a cosine and a sine that are not those of an angle"
         if self._free and abs(math.hypot(*places[3:FREE_NQ]) - 1.0) > MAX_NORM_ERROR:
-            return "q holds a quaternion that is no attitude"
+            return "q has a quaternion whose length is not 1"
         return ""
 
 

@@ -72,8 +72,8 @@ class Posture:
         if undriven or not any(wheel.driven for wheel in robot.drive.wheels):
             what = ", ".join(undriven) or "its wheels"
             raise UnfitLawError(
-                f"nothing drives {what} of {robot.name}, so no law balances it; give motors, or "
-                "hold joints with --lock"
+                f"nothing drives {what} of {robot.name}, so no law can balance it; add motors, or "
+                "freeze joints with --lock"
             )
         limits = robot.effort_limits
         self._still = np.zeros(robot.dof)
@@ -133,7 +133,8 @@ class Posture:
             own = own - np.clip(np.linalg.solve(self.slope(here, joints), gap), -STRIDE, STRIDE)
         raise RpctlError(
             f"{self.robot.name}: no steady motion has a speed of {v:.3g} m/s and a turning rate of "
-            f"{omega:.3g} rad/s; give a wider or a slower turn, or hold joints that reach far out"
+            f"{omega:.3g} rad/s; give a wider or a slower turn, or freeze joints that "
+            "reach far out"
         )
 
     def follow(self, before: SteadyMotion, state: ReferenceState, slope: Array) -> SteadyMotion:

@@ -84,8 +84,8 @@ class BaseLaw(Record, ABC):
         Setting(
             "s",
             "Horizon h",
-            "Prediction time of an omnidirectional base and of steering; what period and lateness "
-            "allow if not given.",
+            "Prediction time of an omnidirectional base and of steering; default: what period "
+            "and delay allow.",
         ),
     ] = None
     joint_horizon: Annotated[
@@ -94,19 +94,23 @@ class BaseLaw(Record, ABC):
         Setting(
             "s",
             "Joints' horizon h",
-            "Prediction time of the arm's joints; what period and lateness allow if not given.",
+            "Prediction time of the arm's joints; default: what period and delay allow.",
         ),
     ] = field(default=None, kw_only=True)
     leash: Annotated[
         Leash | None,
-        Setting("", "Leash", "Bounds the base's error before the law; false: as it was published."),
+        Setting(
+            "",
+            "Leash",
+            "Leash: bounds the base's error before it enters the law; false: none, as published.",
+        ),
     ] = field(default=None, kw_only=True)
     approach: Annotated[
         Approach | None,
         Setting(
             "",
             "Approach from",
-            "Stage for large errors of a base that cannot turn on the spot; false: none.",
+            "Approach path for large errors of a base that cannot turn on the spot; false: none.",
         ),
     ] = field(default=None, kw_only=True)
 
@@ -361,7 +365,7 @@ def _asked(law: BaseLaw, at: Tracking) -> tuple[Any, Any]:
         f = math.Function("asked", [math.vertcat(*math.symvar(column))], [column])
         places = (k for k in range(f.n_instructions()) if f.instruction_id(k) == math.OP_CONST)
         none = any(numbers.isnan(f.instruction_constant(k)) for k in places)
-        fault = "it has a NaN, as Python's math makes of a symbol" if none else ""
+        fault = "it gives NaN, as functions of Python's math do with symbols" if none else ""
     except RpctlError:
         raise
     except Exception as error:
@@ -369,8 +373,9 @@ def _asked(law: BaseLaw, at: Tracking) -> tuple[Any, Any]:
         fault = f"{type(error).__name__}: {first}".rstrip(".")
     if fault:
         raise UnfitLawError(
-            f"unicycle() of {type(law).__name__} is no formula: {fault}. Write it with rpctl.math "
-            "(math.cos; math.if_else for if), and return the speed and the turning rate"
+            f"unicycle() of {type(law).__name__} is not a formula: {fault}. Write it with "
+            "rpctl.math (math.cos; math.if_else for if), and return the speed and the turning "
+            "rate"
         )
     return speed, turn
 

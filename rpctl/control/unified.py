@@ -54,9 +54,7 @@ class UnifiedKinematic(BaseLaw):
     horizon: Annotated[
         float | None,
         POSITIVE,
-        Setting(
-            "s", "Horizon h", "Prediction time h; what period and lateness allow if not given."
-        ),
+        Setting("s", "Horizon h", "Prediction time h; default: what period and delay allow."),
     ] = field(default=None, kw_only=False)
     beta: Annotated[
         float,
@@ -64,8 +62,9 @@ class UnifiedKinematic(BaseLaw):
         Setting(
             "",
             "Weight β of the lateral error",
-            "Weight of the lateral error in the longitudinal output. On a spin it decays at β |ω|, "
-            "and x1 = ±β x2 costs on the way: from β = 1 on, faster is no longer nearer.",
+            "Weight of the lateral error in the longitudinal output. On a spin the lateral error "
+            "decays at β |ω|, with a longitudinal error of ±β x2 meanwhile; β > 1 makes the "
+            "total error larger.",
         ),
     ] = 1.25
     bend: Annotated[
@@ -74,7 +73,7 @@ class UnifiedKinematic(BaseLaw):
         Setting(
             "1/m",
             "Curvature of a turn",
-            "κ: the curvature from which on a path counts as a turn; 0 is the paper's sign.",
+            "κ: curvature above which a path counts as a turn; 0 is the paper's sign.",
         ),
     ] = 0.5
     weight: Annotated[
@@ -83,7 +82,7 @@ class UnifiedKinematic(BaseLaw):
         Setting(
             "m²/rad²",
             "Weight of the heading error",
-            "w: the square of the lateral error that counts as much as one radian.",
+            "w: square of the lateral error that weighs as much as one radian of heading.",
         ),
     ] = 0.02
     leash: Leash | None = field(default_factory=Leash)

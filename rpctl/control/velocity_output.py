@@ -78,7 +78,7 @@ class VelocityOutput(Record):
         Setting(
             "s",
             "Lag",
-            "Lag of first order with which it follows speeds, s; 0 if not given.",
+            "First-order lag with which the robot follows speeds, s; default: 0.",
             metavar="S",
         ),
     ] = field(default=0.0, kw_only=False)
@@ -86,7 +86,10 @@ class VelocityOutput(Record):
         float,
         DEAD_TIME,
         Setting(
-            "s", "Dead time", "Time until it begins to follow them, s; 0 if not given.", metavar="S"
+            "s",
+            "Dead time",
+            "Time until the robot begins to follow a change of speed, s; default: 0.",
+            metavar="S",
         ),
     ] = field(default=0.0, kw_only=False)
     lags: Annotated[
@@ -122,7 +125,9 @@ class VelocityOutput(Record):
     groups: Annotated[
         Mapping[str, OutputGroup],
         Setting(
-            "", "", 'What the robot takes, by "base" and by pattern of joints; its speeds if none.'
+            "",
+            "",
+            'What the controller commands, by "base" and by pattern of joints; default: speeds.',
         ),
     ] = field(default_factory=dict)
 

@@ -65,7 +65,7 @@ def fill(description: Description, density: float) -> Description:
         DescriptionError: A mesh that a link's inertia hangs on cannot be read.
     """
     if not 0.0 < density <= MAX_DENSITY:
-        raise RpctlError(f"density is {density:g}; give kg/m3, as 1000 for water")
+        raise RpctlError(f"density is {density:g}; give kg/m3, such as 1000 for water")
     findings = Findings()
     links = tuple(_estimated(findings, description, link, density) for link in description.links)
     errors = [each for each in findings.items if each.severity == "error"]
@@ -92,7 +92,7 @@ def _estimated(findings: Findings, description: Description, link: Link, density
         above = description.parent_joint.get(link.name)
         if above is not None and above.moving:
             findings.add_at(
-                "warning", link.line, f"{lacks} and no shape to estimate it from; give one of them"
+                "warning", link.line, f"{lacks} and no shape to estimate it from; add one of them"
             )
         return link
     whole = _sum(solids)
@@ -116,20 +116,21 @@ def _solid(findings: Findings, paths: MeshPaths, link: Link, shape: Shape) -> So
     try:
         solid, closed = _mesh_solid(shape, paths)
     except FlatMeshError as error:
-        findings.add_at("warning", shape.line, f"{name} gives no estimate: {error}")
+        findings.add_at("warning", shape.line, f"{name} cannot be used for the estimate: {error}")
         return None
     except MeshError as error:  # what is not known is not nothing
         findings.add_at(
             "error",
             shape.line,
-            f"{name} gives no estimate: {error}; its link has no <inertial>: give one, or the mesh",
+            f"{name} cannot be used for the estimate: {error}; its link has no <inertial>: give "
+            "one, or the mesh",
         )
         return None
     if not closed:
         findings.add_at(
             "warning",
             shape.line,
-            f"{name} is not watertight; its convex hull is taken, close the mesh",
+            f"{name} is not watertight; rpctl uses its convex hull; close the mesh",
         )
     return solid.placed(shape.origin)
 

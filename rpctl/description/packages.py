@@ -78,7 +78,7 @@ class Packages:
         cut = [place for place in (*self.declared, *self.searched) if not search(place)[1]]
         if not cut:
             return ""
-        return f" (the search of {', '.join(cut)} was broken off; {how_to_raise('MAX_FOLDERS')})"
+        return f" (the search of {', '.join(cut)} was stopped; {how_to_raise('MAX_FOLDERS')})"
 
     def find(self, name: str) -> tuple[str, ...]:
         """Return the folders that a package's name may mean, the likeliest first.
@@ -128,7 +128,7 @@ def require_folders(package_dirs: Iterable[str | Path]) -> tuple[Path, ...]:
     folders = tuple(at_home(folder).absolute() for folder in package_dirs)
     for folder in folders:
         if not is_folder(folder):
-            raise RpctlError(f"{folder}: no such folder; give a package, or one that holds some")
+            raise RpctlError(f"{folder}: no such folder; give a package, or a folder with packages")
     return folders
 
 

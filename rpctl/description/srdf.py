@@ -38,9 +38,9 @@ def read_state(
     chosen = [state for state in states if state.get("name") == name]
     if not chosen:
         known = ", ".join(dict.fromkeys(state.get("name", "?") for state in states))
-        listed = f"its states are {known}" if known else "it has none"
+        listed = f"its states are {known}" if known else "it has no group states"
         raise fault_at(
-            path, root.sourceline, f'no group state is called "{excerpt(name)}"; {listed}'
+            path, root.sourceline, f'there is no group state "{excerpt(name)}"; {listed}'
         )
     stated: dict[str, tuple[float, int]] = {}
     for element in (each for state in chosen for each in state.findall("joint")):
@@ -54,7 +54,7 @@ def read_state(
                 findings.error(
                     element,
                     f'joint "{joint}" is at {value:g} here and at {before:g} at line {line}; '
-                    "states of one name are joined, correct one of them",
+                    "states with the same name are merged; correct one of them",
                 )
     if findings.errors:
         raise DescriptionError(path, findings.sorted())
@@ -68,7 +68,7 @@ def _document(path: Path, findings: Findings, settings: ReadSettings) -> Any:
         DescriptionError: There is none in the file.
         ExpansionError: The file is xacro that cannot be expanded.
     """
-    data = read_input(path, "MAX_BYTES", "an SRDF and a state in it, as robot.srdf:home")
+    data = read_input(path, "MAX_BYTES", "an SRDF and a state in it, such as robot.srdf:home")
     try:
         if is_xacro(path, data):
             given = settings.xacro_args

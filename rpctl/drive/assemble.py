@@ -217,7 +217,7 @@ def _why(base: _Base, wheel: WheelCandidate) -> str:
         foot = "ends on the ground"
     slides = ""
     if wheel in base.evidence.balls:
-        slides = "; a ball, which slides sideways, too"
+        slides = "; a ball, which also slides sideways"
     elif wheel.joint.name in base.sliding:
         slides = "; off the axle, so it rolls along, and slides sideways in bends"
     return f"turns without limits about a level axle and {foot}{slides}"
@@ -261,15 +261,15 @@ def _driven_joints(evidence: Evidence, names: set[str]) -> tuple[set[str], tuple
         return limited, ()
     if names and evidence.steered and evidence.fixed:
         doubt = (
-            "no transmission tells which wheels are driven: the fixed ones are taken to be, the "
-            "steered ones not; say driven = true or false of each [[wheel]] in a drive file"
+            "no transmission says which wheels are driven: rpctl assumes the fixed ones, not the "
+            "steered ones; set driven = true or false of each [[wheel]] in a drive file"
         )
         return names & {wheel.joint.name for wheel in evidence.fixed}, (doubt,)
     if names and not evidence.lines and not evidence.steered:
         doubt = (
-            "no transmission tells which joints of the casters are driven: all of them are taken "
-            "to be, wheels and swivels; say driven = true or false of each [[wheel]] and "
-            "[[swivel]] in a drive file"
+            "no transmission says which joints of the casters are driven: rpctl assumes all, "
+            "wheels and swivels; set driven = true or false of each [[wheel]] and [[swivel]] in "
+            "a drive file"
         )
         return names, (doubt,)
     return names, ()
@@ -289,8 +289,8 @@ def _declared(spec: DriveSpec) -> tuple[str, ...]:
 def _doubts(evidence: Evidence) -> tuple[str, ...]:
     """Return the assumptions about meshes and swivels, in sentences."""
     uneven = (
-        f'the mesh of wheel "{wheel.joint.name}" is {wheel.uneven} across its axis, which no wheel '
-        "is: correct the <axis>, or give its radius in a drive file"
+        f'the mesh of wheel "{wheel.joint.name}" is {wheel.uneven} across its axis, so it is not '
+        "a wheel: correct the <axis>, or give its radius in a drive file"
         for wheel in evidence.grounded.wheels
         if wheel.uneven
     )
@@ -313,7 +313,7 @@ def _evidence_sentences(kind: str, evidence: Evidence) -> tuple[str, ...]:
         (f"balls, {root}", evidence.balls),
         *((f"wheels on upright joints, {role}", each) for role, each in swivels.items()),
     ]
-    said = [f"{kind}, for the drive file or option says so"] if evidence.spec.type else []
+    said = [f"{kind}, as the drive file or option says"] if evidence.spec.type else []
     found = (f"{what}: {', '.join(e.joint.name for e in each)}" for what, each in groups if each)
     return (*said, *found, *evidence.grounded.rejected)
 
@@ -372,29 +372,29 @@ def _faults(
         if swivel.parent is not None and not swivel.trails:
             yield (
                 swivel,
-                f'"{swivel.joint}" steers on "{swivel.parent}", which turns, too, where only what '
-                'the root link holds can steer; say role = "trailer" of its [[swivel]] in a drive '
-                "file if no motor turns it, or hold it at 0: "
+                f'"{swivel.joint}" steers on "{swivel.parent}", which also turns; a steered joint '
+                'must be held by the root link; set role = "trailer" of its [[swivel]] in a '
+                "drive file if no motor turns it, or hold it at 0: "
                 f"{lock_option(evidence.tree, [swivel.joint])}{draft}",
             )
         mimics = f'the swivel "{swivel.joint}" mimics "{swivel.shares}"'
         if swivel.role == "mimic" and kind == "steered":
             yield (
                 swivel,
-                f"{mimics}, but no multiple keeps all wheels on one centre of rotation; take its "
-                "<mimic> out, and it follows the others exactly",
+                f"{mimics}, but no multiple keeps all wheels on one centre of rotation; remove "
+                "its <mimic>, and it follows the others exactly",
             )
         elif swivel.role == "mimic" and swivel.shares not in leaders:
             yield (
                 swivel,
-                f"{mimics}, which steers no wheel; let it mimic another swivel, or take its "
-                "<mimic> out",
+                f"{mimics}, which steers no wheel; let it mimic another swivel, or remove its "
+                "<mimic>",
             )
         elif swivel.trails and not swivel.trail:
             yield (
                 swivel,
-                f'the wheels of "{swivel.joint}" stand under its axis, so it trails nothing and is '
-                'no caster; move their contact off the axis, or say role = "steered" of its '
+                f'the wheels of "{swivel.joint}" stand under its axis, so it has no trail and is '
+                'no caster; move their contact off the axis, or set role = "steered" of its '
                 f"[[swivel]] in a drive file{draft}",
             )
     shared = {
@@ -413,7 +413,7 @@ def _faults(
             swivel,
             f'the wheels of "{swivel.joint}" stand {1e3 * abs(swivel.trail):.3g} mm off its axis, '
             "where several steered wheels are to share one centre of rotation; put what stands off "
-            f'under it: {", ".join(edits)}; or say role = "caster" of its [[swivel]] in a drive '
+            f'under it: {", ".join(edits)}; or set role = "caster" of its [[swivel]] in a drive '
             f"file if it trails{draft}",
         )
 

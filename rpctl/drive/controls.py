@@ -256,7 +256,7 @@ def _compare(drive: Drive, control: BaseControl) -> Iterator[Finding]:
             "warning",
             control.line,
             f"{control.label} is made for {control.kind} drives, and by its wheels the drive is "
-            f"{drive.type}; say which it is with --drive",
+            f"{drive.type}; choose with --drive",
         )
         return
     rolling = [w for w in drive.wheels if w.driven and not w.slides]
@@ -268,10 +268,10 @@ def _compare(drive: Drive, control: BaseControl) -> Iterator[Finding]:
             yield Finding(
                 "warning",
                 control.line,
-                f"{control.label} has wheels of radius {theirs:.4g} m"
-                f"{_factor(control.radius, control.radius_multiplier)}, where "
-                f'"{named[0].joint}" has {ours:.4g} m ({named[0].source}); the latter is taken, '
-                "a drive file gives another",
+                f"{control.label} has wheels of radius {theirs:.4g} "
+                f'm{_factor(control.radius, control.radius_multiplier)}, where "{named[0].joint}" '
+                f"has {ours:.4g} m ({named[0].source}); rpctl uses the latter; a drive file can "
+                "set another",
             )
     yield from _compare_separation(drive, control)
 
@@ -284,7 +284,11 @@ def _compare_separation(drive: Drive, control: BaseControl) -> Iterator[Finding]
         return
     how = _factor(own, control.separation_multiplier)
     skids = drive.type == "skid-steer"
-    fix = f"a drive file with track = {theirs:.4g} takes theirs" if skids else "correct one of them"
+    fix = (
+        f"to use theirs, set track = {theirs:.4g} in a drive file"
+        if skids
+        else "correct one of them"
+    )
     yield Finding(
         "info" if skids else "warning",
         control.line,

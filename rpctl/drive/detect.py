@@ -44,10 +44,10 @@ MECANUM_ROBOTS = ("youbot",)  # whose files give neither rollers nor a word of t
 ONE_AXLE = "differential", "bicycle"  # drives that two wheels make
 FREE = "free"  # the root of one that leans
 NO_LEANING = (
-    "no robot that leans: on a free root two wheels stand alone on the ground, on one axle, at the "
-    "ends of legs, or one behind the other with a joint that steers"
+    "not a robot that leans: on a free root only two wheels may touch the ground, on one axle, "
+    "at the ends of legs, or one behind the other with a joint that steers"
 )
-CHOICE = "say --drive skid-steer or --drive mecanum"
+CHOICE = "give --drive skid-steer or --drive mecanum"
 
 
 def detect(
@@ -79,7 +79,7 @@ def detect(
         drive = find_leaning(tree, spec, asked=True)
         if drive is None or spec.type not in (None, drive.type):
             found = f"it is a {drive.type} robot" if drive else NO_LEANING
-            raise DriveError(f"{tree.description.path}: {found}; leave --root and --drive out")
+            raise DriveError(f"{tree.description.path}: {found}; leave out --root and --drive")
         return drive
     controls = plugin_controls(tree.description) if controls is None else controls
     try:
@@ -133,12 +133,15 @@ def _unused(evidence: Evidence) -> Iterator[str]:
     tree, wheels = evidence.tree, evidence.grounded.wheels
     if evidence.leftovers:
         names = ", ".join(each.joint.name for each in evidence.leftovers)
-        yield f"{names}: not among the wheels that the drive file names, so taken for an arm's"
+        yield (
+            f"{names}: the drive file does not name them as wheels, so rpctl treats them as "
+            "joints of an arm"
+        )
     still = wheels_on_fixed_joints(tree, wheels)
     if still:
         yield (
-            "what looks like further wheels on the ground is held by fixed joints, so it slides; "
-            f"make {'; '.join(still)}, or call it a caster"
+            "further bodies that look like wheels on the ground are held by fixed joints, so they "
+            f"slide; make {'; '.join(still)}, or name it a caster"
         )
     straight = fixed_swivels(tree, [wheel.joint for wheel in wheels])
     if straight and MECANUM not in _told(evidence):
@@ -161,8 +164,8 @@ def _refuse_swivels_of_mecanum_wheels(evidence: Evidence) -> None:
         kind = POWERED_CASTERS if evidence.trailing else "steered"
         raise DriveError(
             f"{evidence.description.path}:{evidence.swivels[0].joint.line}: each wheel turns on a "
-            f"swivel ({', '.join(names)}), yet {told}, mecanum wheels, which need none; say which "
-            f"it is:\n  {lock_option(evidence.tree, names)} --drive mecanum\n  --drive {kind}"
+            f"swivel ({', '.join(names)}), yet {told}, mecanum wheels, which need none; choose "
+            f"one:\n  {lock_option(evidence.tree, names)} --drive mecanum\n  --drive {kind}"
         )
 
 
@@ -211,7 +214,7 @@ def _parallel_kind(evidence: Evidence) -> tuple[str, str, str]:
     if len(told) > 1:
         path = evidence.description.path
         raise DriveError(
-            f"{path}: the file says two things of its wheels: {told[MECANUM]}, but "
+            f"{path}: the file contradicts itself about its wheels: {told[MECANUM]}, but "
             f"{told[SKID_STEER]}; {CHOICE}"
         )
     for kind, why in told.items():
@@ -219,10 +222,12 @@ def _parallel_kind(evidence: Evidence) -> tuple[str, str, str]:
     count = len(evidence.fixed)
     planar = next((c for c in evidence.controls if c.kind == PLANAR), None)
     if planar is not None and count == 4:
-        doubt = f"the wheels are taken for mecanum wheels, for {_control_name(planar)} moves the "
+        doubt = f"rpctl assumes mecanum wheels, because {_control_name(planar)} moves the "
         return MECANUM, "", f"{doubt}base any way; {CHOICE}"
-    doubt = f"{count} parallel wheels are taken for ordinary ones, skid-steer: nothing in the file "
-    return SKID_STEER, "", f"{doubt}tells of rollers; {CHOICE}"
+    doubt = (
+        f"{count} parallel wheels: rpctl assumes ordinary ones, skid-steer, as nothing in the file "
+    )
+    return SKID_STEER, "", f"{doubt}mentions rollers; {CHOICE}"
 
 
 def _told(evidence: Evidence) -> dict[str, str]:
@@ -239,7 +244,7 @@ def _hints(evidence: Evidence) -> Iterator[tuple[str, str]]:
     tree, description, wheels = evidence.tree, evidence.description, evidence.grounded.wheels
     for wheel in wheels:
         if has_mecanum_rollers(tree, wheel):
-            yield MECANUM, f'the rollers of "{wheel.joint.name}" lie askew to its axle'
+            yield MECANUM, f'the rollers of "{wheel.joint.name}" are at an angle to its axle'
     links = [description.link[wheel.joint.child] for wheel in wheels]
     names = [*(wheel.joint.name for wheel in wheels), *(link.name for link in links)]
     meshes = [s.mesh or "" for link in links for s in link.visuals + link.collisions]
@@ -274,8 +279,8 @@ def _is_arm(evidence: Evidence) -> bool:
 def _fixed(evidence: Evidence) -> Drive:
     rejected = "".join(f"{reason}; " for reason in evidence.grounded.rejected)
     doubt = (
-        "no joint could carry a wheel, so the base is taken for fixed: say --drive fixed if it is; "
-        f'{rejected}a wheel\'s joint is type="continuous", about a level axis, held by the root '
-        f'link "{evidence.description.root}" or by an upright joint of it'
+        "no joint can carry a wheel, so rpctl assumes a fixed base: give --drive fixed if it is; "
+        f'{rejected}a wheel\'s joint is type="continuous", about a level axis, held by the '
+        f'root link "{evidence.description.root}" or by an upright joint of it'
     )
     return Drive("fixed", doubts=(doubt,))

@@ -322,15 +322,15 @@ class DriveSpec(Record):
         faults = []
         for name, kind in ONLY_OF.items():
             if getattr(self, name) not in (None, STEERING_MODES[0]) and self.type != kind:
-                faults.append(f"{name} is of {kind} drives only; leave it out")
+                faults.append(f"{name} applies to {kind} drives only; leave it out")
         for name, tables in (("wheel", self.wheel), ("swivel", self.swivel)):
             joints = [each.joint for each in tables]
             twice = dict.fromkeys(joint for joint in joints if joints.count(joint) > 1)
             faults += [f'{name}: joint "{joint}" is named twice' for joint in twice]
             if tables and self.type == "fixed":
-                faults.append(f"a fixed base has no {name}; leave [[{name}]] out")
+                faults.append(f"a fixed base has no {name}; leave out [[{name}]]")
         if self.type != "mecanum" and any(each.roller_deg is not None for each in self.wheel):
-            faults.append("wheel: roller_deg is of mecanum drives only; leave it out")
+            faults.append("wheel: roller_deg applies to mecanum drives only; leave it out")
         if faults:
             raise OutOfRangeError(faults)
 

@@ -26,9 +26,9 @@ from rpctl.errors import DriveError, require_known
 
 BALL_WORDS = ("ball", *CASTER_WORDS)
 UNFIT = {
-    "wheel": "cannot carry a wheel: it has to be continuous, about a level axis, and held by the "
+    "wheel": "cannot carry a wheel: it must be continuous, about a level axis, and held by the "
     "root link, rigidly or by one upright joint",
-    "swivel": "is no swivel: it has to turn about an upright axis, be held by the root link, and "
+    "swivel": "is no swivel: it must turn about an upright axis, be held by the root link, and "
     "carry a wheel that stands on the ground",
 }
 MAX_RADIUS_RATIO = 2.0  # largest ratio of an unknown wheel's radius to the largest known radius
@@ -235,8 +235,8 @@ def find_grounded(
             wheels.append(replace(candidate, radius=height, source=source))
             note = f" ({candidate.source})" if candidate.source else ""
             doubts.append(
-                f'no shape tells the size of wheel "{name}"{note}: its radius, {height:.4g} m, is '
-                f"the {source}; give its radius in a drive file if it is another"
+                f'no shape gives the size of wheel "{name}"{note}: its radius, {height:.4g} m, is '
+                f"the {source}; if that is wrong, give its radius in a drive file"
             )
         elif candidate.radius is None:
             rejected.append(f'"{name}": its axle is {height:.3g} m above the ground: no wheel')

@@ -38,7 +38,7 @@ from rpctl.drive.wheels import (
 )
 from rpctl.errors import DriveError
 
-LEAVES_OPEN = "the root link may pitch, roll and rise, as its two wheels let it"
+LEAVES_OPEN = "the root link may pitch, roll and rise, as far as its two wheels allow"
 PAIR = "on one axle, with nothing else on the ground"
 
 
@@ -62,9 +62,9 @@ def find_leaning(tree: FrozenTree, spec: DriveSpec, asked: bool = False) -> Driv
     wheels = _grounded(tree, spec)
     if len(wheels) == 1 and wheels[0].ball and not spec.wheels and _alone(tree, wheels):
         raise DriveError(
-            f'{tree.description.path}:{wheels[0].joint.line}: "{wheels[0].joint.name}" is one ball '
-            "that the robot balances on: a ballbot needs a contact that rolls any way, which no "
-            "model here has; give it two wheels"
+            f'{tree.description.path}:{wheels[0].joint.line}: "{wheels[0].joint.name}" is one '
+            "ball that the robot balances on: rpctl has no model of a contact that rolls in all "
+            "directions; give the robot two wheels"
         )
     if len(wheels) != 2 or not parallel(*wheels) or not _alone(tree, wheels):
         return None
@@ -190,7 +190,7 @@ def _drive(
         ground=min(each.bottom for each in wheels),
         swivels=_steering(tree, spec, wheels, heading) if kind == LEANING_BICYCLE else (),
         evidence=(f"{wheels[0].joint.name} and {wheels[1].joint.name} {evidence[0]}",),
-        doubts=() if spec.type else (f"{kind}: {LEAVES_OPEN}; say --root planar if something "
+        doubts=() if spec.type else (f"{kind}: {LEAVES_OPEN}; give --root planar if something "
                                      "holds it upright",),
         declared=tuple(f"radius of {w.joint}" for w in spec.wheel if w.radius is not None),
     )  # fmt: skip

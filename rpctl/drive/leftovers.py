@@ -91,7 +91,7 @@ def find_leftovers(
         found += [_unrolling(tree, joint, ground, usual or 0.0) for joint in others]
     left = [each for each in found if each is not None]
     known = {each.joint.name for each in left}
-    why = "is driven as a wheel by a plugin or a controller, and does not stand as one"
+    why = "a plugin or a controller drives it as a wheel, but it does not stand like one"
     left += [
         Leftover(joint, why, hold=_names(tilting(tree, joint)))
         for joint in others
@@ -158,21 +158,21 @@ def _faults(
     if moving:
         still = [*moving, *[carrier for carrier in above if tree.is_upright(carrier)][:-1]]
         still = [c for c in above if c in still and not _carries_wheel(tree, c)]
-        why = f"hangs on {_quoted(_names(still))}, which can move and may be no suspension"
+        why = f"hangs on {_quoted(_names(still))}, which can move and may not be a suspension"
         yield Leftover(joint, why, hold=_names(still))
     if len(above) > 1:
         yield Leftover(joint, f"swivels about {len(above)} upright axes", hold=_names(above[:-1]))
     if joint.mimic is not None:
-        edit = f"take its <mimic> out (line {joint.line}) if it rolls on the ground"
+        edit = f"remove its <mimic> (line {joint.line}) if it rolls on the ground"
         yield Leftover(joint, f'mimics "{joint.mimic.joint}"', edit=edit)
     if not tree.is_level(joint):
         tilt = math.degrees(math.asin(min(1.0, abs(float(tree.axis(joint)[2])))))
         edit = f"level its <axis> (line {joint.line})"
-        yield Leftover(joint, f"has an axle {tilt:.2g}° off the level", edit=edit)
+        yield Leftover(joint, f"has an axle {tilt:.2g}° off horizontal", edit=edit)
     if below:
         yield Leftover(joint, f"moves other joints, {_quoted(_names(below))}", hold=_names(below))
     if math.isnan(gap):
-        yield Leftover(joint, "has no other beside it that stands on the ground")
+        yield Leftover(joint, "has no other wheel beside it on the ground")
     yield Leftover(joint, f"ends {1e3 * gap:.3g} mm above the ground")
 
 
@@ -204,7 +204,7 @@ def _unrolling(tree: FrozenTree, joint: Joint, ground: float, usual: float) -> L
         return None
     height = tree.lowest(joint.child) - ground
     if joint.endless and is_called(joint, CASTER_WORDS) and not usual < height < math.inf:
-        return Leftover(joint, "is called a caster, and its wheel does not turn")
+        return Leftover(joint, "is called a caster, but its wheel does not turn")
     if is_called(joint, WHEEL_WORDS) and abs(height) <= ground_tolerance(0.0):
         edit = f'put a "continuous" joint about its axle between "{joint.name}" '
         edit += f'(line {joint.line}) and "{joint.child}"'
@@ -226,8 +226,8 @@ def explain_leftovers(tree: FrozenTree, kind: str, leftovers: Sequence[Leftover]
     for each in leftovers:
         reasons.setdefault(each.why, []).append(each.joint.name)
     looks = "; ".join(f"{_quoted(names)} {why}" for why, names in reasons.items())
-    lead = f"{tree.description.path}:{leftovers[0].joint.line}: the {kind} drive leaves out what "
-    lead += f"looks like a wheel: {looks}; say which it is:"
+    lead = f"{tree.description.path}:{leftovers[0].joint.line}: the {kind} drive ignores what "
+    lead += f"looks like a wheel: {looks}; choose:"
     hold = dict.fromkeys(name for each in leftovers for name in each.hold)
     names = [each.joint.name for each in leftovers if not each.steered]
     lines = [lead]

@@ -88,7 +88,7 @@ def explain_no_drive(evidence: Evidence, kind: str | None) -> str:
     """
     wheels = evidence.grounded.wheels
     needs = "" if kind is None else f"it takes {NEEDS[kind][0]}; "
-    found = "no joint could carry a wheel"
+    found = "no joint can carry a wheel"
     if evidence.pairs or evidence.swivels:
         found = _counts(evidence)
     elif wheels:
@@ -107,12 +107,12 @@ def _ways_out(evidence: Evidence, kind: str | None) -> Iterator[str]:
     wheels, fixes = evidence.grounded.wheels, [*_fixes(evidence)]
     yield from fixes
     if fixes and not wheels:
-        yield "or say --drive fixed for an arm"
+        yield "or give --drive fixed for an arm"
     elif not wheels:
         yield (
-            "it needs continuous joints about level axles that reach the ground, held "
-            f'by the root link "{evidence.description.root}"; make the wheels\' joints '
-            'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
+            "it needs continuous joints about level axles that reach the ground, held by the "
+            f'root link "{evidence.description.root}"; make the wheels\' joints '
+            'type="continuous" with the axle as <axis>, or give --drive fixed for an arm'
         )
     if fixes or not wheels:
         return
@@ -121,12 +121,12 @@ def _ways_out(evidence: Evidence, kind: str | None) -> Iterator[str]:
         yield f"{lock_option(evidence.tree, names)} holds what steers"
     if kind is None and evidence.trailing:
         yield (
-            "all of them trail, and nothing tells that motors drive them: say --drive "
+            "all of them trail, and nothing says that motors drive them: give --drive "
             f"{POWERED_CASTERS} if motors do"
         )
     if kind is None and len(evidence.pairs) > 1 and not evidence.steered:
-        yield "nothing in a URDF tells skid-steer from mecanum wheels"
-    yield f"say which it is{drive_file_draft(evidence, kind)}"
+        yield "a URDF does not distinguish skid-steer from mecanum wheels"
+    yield f"choose one{drive_file_draft(evidence, kind)}"
 
 
 def _counts(evidence: Evidence) -> str:
@@ -204,11 +204,11 @@ def explain_unknown_radius(evidence: Evidence, kind: str | None) -> str:
     """
     joint = next(wheel.joint for wheel in evidence.grounded.wheels if wheel.radius is None)
     return (
-        f'{evidence.description.path}:{joint.line}: the radius of wheel "{joint.child}" is not '
-        "known: no cylinder or sphere among its shapes, no mesh that can be read, and its axle is "
-        'not above the root link; give the link a <collision> with <cylinder radius="..." '
-        'length="..."/> along the axle, or its radius in a drive file'
-        f"{drive_file_draft(evidence, kind)}"
+        f'{evidence.description.path}:{joint.line}: the radius of wheel "{joint.child}" is '
+        "not known: no cylinder or sphere among its shapes, no mesh that can be read, and its axle "
+        'is not above the root link; give the link a <collision> with <cylinder radius="..." '
+        'length="..."/> along the axle, or its radius in a drive '
+        f"file{drive_file_draft(evidence, kind)}"
     )
 
 

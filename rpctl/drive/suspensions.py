@@ -53,13 +53,16 @@ def hold_passive(
     for joint in _steering_wheels(tree, wheels, ground):
         if joint.name not in free:
             rest[joint.name] = joint.nearest_to_zero
-            text = f'"{joint.name}" turns a steering wheel, which is held; --free lets it turn'
+            text = (
+                f'"{joint.name}" turns a steering wheel, which rpctl freezes; --free lets it turn'
+            )
             findings.append(Finding("info", joint.line, text))
     held = {name: wheel for name, wheel in rollers.items() if name not in free}
     if held:
         names = listed(dict.fromkeys(held.values()), MAX_LISTED)
         text = (
-            f"{len(held)} rollers of {names} are held: how they roll is in the drive's constraints"
+            f"{len(held)} rollers of {names} are frozen: the drive's constraints describe their "
+            "rolling"
         )
         findings.append(Finding("info", tree.description.joint[next(iter(held))].line, text))
     return FrozenTree(tree.description, {**tree.locked, **rest}), tuple(findings)

@@ -275,7 +275,7 @@ class SwivelCandidate:
         if self.role != "caster":
             why = f"contact {1e3 * abs(swivel.trail):.3g} mm off its axis; {why}"
         if math.isfinite(self.joint.upper - self.joint.lower):
-            doubt = f'"{self.joint.name}" is a caster, yet it has limits, into which it would run'
+            doubt = f'"{self.joint.name}" is a caster but has limits, which it would reach'
         return replace(self, swivel=replace(swivel, role="caster", why=why), doubt=doubt)
 
 
@@ -353,15 +353,15 @@ def _role(
     limited = math.isfinite(joint.upper - joint.lower)
     below = abs(trail) < SHARED_TRAIL_ROUNDING_M
     why = "contact below its axis" if below else f"contact {1e3 * abs(trail):.3g} mm off its axis"
-    choice = 'say role = "steered" of its [[swivel]] in a drive file if it steers'
+    choice = 'if it steers, set role = "steered" of its [[swivel]] in a drive file'
     named = off_axis and is_called(joint, TRAILER_WORDS)
     if named or (body and not (limited and joint.effort)):
         why += ", its name" if named else ", a pair of wheels or a further body"
         doubt = (
-            f'"{joint.name}" is taken for the hitch of a trailer, which no motor turns; {choice}'
+            f'"{joint.name}" is treated as the hitch of a trailer, which no motor turns; {choice}'
         )
         return "trailer", why, "" if named or not joint.effort else doubt
-    doubt = f'"{joint.name}" is taken for a caster; {choice}, "caster" if not'
+    doubt = f'"{joint.name}" is treated as a caster; {choice}, "caster" if not'
     if caster and actuated:
         but = "a transmission drives it"
         return "caster", f"{why}, its name; but {but}", f"{doubt}; {but}"

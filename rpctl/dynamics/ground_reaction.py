@@ -335,14 +335,13 @@ def contact_notes(
     if not balanced:
         return (
             f"only {', '.join(names)} are known to touch the ground, {ON_ONE_LINE}: the planar "
-            f"model assumes balance and leaves {free} out, so loads and margins are "
-            "not defined; if "
+            f"model assumes balance and ignores {free}, so loads and margins are not defined; if "
             f"the robot does not balance, {fix}",
         )
     if len(names) > 3:
         return (
-            f"{len(names)} contacts share the load, more than statics can tell apart: wheel loads "
-            "and grip are intervals over all splits, and where one of them is drawn it is that of "
-            "equally stiff contacts",
+            f"{len(names)} contacts share the load, which statics cannot determine: wheel loads "
+            "and grip are intervals over all load distributions; plots show those of equally "
+            "stiff contacts",
         )
     return ()

@@ -316,7 +316,9 @@ class LeaningProjector:
         L = self.equations(q)
         lu, pivots, info = dgetrf(L)
         if info or not dgecon(lu, float(np.abs(L).sum(axis=0).max()))[0] > RANK_MARGIN:
-            raise SingularBasisError(f"the two wheels fix no one motion: {self._posture(q)}")
+            raise SingularBasisError(
+                f"the two wheels do not determine the motion: {self._posture(q)}"
+            )
         wanted = np.eye(self.robot.nv)[:, self.rows :]
         S, _ = dgetrs(lu, pivots.copy(), wanted)
         more, _ = dgetrs(lu, pivots.copy(), wanted - L @ S)
@@ -333,7 +335,7 @@ class LeaningProjector:
         rises = [(data.oMi[axle.joint].rotation @ axle.left)[2] for axle in robot.axles]
         k = int(np.argmax(np.abs(rises)))
         lean = np.degrees(np.arcsin(min(abs(rises[k]), 1.0)))
-        axle = f"the axle of {robot.drive.wheels[k].joint} {lean:.3g}° off the level"
+        axle = f"the axle of {robot.drive.wheels[k].joint} {lean:.3g}° off horizontal"
         return f"{axle}{', ' if angles else ''}{angles}"
 
     @staticmethod

@@ -192,7 +192,9 @@ def braked(losses: Losses, M: Array, S: Array, nu: Array, weight: float, guess: 
         if small:
             return np.asarray(ahead)
         found, v, gradient = ahead, v_ahead, gradient_ahead
-    raise RpctlError("the friction in the joints determines no speeds; its numbers are not finite")
+    raise RpctlError(
+        "the friction in the joints does not determine the speeds; its numbers are not finite"
+    )
 
 
 def solve_positive(H: Array, force: Array) -> Array:

@@ -286,13 +286,13 @@ def _way_out(robot: Robot, names: list[str]) -> str:
     drive, joint = robot.drive, robot.description.joint
     arm = [name for name in names if name in robot.joint_names]
     idle = [f'"{name}" (line {joint[name].line})' for name in arm]
-    fixes = [f"hold it with {' '.join(f'--lock {name}' for name in arm)}"] if arm else []
+    fixes = [f"freeze it with {' '.join(f'--lock {name}' for name in arm)}"] if arm else []
     if len(arm) < len(names):
         casters = {swivel.joint for swivel in drive.swivels if swivel.trails}
         base = [w.joint for w in drive.wheels if not (w.driven or w.slides or w.swivel in casters)]
         base += [s.joint for s in drive.steered if not s.driven]
         idle += [f'"{name}" (line {joint[name].line})' for name in base]
-        fixes.append("say driven = true of the wheels or swivels in a drive file")
+        fixes.append("set driven = true of the wheels or swivels in a drive file")
     return f"{', '.join(fixes)}, or give an effort limit above 0 to {', '.join(idle)}"
 
 

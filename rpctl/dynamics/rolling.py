@@ -157,7 +157,7 @@ def mimic_rows(robot: Robot) -> Array:
 
 
 RANK_MARGIN = 1e-9  # of the largest singular value: below it a direction of v is undetermined
-UNDETERMINED = "the wheels and quasi-velocities determine no one motion"
+UNDETERMINED = "the wheels and quasi-velocities do not determine the motion"
 
 
 def selection(robot: Robot, rolling: RollingConstraints) -> Array:

@@ -16,8 +16,8 @@ from rpctl.robot.leaning import LeaningRobot
 from rpctl.robot.model import Robot
 
 MIN_MARGIN = 0.02  # of the distance between the outermost contacts: a nudge takes as much
-LEANS = "a bicycle leans, which the planar model leaves out: something has to hold it upright"
-BALANCES = "it leans on two wheels: a law that balances it holds it upright, nothing else"
+LEANS = "a bicycle leans, which the planar model ignores: something must hold it upright"
+BALANCES = "it leans on two wheels: only a law that balances it holds it upright"
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def stand_at_home(dynamics: ReducedDynamics) -> Standing | None:
         fault = f"its centre of mass lies {margin:.3g} m inside the support polygon, less than " \
             f"{least:.2g} m"  # fmt: skip
     elif name in robot.actuators and load <= contacts.floor:
-        fault = f"{name} bears nothing: it is driven, and does not touch the ground"
+        fault = f"{name} carries no load: it is driven, but does not touch the ground"
     return Standing(fault, "", margin, least, name, load)
 
 

@@ -251,7 +251,7 @@ SAID = {
         "call setPhysicsEngineParameter(enableConeFriction=0)",
     ),
     "friction": (
-        "its coefficient of friction is .5",
+        "its coefficient of friction is 0.5",
         "call changeDynamics(body, wheel, lateralFriction=MU)",
     ),
     "softness": (
@@ -264,8 +264,8 @@ SAID = {
         f"call setTimeStep(1/{round(1.0 / MENDED_STEP)})",
     ),
     "losses": (
-        "a velocity motor holds each joint still, and the bodies of all links are braked by"
-        " damping .04",
+        "a velocity motor holds each joint still, and damping of 0.04 brakes the bodies of all "
+        "links",
         "call setJointMotorControl2(body, joint, VELOCITY_CONTROL, force=0) and"
         " changeDynamics(body, link, linearDamping=0, angularDamping=0)",
     ),
@@ -288,9 +288,9 @@ class BulletEngine(UrdfEngine):
         root = robot.description.link[robot.description.root]
         guess = "it guesses inertias from collision shapes"
         if massless:
-            guess += f", lets {massless[0]}, which has none, weigh 1 kg"
+            guess += f", gives {massless[0]}, which has none, a mass of 1 kg"
         if root.mass == 0.0:
-            guess += f", nails the robot to the world since {root.name} weighs nothing"
+            guess += f", fixes the robot to the world since {root.name} has no mass"
         setting = "load it with flags=URDF_USE_INERTIA_FROM_FILE"
         if massless or root.mass == 0.0:
             setting += ", the root's own mass in <inertial>, and mass 0 where a fixed link has none"
@@ -298,6 +298,6 @@ class BulletEngine(UrdfEngine):
         if robot.mimics or robot.drive.followers:
             yield Switch(
                 "mimic",
-                "it leaves mimic joints and tie rods loose",
+                "it ignores mimic joints and tie rods",
                 "call createConstraint(…, jointType=JOINT_GEAR) and changeConstraint(gearRatio=…)",
             )

@@ -251,7 +251,7 @@ def _harden(scene: Any) -> None:
 
 SAID = {
     "wheel": (
-        "a cylinder touches the ground at one point, which leaps from edge to edge",
+        "a cylinder touches the ground at one point, which jumps from edge to edge",
         "give the wheels <drake:ellipsoid> as <collision>",
     ),
     "caster": (
@@ -289,23 +289,23 @@ class DrakeEngine(UrdfEngine):
         wrong = [link.name for link in robot.description.links if link_fault(link)]
         faults = {}
         if wrong:
-            fault = f"it puts a ball of water in place of {wrong[0]}'s inertia"
+            fault = f"it replaces the inertia of {wrong[0]} by that of a ball of water"
             faults[fault] = "write inertias that fulfil the triangle inequality"
         if robot.description.estimated_links:
-            fault = f"{robot.description.estimated_links[0]} weighs nothing"
+            fault = f"{robot.description.estimated_links[0]} has no mass"
             faults[fault] = "write <inertial> for each link"
         if robot.armature.any():
-            faults["it leaves out rotors"] = "call JointActuator.set_default_rotor_inertia"
+            faults["it ignores rotors"] = "call JointActuator.set_default_rotor_inertia"
         if faults:
             yield Switch("inertia", " and ".join(faults), " and ".join(faults.values()))
         if robot.drive.followers:
-            fault = "nothing ties the swivels that one rod steers"
+            fault = "it ignores the rod that connects the steered swivels"
             yield Switch("mimic", fault, "add a constraint between them")
         joints = robot.description.joints
         dry = [joint.name for joint in joints if joint.friction]
         damped = [joint.name for joint in joints if joint.damping]
         if dry:
-            fault = f"it leaves out the dry friction of {dry[0]}"
+            fault = f"it ignores the dry friction of {dry[0]}"
             setting = "call joint.SetDamping(context, d + f/|rate|) at each step"
             yield Switch("losses", fault, setting)
         elif damped:

@@ -26,7 +26,9 @@ from rpctl.robot.model import Robot
 
 SIZES = {"box": ("size",), "sphere": ("radius",)}  # attributes of a shape; others have these two:
 ROUND_SIZES = ("radius", "length")
-SUPPORTS_HOLD = "its supports hold the ground with friction"  # what Drake and PyBullet let them do
+SUPPORTS_HOLD = (
+    "its supports drag on the ground with friction"  # what Drake and PyBullet let them do
+)
 
 
 @dataclass(frozen=True)

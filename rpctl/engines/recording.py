@@ -21,8 +21,8 @@ from rpctl.robot.model import Robot
 
 LAST_SPEED_RATIO = 0.3  # of the top speed, after braking
 SKID_NOTE = (
-    "straight ahead only: a skid-steer base turns by scrubbing, which the effective track stands "
-    "for in the reduced model"
+    "straight ahead only: a skid-steer base turns by scrubbing, which the reduced model replaces "
+    "by an effective track"
 )
 SETTLING_S = 0.4  # s in which a robot sinks into contacts: twenty of MuJoCo's default constants
 SAMPLE_S = 0.05  # s between samples; loads and slip are means over it

@@ -233,13 +233,16 @@ class EngineVerdict:
             return f"{self.head}: agrees with the reduced model"
         said = f"{self.head}: {beyond(self.gaps)[0].words}"
         if found.mended.fault:
-            return f"{said}; all mended it still does not run: {found.mended.fault}"
+            return f"{said}; with all corrected it still does not run: {found.mended.fault}"
         if found.causes:
             said += f": {'; also '.join(cause.words(self.friction) for cause in found.causes)}"
         if found.cured:
-            said += f"; with that mended it still {found.cured[0].words}"
+            said += f"; with that corrected it still {found.cured[0].words}"
         if found.remaining:
-            said += f"; all mended it still {found.remaining[0].words}, which no setting explains"
+            said += (
+                f"; with all corrected it still {found.remaining[0].words}, which no setting "
+                "explains"
+            )
         return said
 
     @property

@@ -99,9 +99,9 @@ class TurnVerdict:
         elif default is not None and math.isfinite(default.track):
             hops = " and its wheels hop" if default.swing > SWINGS else ""
             said = f"turns in place as on a track of {default.track:.2f} m{hops}; as on {mended}"
-            said += f" once mended {known}: {self.setting}"
+            said += f" once corrected {known}: {self.setting}"
         else:
-            said = f"does not turn in place; as on {mended} once mended {known}: {self.setting}"
+            said = f"does not turn in place; as on {mended} once corrected {known}: {self.setting}"
         if not near(self.declared, self.mended.track):
             said += f"; declare [drive] track = {self.mended.track:.3g}"
         return f"{engine}: {said}"

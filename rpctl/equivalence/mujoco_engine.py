@@ -163,7 +163,7 @@ class MujocoModel:
             return spec.compile()
         except ValueError as error:
             reason = " ".join(str(error).replace(NAME_PREFIX, "").split())
-            raise EngineRefused(f"{self._robot.name}: MuJoCo refuses it: {reason}") from None
+            raise EngineRefused(f"{self._robot.name}: MuJoCo rejects it: {reason}") from None
 
     def _give_inertia(self, spec: Any, head: str, poses: dict[str, Array]) -> None:
         """Set the inertias of the links that move as one body with the link ``head``.
@@ -191,8 +191,8 @@ class MujocoModel:
         if fault:
             raise EngineRefused(
                 f"{self._robot.name}: MuJoCo refuses {'; '.join(named)}; the body of all links "
-                f"fixed together there ({', '.join(links)}) is no better: {fault}; correct its "
-                "<inertia>"
+                f"fixed together there ({', '.join(links)}) has the same fault: {fault}; correct "
+                "its <inertia>"
             )
 
     def _read(self, body: Any) -> Inertial:
@@ -476,5 +476,5 @@ def _solve(rows: Array, wanted: Array) -> Array:
     solution += np.linalg.lstsq(rows, wanted - rows @ solution, rcond=CONTRADICTION_TOLERANCE)[0]
     gap, size = np.abs(rows @ solution - wanted).max(), float(np.abs(solution).max())
     if rank < rows.shape[1] or gap > CONTRADICTION_TOLERANCE * max(1.0, size):
-        raise RpctlError("rolling wheels and quasi-velocities do not determine one motion")
+        raise RpctlError("rolling wheels and quasi-velocities do not determine the motion")
     return np.asarray(solution)

@@ -66,7 +66,7 @@ class Scope:
     def line(self) -> str:
         """All of it in one line, of many names the first."""
         phrases = [*map(_shortened, self.assumes), *self.shared]
-        return f"{self.proves}; taken for granted: {'; '.join(phrases)}"
+        return f"{self.proves}; assumptions: {'; '.join(phrases)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
@@ -92,7 +92,7 @@ def conditions(dynamics: ReducedDynamics, standing: Standing | None) -> Iterator
     if standing is not None and not standing.unknown:
         margin, least = standing.margin, standing.least
         value = "-" if margin is None else f"{margin:.3g} m"
-        where = standing.fault or f"{standing.weakest} bears least, {standing.load:.3g} N"
+        where = standing.fault or f"{standing.weakest} carries least,  {standing.load:.3g} N"
         ratio = math.inf if standing.fault or margin is None else least / margin
         bound = "" if margin is None else f"≥ {least:.2g} m"
         yield Condition(STANDS, GRAVITY, ratio, 1.0, entry=where, value=value, bound=bound)
@@ -119,11 +119,11 @@ def _standing(robot: Robot, standing: Standing | None) -> Iterator[str]:
     if standing is None:
         return
     if standing.fault:
-        yield f"it stands, which is false: {standing.fault}"
+        yield f"it stands, which is not true: {standing.fault}"
     elif robot.drive.leans:
         yield "both wheels press on the ground"
     elif standing.margin is None:
-        yield "it stands, or is held upright: not known"
+        yield "it stands, or something holds it upright: unknown"
     else:
         yield f"it stands (by {standing.margin:.3g} m at home)"
 
@@ -163,7 +163,7 @@ def _shared(robot: Robot, reading: FileReading) -> Iterator[str]:
     if robot.description.estimated_links:
         yield f"estimated mass and inertia of {', '.join(robot.description.estimated_links)}"
     if "drive" in drive.declared:
-        yield "the drive, given as a whole"
+        yield "the drive, which the user gave"
     elif drive.declared:
         yield f"declared {', '.join(drive.declared)}"
     meshes = [wheel.joint for wheel in drive.wheels if wheel.source.startswith(MESH_SOURCE)]

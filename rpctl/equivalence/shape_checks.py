@@ -39,7 +39,7 @@ class Geometry:
         names = self._reading.shapeless
         if not names:
             return ()
-        text = f"no shape of {', '.join(names)} can be read: the radius is taken as the drive's"
+        text = f"no shape of {', '.join(names)} can be read: the radius is that of the drive"
         return (Skipped("wheels' radii", SHAPES, text),)
 
     def record(self) -> Iterator[Check]:

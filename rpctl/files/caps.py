@@ -18,7 +18,7 @@ CHUNK = 2**20  # bytes that one read asks for: a file's size is only what it was
 # Non-blocking, so that neither a pipe nobody writes to nor a locked file can hold the process.
 FLAGS = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY
 SPECIAL = {
-    stat.S_IFIFO: "a pipe, not a regular file; save what it brings to a file, and",
+    stat.S_IFIFO: "a pipe, not a regular file; save its content to a file, and",
     stat.S_IFCHR: "a character device, not a regular file;",
     stat.S_IFBLK: "a block device, not a regular file;",
     stat.S_IFSOCK: "a socket, not a regular file;",
@@ -73,7 +73,7 @@ def read_input(path: str | Path, cap_name: str, kind: str) -> bytes:
         except OSError as error:
             raise unreadable(path, error, kind) from None
     if piece is None:  # a file of /proc or /sys that would make us wait
-        raise InputError(path, f"gives nothing to read yet; save it to a file, and give {kind}")
+        raise InputError(path, f"has no data yet; save it to a file, and give {kind}")
     return bytes(data)
 
 
@@ -182,10 +182,12 @@ def cap(name: str) -> int:
     if text is None:
         return int(globals()[name])
     if not (text.isascii() and text.isdigit() and 0 < len(text) <= 18 and int(text) > 0):
-        raise RpctlError(f"RPCTL_{name}={text[:40]!r} is no positive integer; correct or unset it")
+        raise RpctlError(
+            f"RPCTL_{name}={text[:40]!r} is not a positive integer; correct or unset it"
+        )
     return int(text)
 
 
 def how_to_raise(name: str) -> str:
     """Return how to raise a cap, as the end of a message."""
-    return f"if it is meant, set RPCTL_{name} in the environment (rpctl.files.caps.{name})"
+    return f"to allow it, set RPCTL_{name} in the environment (rpctl.files.caps.{name})"

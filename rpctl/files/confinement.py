@@ -73,7 +73,7 @@ def open_ways(measures: Sequence[str]) -> tuple[str, ...]:
         ways += ["changing your files' modes" if closed else "reading and writing your files"]
         ways += ["starting processes", "using the network"]
     if "rlimits" not in measures:
-        ways += ["taking all memory"]
+        ways += ["using all memory"]
     return tuple(ways)
 
 

@@ -120,8 +120,8 @@ POSITIVE = Range(SMALLEST, LARGEST, SIGNED)
 POSITIVE_OR_NONE = Range(SMALLEST, LARGEST, SIGNED, or_zero=True)
 NOT_NEGATIVE = Range(0.0, LARGEST, "0 or more")
 WITHIN = Range()
-SHARE = Range(0.0, 1.0, "a share from 0 to less than 1", below=True)
-IN_PYTHON = Setting(label="no file can say it")
+SHARE = Range(0.0, 1.0, "a fraction from 0 to less than 1", below=True)
+IN_PYTHON = Setting(label="a file cannot store it")
 
 
 class Choice(NamedTuple):
@@ -269,7 +269,7 @@ def read_record(
             given[key] = made
     missing = [n for n in names if known[n].default is dataclasses.MISSING and n not in data]
     if missing:
-        faults.append(f"{where}: lacks {', '.join(missing)}")
+        faults.append(f"{where}: misses {', '.join(missing)}")
         return None
     try:
         record = kind(**given)  # even if a fault is known: there may be another
@@ -332,7 +332,7 @@ def _read_scalar(value: Any, hint: Any, where: str, faults: list[str]) -> Any:
         return value
     allowed = (int, float) if hint is float else (hint,)
     if hint not in TYPE_LABELS:
-        faults.append(f"{where}: no file can say it; leave it out")
+        faults.append(f"{where}: a file cannot store it; leave it out")
     elif not isinstance(value, allowed) or (isinstance(value, bool) and hint is not bool):
         faults.append(f"{where}: is {value!r}; give {TYPE_LABELS[hint]}")
     else:
@@ -390,7 +390,7 @@ def to_plain(record: Any) -> Plain:
                 table[name] = False
             elif value != each.default:
                 raise RpctlError(
-                    f"{type(record).__name__}.{name} is {value!r}, which no file can say"
+                    f"{type(record).__name__}.{name} is {value!r}, which a file cannot store"
                 ) from None
     return table
 
@@ -409,7 +409,7 @@ def choice_to_plain(thing: object, choice: Choice) -> Plain:
     if file := own_file(type(thing)):
         return {choice.key: f"{file.path}:{type(thing).__name__}", **to_plain(thing)}
     raise RpctlError(
-        f"{type(thing).__name__} is none of {', '.join(choice.factories)}; it has no name"
+        f"{type(thing).__name__} is none of {', '.join(choice.factories)}; a file cannot name it"
     )
 
 

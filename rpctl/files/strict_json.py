@@ -28,7 +28,7 @@ def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
-            raise ValueError(f'"{name}" is there twice')
+            raise ValueError(f'"{name}" occurs twice')
         found[name] = value
     return found
 

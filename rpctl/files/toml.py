@@ -102,7 +102,7 @@ def too_deep_or_long(text: str) -> tuple[int, str] | None:
         if digits > MAX_DIGITS or max(nesting, dots) > MAX_NESTING:
             line += text.count("\n", place, token.start())
             if digits > MAX_DIGITS:
-                return line, f"a number of {digits} digits; {MAX_DIGITS} are the most"
+                return line, f"a number of {digits} digits; at most {MAX_DIGITS} are allowed"
             return line, f"nested over {MAX_NESTING} deep; write it flatter"
     return None
 
@@ -130,11 +130,11 @@ def value_faults(table: dict[str, Any]) -> list[str]:
 def _number_fault(value: object) -> str:
     """Return why no setting can have a value; empty if one can."""
     if isinstance(value, OutOfRange):
-        return "is beyond the range of numbers, 1.8e308; give a smaller one"
+        return "is larger than 1.8e308; give a smaller number"
     if isinstance(value, float) and not math.isfinite(value):
         return f"is {value}; give a finite number"
     if isinstance(value, int) and not -MAX_INT <= value < MAX_INT:
-        return "is a whole number of over 64 bits; give a smaller one"
+        return "is a whole number of more than 64 bits; give a smaller one"
     return ""
 
 

@@ -79,7 +79,7 @@ class Channel:
         """
         size = int.from_bytes(self._read(LENGTH), "big")
         if size > most:
-            raise ValueError(f"a message of {size} bytes, where {most} are the most")
+            raise ValueError(f"a message of {size} bytes; at most {most} are allowed")
         return self._read(size)
 
     def _read(self, size: int) -> bytes:

@@ -123,7 +123,7 @@ def _follow(path: Path) -> Path:
     Links of ``/proc`` lead to open files and not to paths; such a name is returned as it is.
     """
     if "\0" in str(path):
-        raise OSError("no name of a file holds NUL")
+        raise OSError("a file name cannot contain NUL")
     for _ in range(MAX_LINKS):
         path = Path(os.path.realpath(path.parent)) / path.name
         if DESCRIPTOR.fullmatch(str(path)) or not path.is_symlink():

@@ -1,4 +1,4 @@
-"""Machine code on disk by what it was made of; what is taken from there is whole and one's own.
+"""Machine code on disk, by what it was made of; a file is used only if whole and this user's own.
 
 A file holds its key and the hash of its content: one that is torn, altered or under another key's
 name is made anew. Files and folder are for their owner only; those of others are not touched. A

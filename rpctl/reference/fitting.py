@@ -374,7 +374,7 @@ def reason(usage: Usage | None, robot: Robot, given: bool) -> str:
         given: Whether the user gave the speed.
     """
     if usage is None:
-        return "as given" if given else "a pace for a robot of its size"
+        return "as given" if given else "a speed for a robot of its size"
     of = "what holding leaves of " if usage.quantity == "effort" else ""
     if given:
         return f"as given, {100.0 * usage.ratio:.0f} % of {of}{usage.text(robot)}"

@@ -90,8 +90,8 @@ class FunctionReference(RowReference):
         count = len(values[0])
         if any(len(value) != count for value in values):
             raise RpctlError(
-                f"the reference {self.__name__} returns now more and now fewer numbers; return as "
-                "many at all times"
+                f"the reference {self.__name__} returns a varying number of values; return the "
+                "same number at all times"
             )
         samples = np.reshape(values, (*np.shape(t), -1))
         columns = _columns(count, self._along_path, self._stays)

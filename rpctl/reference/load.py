@@ -74,7 +74,7 @@ class PathFile(Record):
             )
         if len(points) > most:
             raise RpctlError(
-                f"{len(points)} points; {most} are the most; {how_to_raise('MAX_WAYPOINTS')}"
+                f"{len(points)} points; at most {most} are allowed; {how_to_raise('MAX_WAYPOINTS')}"
             )
         if any(abs(value) > MAX_COORDINATE for point in points for value in point):
             raise RpctlError(f"a point is farther than {MAX_COORDINATE:g} m; use metres")
@@ -114,7 +114,7 @@ def load_reference(
         return _from_file(robot, source, smooth, retime)
     _refuse_for_table(source, smooth, retime)
     if is_goal(source):
-        wish.refuse("a goal says where to go; leave them out", *WISHES)
+        wish.refuse("a goal sets where to go; leave them out", *WISHES)
         return to_goal(robot, read_goal(source))
     if source in PLANNED_REFERENCES:
         return PLANNED_REFERENCES[source](robot, wish)
@@ -127,9 +127,9 @@ def load_reference(
 def _refuse_for_table(source: str, smooth: float | str | None, retime: bool) -> None:
     """Refuse to smooth or to retime what is no table."""
     if smooth is not None:
-        raise RpctlError(f"smooth = {smooth}: {source} has no rows with noise; leave it out")
+        raise RpctlError(f"smooth = {smooth}: {source} has no rows to smooth; leave it out")
     if retime:
-        raise RpctlError(f"retime: {source} has no times of its own to change; leave it out")
+        raise RpctlError(f"retime: {source} has no times to change; leave it out")
 
 
 def _from_file(robot: Robot, source: str, smooth: float | str | None, retime: bool) -> TimedPath:
@@ -170,7 +170,9 @@ def slalom(robot: Robot, wish: SizingRequest) -> TimedPath:
     Raises:
         RpctlError: The base is fixed, or cannot steer so sharply; it has laps.
     """
-    wish.refuse("waypoints do not close; give their size, half their length in m", "laps")
+    wish.refuse(
+        "waypoints do not form a closed path; give their size, half their length in m", "laps"
+    )
     _require_base(robot)
     least = SLALOM_SIZE / SLALOM_RADIUS * comfortable_radius(robot)
     size = wish.size or max(SLALOM_SIZE * robot_length(robot), least)
@@ -194,7 +196,7 @@ def ee_square(robot: Robot, wish: SizingRequest) -> TimedPath:
     Raises:
         RpctlError: The end effector cannot follow; it has laps.
     """
-    wish.refuse("ee-square is gone through once; leave them out", "laps")
+    wish.refuse("ee-square has one lap; leave them out", "laps")
     arm = Arm(robot)
     start = arm.end_effector_pose(np.zeros(3), arm.comfortable_posture(None)).translation
     length, size, shift = robot_length(robot), wish.size, 0.0
@@ -297,7 +299,7 @@ def along_goal(robot: Robot, goal: Goal, limits: Limits) -> TimedPath:
 
 def _require_base(robot: Robot) -> None:
     if not robot.drive.base_speeds:
-        raise RpctlError(f"{robot.name} has a fixed base: it has no way to waypoints")
+        raise RpctlError(f"{robot.name} has a fixed base and cannot drive to waypoints")
 
 
 def _grid(start: float, end: float) -> Array:

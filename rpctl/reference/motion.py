@@ -119,7 +119,7 @@ def require_pulling(robot: Robot, reference: Reference, duration: float = 20.0) 
                 raise RpctlError(
                     f'the reference pushes the trailer behind "{swivel.joint}" backwards, at '
                     f"{speed:.2g} m/s after {t:.3g} s: its hitch would fold, and no law of rpctl "
-                    "holds it; take a reference that goes forward, or hold the hitch with "
+                    "prevents it; take a reference that drives forward, or hold the hitch with "
                     f"--lock {swivel.joint}"
                 )
 

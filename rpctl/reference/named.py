@@ -124,7 +124,7 @@ def _require_sense(robot: Robot, name: str, wish: SizingRequest) -> None:
     if shape.size is None:
         wish.refuse(f"a {name} has no size; give its speed, rad/s", "size")
     if not shape.closed:
-        wish.refuse(f"a {name} does not close; give its size, the length in m", "laps")
+        wish.refuse(f"a {name} is not a closed path; give its size, the length in m", "laps")
     radius = turning_radius(drive, robot.description.joint)
     least = _least_size(shape, 1.0 / robot.sharpest_bend if _rides(robot) else radius)
     if wish.size is not None and wish.size < least:

@@ -33,7 +33,7 @@ ARM_SPEED = {"prismatic": 0.2, "other": 0.6}  # m/s, rad/s: an arm moves no fast
 ARM_SPEED_RATIO = 0.5  # nor faster than this part of the joint's velocity limit
 STEERING_SPEED = 0.5  # rad/s; wheels steer no faster on the way
 MAX_STEERING_TURNS = 100.0  # rad in the time of the path, at the fastest; beyond, it is a jump
-HOW = "write goal X,Y,THETA JOINT=POSITION ..., as goal 1.5,0.5,1.57 (m and rad)"
+HOW = "write goal X,Y,THETA JOINT=POSITION ..., such as goal 1.5,0.5,1.57 (m and rad)"
 
 
 def legs_between(robot: Robot, start: Array, goal: Array, limits: Limits) -> list[Leg]:
@@ -188,7 +188,7 @@ def read_goal(source: str) -> PoseGoal:
     except ValueError:
         raise RpctlError(f"reference {source!r}: {HOW}") from None
     if not words:
-        raise RpctlError(f"reference {source!r} says no goal: {HOW}")
+        raise RpctlError(f"reference {source!r} gives no goal: {HOW}")
     return PoseGoal(pose, joints)
 
 
@@ -254,8 +254,8 @@ def _steering_bounds(robot: Robot, path: Path, s: Array) -> list[Bound]:
     for swivel, slope, bend in zip(steering, slopes.T, bends.T, strict=True):
         if not np.abs(slope).max() * s[-1] <= MAX_STEERING_TURNS:
             raise RpctlError(
-                f"on the way to the goal {robot.name} turns about {swivel.joint}, which would have "
-                "to steer in no time; set another heading, or go there and turn afterwards"
+                f"on the way to the goal {robot.name} turns about {swivel.joint}, which would "
+                "have to steer instantly; set another heading, or go there and turn afterwards"
             )
         limit = robot.description.joint[swivel.joint].velocity
         speed = min(STEERING_SPEED, ARM_SPEED_RATIO * limit)

@@ -116,7 +116,7 @@ def require_smoothing(wish: float | str | None) -> None:
     """
     if isinstance(wish, str):
         if wish != AUTO:
-            raise RpctlError(f'smooth is "{wish}"; give metres, as 0.01, or {AUTO}')
+            raise RpctlError(f'smooth is "{wish}"; give metres, such as 0.01, or {AUTO}')
     elif wish is not None:
         require_positive("smooth", wish)
 

@@ -124,7 +124,7 @@ def max_squared_rate(s: Array, bounds: Sequence[Bound]) -> Array:
     rows, right = _accelerations(s, bounds)
     found = linprog(-np.ones(len(s)), rows, right, bounds=np.column_stack([np.zeros(len(s)), top]))
     if found.x is None:
-        raise RpctlError(f"no time law keeps the limits: {found.message}")
+        raise RpctlError(f"no time law satisfies the limits: {found.message}")
     return np.maximum(found.x, 0.0)
 
 
@@ -175,7 +175,7 @@ def time_law(s: Array, bounds: Sequence[Bound]) -> TimeLaw:
     most = cap("MAX_REFERENCE_SECONDS")
     if times[-1] > most:
         raise RpctlError(
-            f"the path takes {times[-1]:.3g} s at these limits, and {most} s are the most; "
+            f"the path takes {times[-1]:.3g} s at these limits, and {most} s are allowed at most; "
             "shorten it or raise the limits of speed and acceleration; "
             f"{how_to_raise('MAX_REFERENCE_SECONDS')}"
         )

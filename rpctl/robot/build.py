@@ -43,8 +43,8 @@ def check(tree: FrozenTree) -> None:
         raise fault_at(
             tree.description.path,
             free[most].line,
-            f"{len(free)} moving joints, where {most} are the limit (memory grows with "
-            f"their cube); freeze some with --lock, or {how_to_raise('MAX_MOVING_JOINTS')}",
+            f"{len(free)} moving joints; at most {most} are allowed (memory grows with their "
+            f"cube); freeze some with --lock, or {how_to_raise('MAX_MOVING_JOINTS')}",
         )
     _require_mass(tree)
 
@@ -69,14 +69,14 @@ def build(tree: FrozenTree, leans: bool = False) -> pin.Model:
             raise fault_at(
                 description.path,
                 None,
-                f"Pinocchio refuses this robot: {reason}; correct or simplify it",
+                f"Pinocchio rejects this robot: {reason}; correct or simplify it",
             ) from None
     names = list(model.names[2:])
     if len(set(names)) < len(names) or not set(names) <= description.joint.keys():
         raise fault_at(
             description.path,
             None,
-            "Pinocchio reads other joints than the file names; give every joint its own name",
+            "Pinocchio reads other joints than the file names; give each joint a name of its own",
         )
     require_dynamics(description, model)
     return model

@@ -276,12 +276,14 @@ def read_collision_shapes(robot: Robot) -> tuple[tuple[CollisionShape, ...], tup
             edges = np.maximum(2.0 * half, THINNEST_M)
             found.append(_placed(robot, link.name, pose, coal.Box(*edges.tolist())))
     notes = [
-        f"the collision mesh of {listed(dict.fromkeys(names), NAMED)} is not there ({fault}); "
-        "a box of the link's inertia stands in"
+        f"the collision mesh of {listed(dict.fromkeys(names), NAMED)} is missing ({fault}); rpctl "
+        "uses a box of the link's inertia instead"
         for fault, names in faults.items()
     ]
     if drawn and found:
-        notes.append("the robot has no <collision>; its <visual> shapes are checked for collisions")
+        notes.append(
+            "the robot has no <collision>; rpctl checks its <visual> shapes for collisions"
+        )
     return tuple(found), tuple(notes)
 
 

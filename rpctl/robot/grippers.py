@@ -107,7 +107,7 @@ def freeze_grippers(
         frozen |= {n: _frozen_position(description.joint[n], frozen, description) for n in names}
     if not told:
         return tree, ()
-    text = f"gripper joints are frozen: {'; '.join(told)}; --free PATTERN releases them"
+    text = f"gripper joints are frozen: {'; '.join(told)}; --free PATTERN lets them move"
     return replace(tree, locked=frozen), (Finding("info", None, text),)
 
 

@@ -45,8 +45,10 @@ def with_home(robot: Robot, home: Mapping[str, float] | Sequence[str]) -> Robot:
     if word != ZERO and not named.keys() >= {*robot.joint_names}:
         posture, reasons = find_posture(robot, robot.home, force=word == AUTO)
     if reasons and word != AUTO:
-        text = f"home is chosen: at zero, {'; '.join(reasons)}"
-        findings.append(Finding("info", None, f"{text}; --home sets it, --home {ZERO} keeps zero"))
+        text = f"rpctl chose the home posture: at zero, {'; '.join(reasons)}"
+        findings.append(
+            Finding("info", None, f"{text}; --home sets another, --home {ZERO} keeps zero")
+        )
     if named:
         posture = posture.copy()
         for index, joint in enumerate(robot.joints):
@@ -101,8 +103,8 @@ def _checked(robot: Robot, name: str, position: float) -> float:
     """
     if name in robot.locked:
         raise RpctlError(
-            f"home of {name}: this joint is frozen at {robot.locked[name]:g}; --free {name} "
-            f"releases it, --lock {name}=POSITION moves it"
+            f"home of {name}: this joint is frozen at {robot.locked[name]:g}; --free {name} lets "
+            f"it move, --lock {name}=POSITION moves it"
         )
     require_known("joint at home", [name], robot.joint_names)
     if not is_number(position):
@@ -126,7 +128,7 @@ def _state(robot: Robot, path: str, state: str, findings: list[Finding]) -> dict
             if _outside(joint, value):
                 text = (
                     f'{path}:{line}: state "{state}" puts {name} at {value:g}; its limits are '
-                    f"{_limits(joint)}, the nearer is taken"
+                    f"{_limits(joint)}, and rpctl uses the nearer one"
                 )
                 findings.append(Finding("warning", None, text))
         elif name not in known:

@@ -141,7 +141,7 @@ def _loss(what: str, values: list[tuple[float, Joint]], unit: str) -> Iterator[I
     lossy = [(value, joint) for value, joint in values if value]
     if lossy:
         largest, joint = max(lossy, key=lambda item: item[0])
-        many = f"of {len(lossy)} joints is left out, at most" if len(lossy) > 1 else "is left out:"
+        many = f"of {len(lossy)} joints is ignored, at most" if len(lossy) > 1 else "is ignored:"
         yield Idealisation(
             what, largest, unit, f"<dynamics> {what} {many} {largest:.3g} {unit} of {listed(joint)}"
         )
@@ -216,7 +216,7 @@ def _axle_scatter(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Ideali
                 "axle scatter",
                 1e3 * apart,
                 "mm",
-                f"{listed(*(wheel.joint for wheel in line))} are taken for wheels on one axle; "
+                f"{listed(*(wheel.joint for wheel in line))} are treated as wheels on one axle; "
                 f"their centres are {1e3 * apart:.3g} mm apart along the heading",
             )
     yield from _axles_apart(wheels, np.array(drive.point), ahead, "fixed axles", "P")
@@ -254,8 +254,8 @@ def _standing(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisati
             "contact height",
             1e3 * gap,
             "mm",
-            "all wheels are taken to touch the ground, at the mean of their heights: "
-            f"{listed(worst.joint)} ends {1e3 * gap:.3g} mm {side} it",
+            f"all wheels touch the ground, at the mean of their heights: {listed(worst.joint)} "
+            f"ends {1e3 * gap:.3g} mm {side} it",
         )
     lean, worst = max(
         ((math.asin(min(1.0, abs(float(wheel.axle[2])))), wheel) for wheel in wheels),
@@ -282,7 +282,7 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Itera
             "swivel lean",
             math.degrees(lean),
             "°",
-            f"the axis of {listed(joint)} leans {_degrees(lean)} and is taken to be upright: it "
+            f"the axis of {listed(joint)} leans {_degrees(lean)} and is treated as upright: it "
             f"{'meets' if robot.tree.is_leaning(joint) else 'would meet'} the ground "
             f"{1e3 * shift:.3g} mm from below its origin",
         )
@@ -294,9 +294,8 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Itera
             "trail",
             1e3 * trail,
             "mm",
-            f"{listed(joint)} steers together with others, so its trail is taken to be 0: its "
-            f"contact is {1e3 * abs(trail):.3g} mm {'ahead of' if trail > 0.0 else 'behind'} its "
-            "axis",
+            f"{listed(joint)} steers together with others, so its trail is set to 0: its contact "
+            f"is {1e3 * abs(trail):.3g} mm {'ahead of' if trail > 0.0 else 'behind'} its axis",
         )
     yield from _axles_apart(wheels, contact, ahead, f"axles on {listed(joint)}", "their middle")
     angle, worst = max(
@@ -308,7 +307,7 @@ def _swivel(robot: Robot, swivel: Swivel, wheels: list[WheelCandidate]) -> Itera
             "swivel heading",
             math.degrees(angle),
             "°",
-            f"all wheels of {listed(joint)} are taken to roll as its first one does: the axle of "
+            f"all wheels of {listed(joint)} roll as its first one: the axle of "
             f"{listed(worst.joint)} is {_degrees(angle)} off",
         )
 
@@ -328,8 +327,8 @@ def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]
                         "eccentric wheel",
                         1e3 * size.aside,
                         "mm",
-                        f"the shape that {listed(wheel.joint)} rolls on ({size.source}) is centred "
-                        f"{1e3 * size.aside:.3g} mm off its axle, and taken to be on it",
+                        f"the shape that {listed(wheel.joint)} rolls on ({size.source}) is "
+                        f"centred {1e3 * size.aside:.3g} mm off its axle, and treated as on it",
                     )
                 yield from _drawn_beside(wheel, size, [each for _, each in sizes])
                 widest = max(widest, size.width)
@@ -342,8 +341,8 @@ def _sizes(robot: Robot, wheels: list[WheelCandidate]) -> Iterator[Idealisation]
             "thin wheels",
             1e3 * widest,
             "mm",
-            "wheels are thin discs that touch the ground in one point, though up to "
-            f"{1e3 * widest:.3g} mm wide: nothing resists their turning on the spot",
+            "wheels are thin discs that touch the ground at one point, though up to "
+            f"{1e3 * widest:.3g} mm wide: nothing resists turning on the spot",
         )
 
 

@@ -112,8 +112,9 @@ class LeaningRobot(Robot):
         """
         if self.rolls_sideways and v < (least := self.balancing_speed(LEAST_LEAN)):
             raise RpctlError(
-                f"{self.name} falls over at {v:.3g} m/s, the least speed of its way: steering "
-                f"balances it from {least:.3g} m/s on; give a faster way that begins in motion"
+                f"{self.name} falls over at {v:.3g} m/s, the lowest speed of its reference: "
+                f"steering balances it from {least:.3g} m/s on; give a faster one that begins in "
+                "motion"
             )
 
     def configuration(

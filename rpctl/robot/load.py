@@ -186,26 +186,26 @@ def _with_motors(tree: FrozenTree, drive: Drive) -> tuple[FrozenTree, tuple[Find
         said = f'effort limit of joint "{joint.name}" is 0'
         if joint.name in driven:
             text = (
-                f"{said}, yet a transmission, plugin or drive file has a motor there: it is taken "
-                "as not given; give one above 0"
+                f"{said}, but a transmission, plugin or drive file has a motor there: rpctl "
+                "ignores the limit; give one above 0"
             )
             findings.append(Finding("warning", joint.line, text))
         elif joint.name in steering:
             text = (
-                f"{said}: no motor steers with it; give one above 0, or say driven = true of its "
+                f"{said}: no motor steers with it; give one above 0, or set driven = true of its "
                 "[[swivel]] in a drive file"
             )
             findings.append(Finding("warning", joint.line, text))
         elif all(joint.name != each.joint for each in rolling):
             text = (
-                f"{said}: nothing drives it, it coasts, and no law tracks it; --lock {joint.name} "
-                "holds it, or give one above 0 if a motor does"
+                f"{said}: no motor drives it, so it coasts and no law tracks it; --lock "
+                f"{joint.name} holds it, or give one above 0 if a motor does"
             )
             findings.append(Finding("info", joint.line, text))
     if rolling and not base:
         text = (
             "nothing drives the base; give effort limits above 0 to the joints of its driven "
-            "wheels, or say driven = true of each [[wheel]] in a drive file"
+            "wheels, or set driven = true of each [[wheel]] in a drive file"
         )
         line = tree.description.joint[rolling[0].joint].line
         findings.append(Finding("warning", line, text))
@@ -272,8 +272,8 @@ def _massless_movers(tree: FrozenTree) -> list[Finding]:
         Finding(
             "warning",
             link.line,
-            f'link "{link.name}" moves but has no <inertial>; it is taken as massless, give it'
-            + (" or estimate it with --density" if link.collisions or link.visuals else ""),
+            f'link "{link.name}" moves but has no <inertial>; rpctl treats it as massless; add '
+            "one" + (" or estimate it with --density" if link.collisions or link.visuals else ""),
         )
         for link in moved
         if link.mass is None
@@ -287,8 +287,8 @@ LOOP = re.compile(  # of a comment that says that the tree was cut out of a mech
 )
 TRACK = re.compile(r"(^|_)(track|tread|crawler|caterpillar)s?(_|\d|$)", re.IGNORECASE)
 CUT_OPEN = (
-    "a URDF is a tree, so the model has it cut open: its parts move on their own; --lock their "
-    "joints, or give those that follow a <mimic>"
+    "a URDF is a tree, so the model cuts the loop open and its parts move independently; --lock "
+    "their joints, or give the dependent ones a <mimic>"
 )
 WORLDS = ("world", "map", "odom", "ground", "ground_plane")  # root links that are no robot's
 MAX_ABOVE_GROUND_M = 0.02  # m; what lies no higher above the ground than this stands on it
@@ -305,7 +305,7 @@ def _springs(tree: FrozenTree) -> Iterator[Finding]:
             yield Finding(
                 "warning",
                 tree.description.sprung[joint.name],
-                f'joint "{joint.name}" has a spring, which the model leaves out: it moves freely; '
+                f'joint "{joint.name}" has a spring, which the model ignores: it moves freely; '
                 f"--lock {joint.name} holds it",
             )
 
@@ -372,6 +372,6 @@ def _tracks(tree: FrozenTree, drive: Drive) -> Iterator[Finding]:
             yield Finding(
                 "warning",
                 link.line,
-                f'link "{name}" is fixed and stands on the ground, as a track does that cannot '
-                f"run; the model has none: it rolls on {drive.wheels[0].joint} and the others",
+                f'link "{name}" is fixed and stands on the ground, like a track that cannot run; '
+                f"the model ignores it and rolls on {drive.wheels[0].joint} and the others",
             )

@@ -66,7 +66,7 @@ class LoadSettings:
     drive: Annotated[
         Drive | str | None,
         Setting(
-            help=f"{', '.join(DRIVE_TYPES)}, or a drive file (TOML).",
+            help=f"{', '.join(DRIVE_TYPES)}, or a drive file (TOML); default: detected.",
             metavar="TYPE|FILE",
         ),
     ] = None
@@ -74,62 +74,66 @@ class LoadSettings:
         float | None,
         Setting(
             "kg/m³",
-            help="Estimate the inertias that the file lacks from the links' shapes.",
+            help="Estimate missing masses and inertias from the links' shapes, at this density.",
             metavar="KG_PER_M3",
         ),
     ] = None
     strict: Annotated[
-        bool, Setting(help="Take warnings, and what was assumed of the drive, as errors.")
+        bool, Setting(help="Treat warnings, and assumptions about the drive, as errors.")
     ] = False
     package_dirs: Annotated[
         tuple[str, ...],
         Setting(
-            help="Where package:// and $(find ...) look: a package, or a folder that holds some at "
-            "any depth, as ~/ws/src. Repeatable.",
+            help="Folder in which package:// and $(find ...) look: a package, or a folder with "
+            "packages at any depth, such as ~/ws/src. Repeatable.",
             metavar="DIR",
         ),
     ] = ()
     ignore_missing_packages: Annotated[
         bool,
-        Setting(help="Leave out what a .xacro includes from packages that are not found."),
+        Setting(help="Leave out what a .xacro includes from packages that rpctl cannot find."),
     ] = False
     xacro_args: Annotated[
         Mapping[str, str],
         Setting(
-            help="An argument of a .xacro; a plain word NAME:=VALUE says the same. env:NAME:=VALUE "
-            "is a variable for its $(env NAME), which sees none of yours. Repeatable.",
+            help="Argument of a .xacro; --xacro-arg itself can be left out. env:NAME:=VALUE sets "
+            "$(env NAME), which does not read your environment. Repeatable.",
             metavar="NAME:=VALUE",
         ),
     ] = field(default_factory=dict)
     end_effector: Annotated[
-        str | None, Setting(help="The link to track; else the arm's last.", metavar="LINK")
+        str | None,
+        Setting(
+            help="Link that tracks an end-effector reference; default: the last link of the arm.",
+            metavar="LINK",
+        ),
     ] = None
     home: Annotated[
         Mapping[str, float] | tuple[str, ...],
         Setting(
             "rad or m",
-            help="Where the arm starts: joints (rad or m; several by commas), a state of an SRDF, "
-            "a posture to work from, or zero. Repeatable.",
+            help="Home posture of the arm, where it starts: joint positions (rad or m, separated "
+            "by commas), a state of an SRDF, auto for a posture that rpctl chooses, or "
+            "zero. Repeatable.",
             metavar="NAME=POSITION|FILE.srdf:STATE|auto|zero",
         ),
     ] = ()
     free: Annotated[
         tuple[str, ...],
         Setting(
-            help="Let joints move, by name or pattern, that are frozen by default, as a gripper's "
-            "are. Repeatable.",
+            help="Let joints move, by name or pattern, that rpctl freezes by default, such as "
+            "those of a gripper. Repeatable.",
             metavar="NAME",
         ),
     ] = ()
-    losses: Annotated[bool, Setting(help="Leave out the damping and friction of the joints.")] = (
-        True
-    )
+    losses: Annotated[bool, Setting(help="Ignore the damping and friction of the joints.")] = True
     armature: Annotated[
         bool | Mapping[str, float],
         Setting(
             "kg·m² or kg",
-            help="Inertia of the motors' rotors seen from their joints, I n2: that of the file's "
-            "transmissions, and of joints by name or pattern (kg m2, or kg). Repeatable.",
+            help="Rotor inertia of the motors, reflected to their joints (I n2): file, from the "
+            "transmissions in the URDF, or for joints by name or pattern (kg m2, or kg). "
+            "Repeatable.",
             metavar="file|NAME=KG_M2",
         ),
     ] = False
@@ -137,8 +141,8 @@ class LoadSettings:
         str | None,
         OneOf(ROOTS),
         Setting(
-            help="Whether the root link stays level (planar) or pitches, rolls and rises (free); "
-            "by default as the robot stands.",
+            help="Motion of the root link: planar, it stays level; free, it pitches, rolls and "
+            "rises. Default: free if the robot must balance.",
             metavar="planar|free",
         ),
     ] = None

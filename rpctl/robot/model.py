@@ -309,11 +309,11 @@ class Robot:
         """
         speeds, rates = self.drive.base_speeds, rates or {}
         if len(pose) != 3:
-            raise RpctlError(f"the pose {tuple(pose)} has to be x, y in m and a heading in rad")
+            raise RpctlError(f"the pose {tuple(pose)} must be x, y in m and a heading in rad")
         given = len(speeds) + (twist_frame == "world" and "vy" not in speeds)
         if len(twist) not in (0, given):
             raise RpctlError(
-                f"the twist {tuple(twist)} has to be {', '.join(speeds) or 'empty'} of {self.name}"
+                f"the twist {tuple(twist)} must be {', '.join(speeds) or 'empty'} of {self.name}"
             )
         require_known("joint of the arm", rates, self.joint_names)
         frames = ("body", "world")[: 1 + (self.drive.type != "steered")]
@@ -327,7 +327,7 @@ class Robot:
         x, y, theta = pose
         q = self.configuration(x, y, theta, joints=joints)
         if not np.isfinite(q).all() or np.isinf(nu).any():
-            raise RpctlError("the state holds numbers that are not finite; give finite ones")
+            raise RpctlError("the state has numbers that are not finite; give finite ones")
         return q, nu
 
     def state_of(self, q: Array, nu: Array) -> NamedState:

@@ -130,7 +130,9 @@ def _weakness(branch: Branch, scale: Scale, positions: Array) -> str:
     if ratio < WEAK_MANIPULABILITY:
         return f"{who} is stretched or near singular ({ratio:.1%} of its best manipulability)"
     if lightness < WEAK_LIGHTNESS:
-        return f"joints of {who} turn about nearly one axis, with next to no inertia between them"
+        return (
+            f"joints of {who} turn about nearly the same axis, with almost no inertia between them"
+        )
     if branch.robot.drive.wheels and measures.height < SUNK_HEIGHT:
         return f"{who} reaches {-measures.height:.2g} m into the ground"
     return ""

@@ -147,7 +147,7 @@ def _tree(file: Path) -> ast.Module:
     try:
         return ast.parse(read_text(file, "MAX_BYTES", "a module"))
     except (DescriptionError, SyntaxError, ValueError) as error:
-        raise RpctlError(f"{file}: {PACKAGE} cannot be read ({error}); install it anew") from None
+        raise RpctlError(f"{file}: {PACKAGE} cannot be read ({error}); install it again") from None
 
 
 def _top_level(tree: ast.Module) -> list[tuple[str, ast.expr]]:
@@ -277,5 +277,5 @@ def _file_of(source: str | Path, path: Path) -> Path:
         InputError: It is one.
     """
     if is_folder(path):
-        raise InputError(source, "Is a directory; give one of the URDF or .xacro files in it")
+        raise InputError(source, "this is a folder; give one of the URDF or .xacro files in it")
     return path

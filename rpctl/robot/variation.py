@@ -245,7 +245,7 @@ class CarriedLoad(Record):
         float, Range(0.0, LARGEST, "0 or more, in kg"), Setting("kg", "mass", "0: none.")
     ] = 0.0
     com: Annotated[
-        Offset, OFFSET, Setting("m", "place", "Its place (x, y, z) in the link's frame.")
+        Offset, OFFSET, Setting("m", "place", "Its centre of mass (x, y, z) in the link's frame.")
     ] = (
         0.0,
         0.0,
@@ -318,8 +318,8 @@ class Variation(Record):
         Setting(
             "",
             "Scale of the radius",
-            "Scales of the wheels' radii, by pattern of wheel joints. The ground is where "
-            "the wheels end then.",
+            "Scales of the wheels' radii, by pattern of wheel joints. The ground moves to the "
+            "lowest points of the wheels.",
         ),
         Perturbation(_scale("radii"), WHEEL, 1.0),
     ] = field(default_factory=dict)
@@ -329,8 +329,8 @@ class Variation(Record):
         Setting(
             "",
             "Scale of the track",
-            "Scale of the distances of the wheels' contacts from the middle line; the "
-            "wheels themselves stay.",
+            "Scale of the distances of the wheels' contacts from the middle line; the wheels' "
+            "masses stay where they are.",
         ),
         Perturbation(_scale("track")),
     ] = 1.0
@@ -351,8 +351,8 @@ class Variation(Record):
         Setting(
             "N·m or N",
             "Friction",
-            "Dry friction, which the simulated robot has besides what the controller "
-            "knows, by pattern of the names of actuators; the last that matches counts.",
+            "Dry friction of the simulated robot that the controller does not know, by pattern "
+            "of actuator names; the last match counts.",
         ),
         Perturbation(_add_friction, ACTUATOR),
     ] = field(default_factory=dict)
@@ -393,7 +393,7 @@ class Variation(Record):
             raise RpctlError(f"slope is {self.slope}; give the angles along x and along y, in rad")
         require_within("slope", self.slope, 0.5 * math.pi)
         if not sum(math.sin(angle) ** 2 for angle in self.slope) < 1.0:
-            raise RpctlError(f"slope is {self.slope}; no ground rises so along x and y at once")
+            raise RpctlError(f"slope is {self.slope}; no plane rises by both angles")
 
 
 PERTURBATIONS: Mapping[str, Perturbation] = {
@@ -458,8 +458,8 @@ def _with_inertias(robot: Robot, built: BuiltNumbers) -> Robot:
         require_dynamics(description, model)
     except DescriptionError as error:
         raise RpctlError(
-            f"masses, centres and inertias of the plant leave {robot.name} without dynamics "
-            f"({error.findings[0].message}); vary them by less"
+            f"masses, centres and inertias of the plant leave {robot.name} with an inertia that "
+            f"is not positive definite ({error.findings[0].message}); vary them by less"
         ) from None
     return replace(robot, description=description, model=model)
 

@@ -192,7 +192,9 @@ def with_payload(
     if centre.shape != (3,) or not np.isfinite(centre).all():
         raise RpctlError(f"the payload's centre of mass is {com}; give x, y, z in m")
     if about.shape != (3, 3) or not np.allclose(about, about.T) or _is_no_body(about):
-        raise RpctlError("the payload's inertia is that of no body; give a symmetric (3, 3) matrix")
+        raise RpctlError(
+            "the payload's inertia is impossible for a rigid body; give a symmetric (3, 3) matrix"
+        )
     description = _attached(robot.description, link, mass, centre, about)
     payload = Payload(link, mass, tuple(centre.tolist()), tuple(map(tuple, about.tolist())))
     settings = replace(robot.loaded_with, payloads=(*robot.loaded_with.payloads, payload))

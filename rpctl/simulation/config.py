@@ -91,7 +91,7 @@ class RunSettings(Record):
             "",
             "Reference",
             "Path of the base or of the end effector: a name, a path file (TOML), or "
-            "time-stamped poses (CSV); eight if not given.",
+            "time-stamped poses (CSV); default: eight.",
             metavar="line|reverse|spin|circle|eight|waypoints|ee-square|FILE",
         ),
     ] = field(default="eight", kw_only=False)
@@ -101,7 +101,7 @@ class RunSettings(Record):
         Setting(
             "s",
             "Duration",
-            "How long, s; as long as the laps take or the reference moves, or 20.",
+            "Duration, s; default: that of the laps or of the reference, else 20.",
             metavar="S",
         ),
     ] = field(default=None, kw_only=False)
@@ -111,8 +111,8 @@ class RunSettings(Record):
         Setting(
             "m, m, rad",
             "Initial error",
-            "Tracking error at the start: how far the reference is ahead and to the left "
-            "of the robot (m) and turned from it (rad); none if not given.",
+            "Tracking error at the start: how far the reference is ahead and to the left of the "
+            "robot (m) and turned from it (rad); default: none.",
             metavar="X,Y,THETA",
         ),
     ] = field(default=(0.0, 0.0, 0.0), kw_only=False)
@@ -122,16 +122,14 @@ class RunSettings(Record):
         Setting(
             "s",
             "Control period",
-            "The laws run at this period; their efforts are held in between.",
+            "Control period, s: the time between two samples, during which efforts are held.",
             metavar="S",
         ),
     ] = CONTROL_PERIOD
     plant_step: Annotated[
         float,
         POSITIVE,
-        Setting(
-            "s", "Integration step", "The plant is integrated in steps no longer.", metavar="S"
-        ),
+        Setting("s", "Integration step", "Longest step of the plant's integration.", metavar="S"),
     ] = 0.002
     friction: Annotated[
         float,
@@ -139,8 +137,8 @@ class RunSettings(Record):
         Setting(
             "",
             "",
-            "Friction coefficient of the wheels: where they can slip, and to tell if they "
-            f"would; {FRICTION:g} if not given.",
+            "Friction coefficient between wheels and ground, for plants that slip and for the "
+            f"reported grip; default: {FRICTION:g}.",
         ),
     ] = FRICTION
     size: Annotated[
@@ -149,9 +147,9 @@ class RunSettings(Record):
         Setting(
             "m",
             "",
-            "Of a named reference, m: radius of the circle, half the length of eight and "
-            "waypoints, half the side of the square, length of the line; as fits the "
-            "robot if not given.",
+            "Size of a named reference, m: radius of the circle, half the length of eight and "
+            "waypoints, half the side of the square, length of the line; default: one that fits "
+            "the robot.",
             metavar="M",
         ),
     ] = None
@@ -161,15 +159,15 @@ class RunSettings(Record):
         Setting(
             "m/s",
             "",
-            "Largest speed along a named reference, m/s (of a spin, rad/s); half of what "
-            "the robot's limits allow, or less, if not given.",
+            "Largest speed along a named reference, m/s (of a spin, rad/s); default: half of "
+            "what the robot's limits allow, or less.",
             metavar="M_PER_S",
         ),
     ] = None
     laps: Annotated[
         float | None,
         POSITIVE,
-        Setting("", "", "How many times circle, eight or spin; 1 if not given.", metavar="N"),
+        Setting("", "", "How many times to go round circle, eight or spin; default: 1.", metavar="N"),
     ] = None
     log_every: Annotated[
         int | None,
@@ -177,7 +175,7 @@ class RunSettings(Record):
         Setting(
             "",
             "",
-            "Log one sample of N, and the last; if not given, all of up to 25 000 or as many.",
+            "Log every Nth sample, and the last; default: such that at most 25 000 are logged.",
             metavar="N",
         ),
     ] = None
@@ -187,8 +185,8 @@ class RunSettings(Record):
         Setting(
             "m",
             "Reference smoothed by",
-            "Smooth the rows of a CSV: by at most so much, root mean square, or by as "
-            "much as their noise asks for.",
+            "Smooth the rows of a CSV by at most this distance, root mean square; auto: by as "
+            "much as their noise requires.",
             metavar="METRES|auto",
         ),
     ] = None
@@ -197,7 +195,7 @@ class RunSettings(Record):
         Setting(
             "",
             "Reference retimed",
-            "Slow a CSV down where it asks more than the robot's limits allow.",
+            "Slow a CSV down where it exceeds the robot's limits.",
         ),
     ] = False
     rates: Annotated[
@@ -206,8 +204,8 @@ class RunSettings(Record):
         Setting(
             "",
             "Rates",
-            "What the controller takes for rates: those that are measured, or estimates of an "
-            "observer; if not given, estimates where they are missing or quantised.",
+            "Rates that the controller uses: measured, or estimated by an observer; default: "
+            "estimated where they are missing or quantised.",
             metavar="|".join(RATES),
         ),
     ] = None
@@ -217,10 +215,10 @@ class RunSettings(Record):
         Setting(
             "s",
             "Delay that the controller knows",
-            "Time from a measurement to the efforts it leads to, s, that the robot has and the "
-            "controller knows: it foretells the state, and joints are quicker. The plant's own "
-            "delay, if not 0, is simulated in its place; none, and gains that withstand 50 ms, if "
-            "not given.",
+            "Known time from a measurement to the efforts that answer it, s. The controller "
+            "predicts the state over it and raises the joints' bandwidth; the plant has this "
+            "delay unless its configuration sets another. Default: 0, with gains that tolerate "
+            "50 ms.",
             metavar="S",
         ),
     ] = None
@@ -228,8 +226,8 @@ class RunSettings(Record):
         bool,
         Setting(
             "",
-            "Robot that may sink",
-            "Simulate a robot with a motor too weak to hold its joint where it starts.",
+            "Robot that may sag",
+            "Simulate a robot even if a motor is too weak to hold its joint at the start.",
         ),
     ] = False
 
@@ -345,7 +343,9 @@ class Config:
         given = {"lag": lag, "dead_time": dead_time}
         changes: dict[str, Any] = {key: x for key, x in given.items() if x is not None}
         if changes and known is None:
-            raise RpctlError("a lag and a dead time are those of speeds; add --output velocity")
+            raise RpctlError(
+                "--actuator-lag and --dead-time apply to commanded speeds; add --output velocity"
+            )
         output_now = None if known is None else dataclasses.replace(known, **changes)
         return dataclasses.replace(self, output=output_now)
 
@@ -420,7 +420,7 @@ def config_from_tables(data: Table, faults: list[str]) -> Config:
     *first, last = CONFIG_TABLES
     known = f"{', '.join(first)} and {last}"
     faults += [
-        f"{key}: is no table of a configuration; it has {known}"
+        f"{key}: a configuration has no such table; it can have {known}"
         for key in data
         if key not in CONFIG_TABLES
     ]
@@ -448,7 +448,7 @@ def write_config(config: Config, path: str | Path, *, schema: bool = False) -> P
     tables, faults = to_plain(config), list[str]()
     config_from_tables(tables, faults)
     if faults:
-        raise RpctlError(f"no file can say the configuration: {'; '.join(faults)}")
+        raise RpctlError(f"the configuration cannot be written to a file: {'; '.join(faults)}")
     beside = Path(f"{path}.schema.json")
     head = f"#:schema ./{beside.name}\n{HEADER}" if schema else HEADER
     try:
@@ -457,7 +457,8 @@ def write_config(config: Config, path: str | Path, *, schema: bool = False) -> P
         return write_atomically(path, (head + tomli_w.dumps(tables)).encode())
     except UnicodeEncodeError:
         raise RpctlError(
-            f"{path}: TOML is UTF-8, and a name in the configuration is not; rename its file"
+            f"{path}: a file name in the configuration is not UTF-8, which TOML requires; rename "
+            "that file"
         ) from None
 
 

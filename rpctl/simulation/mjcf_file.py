@@ -84,15 +84,15 @@ def _kept_robot(
 ) -> tuple[Robot | None, str]:
     """Return the robot that a file holds, or None and why it is not known."""
     if not certificate.facts:
-        return None, "the file does not hold its robot; give it with --robot"
+        return None, "the file does not contain its robot; give the robot with --robot"
     try:
         robot = load_robot(_facts(dict(certificate.facts)), package_dirs)
     except RpctlError as fault:
-        return None, f"the robot in the file is not loaded: {fault}"
+        return None, f"the robot in the file cannot be loaded: {fault}"
     if not same_model(robot, certificate):
         return None, (
-            "the robot was varied after it was loaded, which the file does not hold; only the "
-            "numbers in the file are compared"
+            "the robot was varied after it was loaded, and the file does not record how; rpctl "
+            "compares only the numbers in the file"
         )
     return robot, ""
 

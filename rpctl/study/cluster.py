@@ -81,7 +81,7 @@ CONNECT_S = 10.0  # s in which a scheduler has to answer
 JOIN_S = 60.0  # s in which a first worker has to join
 MAX_SHOWN = 10  # workers that a message names
 GOING = (OSError, RuntimeError, ValueError, CancelledError)  # of Dask, without a scheduler
-GONE = "the scheduler has gone, or has forgotten the study; what has ended is not lost"
+GONE = "the scheduler is gone, or lost the study; finished runs are kept"
 
 
 class Answer(NamedTuple):
@@ -177,7 +177,7 @@ class DaskExecutor(Executor):
         if worker.address not in self._refused:  # it had another chunk before it left
             self._refused.add(worker.address)
             self._client.retire_workers([worker.address])
-            self._tell(f"{_worker_fault(worker.address, worker.refused)}; it was sent away")
+            self._tell(f"{_worker_fault(worker.address, worker.refused)}; the scheduler removed it")
 
 
 def run_asked(chunk: bytes, asked: Mapping[str, str], work: bytes) -> Answer:
@@ -250,7 +250,7 @@ def _require_greeting(address: str) -> None:
         raise ValueError("no host and port")
     with socket.create_connection((parts.hostname, parts.port), CONNECT_S) as connection:
         if not connection.recv(1):
-            raise ConnectionError("it hangs up")
+            raise ConnectionError("it closes the connection")
 
 
 def _connect(address: str, tell: Callable[[str], object]) -> Any:
@@ -271,7 +271,7 @@ def _connect(address: str, tell: Callable[[str], object]) -> Any:
         ) from None
     try:
         if not client.nthreads():
-            tell(f"{address}: no worker is there yet; waiting {JOIN_S:g} s for one to join")
+            tell(f"{address}: there is no worker yet; waiting {JOIN_S:g} s for one to join")
         client.wait_for_workers(1, timeout=JOIN_S)
     except TimeoutError:
         client.close()

@@ -98,24 +98,24 @@ def _with_plant(**settings: Any) -> Callable[[Config, Robot, Reference], Config]
 
 
 SCENARIOS = {
-    "nominal": Scenario("the model is right", _with_plant()),
+    "nominal": Scenario("the model is exact", _with_plant()),
     "arm-mass": Scenario(
-        "the controller takes every moving link of the arm to weigh 30 % less than it does",
+        "the controller's model has 30 % less mass in each moving link of the arm",
         _light_arm,
     ),
     "wheel-bias": Scenario(
-        "the first driven wheel is pushed by 5 % of its effort limit (1 N·m without one)",
+        "a constant effort on the first driven wheel, 5 % of its limit (1 N·m without a limit)",
         _wheel_bias,
     ),
     "delay": Scenario(
-        "20 ms from a measurement to the efforts it leads to", _with_plant(delay=DELAY_S)
+        "20 ms from a measurement to the efforts that answer it", _with_plant(delay=DELAY_S)
     ),
     "computing": Scenario(
-        "computing takes the time that it takes here: efforts come later, samples are missed",
+        "computing takes the time measured here: efforts act later, samples are missed",
         _with_plant(computing_time="measured"),
     ),
     "half-limits": Scenario(
-        "half of each effort limit, beyond what holding still takes; references stay",
+        "half of each effort limit above the effort to stand still; references are unchanged",
         _half_limits,
     ),
 }

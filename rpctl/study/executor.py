@@ -135,7 +135,7 @@ class ProcessExecutor(Executor):
             if running:
                 self._end()
         if lost:
-            more = f"; {left[0]} and what follows was not tried" if left else ""
+            more = f"; {left[0]} and the following were not tried" if left else ""
             raise LostChunksError(lost, more)
 
     def _alone(self, work: Work[Chunk, Result], left: deque[Chunk]) -> Iterator[Any]:

@@ -177,7 +177,7 @@ class Design(Record):
             RpctlError: ``count`` is too small for the design.
         """
         if not parameters and self.kind != "monte-carlo":
-            raise RpctlError(f"a {self.kind} design has no parameter; write some under [scatter]")
+            raise RpctlError(f"a {self.kind} design needs parameters; write some under [scatter]")
         step = {"sobol": parameters + 2, "morris": parameters + 1}.get(self.kind, 1)
         least = {"grid": FEWEST**parameters}.get(self.kind, FEWEST * step if step > 1 else 1)
         if self.count < least:

@@ -72,8 +72,8 @@ class SpeedLog:
                 commanded.shape != measured.shape
             ),
             f"{len(t)} samples; give {MIN_SAMPLES} or more": len(t) < MIN_SAMPLES,
-            "the log holds numbers that are not finite; leave those rows out": not all(finite),
-            "the log's times do not increase; sort it, and leave out what is twice": not (
+            "the log has numbers that are not finite; leave out those rows": not all(finite),
+            "the log's times do not increase; sort it, and leave out duplicates": not (
                 np.diff(t) > 0.0
             ).all(),
             f"{len(names)} names for {count} channels; give the same": len(names) != count,
@@ -82,8 +82,8 @@ class SpeedLog:
             raise RpctlError(fault)
         step, span = float(np.median(np.diff(t))), float(t[-1] - t[0])
         if not step <= MAX_STEP_S:
-            raise RpctlError(f"a sample every {step:.3g} s tells nothing of a lag; log one every "
-                             f"{MAX_STEP_S:g} s or more often, and give t in s")  # fmt: skip
+            raise RpctlError(f"a sample every {step:.3g} s is too coarse to identify a lag; log "
+                             f"one every {MAX_STEP_S:g} s or less, and give t in s")  # fmt: skip
         if span < MIN_SPAN_S:
             raise RpctlError(f"the log lasts {span:.3g} s; give {MIN_SPAN_S:g} s or more, t in s")
         for name, value in (("t", t), ("commanded", commanded), ("measured", measured)):
@@ -209,8 +209,8 @@ def lag_from(
         log = read_speed_log(log) if str(log).lower().endswith(".csv") else Run.load(log)
     if isinstance(log, Run):
         if not log.log.nu_cmd.shape[1]:
-            raise RpctlError("the run has no commanded speeds, its output were efforts; track with "
-                             "output velocity")  # fmt: skip
+            raise RpctlError("the run has no commanded speeds, as its output was efforts; track "
+                             "with --output velocity")  # fmt: skip
         log = SpeedLog(log.t, log.log.nu_cmd, log.nu, names=log.robot.quasi_velocities)
     longest = min(max_dead_time, 0.5 * float(log.t[-1] - log.t[0]))
     found = [_identify(log, index, longest) for index in range(len(log.names))]
@@ -306,23 +306,23 @@ class _Model:
 def _identify(log: SpeedLog, channel: int, longest: float) -> _Fit | str:
     """Return the fit of a channel, or why there is none worth having."""
     if np.ptp(log.commanded[:, channel]) < NO_CHANGE:
-        return "its command does not change; send a step, as from rest to half of its speed"
+        return "its command does not change; send a step, such as from rest to half of its speed"
     if np.ptp(log.measured[:, channel]) < NO_CHANGE:
-        return "it does not move, whatever is commanded"
+        return "it does not move when commanded"
     model = _Model(log, [channel], longest)
     found = model.fit()
     if found.residual > WORST_RESIDUAL:
         return (
             f"it does not follow its command as a lag of first order does ({found.residual:.0%} "
-            "of its motion is left over); is it the command of this speed?"
+            "of its motion remains); is this the command of this speed?"
         )
     if found.dead_time > longest * (1.0 - 1e-6):
-        return f"its dead time is longer than the {longest:.3g} s that were looked for"
+        return f"its dead time is longer than the {longest:.3g} s that were tried"
     spread = SURE * found.cost / found.squares
     if all(model.fit(only=one).cost < found.cost + spread for one in ("lag", "dead_time")):
         return (
-            "its command changes too slowly to tell a lag from a dead time; send a step, as from "
-            "rest to half of its speed"
+            "its command changes too slowly to tell a lag from a dead time; send a step, such as "
+            "from rest to half of its speed"
         )
     return found
 

@@ -75,7 +75,7 @@ def optimise(
     search.walk()
     if not np.isfinite(search.lowest):
         raise RpctlError(
-            f"no settings within the ranges let any run come to its end; see [scatter] and "
+            "no settings within the ranges let a run reach its end; see [scatter] and "
             f"[optimize.parameters] of {out}"
         )
     optimum = search.optimum()
@@ -117,7 +117,7 @@ class _Search:
         self, robot: Robot, study: Study, out: Path, executor: Executor, progress: Progress | None
     ) -> None:
         if study.optimisation is None:
-            raise RpctlError("the study says nothing to optimise; write [optimize.parameters]")
+            raise RpctlError("the study has nothing to optimise; write [optimize.parameters]")
         self.robot, self.study, self.asked, self.out = robot, study, study.optimisation, out
         self.executor, self.progress = executor, progress or (lambda done, total: None)
         self.population = self.asked.population(len(study.ranges.names))
@@ -322,7 +322,9 @@ def optimum_sentence(optimum: Mapping[str, Any]) -> tuple[str, str]:
     verdict = BETTER if change.high < 0.0 else WORSE if change.low > 0.0 else UNCLEAR
     unit = unit_of(merit_unit(optimum["merit"]), max(before, after))
     failed = any(checked[name]["success"]["value"] < 1.0 for name in (BEFORE, AFTER))
-    weighted = ", with what failures cost," if optimum["failure_weight"] > 0.0 and failed else ""
+    weighted = (
+        ", including the cost of failures," if optimum["failure_weight"] > 0.0 and failed else ""
+    )
     text = (
         f"{verdict}: {statistic_words(optimum)}{weighted} goes from {number(before, unit)} to "
         f"{number(after, unit)} on {checked['runs']} fresh runs"

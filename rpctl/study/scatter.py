@@ -336,7 +336,8 @@ def distribution_table(distribution: Distribution) -> dict[str, list[float]]:
         if type(distribution) is kind:
             return {name: list(getattr(distribution, "values", None) or astuple(distribution))}  # type: ignore[call-overload]
     raise RpctlError(
-        f"{type(distribution).__name__} is none of {', '.join(DISTRIBUTIONS)}; no file can say it"
+        f"{type(distribution).__name__} is none of {', '.join(DISTRIBUTIONS)}; a file cannot "
+        "store it"
     )
 
 

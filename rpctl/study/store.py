@@ -84,7 +84,7 @@ class Journal(NamedTuple):
         folder = self.path.parent
         if not resume:
             raise RpctlError(
-                f"{folder}: holds {self.work}; add --resume to go on with {self.pronoun}, or give "
+                f"{folder}: holds {self.work}; add --resume to continue {self.pronoun}, or give "
                 "another --out"
             )
         differences = [*plain_differences(there, json.loads(json.dumps(self.identity)))]
@@ -300,8 +300,8 @@ def read_runs(path: Path) -> tuple[RunTable, dict[str, Any]]:
         return _read(path)
     except DAMAGED as error:
         raise RpctlError(
-            f"{path}: is no file of a study's runs: {one_line(str(error))}; remove it, and they "
-            "are done again"
+            f"{path}: is not a file of a study's runs: {one_line(str(error))}; remove it, and "
+            "rpctl repeats the runs"
         ) from None
 
 
@@ -321,8 +321,8 @@ def _require_small(path: Path) -> None:
     size = max(told.num_rows * width, pages)
     if size > cap("MAX_RUN_BYTES"):
         raise RpctlError(
-            f"{path}: its {told.num_rows} runs take {in_bytes(size)} of memory; remove it if it is "
-            f"no study of yours, or {how_to_raise('MAX_RUN_BYTES')}"
+            f"{path}: its {told.num_rows} runs take {in_bytes(size)} of memory; remove it if it "
+            f"is not a study of yours, or {how_to_raise('MAX_RUN_BYTES')}"
         )
 
 
@@ -357,7 +357,7 @@ def _read(path: Path) -> tuple[RunTable, dict[str, Any]]:
         *(_texts(table[name]) for name in (OUTCOME, REASON)),
     )
     if details.pop(DIGEST) != digest(runs, np.asarray(table[SUCCESS])):
-        raise ValueError("it was changed after it was written")
+        raise ValueError("it was edited after it was written")
     return runs, details
 
 

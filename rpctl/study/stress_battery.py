@@ -117,7 +117,7 @@ STRESSES = {
     for each in (
         Stress(
             "payload", "kg", (0.0, 0.5, 1.0, 2.0, 5.0), 0.0,
-            "a mass at the end effector, or in the root link's origin of a robot without one",
+            "a mass at the end effector, or at the root link's origin if there is none",
             {"plant.payload.mass": (0.0, 1.0)},
         ),
         Stress(
@@ -127,23 +127,23 @@ STRESSES = {
         ),
         Stress(
             "delay", "ms", (0.0, 5.0, 10.0, 20.0, 50.0), 0.0,
-            "from a measurement to the efforts it leads to",
+            "from a measurement to the efforts that answer it",
             {"plant.delay": (0.0, 1e-3)},
         ),
         Stress(
             RADIUS, "%", (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0), 0.0,
-            "that all wheels' radii differ from their description",
+            "difference of all wheels' radii from the URDF",
             {"plant.radii.*": (1.0, 0.01)}, _no_wheels,
         ),
         Stress(
             "encoders", "bits", (0.0, 16.0, 14.0, 12.0, 10.0), 0.0,
-            "a turn of wheels and revolute joints, whose rates are differences",
+            "counts per turn of wheels and revolute joints; rates are differences of counts",
             {"plant.encoder_bits": (0.0, 1.0)},
             drawn=(10.0, 16.0), whole=True,
         ),
         Stress(
             "noise", "x", (0.0, 1.0, 2.0, 4.0), 0.0,
-            "times 1 cm, 5 mrad, 1 cm/s and 10 mrad/s of the base, .5 and 5 mrad(/s) of joints",
+            "times 1 cm, 5 mrad, 1 cm/s and 10 mrad/s of the base, 0.5 and 5 mrad(/s) of joints",
             {f"plant.noise.{name}": (0.0, size) for name, size in asdict(LOCALISATION).items()},
         ),
         Stress(

@@ -24,7 +24,7 @@ VERDICTS = (PASS, DEGRADE, FAIL)  # from good to bad; a run that was refused has
 TOLERANCE_RATIO = 0.01  # of the robot's length: how far from its reference a run that passes may be
 MOST_TOLD = 3  # broken limits that a reason names; the figures have all
 MAX_TILT = math.radians(10.0)  # rad: tyres and casters give way by less; a fall goes on beyond it
-RIGID = "the supports are rigid and as high as the file has them, so they carry the robot"
+RIGID = "the supports are rigid and at the height in the file, so they carry the robot"
 OTHERS = "the other contacts carry the robot"
 COLUMNS = (
     "plant", "law", "stress", "level", "unit", "and_stress", "and_level", "and_unit", "seed",
@@ -66,9 +66,9 @@ def rule(tolerance: float) -> str:
     """
     return (
         f"{PASS}: tracked within all limits, base and end effector within {length(tolerance)} of "
-        f"their references (rms of the second half). {DEGRADE}: tracked farther away, or late, or "
-        f"the motion needs more grip than there is. {FAIL}: stuck, diverging, collided, ended "
-        "early, a limit broken, or tipped over."
+        f"their references (rms of the second half). {DEGRADE}: tracked with a larger error, or "
+        f"late, or the motion needs more grip than available. {FAIL}: stuck, diverging, collided, "
+        "ended early, a limit broken, or tipped over."
     )
 
 
@@ -78,7 +78,7 @@ def judge(figures: Figures, tolerance: float) -> StressVerdict:
         return StressVerdict(REFUSED, figures.sentence)
     wheels = ""  # that bore nothing
     if figures.hanging_wheels:
-        wheels = f"; {', '.join(figures.hanging_wheels)} bore nothing from the start"
+        wheels = f"; {', '.join(figures.hanging_wheels)} carried no load from the start"
     elif figures.lifted_wheels:
         wheels = f"; {', '.join(figures.lifted_wheels)} lifted"
     fault = _fault(figures)
@@ -99,7 +99,7 @@ def _fault(figures: Figures) -> str | None:
     if figures.outcome not in SUCCESSES:
         return f"{figures.outcome}: {figures.sentence}"
     if figures.tilt > MAX_TILT:
-        return f"tipped over: it leant {math.degrees(figures.tilt):.0f} degrees"
+        return f"tipped over: it leaned {math.degrees(figures.tilt):.0f} degrees"
     if figures.would_tip:
         return "it would tip over"
     if figures.violations:
@@ -222,7 +222,7 @@ class StressReport:
             if row.cell.plant == plant
         }
         always = hanging.get((), ())
-        told = [f"nothing stressed: {', '.join(always)} bear nothing: {OTHERS}"] if always else []
+        told = [f"nothing stressed: {', '.join(always)} carry no load: {OTHERS}"] if always else []
         for stress in self.battery.stresses_on(plant):
             wheels = {
                 level: [n for n in hanging.get(((stress.name, level),), ()) if n not in always]
@@ -233,7 +233,7 @@ class StressReport:
                 named = dict.fromkeys(name for names in wheels.values() for name in names)
                 where = f"{stress.name} {', '.join(levels)} {stress.unit}".rstrip()
                 why = RIGID if stress.name == RADIUS else OTHERS
-                told.append(f"{where}: {', '.join(named)} bear nothing from the start: {why}")
+                told.append(f"{where}: {', '.join(named)} carry no load from the start: {why}")
         return told
 
     @property
@@ -285,7 +285,7 @@ def report_of(battery: Battery, figures: Mapping[str, Figures], tolerance: float
     )
     report = StressReport(battery, tolerance, rows)
     if not report.worst():
-        raise RpctlError(f"no run could be made: {rows[0].verdict.reason}")
+        raise RpctlError(f"none of the runs could start: {rows[0].verdict.reason}")
     return report
 
 

@@ -58,25 +58,26 @@ class StudySettings(Record):
 
     design: Annotated[str, OneOf(tuple(DESIGNS)), Setting(help=", ".join(DESIGNS))] = "monte-carlo"
     count: Annotated[
-        int, whole(1), Setting(help="runs; a design that needs some number takes one within")
+        int,
+        whole(1),
+        Setting(help="number of runs, at most, if the design needs a particular number"),
     ] = 100
-    seed: Annotated[int, whole(0), Setting(help="of all that is drawn")] = 0
+    seed: Annotated[int, whole(0), Setting(help="seed of all random numbers")] = 0
     duration: Annotated[
-        float | None, POSITIVE, Setting("s", help="of each run; as [run] says if not given")
+        float | None, POSITIVE, Setting("s", help="duration of each run; default: that of [run]")
     ] = None
-    samples: Annotated[int, whole(2), Setting(help="points of the curves over time, at most")] = 200
-    chunk: Annotated[int | None, whole(1), Setting(help="runs that are done at a time")] = None
-    merit: Annotated[str, Setting(help="that runs are compared by, the worst first")] = MERIT
+    samples: Annotated[
+        int, whole(2), Setting(help="largest number of points of the curves over time")
+    ] = 200
+    chunk: Annotated[int | None, whole(1), Setting(help="runs in a chunk")] = None
+    merit: Annotated[str, Setting(help="figure of merit that ranks runs, the worst first")] = MERIT
     worst: Annotated[
-        int, whole(0), Setting(help="so many of the worst runs are written, to be replayed")
+        int, whole(0), Setting(help="number of the worst runs to write for replay")
     ] = 3
     tolerance: Annotated[
         float,
         POSITIVE,
-        Setting(
-            "m",
-            help="how far from its reference a good run may be, on average over its last quarter",
-        ),
+        Setting("m", help="largest error of a run that succeeds, on average over its last quarter"),
     ] = ON_PATH_M
 
 
@@ -88,20 +89,22 @@ class Optimisation(Record):
     the share of runs that did not succeed.
     """
 
-    merit: Annotated[str, Setting(help="that is to be small")] = MERIT
+    merit: Annotated[str, Setting(help="figure of merit to minimise")] = MERIT
     statistic: Annotated[
-        str, OneOf(STATISTICS), Setting(help=f"over the scatter: {', '.join(STATISTICS)}")
+        str, OneOf(STATISTICS), Setting(help=f"statistic over the scatter: {', '.join(STATISTICS)}")
     ] = "mean"
     level: Annotated[
-        float, Range(1e-6, 1.0 - 1e-6, "one between 0 and 1"), Setting(help="of the quantile")
+        float, Range(1e-6, 1.0 - 1e-6, "one between 0 and 1"), Setting(help="level of the quantile")
     ] = 0.95
     failure_weight: Annotated[
-        float, NOT_NEGATIVE, Setting(help="what the share of runs that fail costs")
+        float, NOT_NEGATIVE, Setting(help="cost of the fraction of runs that fail")
     ] = 1.0
-    evaluations: Annotated[int, whole(1), Setting(help="sets of settings that are tried")] = 200
-    runs: Annotated[int, whole(1), Setting(help="of each, the same scatter and noise for all")] = 32
+    evaluations: Annotated[int, whole(1), Setting(help="number of sets of settings to try")] = 200
+    runs: Annotated[
+        int, whole(1), Setting(help="runs of each set, with the same scatter and noise for all")
+    ] = 32
     validation: Annotated[
-        int, whole(2), Setting(help="fresh runs with what was found, and with the file's settings")
+        int, whole(2), Setting(help="fresh runs with the settings found, and with the file's")
     ] = 200
     method: Annotated[str, OneOf(METHODS)] = METHODS[0]
 

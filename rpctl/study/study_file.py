@@ -60,7 +60,7 @@ def read_study(path: str | Path, robot: Robot, backend: str = "auto") -> Study:
 def _study(data: Table, robot: Robot, backend: str, faults: list[str]) -> Study | None:
     """Return the study of a file's tables; what is wrong is added to the faults."""
     faults += [
-        f"{key}: is no table of a study; it has {', '.join(OWN_TABLES)}, and those of a "
+        f"{key}: a study has no such table; it can have {', '.join(OWN_TABLES)}, and those of a "
         f"configuration: {', '.join(CONFIG_TABLES)}"
         for key in data
         if key not in (*CONFIG_TABLES, *OWN_TABLES)
@@ -72,7 +72,7 @@ def _study(data: Table, robot: Robot, backend: str, faults: list[str]) -> Study 
         return None
     if settings.duration is not None:
         if config.run.duration is not None:
-            faults.append("study.duration: run.duration says another one; leave one of them out")
+            faults.append("study.duration: run.duration has another value; leave out one of them")
         config = config.with_run(duration=settings.duration)
     scatter = _scatter(own["scatter"], "scatter", config, faults)
     success = _success(own["success"], robot, faults)
@@ -80,7 +80,7 @@ def _study(data: Table, robot: Robot, backend: str, faults: list[str]) -> Study 
         merits_for(robot, (settings.merit,))
     ranges, optimisation = _optimisation(own["optimize"], robot, config, faults)
     faults += [
-        f'optimize.parameters."{name}": is scattered, too; leave one of them out'
+        f'optimize.parameters."{name}": is also under [scatter]; leave out one of them'
         for name in ranges.names
         if name in scatter.names
     ]

@@ -160,7 +160,7 @@ def read_result(folder: str | Path) -> StudyResult:
     """
     folder = Path(folder)
     if not (folder / RUNS_FILE).is_file():
-        raise RpctlError(f"{folder}: holds no study that has ended; rpctl study runs one")
+        raise RpctlError(f"{folder}: holds no finished study; `rpctl study` runs one")
     runs, details = read_runs(folder / RUNS_FILE)
     kept = details["identity"]["design"]
     design = Design(kept["kind"], int(details["count"]), int(kept["seed"]))

@@ -39,8 +39,8 @@ BROWSER_FLAGS = (
     "--enable-unsafe-swiftshader",
 )  # WebGL without a graphics card
 NO_BROWSER = (
-    "films and stills are drawn by Chromium or Chrome, and none was found; run: playwright install "
-    "chromium, or install your system's package"
+    "films and pictures need Chromium or Chrome, which rpctl cannot find; run: playwright "
+    "install chromium, or install your system's package"
 )
 QUALITY = "18"  # x264's constant rate factor: the eye sees no loss
 BT709 = "colorprim=bt709:transfer=bt709:colormatrix=bt709"  # what players take HD video for
@@ -80,7 +80,7 @@ def write_film(
     """
     path, form = Path(path), FORMATS.get(Path(path).suffix.lower())
     if form is None:
-        raise RpctlError(f"{path}: films are .mp4 or .gif; give a name that ends so")
+        raise RpctlError(f"{path}: films are .mp4 or .gif; give a name with that ending")
     size, rate = _checked(size or form.size), rate or form.rate
     require_writable(path)
     count = _picture_count(run, path, rate)
@@ -122,7 +122,7 @@ def write_still(
 
     path, duration = Path(path), float(run.t[-1] - run.t[0])
     if path.suffix.lower() != STILL_SUFFIX:
-        raise RpctlError(f"{path}: pictures are {STILL_SUFFIX}; give a name that ends so")
+        raise RpctlError(f"{path}: pictures are {STILL_SUFFIX}; give a name with that ending")
     time = duration if time is None else time
     if not 0.0 <= time <= duration:
         raise RpctlError(f"{time:g} s is not within the run; give 0 to {duration:g}")
@@ -154,7 +154,7 @@ def _checked(size: Size) -> Size:
         if edge % 2 or not MIN_EDGE_PX <= edge <= MAX_EDGE_PX:
             raise RpctlError(
                 f"size {size[0]}x{size[1]}: give even numbers from {MIN_EDGE_PX} to "
-                f"{MAX_EDGE_PX}, as 1280x720"
+                f"{MAX_EDGE_PX}, such as 1280x720"
             )
     return size
 
@@ -195,7 +195,7 @@ def mp4(take: TakePicture, count: int, rate: int, remark: str) -> bytes:
     try:
         import av
     except ImportError:
-        raise RpctlError("films need more: pip install 'rpctl[film]'") from None
+        raise RpctlError("films need an extra: pip install 'rpctl[film]'") from None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
@@ -292,7 +292,7 @@ def _playwright() -> Any:
     try:
         from playwright import sync_api
     except ImportError:
-        raise RpctlError("films and stills need more: pip install 'rpctl[film]'") from None
+        raise RpctlError("films and pictures need an extra: pip install 'rpctl[film]'") from None
     return sync_api
 
 

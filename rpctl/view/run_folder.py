@@ -158,7 +158,10 @@ def sized_report(
         if triangles < MIN_TRIANGLES or isinstance(robot, RpctlError):
             break
         triangles = int(SHRINK_RATIO * triangles)
-    note = f"the report takes {len(page) / BYTES_PER_MB:.2f} MB: fewer triangles make it hardly"
+    note = (
+        f"the report takes {len(page) / BYTES_PER_MB:.2f} MB: with fewer triangles it would be "
+        "hardly"
+    )
     return page, replace(scene, notes=(*scene.notes, f"{note} any smaller"))
 
 
@@ -182,9 +185,9 @@ def find_faults(folder: Path, run: str) -> dict[str, str]:
         if made and not path.exists():
             faults[name] = "is missing"
         elif mark is None and made:
-            faults[name] = "does not say of which run it is"
+            faults[name] = "does not say which run it belongs to"
         elif mark is not None and mark != run:
-            faults[name] = "is of another run"
+            faults[name] = "belongs to another run"
     return faults
 
 
@@ -220,7 +223,7 @@ def open_run(path: Path, say: Say = lambda note: None) -> tuple[Run, Path | None
         said = run.notes[-1] if run.notes else f"it reaches t = {float(run.t[-1]):.4g} s"
         say(f"{part}: {said}")
         if file.is_file():
-            say(f"{file} is of an earlier simulation and stays as it is")
+            say(f"{file} belongs to an earlier simulation and is unchanged")
         return run, None
     file = file if is_folder(path) else path
     run = replace(Run.load(file), digest=digest(file))
@@ -291,15 +294,15 @@ class RunPage:
         try:
             write_files(made)
         except RpctlError as error:
-            self._say(f"{error}; the report is shown, and not kept")
+            self._say(f"{error}; rpctl shows the report without saving it")
         else:
-            self._say(f"{folder}: {', '.join(MADE_FILES)} are drawn again")
+            self._say(f"{folder}: rpctl draws {', '.join(MADE_FILES)} again")
         return made.content[made.report]
 
     def _robot(self, run: Run) -> Robot | RpctlError:
         robot = robot_of(run, self._package_dirs)
         if isinstance(robot, RpctlError):
-            self._say(f"the robot cannot be drawn: {robot}")
+            self._say(f"rpctl cannot draw the robot: {robot}")
         return robot
 
 
@@ -325,7 +328,7 @@ def comparison(
     robots = [robot_of(run, package_dirs) for run in runs]
     for name, robot in zip(names, robots, strict=True):
         if isinstance(robot, RpctlError):
-            say(f"{name}: the robot cannot be drawn: {robot}")
+            say(f"{name}: rpctl cannot draw the robot: {robot}")
     return comparison_page(runs, names, robots)
 
 

@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rpctl import Plant, Run, summarize
-from rpctl.cli.app import COMMANDS, app, load_command
+from rpctl.cli.app import COMMANDS, WITHOUT_JSON, app, load_command
 from rpctl.cli.options import LOADED, PANELS
 from rpctl.cli.track import ResultOptions
 from rpctl.dynamics.reduced import ReducedDynamics
@@ -151,7 +151,10 @@ def test_the_outcome_decides_the_exit_code(
     ("words", "output"),
     [
         (("inspect", "tiag0"), "did you mean"),
-        (("inspect", "."), ".: error: Is a directory; give one of the URDF or .xacro files in it"),
+        (
+            ("inspect", "."),
+            ".: error: this is a folder; give one of the URDF or .xacro files in it",
+        ),
         (("inspect", "tiago", "--lock", "hed_*"), "did you mean head_*"),
         (("inspect", "none.urdf"), "none.urdf: error: No such file or directory"),
         (("inspect", "tiago", "--lock", "hand"), "joint to lock 'hand' is not known"),
@@ -173,12 +176,12 @@ def test_the_outcome_decides_the_exit_code(
         (("track", "paper", "--max-megabytes", "0"), "--max-megabytes"),
         (("view", "nothing"), "robot or run 'nothing' is not known"),
         (("view", "nothing.npz"), "No such file"),
-        (("view", "runs/nothere"), "nothing is there, no run, and no robot"),
+        (("view", "runs/nothere"), "runs/nothere: no such file or folder; give a run's folder"),
         (("view", "paper", "--lock", "x"), "joint to lock 'x' is not known"),
         (("view", "nothing.npz", "--png", "a.png"), "No such file"),
-        (("view", "paper", "--png", "a.png"), "is no run"),
-        (("view", "nothing.npz", "--fps", "20"), "--fps is for a picture or a film"),
-        (("view", "nothing.npz", "--video", "a.mp4", "--at", "2"), "--at is for a picture"),
+        (("view", "paper", "--png", "a.png"), "is not a run"),
+        (("view", "nothing.npz", "--fps", "20"), "--fps needs a picture or a film"),
+        (("view", "nothing.npz", "--video", "a.mp4", "--at", "2"), "--at needs a picture"),
         (("plot", "nothing"), "No such file"),
         (("fly",), "No such command"),
     ],
@@ -207,10 +210,21 @@ def test_help_has_an_example_and_begins_as_the_list_of_commands_says(command: st
     assert load_command(command).help.splitlines()[0] == COMMANDS[command].summary
 
 
+def test_each_command_takes_json_or_says_why_not() -> None:
+    options = {name: {o for p in load_command(name).params for o in p.opts} for name in COMMANDS}
+    assert {name for name in COMMANDS if "--json" not in options[name]} == {*WITHOUT_JSON}
+
+
+def test_view_says_in_json_what_it_wrote(tmp_path: Path) -> None:
+    page = tmp_path / "robot.html"
+    assert run_json("view", "paper", "--html", str(page)) == {"page": str(page)}
+    assert page.exists()
+
+
 def test_options_of_a_dataclass_are_options_of_the_command() -> None:
     """Each comes once, in the order of the fields, and so does what is no dataclass."""
     names = [parameter.name for parameter in load_command("inspect").params]
-    assert names == ["robot", "list_xacro_args", "sarif_file", "balance", "as_json", *LOADED.names]
+    assert names == ["robot", "list_xacro_args", "balance", "sarif_file", "as_json", *LOADED.names]
 
 
 def test_help_has_panels_and_the_robot_s_comes_last() -> None:
@@ -218,7 +232,9 @@ def test_help_has_panels_and_the_robot_s_comes_last() -> None:
     panels = [each.rich_help_panel for each in options]
     assert list(dict.fromkeys(panels)) == [None, *PANELS]
     assert panels.count(None) < 6
-    assert "[plant], or usual ones" in " ".join(run("track", "--help")[1].replace("│", " ").split())
+    assert "[plant] of the configuration" in " ".join(
+        run("track", "--help")[1].replace("│", " ").split()
+    )
 
 
 def test_a_second_run_leaves_the_first_alone(

@@ -71,9 +71,10 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
     }
     milli = {key: 1e3 * math.sqrt(sum(x * x for x in row) / 6) for key, row in rms.items()}
     assert printed() == [
-        "late too short a run to tell: base is up to 102 mm from its reference over the last tenth",
-        "base behind its reference by 0.10 s (100 mm) at most, 0.10 s (100 mm) in the end",
-        "the model follows itself: the simulated robot is the one that the controller knows",
+        "late the run is too short to judge: base is up to 102 mm from its reference in its last "
+        "tenth",
+        "base behind its reference by 0.10 s (100 mm) at most, 0.10 s (100 mm) at the end",
+        "ideal plant: the simulated robot equals the controller's model",
         "",
         "tracking error rms final largest in 2nd half largest speed",
         f"base {milli['base']:.3f} mm 50.000 mm 130.000 mm",
@@ -83,19 +84,19 @@ def test_summary_of_a_run(golden: Run, printed: Printed) -> None:
         f"swing_joint {milli['swing']:.3f} mrad 200.000 mrad 300.000 mrad 1000.000 mrad 60 %",
         f"slide_joint {milli['slide']:.3f} mm 10.000 mm 20.000 mm 40.000 mm 150 %",
         "",
-        "effort peak limit share leaps",
+        "effort peak limit share jump",
         "left_wheel_joint 30 40 75 % 0 %",
         "right_wheel_joint 50 - - -",
         "steer_joint 3 15 20 % 0 %",
         "swing_joint 25 20 125 % 0 %",
         "slide_joint 60 80 75 % 0 %",
         "",
-        "limit swing_joint effort: 25 where 20 is allowed, from 0.2 s for 0.17 s",
-        "limit slide_joint velocity: 0.75 where 0.5 is allowed, from 0.4 s for 0.083 s",
+        "limit swing_joint effort: 25, limit 20, from 0.2 s for 0.17 s",
+        "limit slide_joint velocity: 0.75, limit 0.5, from 0.4 s for 0.083 s",
         "limit left_wheel_joint effort limit bound from 0.2 s, at (0.10, 0.02) m, 0.25 s in all",
         "limit slide_joint upper position limit bound from 0.1 s, at (0.00, 0.02) m, 0.17 s in all",
         "ground keeps 0.12 m from tipping and uses 40 % of the grip at friction 0.7",
-        "the actuators did 4 J of work; damping, friction and stops took 3 J",
+        "the actuators did 4 J of work; damping, friction and stops dissipated 3 J",
         "simulated 2.0 times faster than real time",
         "note a note",
         "report out/report.html, 1.2 MB (rpctl view out)",
@@ -138,7 +139,7 @@ def test_a_certificate_tells_its_worst(printed: Printed) -> None:
     text = printed()
     assert "✓ bias Lagrange 4.0e-13 1e-12 v at sample 3" in text
     assert "✓ inertia Lagrange 0.0e+00 1e-12" in text
-    assert "scope the equations; taken for granted: it stands (by 0.1 m at home)" in text
+    assert "scope the equations; assumptions: it stands (by 0.1 m at home)" in text
     assert text[-1].startswith("✓ verified: 2 checks over 5 random states, seed 2")
     assert text[-1].endswith("nearest to its limit: bias, 4e-13 of 1e-12")
     verify.show_certificate(replace(good, checks=(exact, bad)))

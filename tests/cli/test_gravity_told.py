@@ -46,7 +46,8 @@ def test_inspect_finds_that_a_robot_does_not_stand(tmp_path: Path) -> None:
     path = str(write(tmp_path, platform(SET_A)))
     findings = json.loads(said("inspect", path, "--json"))["findings"]
     assert [each["message"] for each in findings if "stand" in each["message"]] == [
-        "it does not stand at home: only left_joint, right_joint touch the ground, on one line"
+        "it does not stand in its home posture: only left_joint, right_joint touch the ground, "
+        "on one line"
     ]
     assert "does not stand" not in said("inspect", "paper")
 
@@ -66,7 +67,7 @@ def test_what_is_doubtful_of_the_drive_is_told_with_the_proof_and_before_the_run
             ),
         )
     )
-    told = "4 parallel wheels are taken for ordinary ones, skid-steer"
+    told = "4 parallel wheels: rpctl assumes ordinary ones, skid-steer"
     assert f"doubtful, {told}" in " ".join(said("verify", path, "--samples", "1").split())
     words = ("--samples", "0", "--duration", "0.1", "--out", str(tmp_path / "out"))
     assert f"doubt {told}" in " ".join(said("track", path, *words).split())

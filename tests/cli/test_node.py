@@ -96,7 +96,7 @@ def test_without_rclpy_it_says_where_rclpy_is_from(monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, "rclpy", None)
     done = CliRunner().invoke(app, ["node", "paper"])
     assert done.exit_code == 2
-    assert "rclpy comes with ROS 2 and not with pip; install ros-DISTRO-rclpy" in done.stderr
+    assert "rclpy comes with ROS 2, not with pip; install ros-DISTRO-rclpy" in done.stderr
 
 
 def tell(ros: Ros, pose: Any = odometry, topic: str = "/odom") -> None:
@@ -112,7 +112,7 @@ def test_efforts_go_out_from_the_first_whole_sample_to_zeros_at_the_end(
     def life(ros: Ros) -> None:
         ros.step()
         assert not ros.published
-        assert "not read so far" in ros.said[0]
+        assert "waiting for" in ros.said[0]
         assert ARM[0] in ros.said[0]
         for ros.now in (5 * MS, 15 * MS):
             tell(ros)

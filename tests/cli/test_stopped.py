@@ -41,7 +41,7 @@ def test_interrupt_leaves_run_and_report(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
-    assert "(interrupted); what was simulated is kept: out/report.html" in error
+    assert "(interrupted); the samples until then are kept: out/report.html" in error
     assert error.splitlines()[-1] == "interrupted"
     assert "Traceback" not in error
     out = tmp_path / "out"

@@ -93,7 +93,9 @@ def test_a_run_is_kept_whatever_becomes_of_its_output(tmp_path: Path) -> None:
         done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=environment, text=True,
                               capture_output=True, timeout=120)  # fmt: skip
         *told, last = done.stderr.splitlines()
-        lost = ["the output was lost: No space left on device"] if out == "b" else []
+        lost = (
+            ["standard output could not be written: No space left on device"] if out == "b" else []
+        )
         assert told == lost and last in (code, "1")  # 1: so short a run does not arrive
         assert out != "b" or last == "2"
         assert len([*(tmp_path / out).iterdir()]) >= 4

@@ -125,7 +125,7 @@ def test_what_is_wrong_is_told_without_a_traceback(tmp_path: Path) -> None:
     good = tmp_path / "good.toml"
     good.write_text(STUDY)
     for words, text in (
-        (["paper"], "give a study file; `rpctl study ROBOT --template` prints one"),
+        (["paper"], "no study file is given; `rpctl study ROBOT --template` prints one"),
         (["paper", str(path)], "study.cuont: setting 'cuont' is not known"),
         (["paper", str(tmp_path / "none.toml")], "none.toml"),
         (["paper", str(good), "--backend", "cobol"], "backend 'cobol' is not known"),

@@ -187,7 +187,9 @@ def test_a_bicycle_that_goes_too_slowly_is_refused() -> None:
         np.sqrt(9.81 * np.tan(0.1) * 1.02 / np.tan(0.6)), rel=0.05
     )
     for name, speed in (("eight", 0.65), ("line", 1.0), ("reverse", None)):
-        with pytest.raises(RpctlError, match=r"falls over at .* m/s, the least speed of its way"):
+        with pytest.raises(
+            RpctlError, match=r"falls over at .* m/s, the lowest speed of its reference"
+        ):
             rpctl.load_reference(robot, name, speed=speed)
     with pytest.raises(RpctlError, match=r"7\.\d+ m is the least size"):
         rpctl.load_reference(robot, "eight", size=3.0)
@@ -230,7 +232,7 @@ def test_what_cannot_be_balanced_is_refused() -> None:
         Balance().start(ReducedDynamics(rpctl.load("paper")), PERIOD)
     with pytest.raises(RpctlError, match=r"leans.*balance"):
         rpctl.Controller(rpctl.load("balancer"), "line", dynamic="integral")
-    with pytest.raises(RpctlError, match="leans: no law here balances it where rates"):
+    with pytest.raises(RpctlError, match="leans: no law of rpctl balances it if rates"):
         rpctl.Controller(rpctl.load("balancer"), "line", rates="estimated")
 
 

@@ -55,7 +55,7 @@ def test_inspect_tells_it(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found["tilt"] == 0.5 * MAX_TILT
     assert found["controllability"] > 1.0
     shown = CliRunner().invoke(app, ["inspect", "balancer", "--balance"])
-    assert "balanced from 0.60 rad and less, standing" in " ".join(shown.output.split())
+    assert "balanced from up to 0.60 rad, standing" in " ".join(shown.output.split())
 
 
 def test_what_stands_by_itself_is_refused() -> None:

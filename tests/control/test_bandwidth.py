@@ -108,8 +108,8 @@ def test_the_gains_are_told_and_what_a_law_ignores(paper: Robot) -> None:
     assert law_sentences(dynamics, law, None, 0.002) == ()
     (ignored,) = law_sentences(dynamics, law, PaperDynamic(), 0.002)
     assert "limits of efforts, rates and positions" in ignored
-    assert "held for a period" in ignored
-    assert "held" not in law_sentences(dynamics, law, PaperDynamic(midpoint=True), 0.002)[0]
+    assert "and the sampling" in ignored
+    assert "sampling" not in law_sentences(dynamics, law, PaperDynamic(midpoint=True), 0.002)[0]
 
 
 def test_joints_are_quicker_where_a_delay_is_told() -> None:

@@ -56,8 +56,8 @@ class Unspeakable:
 
 
 BAD: dict[str, Callable[[float, Array, Array], tuple[Any, Any, Any]]] = {
-    "q holds numbers": lambda t, q, nu: (t, np.where(np.arange(len(q)) == 1, np.nan, q), nu),
-    "nu holds numbers that are not finite": lambda t, q, nu: (t, q, np.full_like(nu, -np.inf)),
+    "q has numbers": lambda t, q, nu: (t, np.where(np.arange(len(q)) == 1, np.nan, q), nu),
+    "nu has numbers that are not finite": lambda t, q, nu: (t, q, np.full_like(nu, -np.inf)),
     "t is nan": lambda t, q, nu: (math.nan, q, nu),
     "t is inf": lambda t, q, nu: (math.inf, q, nu),
     "at most 1e+10 s": lambda t, q, nu: (1e308, q, nu),
@@ -66,8 +66,8 @@ BAD: dict[str, Callable[[float, Array, Array], tuple[Any, Any, Any]]] = {
     "not later than": lambda t, q, nu: (t - PERIOD, q, nu),
     "q has the shape": lambda t, q, nu: (t, q[:-1], nu),
     "nu has the shape": lambda t, q, nu: (t, q, nu[:, None]),
-    "belong to no angle": lambda t, q, nu: (t, np.where(np.arange(len(q)) == 2, 0.5, q), nu),
-    "no number: could not": lambda t, q, nu: (t, q, ["fast"] * len(nu)),
+    "are not those of an angle": lambda t, q, nu: (t, np.where(np.arange(len(q)) == 2, 0.5, q), nu),
+    "entries that are not numbers: could not": lambda t, q, nu: (t, q, ["fast"] * len(nu)),
     "no number": lambda t, q, nu: (None, q, nu),
     "larger than 1e+06": lambda t, q, nu: (t, q, np.full_like(nu, 1e9)),
 }
@@ -177,8 +177,8 @@ def test_a_solver_that_gives_up_stops_nothing(paper: Robot) -> None:
     assert robot.outputs[7].reason == "no solution"
     assert robot.controller.report()["fallbacks"] == 3
     assert robot.controller.notes() == (
-        "the dynamic law failed at 3 of 20 samples and was replaced there; first at t = 0 s: "
-        "no solution",
+        "the dynamic law failed at 3 of 20 samples, where a fallback law replaced it; first at t "
+        "= 0 s: no solution",
     )
 
 

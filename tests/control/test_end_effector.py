@@ -198,7 +198,7 @@ def test_robots_without_an_arm_are_told(tmp_path: Path) -> None:
 
 def test_obstacles_of_the_end_effector_are_not_passed_over() -> None:
     base = Horizon(end_effector_obstacles=(Disc(1.0, 0.0, 0.2),))
-    with pytest.raises(RpctlError, match="would run into end_effector_obstacles; take the horizon"):
+    with pytest.raises(RpctlError, match="avoid end_effector_obstacles; take the horizon"):
         EndEffector(base=base)
     EndEffector(base=Horizon(base_obstacles=(Disc(1.0, 0.0, 0.2),)))
 

@@ -373,7 +373,7 @@ def test_a_told_delay_is_simulated_unless_the_plant_has_its_own(paper: Robot) ->
     told = Config().with_run(delay=0.05)
     assert told.delay == 0.05
     assert Config(plant=Plant(delay=0.03), run=told.run).delay == 0.03
-    assert refusal(paper, told) == "the controller foretells a delay"
+    assert refusal(paper, told) == "the controller predicts over a delay"
     assert refusal(paper, Config().with_run(rates="estimated")) == "rates are estimated"
     run = rpctl.track(paper, "line", duration=0.2, delay=0.1, collisions=False)
     assert run.config.plant.delay == pytest.approx(0.1)

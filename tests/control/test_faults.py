@@ -209,7 +209,7 @@ def test_a_dead_wheel_ends_in_a_stop_and_leaves_the_arm_alone(paper: Robot, tell
     assert fastest < 1.0  # of its limit
     assert {output.status for output in robot.outputs[-100:]} == {"lost"}
     assert "at its limits for 2 s" in robot.outputs[-1].reason
-    assert "was braked: at its limits for 2 s" in robot.controller.notes()[-1]
+    assert "controller braked it: at its limits for 2 s" in robot.controller.notes()[-1]
     # With its left wheel at rest it may roll round on the dead one, which nothing brakes.
     rates = robot.dynamics.actuation(robot.q).T @ robot.nu
     assert abs(rates[0]) < 0.1

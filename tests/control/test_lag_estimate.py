@@ -187,7 +187,7 @@ def test_an_estimate_is_taken_in_smoothly() -> None:
 def test_the_sentence_says_what_was_told_and_what_to_tell() -> None:
     assert watched(step, 0.2, 0.1, told=(0.2, 0.1)).sentence(("v",)) == ""
     said = watched(step, 0.2, 0.1).sentence(("v",))
-    assert "0.21 s of v (0 s told), after a dead time of 0.1 s (0 s told)" in said
+    assert "0.21 s of v (0 s set), after a dead time of 0.1 s (0 s set)" in said
     assert "--actuator-lag 0.21 --dead-time 0.1" in said
 
 

@@ -32,9 +32,9 @@ def commands(robot: Robot, output: Any) -> GroupCommands:
         ("paper", {"base": "twist"}, "arm_revolute_joint is in no group"),
         ("paper", {"*": "position"}, 'v is in no group of the output; .*"base": "twist"'),
         ("paper", {"base": "twist", "*": "position", "arm_p*": "velocity"}, "in the groups"),
-        ("paper", {"base": "effort", "arm_*": "velocity"}, "efforts beside an arm in groups"),
+        ("paper", {"base": "effort", "arm_*": "velocity"}, "efforts beside groups of the arm"),
         ("paper", {"base": "twist", "*": OutputGroup("effort", 0.1)}, "which act at once"),
-        ("paper", {"base": "position", "*": "position"}, "a base has no position"),
+        ("paper", {"base": "position", "*": "position"}, "a base does not take position"),
         (
             "paper",
             {"base": "twist", "*": "twist"},

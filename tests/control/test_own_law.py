@@ -174,10 +174,13 @@ class Twice(rpctl.BaseLaw):
     [
         ("none.py:Law", r"none\.py: error: No such file"),
         ("own.py:Treshold", r"own\.py: class 'Treshold' is not known; did you mean Threshold\?"),
-        ("own.py:Half", r"own\.py: Half is no law; give a subclass of rpctl\.BaseLaw"),
-        ("own.py:math", r"own\.py: math is no law"),
-        ("own.py:Threshold", r"of Threshold is no formula: .*. Write it with rpctl\.math"),
-        ("own.py:Floats", r"of Floats is no formula: it has a NaN, as Python's math makes"),
+        ("own.py:Half", r"own\.py: Half is not a law; give a subclass of rpctl\.BaseLaw"),
+        ("own.py:math", r"own\.py: math is not a law"),
+        ("own.py:Threshold", r"of Threshold is not a formula: .*. Write it with rpctl\.math"),
+        (
+            "own.py:Floats",
+            r"of Floats is not a formula: it gives NaN, as functions of Python's math do",
+        ),
         ("own.py:Short", "Short: formulas and code have no symbol 'short' left for its setting"),
         ("own.py:Twice", "Twice: formulas and code have no symbol 'x1' left for its setting"),
         ("broken.py:Law", r"broken\.py:2: error: ZeroDivisionError: division by zero"),
@@ -225,5 +228,5 @@ def test_a_function_is_a_law_at_pythons_speed_which_is_said(paper: Robot) -> Non
         return Command(np.zeros(4), np.zeros(4))
 
     run = rpctl.track(paper, "line", duration=0.5, kinematic=own)
-    assert "closed in Python: the kinematic law own" in " ".join(run.notes)
+    assert "ran in Python, not as machine code: the kinematic law own" in " ".join(run.notes)
     assert not np.any(run.log.nu_d)

@@ -278,7 +278,7 @@ def test_a_reference_slows_down_that_the_robot_cannot_follow(
     report = controller.report()
     assert report["lost"] == 0
     assert report["pace"] < 1.0
-    assert any("of its pace at least, where the robot left it" in n for n in controller.notes())
+    assert any("of its speed or more where the robot left it" in n for n in controller.notes())
 
 
 def test_a_pace_falls_while_the_robot_leaves_and_comes_back_with_it(paper: Robot) -> None:

@@ -130,12 +130,12 @@ for label, value, message in (
     ("comma", "1,5", 'decimal comma; write "1.5"'),
     ("unit", "1.5kg", 'leave out the unit "kg"; write "1.5"'),
     ("unit after a blank", "1.5 kg", 'leave out the unit "kg"; write "1.5"'),
-    ("xacro value", "${m}", "xacro is left unexpanded"),
+    ("xacro value", "${m}", "the file contains xacro that is not expanded"),
     ("hexadecimal", "0x10", "is not a number"),
     ("underscore", "1_000", "is not a number"),
     ("full-width digit", "１", "is not a number"),
     ("two", "1 2", "has 2 numbers; give 1"),
-    ("absurd", "1e12", "is absurd; URDF counts in metres, kilograms"),
+    ("absurd", "1e12", "is too large; URDF uses metres, kilograms"),
     ("too many digits", "1" * 100, "is not a number"),
     ("negative", "-3", 'mass -3 of link "base" is negative'),
 ):
@@ -145,7 +145,7 @@ for error in (
     ("semicolons", "separate numbers by blanks", '<axis xyz="0 0 1"/>', '<axis xyz="0; 0; 1"/>'),
     ("no value", '<mass> has no attribute "value"', '<mass value="30"/>', "<mass/>"),
     ("angle: degrees sign", "leave out the unit", 'rpy="0 0 0"', 'rpy="0 0 90°"'),
-    ("quaternion", "write the turn as rpy", '<origin xyz="0.2 0 0.4"/>', '<origin quat_xyzw="0 0 0 1"/>'),
+    ("quaternion", "write the rotation as rpy", '<origin xyz="0.2 0 0.4"/>', '<origin quat_xyzw="0 0 0 1"/>'),
 ):
     add_error(*error)
 for warning in (
@@ -185,8 +185,8 @@ for error in (
     ("no joint name", "<joint> without a name; name it", '<joint name="slide" ', "<joint "),
     ("two links of a name", 'link "base" is already at line 4; rename one', '<link name="arm">', '<link name="base">'),
     ("two joints of a name", 'joint "shoulder" is already at line 43; rename', '<joint name="slide" ', '<joint name="shoulder" '),
-    ("reserved name", 'joint "root_joint" has a name that Pinocchio takes', '<joint name="slide" ', '<joint name="root_joint" '),
-    ("universe", 'joint "universe" has a name that Pinocchio takes', '<joint name="slide" ', '<joint name="universe" '),
+    ("reserved name", 'joint "root_joint" has a name that Pinocchio reserves', '<joint name="slide" ', '<joint name="root_joint" '),
+    ("universe", 'joint "universe" has a name that Pinocchio reserves', '<joint name="slide" ', '<joint name="universe" '),
     ("unknown parent", 'joint "slide" names an unknown link "hand"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>', f'{MARK}<joint name="slide" type="prismatic">\n    <parent link="hand"/>'),
     ("unknown child", 'joint "slide" names an unknown link "thumb"', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="blade"/>', f'{MARK}<joint name="slide" type="prismatic">\n    <parent link="arm"/>\n    <child link="thumb"/>'),
     ("no parent", 'joint "slide" has no <parent link="...">', '<joint name="slide" type="prismatic">\n    <parent link="arm"/>', '<joint name="slide" type="prismatic">'),
@@ -238,18 +238,18 @@ for error in (
 for warning in (
     ("limits of nothing", 'joint "shoulder" cannot move', LIMIT, '<limit effort="9" velocity="3"/>'),
     ("limits out of reach", "lower limit -1e+16", LIMIT, '<limit lower="-1e+16" upper="1e+16" effort="9" velocity="3"/>'),
-    ("limits in degrees", 'limits -180 and 180 of joint "shoulder" are taken as rad; degrees?', LIMIT, '<limit lower="-180" upper="180" effort="9" velocity="3"/>'),
-    ("origin in mm", 'is 200 m from its parent\'s origin; lengths in mm?', '<origin xyz="0.2 0 0.4"/>', '<origin xyz="200 0 0.4"/>'),
+    ("limits in degrees", 'limits -180 and 180 of joint "shoulder" are read as rad; if they are degrees', LIMIT, '<limit lower="-180" upper="180" effort="9" velocity="3"/>'),
+    ("origin in mm", 'is 200 m from its parent\'s origin; if lengths are in mm', '<origin xyz="0.2 0 0.4"/>', '<origin xyz="200 0 0.4"/>'),
     ("negative effort", "effort limit -9", LIMIT, '<limit lower="-2" upper="2" effort="-9" velocity="3"/>'),
     ("negative velocity", "velocity limit -3", LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="-3"/>'),
-    ("effort of -1", 'effort limit -1 of joint "shoulder" is taken as no limit', LIMIT, '<limit lower="-2" upper="2" effort="-1" velocity="3"/>'),
-    ("velocity of -1", 'velocity limit -1 of joint "shoulder" is taken as no limit', LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="-1"/>'),
-    ("zero velocity", 'velocity limit 0 of joint "shoulder" is taken as not given', LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="0"/>'),
-    ("vanishing velocity", 'velocity limit 1e-160 of joint "shoulder" is taken as not given', LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="1e-160"/>'),
+    ("effort of -1", 'effort limit -1 of joint "shoulder" is treated as no limit', LIMIT, '<limit lower="-2" upper="2" effort="-1" velocity="3"/>'),
+    ("velocity of -1", 'velocity limit -1 of joint "shoulder" is treated as no limit', LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="-1"/>'),
+    ("zero velocity", 'velocity limit 0 of joint "shoulder" is ignored', LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="0"/>'),
+    ("vanishing velocity", 'velocity limit 1e-160 of joint "shoulder" is ignored', LIMIT, '<limit lower="-2" upper="2" effort="9" velocity="1e-160"/>'),
     ("two limits", "a second <limit> in <joint>", LIMIT, LIMIT + "<limit/>"),
 ):
     add_warning(*warning)
-add_case("no limit", "warning", 'joint "shoulder" has no <limit>; it is taken as unlimited', BASE.replace(LIMIT, "").replace('<joint name="shoulder"', f'{MARK}<joint name="shoulder"'))
+add_case("no limit", "warning", 'joint "shoulder" has no <limit>; rpctl treats it as unlimited', BASE.replace(LIMIT, "").replace('<joint name="shoulder"', f'{MARK}<joint name="shoulder"'))
 
 # Mimics.
 for error in (
@@ -262,8 +262,9 @@ for error in (
 add_warning("mimic: multiplier 0", 'joint "shoulder" mimics with multiplier 0', LIMIT, LIMIT + '<mimic joint="slide" multiplier="0"/>')
 GRIP = '<limit lower="0" upper="0.1" effort="5" velocity="1"/>'
 for case in (
-    ("mimic: circle", "error", "mimics in a circle (shoulder > slide)", BASE.replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}').replace(GRIP, '<mimic joint="shoulder"/>' + GRIP)),
-    ("mimic: chain", "warning", 'joint "slide" mimics "shoulder", itself a mimic; read as one of "left_joint"', BASE.replace(LIMIT, '<mimic joint="left_joint"/>' + LIMIT).replace(GRIP, f'{MARK}<mimic joint="shoulder"/>{GRIP}')),
+    ("mimic: circle", "error", "mimics itself in a loop (shoulder > slide)", BASE.replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}').replace(GRIP, '<mimic joint="shoulder"/>' + GRIP)),
+    ("mimic: chain", "warning", ('joint "slide" mimics "shoulder", itself a mimic; rpctl resolves '
+                                'it to "left_joint"'), BASE.replace(LIMIT, '<mimic joint="left_joint"/>' + LIMIT).replace(GRIP, f'{MARK}<mimic joint="shoulder"/>{GRIP}')),
     ("mimic: fixed", "error", 'mimics joint "slide", which is fixed', BASE.replace('"slide" type="prismatic"', '"slide" type="fixed"').replace(LIMIT, f'{MARK}<mimic joint="slide"/>{LIMIT}')),
 ):
     add_case(*case)
@@ -274,7 +275,7 @@ add_error("size is no number", '<box size="a b c"> is not a number', BOX, '<box 
 for warning in (
     ("no shape", "<visual> without a shape", f"<visual>\n      <geometry>{BOX}</geometry>", f"{MARK}<visual>"),
     ("two shapes", "a second shape in <geometry>", BOX, BOX + BOX),
-    ("strange shape", "<cone> is no URDF shape", BOX, "<cone/>"),
+    ("strange shape", "<cone> is not a URDF shape", BOX, "<cone/>"),
     ("negative size", "<box> has a size that is not positive", BOX, '<box size="-0.5 0.4 0.2"/>'),
     ("huge size", "<box> is over 100 m large; is it in mm?", BOX, '<box size="500 400 200"/>'),
     ("mesh without a name", "<mesh> without a filename", BOX, "<mesh/>"),
@@ -304,14 +305,14 @@ for case in (
     ("tag not closed", "error", "not well-formed XML: Opening and ending tag mismatch: link", BASE.replace("  </link>\n", "", 1).replace("</robot>", f"{MARK}</robot>")),
     ("deep", "error", "elements are nested over 256 deep", f'{MARK}<robot name="r">' + "<a>" * 300 + "</a>" * 300 + "</robot>"),
     ("doctype", "error", "a DOCTYPE is not part of URDF; remove it", f"\n{MARK}<!DOCTYPE robot>" + '<robot name="r"/>'),
-    ("entities", "error", "its entities are never read", f"{MARK}<!DOCTYPE r [<!ENTITY a 'b'>]><robot/>"),
+    ("entities", "error", "rpctl never reads its entities", f"{MARK}<!DOCTYPE r [<!ENTITY a 'b'>]><robot/>"),
     ("sdf", "error", "this is SDF, not URDF; export", f'<?xml version="1.0"?>\n{MARK}<sdf version="1.6"></sdf>'),
     ("mjcf", "error", "this is MJCF, not URDF; export", f"{MARK}<mujoco></mujoco>"),
     ("collada", "error", "this is COLLADA, a mesh, not URDF", f'{MARK}<COLLADA xmlns="u"/>'),
     ("html", "error", "this is HTML, a page, not URDF; download the raw file", f"\n{MARK}<!DOCTYPE html><html></html>"),
     ("html without a doctype", "error", "this is HTML", f"{MARK}<html></html>"),
     ("svg", "error", "this is an SVG picture", f"{MARK}<svg/>"),
-    ("srdf", "error", "this is SRDF", f'{MARK}<robot name="r"><group name="arm"/></robot>'),
+    ("srdf", "error", "this is an SRDF", f'{MARK}<robot name="r"><group name="arm"/></robot>'),
     ("launch", "error", "this is a ROS launch file", f"{MARK}<launch/>"),
     ("other root", "error", "the root element is <Robot>; a URDF's is <robot>", f"{MARK}<Robot/>"),
     ("json", "error", "this is JSON, not URDF", MARK + '{"robot": 1}'),
@@ -326,8 +327,9 @@ for magic, kind in ((b"\x89PNG\r\n\x1a\n\0", "a PNG picture"), (b"PK\x03\x04\0",
     CASES.append(UrdfCase(kind, "error", f"this is {kind}, not URDF", magic, None))
 CASES.append(UrdfCase("zero bytes", "error", "a zero byte", b"<robot>\n\0\0</robot>", 2))
 for encoded in (
-    ("xacro", "error", "xacro is left unexpanded (2 elements, the first is <macro>)", f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>', "utf-16"),
-    ("xacro undeclared", "error", "xacro is left unexpanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>', "utf-16"),
+    ("xacro", "error", ("the file contains xacro that is not expanded (2 elements, the first is "
+                       "<macro>)"), f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n{MARK}<xacro:macro/><xacro:a/></robot>', "utf-16"),
+    ("xacro undeclared", "error", "the file contains xacro that is not expanded", f'<robot name="r">\n{MARK}<xacro:macro/></robot>', "utf-16"),
 ):
     add_case(*encoded)
 
@@ -338,9 +340,9 @@ for warning in (
 ):
     add_warning(*warning)
 for mended in (
-    ("default namespace", "warning", '<robot> is in the namespace "urn:x"; it is left out', BASE.replace("<robot ", f'{MARK}<robot xmlns="urn:x" ')),
+    ("default namespace", "warning", '<robot> is in the namespace "urn:x"; rpctl ignores the namespace', BASE.replace("<robot ", f'{MARK}<robot xmlns="urn:x" ')),
     ("prefixed urdf", "warning", 'in the namespace "urn:x"', f'{MARK}<u:robot xmlns:u="urn:x" name="r"><u:link name="a"/></u:robot>'),
-    ("latin-1 as utf-8", "warning", "byte 0xE9 is not UTF-8, the file's encoding; it is read as Latin-1", BASE.replace('"red"><', f'"roug{MARK}é"><'), "latin-1"),
+    ("latin-1 as utf-8", "warning", "byte 0xE9 is not UTF-8, the file's encoding; rpctl reads it as Latin-1", BASE.replace('"red"><', f'"roug{MARK}é"><'), "latin-1"),
     ("unknown encoding", "warning", 'the declared encoding "klingon" is not the file\'s', MARK + BASE.replace("UTF-8", "klingon")),
     ("declared utf-16", "warning", 'the declared encoding "UTF-16" is not the file\'s', MARK + BASE.replace("UTF-8", "UTF-16")),
     ("blanks before the declaration", "warning", "blanks before <?xml; remove them", f"\n\n{MARK}{BASE}"),

@@ -104,7 +104,10 @@ def test_an_open_mesh_is_taken_as_its_hull_and_told(tmp_path: Path) -> None:
     path = shaped(tmp_path, '<mesh filename="open.stl"/>')
     robot = rpctl.load(path, density=RHO)
     (expected,) = (f for f in robot.findings if f.severity == "warning")
-    assert 'mesh "open.stl" of link "arm" is not watertight; its convex hull' in expected.message
+    assert (
+        'mesh "open.stl" of link "arm" is not watertight; rpctl uses its convex hull'
+        in expected.message
+    )
     assert expected.line == robot.description.link["arm"].collisions[0].line
     assert robot.description.link["arm"].mass == pytest.approx(RHO * 0.006, rel=1e-6)
 
@@ -112,7 +115,9 @@ def test_an_open_mesh_is_taken_as_its_hull_and_told(tmp_path: Path) -> None:
 def test_a_flat_mesh_weighs_nothing_and_is_told(tmp_path: Path) -> None:
     trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).export(tmp_path / "flat.stl")
     robot = rpctl.load(shaped(tmp_path, '<mesh filename="flat.stl"/>'), density=RHO)
-    (message,) = (f.message for f in robot.findings if "gives no estimate" in f.message)
+    (message,) = (
+        f.message for f in robot.findings if "cannot be used for the estimate" in f.message
+    )
     assert "encloses no volume" in message
     assert robot.description.link["arm"].mass is None
 
@@ -122,7 +127,7 @@ def test_a_flat_mesh_weighs_nothing_and_is_told(tmp_path: Path) -> None:
     [
         ("none.stl", "no such file"),
         ("../../etc/passwd", "refused"),
-        ("noise.stl", "its length is not theirs"),
+        ("noise.stl", "which do not match its length"),
         ("far.stl", "reaches 1e+08 m"),
     ],
 )
@@ -134,6 +139,6 @@ def test_an_unknown_mesh_is_not_taken_as_nothing(mesh: str, expected: str, tmp_p
     with pytest.raises(DescriptionError) as caught:
         rpctl.load(path, density=RHO)
     (message,) = str(caught.value).splitlines()
-    assert message.startswith(f'{path}:{line}: error: mesh "{mesh}" of link "arm" gives no')
+    assert message.startswith(f'{path}:{line}: error: mesh "{mesh}" of link "arm" cannot be used')
     assert expected in message
     assert message.endswith("its link has no <inertial>: give one, or the mesh")

@@ -44,11 +44,11 @@ def star(count: int) -> str:
 HOSTILE = {
     "billion laughs": (
         f'<!DOCTYPE r [{LAUGHS}]><robot name="&a11;"><link name="a"/></robot>',
-        "its entities are never read",
+        "rpctl never reads its entities",
     ),
     "external entity": (
         '<!DOCTYPE r [<!ENTITY e SYSTEM "file:///etc/passwd">]><robot name="&e;"/>',
-        "its entities are never read",
+        "rpctl never reads its entities",
     ),
     "external document type": (
         '<!DOCTYPE r SYSTEM "http://localhost:1/x.dtd"><robot name="a"/>',
@@ -56,7 +56,7 @@ HOSTILE = {
     ),
     "parameter entities": (
         '<!-- x --><!DOCTYPE r [<!ENTITY % p SYSTEM "/dev/zero"> %p;]><robot name="a"/>',
-        "its entities are never read",
+        "rpctl never reads its entities",
     ),
     "entity without a document type": (BASE.replace('"30"', '"&e;"'), "Entity 'e' not defined"),
     "100 MB of blanks": (" " * 100 * 2**20, "the file is over 33554432 bytes"),
@@ -65,8 +65,8 @@ HOSTILE = {
         '<robot name="r">' + "<a>" * 90_000 + "</a>" * 90_000 + "</robot>",
         "elements are nested over 256 deep",
     ),
-    "100000 links": (star(100_000), "100000 links, where 2000 are the limit; if it is meant, set"),
-    "a row of 100000 links": (chain(100_000), "100000 links, where 2000 are the limit"),
+    "100000 links": (star(100_000), "100000 links; at most 2000 are allowed; to allow it, set"),
+    "a row of 100000 links": (chain(100_000), "100000 links; at most 2000 are allowed"),
     "an attribute of 11 MB": (
         BASE.replace('"30"', f'"{"1" * 11 * 2**20}"'),
         "a tag or text is over 10 MB",
@@ -82,19 +82,19 @@ HOSTILE = {
     ),
     "300000 shapes": (
         f'<robot name="r"><link name="l0">{"<visual/>" * 300_000}</link></robot>',
-        "300002 elements, where 100000 are the limit",
+        "300002 elements; at most 100000 are allowed",
     ),
     "2 million elements": (
         f"<robot name='r'>{'<a/>' * 2_000_000}</robot>",
-        "2000001 elements, where 100000 are the limit; if it is meant, set RPCTL_MAX_ELEMENTS",
+        "2000001 elements; at most 100000 are allowed; to allow it, set RPCTL_MAX_ELEMENTS",
     ),
     "2 million elements of a namespace": (
         f"<robot name='r' xmlns='u'>{'<a/>' * 2_000_000}</robot>",
-        "2000001 elements, where 100000 are the limit",
+        "2000001 elements; at most 100000 are allowed",
     ),
     "5 million attributes": (
         "<robot name='r'>" + f"<link {' '.join(f'a{i}=1' for i in range(99))}/>\n" * 51_000,
-        "5049001 attributes, where 1000000 are the limit; if it is meant, set RPCTL_MAX_ATTRIBUTES",
+        "5049001 attributes; at most 1000000 are allowed; to allow it, set RPCTL_MAX_ATTRIBUTES",
     ),
     "2 million comments": ("<robot name='r'>" + "<!--" * 2_000_000, "Double hyphen within comment"),
     "100000 unknown elements": (
@@ -107,7 +107,7 @@ HOSTILE = {
         "mimics through a chain of over 20",
     ),
     "unclosed comments": ("<robot>" + "<!--" * 10**6, "truncated"),
-    "500 moving joints": (chain(501, "continuous"), "500 moving joints, where 150 are the limit"),
+    "500 moving joints": (chain(501, "continuous"), "500 moving joints; at most 150 are allowed"),
 }  # fmt: skip
 
 
@@ -161,7 +161,7 @@ def test_caps_can_be_raised_and_lowered(tmp_path: Path, monkeypatch: pytest.Monk
     path = tmp_path / "r.urdf"
     path.write_text(BASE, encoding="utf-8")
     for name, expected in (
-        ("MAX_LINKS", "5 links, where 4 are the limit"),
+        ("MAX_LINKS", "5 links; at most 4 are allowed"),
         ("MAX_BYTES", "the file is over 4 bytes"),
     ):
         monkeypatch.setenv(f"RPCTL_{name}", "4")
@@ -169,11 +169,11 @@ def test_caps_can_be_raised_and_lowered(tmp_path: Path, monkeypatch: pytest.Monk
             rpctl.load(path)
         monkeypatch.delenv(f"RPCTL_{name}")
     monkeypatch.setenv("RPCTL_MAX_MOVING_JOINTS", "2")
-    with pytest.raises(DescriptionError, match="4 moving joints, where 2 are the limit"):
+    with pytest.raises(DescriptionError, match="4 moving joints; at most 2 are allowed"):
         rpctl.load(path)
     assert rpctl.load(path, lock=["shoulder", "slide"]).dof == 2
     monkeypatch.setenv("RPCTL_MAX_LINKS", "many")
-    with pytest.raises(RpctlError, match="'many' is no positive integer"):
+    with pytest.raises(RpctlError, match="'many' is not a positive integer"):
         rpctl.load(path)
     monkeypatch.setenv("RPCTL_MAX_LINKS", "99999999")
     assert caps.cap("MAX_LINKS") == 99999999
@@ -187,7 +187,7 @@ def test_what_pinocchio_refuses_is_told_without_its_noise(
     monkeypatch.setattr(
         "rpctl.description.urdf.reader._engine_xml", lambda *_: '<robot name="r"><joint/></robot>'
     )
-    with pytest.raises(DescriptionError, match=r"error: Pinocchio refuses this robot: .*; correct"):
+    with pytest.raises(DescriptionError, match=r"error: Pinocchio rejects this robot: .*; correct"):
         rpctl.load(path)
     assert capfd.readouterr() == ("", "")
 

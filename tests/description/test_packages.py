@@ -55,7 +55,7 @@ def test_a_search_is_bounded_and_says_so(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv("RPCTL_MAX_FOLDERS", "11")
     packages = find_packages(urdf, [tmp_path])
     assert packages.find("a") == ()
-    assert f"the search of {tmp_path} was broken off; if it is meant, set RPCTL_MAX_FOLDERS" in (
+    assert f"the search of {tmp_path} was stopped; to allow it, set RPCTL_MAX_FOLDERS" in (
         packages.remark
     )
     monkeypatch.setenv("RPCTL_MAX_FOLDERS", "12")

@@ -106,6 +106,6 @@ def test_packages_are_declared(tmp_path: Path) -> None:
     for command in ("inspect", "verify", "track", "derive", "expand"):
         code, _, err = rpctl(command, path, "--package-dir", tmp_path / "nowhere")
         assert code == 2
-        assert (
-            err == f"{tmp_path}/nowhere: no such folder; give a package, or one that holds some\n"
+        assert err == (
+            f"{tmp_path}/nowhere: no such folder; give a package, or a folder with packages\n"
         )

@@ -43,7 +43,9 @@ def test_it_picks_two_wheels_out_of_four(tmp_path: Path) -> None:
     assert two.drive.type == "differential"
     assert "rear_left_joint" in two.quasi_velocities  # turns freely, as an arm's joint would
     (doubt,) = two.drive.doubts
-    assert doubt.startswith("rear_left_joint, rear_right_joint: not among the wheels")
+    assert doubt.startswith(
+        "rear_left_joint, rear_right_joint: the drive file does not name them as wheels"
+    )
 
 
 @pytest.mark.parametrize(
@@ -64,7 +66,7 @@ def test_it_picks_two_wheels_out_of_four(tmp_path: Path) -> None:
         (GOOD.replace("0.2", "nan"), "wheel[1].radius: is nan; give a finite number"),
         (GOOD.replace("0.2", "true"), "wheel[1].radius: is True; give a number"),
         (GOOD.replace("right_joint", "left_joint"), 'joint "left_joint" is named twice'),
-        (GOOD.replace('joint = "right_joint"', ""), "wheel[2]: lacks joint"),
+        (GOOD.replace('joint = "right_joint"', ""), "wheel[2]: misses joint"),
         ('type = "fixed"\n[wheel]\njoint = "a"', "write [[wheel]]"),
     ],
 )

@@ -70,8 +70,8 @@ def idle_caster() -> Parts:
     ("parts", "why", "ways"),
     [
         (two_swivels(), '"third" swivels about 2 upright axes', ("--lock outer", "--lock third")),
-        (tilted(), '"front_wheel" has an axle 10° off the level', ("level its <axis>",)),
-        (tilted("1 1 1"), '"front_wheel" has an axle 35° off the level', ("level its <axis>",)),
+        (tilted(), '"front_wheel" has an axle 10° off horizontal', ("level its <axis>",)),
+        (tilted("1 1 1"), '"front_wheel" has an axle 35° off horizontal', ("level its <axis>",)),
         (limited(), '"front_wheel" has limits', ('make it "continuous"', "--lock front_wheel")),
         (moving(), '"front_wheel" moves other joints, "flap_joint"', ("--lock flap_joint",)),
         (high(), '"front_wheel" ends 200 mm above the ground', ("--free front_wheel",)),
@@ -82,7 +82,7 @@ def test_a_wheel_that_is_left_out_is_an_error(
     files: Files, parts: Parts, why: str, ways: tuple[str, ...]
 ) -> None:
     refusal = files.refusal(parts)
-    assert refusal.startswith(f"{files.folder / 'robot.urdf'}:1: the differential drive leaves out")
+    assert refusal.startswith(f"{files.folder / 'robot.urdf'}:1: the differential drive ignores")
     assert why in refusal
     for way in ways:
         assert f"\n  {way}" in refusal
@@ -99,7 +99,7 @@ def test_a_robot_whose_wheels_are_all_left_out_is_no_arm(files: Files) -> None:
         parts.joint(f"{side}_wheel", "revolute", place, "0 0 -0.4", "0 1 0")
     refusal = files.refusal(parts)
     assert '"left_wheel" has limits; make it "continuous"' in refusal
-    assert "or say --drive fixed for an arm" in refusal
+    assert "or give --drive fixed for an arm" in refusal
 
 
 @pytest.mark.parametrize("parts", [two_swivels(), tilted(), limited(), moving(), high()])
@@ -127,7 +127,9 @@ def test_a_steering_wheel_is_held(files: Files, axis: str) -> None:
     robot = files.load(text, strict=True)
     assert (robot.joint_names, dict(robot.locked)) == ((), {"turn": 0.0})
     (told,) = (f for f in robot.findings if "steering wheel" in f.message)
-    assert told.message == '"turn" turns a steering wheel, which is held; --free lets it turn'
+    assert told.message == (
+        '"turn" turns a steering wheel, which rpctl freezes; --free lets it turn'
+    )
     assert files.load(text, free=["turn"]).joint_names == ("turn",)
     low = text.replace("0.5 0 0.9", "0.5 0 0.19")
     assert '"turn"' in files.refusal(low)
@@ -337,7 +339,7 @@ def test_rollers_are_held_and_tell_mecanum_wheels(files: Files) -> None:
     assert len(robot.locked) == 32
     (told,) = infos(robot)
     assert told.message.startswith("32 rollers of front_left, front_right, rear_left, rear_right")
-    assert "lie askew to its axle" in robot.drive.evidence[0]
+    assert "are at an angle to its axle" in robot.drive.evidence[0]
     assert [wheel.radius for wheel in robot.drive.wheels] == pytest.approx([0.1] * 4)
     assert {wheel.source for wheel in robot.drive.wheels} == {"its rollers"}
     assert rpctl.verify(robot, samples=1).passed
@@ -466,7 +468,7 @@ def test_a_head_that_swivels_is_no_caster(files: Files, z: float) -> None:
     parts.link("head", 1.0, urdf.shape('sphere radius="0.05"'))
     parts.joint("head_swivel", "continuous", ("base", "head"), f"-0.3 0 {z}", "0 0 1")
     if z < 0.1:
-        assert "is called a caster, and its wheel does not turn" in files.refusal(parts)
+        assert "is called a caster, but its wheel does not turn" in files.refusal(parts)
     else:
         assert files.load(parts).quasi_velocities == ("v", "omega", "head_swivel")
 

@@ -29,8 +29,8 @@ def test_parallel_wheels_are_skid_steer_by_assumption(
     assert robot.drive.type == "skid-steer"
     assert len(robot.drive.wheels) == 2 * len(places)
     (doubt,) = robot.drive.doubts
-    assert doubt.startswith(f"{2 * len(places)} parallel wheels are taken for ordinary ones")
-    assert doubt.endswith("say --drive skid-steer or --drive mecanum")
+    assert doubt.startswith(f"{2 * len(places)} parallel wheels: rpctl assumes ordinary ones")
+    assert doubt.endswith("give --drive skid-steer or --drive mecanum")
     assert doubt in files.refusal(axles(*places), strict=True)
     assert files.load(axles(*places), "skid-steer", strict=True).drive.doubts == ()
 
@@ -97,7 +97,7 @@ def test_a_plugin_that_moves_any_way_is_weak_evidence(files: Files, file: str) -
     drive = files.load(text).drive
     assert drive.type == "mecanum"
     (doubt,) = drive.doubts
-    assert f'for plugin "{file}" (line 1) moves the base any way' in doubt
+    assert f'because plugin "{file}" (line 1) moves the base any way' in doubt
     assert doubt in files.refusal(text, strict=True)
     both = with_plugin(axles(0.25, -0.25), plugin(file), plugin("libgazebo_ros_diff_drive.so"))
     assert files.load(both, strict=True).drive.type == "skid-steer"
@@ -109,7 +109,7 @@ def test_a_file_that_says_two_things_is_asked_about(files: Files) -> None:
     refusal = files.refusal(text)
     assert 'the name "axle0_left_mecanum" mentions them' in refusal
     assert 'plugin "libgazebo_ros_skid_steer_drive.so" (line 1) is made for skid-steer' in refusal
-    assert refusal.endswith("say --drive skid-steer or --drive mecanum")
+    assert refusal.endswith("give --drive skid-steer or --drive mecanum")
     assert files.load(text, "skid-steer").drive.type == "skid-steer"
     assert files.load(text, "mecanum").drive.type == "mecanum"
 

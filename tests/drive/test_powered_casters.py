@@ -78,7 +78,7 @@ def test_a_drive_that_is_named_takes_all_joints_and_says_so(files: Files) -> Non
     assert all(w.driven for w in drive.wheels)
     assert all(s.driven for s in drive.swivels)
     (doubt,) = drive.doubts
-    assert "no transmission tells which joints of the casters are driven" in doubt
+    assert "no transmission says which joints of the casters are driven" in doubt
     text = 'type = "powered-casters"\n'
     for name in both(0, 1, 2):
         kind = "wheel" if "roller" in name else "swivel"
@@ -90,8 +90,8 @@ def test_a_drive_that_is_named_takes_all_joints_and_says_so(files: Files) -> Non
 
 def test_casters_without_motors_are_refused(files: Files) -> None:
     refusal = files.refusal(casters([0.05, 0.06, 0.07]))
-    assert "all of them trail, and nothing tells that motors drive them" in refusal
-    assert "say --drive powered-casters if motors do" in refusal
+    assert "all of them trail, and nothing says that motors drive them" in refusal
+    assert "give --drive powered-casters if motors do" in refusal
     assert 'type = "powered-casters"' in refusal
 
 
@@ -118,7 +118,7 @@ def test_a_caster_that_would_run_into_limits_is_told(files: Files) -> None:
                 "continuous", "revolute"
             )
     (doubt,) = files.load(parts).drive.doubts
-    assert doubt == '"caster_1" is a caster, yet it has limits, into which it would run'
+    assert doubt == '"caster_1" is a caster but has limits, which it would reach'
 
 
 def test_one_powered_caster_leaves_a_motion_undriven(files: Files) -> None:

@@ -262,7 +262,7 @@ def test_what_another_swivel_carries_does_not_steer(
 ) -> None:
     """The rates of what steers are chosen freely, so none may hang on an angle that follows."""
     refusal = files.refusal(parts)
-    assert f':1: "waist_1" steers on "{carrier}", which turns, too' in refusal
+    assert f':1: "waist_1" steers on "{carrier}", which also turns' in refusal
     assert "--lock waist_1" in refusal
     assert 'joint = "waist_1"\nrole = "steered"' in refusal  # of the drive file to start from
 

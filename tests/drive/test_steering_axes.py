@@ -35,7 +35,7 @@ def test_a_kingpin_leans_up_to_10_degrees_and_is_told(files: Files, lean: float)
         assert swivel.pivot == pytest.approx((0.7, side * (0.25 + 0.1 * tan(radians(lean)))))
     certificate = rpctl.verify(robot, samples=8)
     assert certificate.passed
-    told = [sentence for sentence in certificate.idealised if "is taken to be upright" in sentence]
+    told = [sentence for sentence in certificate.idealised if "is treated as upright" in sentence]
     assert len(told) == 2
     assert f'"steer_left" (line 1) leans {lean:.3g}°' in told[0]
 
@@ -67,7 +67,9 @@ def test_a_rear_axle_on_fixed_joints_is_told_whatever_the_drive(files: Files) ->
     drive = files.load(fixed).drive
     assert drive.type == "differential"
     (doubt,) = drive.doubts
-    assert doubt.startswith("what looks like further wheels on the ground is held by fixed joints")
+    assert doubt.startswith(
+        "further bodies that look like wheels on the ground are held by fixed joints"
+    )
     for name in ("rear_left", "rear_right"):
         assert f'"{name}" (line 1) type="continuous" with <axis xyz="0 1 0"/>' in doubt
     assert "held by fixed joints" in files.refusal(fixed, strict=True)
@@ -216,6 +218,6 @@ def test_a_castor_with_a_transmission_is_a_caster(files: Files) -> None:
     drive = files.load(text).drive
     assert drive.type == "differential"
     assert [(s.role, s.driven) for s in drive.swivels] == [("caster", False)]
-    assert '"front_castor" is taken for a caster' in drive.doubts[0]
+    assert '"front_castor" is treated as a caster' in drive.doubts[0]
     assert "a transmission drives it" in drive.doubts[0]
     assert files.load(text.replace("front_castor", "pivot")).drive.type == "tricycle"

@@ -75,7 +75,10 @@ def test_a_joint_that_a_plugin_drives_as_a_wheel_is_none_of_an_arm(files: Files)
     turned = files.load(with_plugin(parts, plugin("libx_diff_drive.so", steering)))
     assert turned.joint_names == ("left_drum", "right_drum")
     text = with_plugin(parts, plugin("libgazebo_ros_diff_drive.so", inside))
-    assert '"left_drum", "right_drum" is driven as a wheel by a plugin' in files.refusal(text)
+    assert (
+        '"left_drum", "right_drum" a plugin or a controller drives it as a wheel'
+        in files.refusal(text)
+    )
     assert files.load(text, free=["*_drum"]).joint_names == ("left_drum", "right_drum")
     assert files.load(parts).joint_names == ("left_drum", "right_drum")
 
@@ -85,7 +88,7 @@ def test_a_plugin_for_another_drive_is_warned_of(files: Files, kind: str) -> Non
     text = driven("", f"gz-sim-{kind}-system")
     (found,) = told(files.load(text))
     assert found.severity == "warning"
-    assert "by its wheels the drive is differential; say which it is with --drive" in found.message
+    assert "by its wheels the drive is differential; choose with --drive" in found.message
     assert "by its wheels the drive is differential" in files.refusal(text, strict=True)
 
 
@@ -139,7 +142,7 @@ def test_a_controller_in_the_workspace_tells_its_separation(
     assert found.severity == "info"
     assert f"(bot_control/config/control.yaml:{line})" in found.message
     assert message in found.message
-    assert "a drive file with track = " in found.message
+    assert "to use theirs, set track = " in found.message
 
 
 def test_a_controller_may_name_wheels_as_joints_only(tmp_path: Path) -> None:
@@ -174,7 +177,7 @@ def test_controllers_that_are_not_clearly_the_robots_tell_nothing(
 ) -> None:
     drive = rpctl.load(workspace(tmp_path, control, package)).drive
     assert drive.type == "skid-steer"
-    assert drive.doubts[0].startswith("4 parallel wheels are taken for ordinary ones")
+    assert drive.doubts[0].startswith("4 parallel wheels: rpctl assumes ordinary ones")
 
 
 def aliases(leaf: str) -> str:

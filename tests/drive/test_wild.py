@@ -95,10 +95,10 @@ def test_meshes_that_are_not_there(files: Files) -> None:
     robot = files.load(parts)
     wheel, doubt = robot.drive.wheels[0], robot.drive.doubts[0]
     assert (wheel.radius, wheel.source) == (0.1, 'axle height over the root link "base"')
-    assert doubt.startswith('no shape tells the size of wheel "left" (mesh "gone.stl"')
+    assert doubt.startswith('no shape gives the size of wheel "left" (mesh "gone.stl"')
     assert "its radius, 0.1 m, is the axle height" in doubt
     bare = re.sub("<visual>.*?</visual>", "", xml(parts))
-    assert "error: no shape tells the size of wheel" in files.refusal(bare, strict=True)
+    assert "error: no shape gives the size of wheel" in files.refusal(bare, strict=True)
     sized = 'type = "differential"\n' + "".join(
         f'[[wheel]]\njoint = "{side}"\nradius = 0.09\n' for side in ("left", "right")
     )
@@ -117,7 +117,9 @@ def test_a_mesh_that_is_not_round_about_its_axis(files: Files) -> None:
     assert files.load(text, "skid-steer").drive.doubts == ()
     doubts = files.load(text.replace('<axis xyz="0 1 0"/>', ""), "skid-steer").drive.doubts
     assert len(doubts) == 4
-    assert "is 0.04 m by 0.2 m across its axis, which no wheel is: correct the <axis>" in doubts[0]
+    assert (
+        "is 0.04 m by 0.2 m across its axis, so it is not a wheel: correct the <axis>" in doubts[0]
+    )
 
 
 def test_a_root_high_above_the_ground(files: Files) -> None:
@@ -164,16 +166,18 @@ def test_an_arm_of_continuous_joints_is_no_wheel(files: Files) -> None:
         parts.joint(f"joint_{k}", "continuous", (parent, f"link_{k}"), "0 0 0.3", axis)
     robot = files.load(parts)
     assert robot.drive.type == "fixed"
-    assert robot.drive.doubts[0].startswith("no joint could carry a wheel, so the base is taken")
-    assert "say --drive fixed" in files.refusal(parts, strict=True)
+    assert robot.drive.doubts[0].startswith(
+        "no joint can carry a wheel, so rpctl assumes a fixed base"
+    )
+    assert "give --drive fixed" in files.refusal(parts, strict=True)
 
 
 def test_nothing_moves(files: Files) -> None:
     refusal_text = files.refusal(body())
     assert refusal_text.endswith(
-        "no known drive: no joint could carry a wheel; it needs continuous joints about level "
+        "no known drive: no joint can carry a wheel; it needs continuous joints about level "
         'axles that reach the ground, held by the root link "base"; make the wheels\' joints '
-        'type="continuous" with the axle as <axis>, or say --drive fixed for an arm'
+        'type="continuous" with the axle as <axis>, or give --drive fixed for an arm'
     )
 
 
@@ -190,7 +194,7 @@ def test_two_drive_wheels_among_four_casters(files: Files) -> None:
     assert [s.role for s in drive.swivels] == ["caster"] * 4
     for swivel, doubt in zip(drive.swivels, drive.doubts, strict=True):
         assert swivel.trail == pytest.approx(-0.05)
-        assert doubt.startswith(f'"{swivel.joint}" is taken for a caster')
+        assert doubt.startswith(f'"{swivel.joint}" is treated as a caster')
     named = xml(parts).replace("pivot_", "caster_")
     assert files.load(named).drive.doubts == ()
 
@@ -219,7 +223,7 @@ def test_balls_on_continuous_joints(files: Files) -> None:
     robot = files.load(parts)
     assert robot.drive.type == "differential"
     assert robot.actuators == ("rear_left", "rear_right")
-    assert robot.drive.wheels[2].why.endswith("a ball, which slides sideways, too")
+    assert robot.drive.wheels[2].why.endswith("a ball, which also slides sideways")
     assert "balls, held by the root link: front_ball, rear_ball" in robot.drive.evidence
     # It rolls about its axle, so across the robot: with ω = 1 it moves at its lever arm.
     S = ReducedDynamics(robot).basis(robot.configuration())
@@ -252,7 +256,7 @@ def test_transmissions_tell_what_is_driven(files: Files) -> None:
     parts = tricycle()
     robot = files.load(parts)
     assert robot.actuators == ("rear_left", "rear_right", "steer")
-    assert robot.drive.doubts[0].startswith("no transmission tells which wheels are driven")
+    assert robot.drive.doubts[0].startswith("no transmission says which wheels are driven")
     parts.xml += [TRANSMISSION.format(name) for name in ("front", "steer")]
     robot = files.load(parts, strict=True)
     assert robot.actuators == ("front", "steer")
@@ -368,14 +372,14 @@ def test_free_steering_of_a_car(files: Files) -> None:
         ('type = "tricycle"\n[[wheel]]\njoint = "steer"', 'joint "steer" cannot carry a wheel'),
         (
             'type = "fixed"\n[[wheel]]\njoint = "front"',
-            "a fixed base has no wheel; leave [[wheel]]",
+            "a fixed base has no wheel; leave out [[wheel]]",
         ),
-        ('type = "tricycle"\ntrack = 0.4', "track is of skid-steer drives only; leave it out"),
+        ('type = "tricycle"\ntrack = 0.4', "track applies to skid-steer drives only; leave it out"),
         ('type = "tricycle"\npoint = [0.1]', "point: is [0.1]; give 2 numbers"),
-        ('type = "tricycle"\nsteering = "free"', "steering is of car-like drives only"),
+        ('type = "tricycle"\nsteering = "free"', "steering applies to car-like drives only"),
         (
             'type = "tricycle"\n[[wheel]]\njoint = "front"\nroller_deg = 45',
-            "roller_deg is of mecanum drives only",
+            "roller_deg applies to mecanum drives only",
         ),
         (
             'type = "mecanum"\n[[wheel]]\njoint = "front"\nroller_deg = 90',

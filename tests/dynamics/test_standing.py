@@ -79,7 +79,7 @@ def test_an_arm_ahead_of_the_axle_tips_it(tmp_path: Path) -> None:
     assert "0.147 m outside the support polygon of left_joint, right_joint, ball" in found.fault
     proof, void = verified(robot)
     assert not proof.passed and void == ["stands at home"]
-    assert "which is false" in proof.scope.line
+    assert "which is not true" in proof.scope.line
 
 
 def test_a_centre_of_mass_at_the_edge_is_not_enough(tmp_path: Path) -> None:

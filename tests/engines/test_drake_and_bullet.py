@@ -145,7 +145,7 @@ def test_pybullet_nails_a_root_without_mass_to_the_world(
     )
     robot = rpctl.load(path)
     efforts = {"wheel_left_joint": 0.5, "wheel_right_joint": 0.5}
-    assert any("nails the robot to the world" in s.fault for s in bullet.switches(robot))
+    assert any("fixes the robot to the world" in s.fault for s in bullet.switches(robot))
     nailed = moved(bullet, robot, ALL_MENDED - {"inertia"}, efforts)
     assert nailed.pose[:3].tolist() == [0.0, 0.0, 0.0]
     assert moved(bullet, robot, ALL_MENDED, efforts).planar[0] > 0.01
@@ -170,7 +170,7 @@ def test_drake_takes_a_ball_of_water_for_an_inertia_that_cannot_be(
     path.write_text(text.replace('ixx="0.2"', 'ixx="0.9"'))
     robot = rpctl.load(path)
     (found,) = (s for s in drake.switches(robot) if s.name == "inertia")
-    assert found.fault == "it puts a ball of water in place of base_link's inertia"
+    assert found.fault == "it replaces the inertia of base_link by that of a ball of water"
     run = drake.start(robot, robot.configuration(), ALL_DEFAULT, FRICTION)
     assert any("Drake warns: " in note for note in run.notes)
     path.write_text(text)

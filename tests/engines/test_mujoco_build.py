@@ -160,7 +160,7 @@ def test_heights_lie_where_the_file_has_them(
 @pytest.mark.parametrize(
     ("name", "data", "said"),
     [
-        ("a.txt", b"1,2", "no kind of file"),
+        ("a.txt", b"1,2", "an unknown kind of file"),
         ("a.csv", b"1,2\n3", "heights of a ground"),
         ("a.csv", b"1,2\n3,nan", "a height is no number"),
         ("a.csv", b"1,2", "its shape is"),
@@ -233,7 +233,7 @@ def test_a_caster_that_meshes_draw_is_a_ball(tmp_path: Path) -> None:
     roller = free_caster(urdf.shape('mesh filename="roller.stl"', "visual"))
     path = write(tmp_path, platform(SET_A, extra=roller))
     found = built(rpctl.load(path, lock=("swivel", "roller_joint")))
-    assert 'caster "roller" is drawn by meshes alone; it is a ball of 0.05 m' in found.notes
+    assert 'caster "roller" has only meshes; it becomes a ball of 0.05 m' in found.notes
     model = found.compile()
     assert model.pair("roller").dim[0] == 1
     np.testing.assert_allclose(model.geom("roller").pos, [0.44, 0.02, 0.05])

@@ -183,7 +183,7 @@ def test_an_unknown_cause_is_not_traced(load: Callable[[str], Robot]) -> None:
 def test_robots_without_ground_or_stance_are_refused() -> None:
     with pytest.raises(RpctlError, match="fixed base"):
         Referee(rpctl.load("panda"))
-    with pytest.raises(RpctlError, match="not known to stand"):
+    with pytest.raises(RpctlError, match="rpctl does not know that it stands"):
         Referee(rpctl.load("bicycle"))
 
 
@@ -212,7 +212,7 @@ def test_the_command_prints_what_was_found() -> None:
     ("words", "said"),
     [
         (["panda"], "fixed base"),
-        ([], "which robot"),
+        ([], "no robot is given"),
         (["paper", "--catalogue"], "not both"),
         (["paper", "--engines", "odd"], "odd"),
     ],

@@ -78,11 +78,11 @@ def test_what_is_not_installed_never_passes(paper: Robot, monkeypatch: pytest.Mo
 
 def test_an_engine_that_refuses_says_why(paper: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(self: object, *arguments: object) -> None:
-        raise mujoco_engine.EngineRefused("link a weighs nothing")
+        raise mujoco_engine.EngineRefused("link a has no mass")
 
     monkeypatch.setattr(mujoco_engine, "installed", lambda: True)
     monkeypatch.setattr(mujoco_engine.MujocoEngine, "__init__", refuse)
-    assert verify(paper, samples=1).skipped[0].note == "refused: link a weighs nothing"
+    assert verify(paper, samples=1).skipped[0].note == "refused: link a has no mass"
 
 
 def test_unknown_engines_are_told(paper: Robot) -> None:

@@ -194,7 +194,7 @@ def test_a_support_off_the_wheels_ground_tilts_the_robot(tmp_path: Path) -> None
     """A ball half a metre ahead that ends 4 mm below: atan(4/500) = .458°."""
     text = platform(SET_A, extra=ball(0.5, z=0.046))
     notes = rolled(rpctl.load(write(tmp_path, text))).notes
-    assert any(note.startswith("it stands 0.46° out of the level") for note in notes)
+    assert any(note.startswith("it stands 0.46° tilted") for note in notes)
 
 
 @pytest.mark.slow
@@ -206,7 +206,10 @@ def test_nothing_gentle_is_a_row_that_says_so(paper: Robot) -> None:
 
 @pytest.mark.parametrize(
     ("name", "why"),
-    [("arm", "a fixed base has nothing to roll"), ("bicycle", "not known to stand: only wheel_")],
+    [
+        ("arm", "a fixed base does not roll"),
+        ("bicycle", "rpctl does not know that it stands: only wheel_"),
+    ],
 )
 def test_what_cannot_roll_is_left_out_and_said(name: str, why: str) -> None:
     found = contact_trial.contact_trial(rpctl.load(name))

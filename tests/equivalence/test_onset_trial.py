@@ -129,7 +129,7 @@ def test_robots_slip_and_tip_when_predicted(name: str) -> None:
 
 
 def test_what_cannot_be_tried_is_told() -> None:
-    for name, reason in (("arm", "fixed base"), ("bicycle", "not known to stand")):
+    for name, reason in (("arm", "fixed base"), ("bicycle", "rpctl does not know that it stands")):
         skipped = onset_trial(load(name))
         assert isinstance(skipped, Skipped)
         assert reason in skipped.note

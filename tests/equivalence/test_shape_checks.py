@@ -212,7 +212,7 @@ def test_a_wheel_without_a_shape_is_told(files: Files) -> None:
     (skipped,) = (each for each in proof.skipped if each.against == "the file's shapes")
     assert skipped.note.startswith("no shape of front_left, front_right can be read")
     assert proof.scope.shared[-1] == "radius of front_left, front_right, which have no shape"
-    assert all(line.startswith("doubtful, no shape tells") for line in proof.scope.shared[:-1])
+    assert all(line.startswith("doubtful, no shape gives") for line in proof.scope.shared[:-1])
     assert not failed(proof)
 
 

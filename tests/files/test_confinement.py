@@ -131,7 +131,7 @@ def test_what_measures_leave_open() -> None:
     without = ("changing your files' modes", "starting processes", "using the network")
     assert open_ways(("rlimits", "landlock")) == without
     assert open_ways(("rlimits",)) == ("reading and writing your files", *without[1:])
-    assert open_ways(("seccomp", "landlock")) == ("taking all memory",)
+    assert open_ways(("seccomp", "landlock")) == ("using all memory",)
 
 
 def test_an_unknown_architecture_has_no_filter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -383,7 +383,7 @@ def test_it_ends_with_who_started_it() -> None:
 
 
 BAD = [
-    ("channel.send(bytes(70000))", "a message of 70000 bytes, where 65536 are the most"),
+    ("channel.send(bytes(70000))", "a message of 70000 bytes; at most 65536 are allowed"),
     ("channel._outgoing.write(bytes([255]) * 8) + channel._outgoing.flush()", "a message of"),
     ("os._exit(7)", "exit code 7"),
     ("ctypes.string_at(0)", "exit code -11"),

@@ -34,7 +34,7 @@ def _unreadable(path: Path) -> None:
 
 ODD: dict[str, tuple[Callable[[Path], object], str]] = {
     "a folder": (Path.mkdir, "Is a directory"),
-    "a pipe": (os.mkfifo, "a pipe, not a regular file; save what it brings to a file, and"),
+    "a pipe": (os.mkfifo, "a pipe, not a regular file; save its content to a file, and"),
     "a device": (lambda path: path.symlink_to("/dev/zero"), "a character device, not a regular"),
     "a socket": (_socket, "a socket, not a regular file;"),
     "links in a loop": (_loop, "Too many levels of symbolic links;"),
@@ -87,7 +87,7 @@ def test_a_file_is_read_up_to_its_cap(tmp_path: Path, monkeypatch: pytest.Monkey
     path.write_bytes(b"12345")
     assert read_input(path, "MAX_BYTES", "a drive file") == b"12345"
     path.write_bytes(b"123456")
-    with pytest.raises(InputError, match=r"over 5 bytes; if it is meant, set RPCTL_MAX_BYTES"):
+    with pytest.raises(InputError, match=r"over 5 bytes; to allow it, set RPCTL_MAX_BYTES"):
         read_input(path, "MAX_BYTES", "a drive file")
 
 

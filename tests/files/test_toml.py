@@ -60,7 +60,7 @@ def test_a_file_that_is_missing_or_too_long_is_refused(
     with pytest.raises(DescriptionError, match="No such file or directory; give a file of sizes"):
         read(tmp_path / "none.toml", sizes, "a file of sizes")
     monkeypatch.setenv("RPCTL_MAX_TOML_BYTES", "5")
-    assert "over 5 bytes; if it is meant, set RPCTL_MAX_TOML_BYTES" in refusal(
+    assert "over 5 bytes; to allow it, set RPCTL_MAX_TOML_BYTES" in refusal(
         tmp_path / "sizes.toml", b"a = 11"
     )
     (tmp_path / "sizes.toml").write_bytes(b"a = 1")
@@ -69,9 +69,9 @@ def test_a_file_that_is_missing_or_too_long_is_refused(
 
 NINES = "9" * 400
 TOO_DEEP = f"nested over {MAX_NESTING} deep; write it flatter"
-TOO_LONG = f"digits; {MAX_DIGITS} are the most"
-OVER_64 = "is a whole number of over 64 bits; give a smaller one"
-BEYOND = "is beyond the range of numbers, 1.8e308; give a smaller one"
+TOO_LONG = f"digits; at most {MAX_DIGITS} are allowed"
+OVER_64 = "is a whole number of more than 64 bits; give a smaller one"
+BEYOND = "is larger than 1.8e308; give a smaller number"
 
 
 def as_it_is(data: Table, faults: list[str]) -> Table:

@@ -46,7 +46,7 @@ def test_another_separator_is_named_with_a_command_that_mends_it(
 ) -> None:
     text = TABLE.replace(".", "·").replace(",", separator).replace("·", comma)
     (fault,) = faults(tmp_path / "FILE", text + "\n")
-    assert fault.startswith(f"1: error: separated by {name}; put commas between the columns")
+    assert fault.startswith(f"1: error: columns are separated by {name}; use commas")
     command = fault[fault.index("tr ") :].removesuffix(" does")
     subprocess.run(command, shell=True, check=True, cwd=tmp_path)
     mended = read_table(tmp_path / "NEW.csv")
@@ -91,14 +91,15 @@ def test_columns_by_other_names_are_told_theirs(
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (",".join("c" * 300), "1: error: 300 columns; 200 are the most; if it is meant, set "
-         "RPCTL_MAX_COLUMNS"),
-        (f"{TABLE}\n{'0,' * MAX_LINE}", f"10: error: a row of {2 * MAX_LINE} characters; {MAX_LINE}"
-         " are the most; keep to t"),
-        (f"{TABLE}\n{'0,' * 250}", "10: error: 251 columns; 200 are the most"),
-        (f"{TABLE}\n900000,1,0,0", "10: error: t is 900000, over 86400 s after the first row; use "
-         "seconds; if it is meant, set RPCTL_MAX_REFERENCE_SECONDS"),
-        (f"{TABLE}\n0.9;1;0;0", "10: error: 1 entries where the header names 4: separated by semi"),
+        (",".join("c" * 300), "1: error: 300 columns; at most 200 are allowed; to allow it, set "
+                              "RPCTL_MAX_COLUMNS"),
+        (f"{TABLE}\n{'0,' * MAX_LINE}", f"10: error: a row of {2 * MAX_LINE} characters; at "
+         f"most {MAX_LINE}"
+         " are allowed; give only t"),
+        (f"{TABLE}\n{'0,' * 250}", "10: error: 251 columns; at most 200 are allowed"),
+        (f"{TABLE}\n900000,1,0,0", "10: error: t is 900000, over 86400 s after the first row; "
+                                   "use seconds; to allow it, set RPCTL_MAX_REFERENCE_SECONDS"),
+        (f"{TABLE}\n0.9;1;0;0", "10: error: 1 entries, but the header has 4: columns are sep"),
         (f"{TABLE}\n\0,1,0,0", r'10: error: t "\x00" is not a number'),
     ],
 )  # fmt: skip
@@ -115,7 +116,7 @@ def test_the_robot_s_own_limits_say_what_is_impossible(tmp_path: Path, paper: Ro
     (fault,) = faults(tmp_path / "a.csv", f"{TABLE}\n0.8,2.2,0.5,0", paper)
     assert fault == (
         "10: error: x, y move at 18.5 m/s from the row before, where paper's limit is 1.8; use s, "
-        "m and rad, or mend the row"
+        "m and rad, or correct the row"
     )
     (fault,) = faults(tmp_path / "a.csv", f"{TABLE}\n0.8,0.4,0.5,-2.5", paper)
     assert "theta turns at 25 rad/s from the row before, where paper's limit is 2.4" in fault

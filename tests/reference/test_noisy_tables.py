@@ -158,7 +158,7 @@ def test_a_heading_across_the_way_is_told(paper: Robot, tmp_path: Path) -> None:
     rows = np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1)
     rows[:, 3] = true[:, 3] + 1.3
     np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="t,x,y,theta", comments="")
-    with pytest.raises(DescriptionError, match=r"a base that heeds theta comes no nearer"):
+    with pytest.raises(DescriptionError, match=r"a base that follows theta stays off"):
         read(paper, tmp_path / "a.csv", "auto")
 
 
@@ -167,7 +167,7 @@ def test_a_heading_across_the_way_is_told(paper: Robot, tmp_path: Path) -> None:
     [
         ("a.csv", -1.0, "smooth is -1; give a positive number"),
         ("a.csv", "much", 'smooth is "much"; give metres, as 0.01, or auto'),
-        ("eight", 0.01, r"smooth = 0\.01: eight has no rows with noise"),
+        ("eight", 0.01, r"smooth = 0\.01: eight has no rows to smooth"),
     ],
 )
 def test_smoothing_without_sense_is_refused(
@@ -175,7 +175,7 @@ def test_smoothing_without_sense_is_refused(
 ) -> None:
     with pytest.raises(RpctlError, match=why):
         load_reference(paper, source, smooth=smooth)
-    with pytest.raises(RpctlError, match="retime: eight has no times of its own"):
+    with pytest.raises(RpctlError, match="retime: eight has no times to change"):
         load_reference(paper, "eight", retime=True)
 
 

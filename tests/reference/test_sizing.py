@@ -264,7 +264,7 @@ def test_a_robot_without_limits_is_told_what_was_assumed(tmp_path: Path, paper: 
         "the URDF has no velocity limit of left_joint, right_joint and no effort limit of "
         "left_joint, right_joint; there, size alone sets the pace"
     )
-    assert bare.reason == "a pace for a robot of its size"
+    assert bare.reason == "a speed for a robot of its size"
     assert sizing(load_reference(paper, "eight")).assumed == ""
 
 

@@ -197,7 +197,7 @@ def test_a_function_that_fails_is_told_with_its_time(paper: Robot) -> None:
             rpctl.as_reference(stops, joints=[0.0, 0.0], along_path=True),
             "stands still at t = 2.5 s",
         ),
-        (rpctl.as_reference(grows), "now more and now fewer numbers"),
+        (rpctl.as_reference(grows), "a varying number of values"),
     ):
         with pytest.raises(RpctlError, match=told):
             tabulate(paper, reference, np.array([0.0, 1.0, 2.0, 2.5, 3.0]))

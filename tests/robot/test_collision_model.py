@@ -143,8 +143,8 @@ def test_for_a_missing_mesh_a_box_stands_in(tmp_path: Path) -> None:
     robot = folding(tmp_path, forearm=MESH)
     model = collision_model(robot)
     (note,) = model.notes
-    assert note.startswith("the collision mesh of forearm is not there (no such file")
-    assert note.endswith("a box of the link's inertia stands in")
+    assert note.startswith("the collision mesh of forearm is missing (no such file")
+    assert note.endswith("a box of the link's inertia instead")
     up = {"shoulder": -0.5 * np.pi, "elbow": 0.0}  # its middle 1.0 m above the ground
     assert distance(robot, "forearm", "ground", **up) == pytest.approx(1.0 - 0.2, abs=GJK_M)
     level = {"shoulder": 0.0, "elbow": 0.0}  # 0.346 m high

@@ -129,7 +129,8 @@ def test_states_of_an_srdf_are_joined_and_strange_joints_told(tmp_path: Path) ->
         ("</robot>", "", "home", r"truncated"),
         ("<robot", "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot", "home", r":2: error: a DOCTYPE"),
         ("</robot>", '<link name="base"/></robot>', "home", r"this is a URDF; give the SRDF"),
-        ("group_state", "state", "home", r"no group state is called \"home\"; it has none"),
+        ("group_state", "state", "home", r"there is no group state \"home\"; it has no group "
+                                         r"states"),
     ],
 )  # fmt: skip
 def test_faults_of_an_srdf_have_a_line(
@@ -186,7 +187,7 @@ def test_a_stretched_arm_takes_a_posture_and_tells(tmp_path: Path) -> None:
     robot, straight = rpctl.load(path), rpctl.load(path, home="zero")
     assert straight.home.tolist() == [0.0] * 6
     assert not told(straight, "home")
-    (message,) = told(robot, "home is chosen")
+    (message,) = told(robot, "rpctl chose the home posture")
     assert "the arm to palm is stretched or near singular (0.0% of its best" in message
     assert "--home zero" in message
     assert manipulability(straight, straight.home) < 1e-9
@@ -252,7 +253,7 @@ def test_chosen_postures_of_random_arms(seed: int, tmp_path: Path) -> None:
     assert auto > 0.2 * best, seed
     usual = rpctl.load(path)
     assert manipulability(usual, usual.home, rank) > (
-        zero if told(usual, "home is chosen") else 0.05 * best
+        zero if told(usual, "rpctl chose the home posture") else 0.05 * best
     )
     assert lowest(robot) > 0.02, seed
 

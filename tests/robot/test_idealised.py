@@ -173,7 +173,7 @@ def test_a_swivel_that_leans(files: Files) -> None:
     (found,) = of_car(car(0.0, axis="0.006 0.008 1"), files)
     assert (found.what, found.unit) == ("swivel lean", "°")
     assert found.value == pytest.approx(math.degrees(math.atan(0.01)))
-    assert "leans 0.573° and is taken to be upright" in found.sentence
+    assert "leans 0.573° and is treated as upright" in found.sentence
     assert "meet the ground 1 mm from below its origin" in found.sentence
     below = xml(car(0.0, axis="0.006 0.008 1"))  # the origin 0.2 m below the ground, same wheels
     for old, new in (("0.7 0.25 0.1", "0.7 0.25 -0.2"), ('"0.0 0.05 0"', '"0.0 0.05 0.3"')):
@@ -233,6 +233,6 @@ def test_friction_that_is_smooth_and_losses_that_are_left_out(files: Files) -> N
         ("damping", 70.0, "N·s/m"),
     ]
     assert found[0].sentence == (
-        '<dynamics> damping of 3 joints is left out, at most 0.5 N·m·s/rad of "shoulder" (line 1)'
+        '<dynamics> damping of 3 joints is ignored, at most 0.5 N·m·s/rad of "shoulder" (line 1)'
     )
-    assert found[1].sentence == ('<dynamics> friction is left out: 0.3 N·m of "shoulder" (line 1)')
+    assert found[1].sentence == ('<dynamics> friction is ignored: 0.3 N·m of "shoulder" (line 1)')

@@ -55,7 +55,7 @@ def told(folder: Path, text: str, **settings: object) -> list[tuple[str | None, 
 def test_a_spring_is_told_unless_its_joint_is_held(tmp_path: Path, spring: str) -> None:
     text = platform(SET_A, extra=f"{ARM}\n{spring}")
     ((line, message),) = told(tmp_path, text)
-    assert line == spring and 'joint "crank_joint" has a spring, which the model leaves' in message
+    assert line == spring and 'joint "crank_joint" has a spring, which the model ignores' in message
     assert told(tmp_path, text, lock=["crank_joint"]) == []
     assert told(tmp_path, text.replace("40", "0")) == []
 
@@ -71,7 +71,7 @@ def test_a_spring_of_a_joints_own_dynamics_is_told(tmp_path: Path) -> None:
 def test_a_loop_that_was_cut_open_is_told_unless_it_is_held(tmp_path: Path, loop: str) -> None:
     text = platform(SET_A, extra=f"{ARM}\n{loop}")
     ((line, message),) = told(tmp_path, text)
-    assert line == loop and "the model has it cut open" in message
+    assert line == loop and "the model cuts the loop open" in message
     assert told(tmp_path, text, lock=["crank_joint", "rocker_joint"]) == []
 
 

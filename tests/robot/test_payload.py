@@ -72,11 +72,14 @@ def test_a_run_loads_its_payload_again(loaded: rpctl.Robot, tmp_path: Path) -> N
         ({"mass": float("nan")}, "payload's mass is nan"),
         ({"com": (0.0, 1.0)}, "give x, y, z in m"),
         ({"com": (0.0, 1.0, float("inf"))}, "give x, y, z in m"),
-        ({"inertia": np.eye(2)}, "that of no body"),
-        ({"inertia": np.diag([1.0, 1.0, 2.1])}, "that of no body"),
-        ({"inertia": np.diag([-1.0, 1.0, 1.0])}, "that of no body"),
-        ({"inertia": [[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "that of no body"),
-        ({"inertia": np.full((3, 3), np.nan)}, "that of no body"),
+        ({"inertia": np.eye(2)}, "impossible for a rigid body"),
+        ({"inertia": np.diag([1.0, 1.0, 2.1])}, "impossible for a rigid body"),
+        ({"inertia": np.diag([-1.0, 1.0, 1.0])}, "impossible for a rigid body"),
+        (
+            {"inertia": [[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]},
+            "impossible for a rigid body",
+        ),
+        ({"inertia": np.full((3, 3), np.nan)}, "impossible for a rigid body"),
     ],
 )
 def test_wrong_payloads_are_refused(given: dict[str, Any], message: str) -> None:

@@ -39,8 +39,8 @@ def test_a_state_by_names() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"pose": (0.0, 1.0)}, "has to be x, y in m and a heading in rad"),
-        ({"twist": (0.3,)}, "has to be v, omega of paper"),
+        ({"pose": (0.0, 1.0)}, "must be x, y in m and a heading in rad"),
+        ({"twist": (0.3,)}, "must be v, omega of paper"),
         ({"joints": {"no_joint": 1.0}}, "'no_joint' is not known"),
         ({"rates": {"wheel_left_joint": 1.0}}, "joint of the arm 'wheel_left_joint' is not known"),
         ({"pose": (0.0, float("nan"), 0.0)}, "not finite"),

@@ -49,7 +49,7 @@ def test_a_hinge_without_a_motor_is_a_state_and_no_actuator(tmp_path: Path) -> N
     line = robot.description.joint["hinge"].line
     (told,) = [f for f in robot.findings if "hinge" in f.message]
     assert (told.severity, told.line) == ("info", line)
-    assert "nothing drives it, it coasts" in told.message and "--lock hinge" in told.message
+    assert "no motor drives it, so it coasts" in told.message and "--lock hinge" in told.message
 
 
 def test_it_coasts_as_a_pendulum_does(tmp_path: Path) -> None:
@@ -74,7 +74,11 @@ def test_its_dynamics_are_verified_without_a_motor_there(tmp_path: Path) -> None
 
 def test_no_law_tracks_it_before_it_is_held_or_driven(tmp_path: Path) -> None:
     path = cart(tmp_path)
-    with pytest.raises(ActuationError, match=r"drives hinge of .*; hold it with --lock hinge, or"):
+    with pytest.raises(
+        ActuationError,
+        match=r"drives hinge of .*; freeze it with --lock hinge, "
+        r"or",
+    ):
         rpctl.track(rpctl.load(path), "circle", duration=0.1)
     robot = rpctl.load(path)
     held = rpctl.load(path, lock=["hinge"])

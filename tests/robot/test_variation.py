@@ -167,5 +167,5 @@ def test_inertias_without_dynamics_are_refused(tmp_path: Path) -> None:
     before, found, after = text.rpartition('izz="0"')
     assert found
     robot = rpctl.load(write(tmp_path, f'{before}izz="-10"{after}'))
-    with pytest.raises(RpctlError, match=r"without dynamics .*; vary them by less"):
+    with pytest.raises(RpctlError, match=r"not positive definite .*; vary them by less"):
         vary(robot, Variation(inertias={"cargo": 20.0}))

@@ -174,8 +174,8 @@ def test_all_that_is_wrong_is_told_with_file_and_key(tmp_path: Path) -> None:
         for line, told in zip(
             (2, 3, 6, 7, 8, 12, 11, 14, 15),
             (
-                "other: is no table of a configuration; it has kinematic, dynamic, run, limits, "
-                "plant, output and guards",
+                "other: a configuration has no such table; it can have kinematic, dynamic, run, "
+                "limits, plant, output and guards",
                 "limits: is 3; write [limits]",
                 "kinematic.horizn: setting 'horizn' is not known; "
                 "did you mean horizon or joint_horizon?",
@@ -250,7 +250,7 @@ def test_obstacles_come_from_a_file(tmp_path: Path) -> None:
     [
         ('shape = "disk"', "[1].shape: obstacle 'disk' is not known; did you mean disc?"),
         ("x = 1", '[1]: names no shape; write [[kinematic.base_obstacles]], then shape = "disc"'),
-        ('shape = "disc"\nx = 1', "[1]: lacks y, radius"),
+        ('shape = "disc"\nx = 1', "[1]: misses y, radius"),
         ('shape = "disc"\nx = 1\ny = 1\nradius = 0', "[1]: radius of a disc is 0"),
         ('shape = "half-plane"\nnx = 0\nny = 0\noffset = 1', "[1]: length of a half-plane's"),
     ],
@@ -287,7 +287,7 @@ def test_a_law_within_a_law_is_named() -> None:
 
 
 def test_what_no_file_can_say_is_refused() -> None:
-    with pytest.raises(RpctlError, match=r"_Nested.names is .*, which no file can say"):
+    with pytest.raises(RpctlError, match=r"_Nested.names is .*, which a file cannot store"):
         to_plain(_Nested(names=(None,)))  # type: ignore[arg-type]
     with pytest.raises(RpctlError, match="function is none of"):
         write_config(Config(kinematic=lambda *_: None), "never.toml")  # type: ignore[arg-type]
@@ -316,7 +316,7 @@ def test_editors_complete_a_saved_configuration(tmp_path: Path) -> None:
     horizon = schema["$defs"]["UnifiedKinematic"]["properties"]["horizon"]
     assert horizon == {
         "type": "number", "minimum": 1e-12, "maximum": 1e12,
-        "description": "Prediction time h; what period and lateness allow if not given. [s]",
+        "description": "Prediction time h; default: what period and delay allow. [s]",
     }  # fmt: skip
     run = schema["$defs"]["RunSettings"]
     assert run["properties"]["friction"]["default"] == 0.7 and not run["additionalProperties"]

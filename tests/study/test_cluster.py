@@ -77,7 +77,7 @@ def test_a_port_that_is_no_schedulers_is_told_in_bounded_time(
         if hangs_up:
             Thread(target=lambda: server.accept()[0].close(), daemon=True).start()
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        why = "it hangs up" if hangs_up else "timed out"
+        why = "it closes the connection" if hangs_up else "timed out"
         with pytest.raises(RpctlError, match=rf"{address}: no scheduler answers \({why}\)"):
             DaskExecutor(address)
 
@@ -95,7 +95,7 @@ def test_a_scheduler_without_workers_is_told_while_it_is_waited_for(
     told: list[str] = []
     with pytest.raises(RpctlError, match="no worker has joined in 1 s; start some with"):
         DaskExecutor(dask.address, told.append)
-    assert told == [f"{dask.address}: no worker is there yet; waiting 1 s for one to join"]
+    assert told == [f"{dask.address}: there is no worker yet; waiting 1 s for one to join"]
 
 
 @pytest.fixture
@@ -216,9 +216,9 @@ def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_p
                 while executor.workers < 2:  # it takes long to start on a busy machine
                     time.sleep(0.05)
     assert_same(found, chunks)
-    (text,) = [each for each in told if "no worker is there yet" not in each]
+    (text,) = [each for each in told if "no worker yet" not in each]
     assert f"has numpy 1.0, here {np.__version__}; install the same" in text
-    assert text.endswith("it was sent away")
+    assert text.endswith("the scheduler removed it")
     assert set(began(log)) == {good.pid}
     assert bad is not None
     assert bad.wait(20.0) == 0
@@ -228,7 +228,7 @@ def test_a_late_worker_of_other_versions_is_sent_away(dask: DaskProcesses, tmp_p
 def test_a_scheduler_that_goes_is_an_error_of_one_line(dask: DaskProcesses) -> None:
     dask.start_worker()
     with DaskExecutor(dask.address) as executor:
-        with pytest.raises(RpctlError, match="the scheduler has gone") as error:
+        with pytest.raises(RpctlError, match="the scheduler is gone") as error:
             for _ in executor.map_chunks(partial(draw, 0.1), chunks_of(100)):
                 dask.processes[0].kill()
         assert error.value.__cause__ is None

@@ -82,6 +82,6 @@ def test_what_is_no_design_is_refused() -> None:
         Design(count=0)
     with pytest.raises(RpctlError, match="seed is -1"):
         Design(seed=-1)
-    with pytest.raises(RpctlError, match=r"has no parameter; write some under \[scatter\]"):
+    with pytest.raises(RpctlError, match=r"needs parameters; write some under \[scatter\]"):
         Design("grid", 10).points(0)
     assert Design("monte-carlo", 10).points(0).shape == (10, 0)

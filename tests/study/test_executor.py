@@ -104,7 +104,7 @@ def test_a_chunk_that_ends_each_worker_is_named_behind_the_others(
 def test_work_that_ends_all_workers_is_given_up(tmp_path: Path) -> None:
     """Not after three processes for each of its chunks."""
     work = partial(chunk_works.dies_of, range(0, 1000, 10), tmp_path, 99)
-    with pytest.raises(LostChunksError, match="and what follows was not tried"):
+    with pytest.raises(LostChunksError, match="and the following were not tried"):
         results(ProcessExecutor(1), work, chunks_of(100))
     assert len(list(tmp_path.iterdir())) <= 3 * (MAX_TRIES + 1)
 

@@ -48,7 +48,7 @@ def test_a_line_that_is_not_whole_is_left_out(tmp_path: Path, fault: str) -> Non
 
 def test_a_folder_is_not_taken_over(tmp_path: Path) -> None:
     journal(tmp_path).begin(resume=False)
-    with pytest.raises(RpctlError, match="holds a study; add --resume to go on with it, or give"):
+    with pytest.raises(RpctlError, match="holds a study; add --resume to continue it, or give"):
         journal(tmp_path).begin(resume=False)
     with pytest.raises(RpctlError, match=r"else: seed: 1 there, 2 here; give another --out"):
         journal(tmp_path, seed=2).begin(resume=True)

@@ -89,7 +89,7 @@ def test_channels_stand_beside_one_another() -> None:
     assert found.channel("omega").lag == pytest.approx(0.2, abs=1e-5)
     assert 0.1 < found.lag < 0.2
     assert found.left_out == {
-        "lift": "its command does not change; send a step, as from rest to half of its speed"
+        "lift": "its command does not change; send a step, such as from rest to half of its speed"
     }
     with pytest.raises(UnknownNameError, match="did you mean omega"):
         found.channel("omga")
@@ -103,7 +103,7 @@ def with_noise(command: Array) -> Array:
     "command, measured, reason",
     [
         (0.0 * T, lambda c: c, "its command does not change"),
-        (STEP, lambda c: 0.0 * c, "it does not move, whatever is commanded"),
+        (STEP, lambda c: 0.0 * c, "it does not move when commanded"),
         (0.05 * T, with_noise, "changes too slowly to tell a lag from a dead time"),
         (STEP, lambda c: -c, "does not follow its command as a lag of first order"),
         (STEP, lambda c: np.roll(c, 42), "dead time is longer than the 0.8 s"),
@@ -145,7 +145,7 @@ def test_a_run_tells_its_plant(paper: Robot, tmp_path: Path, kind: str) -> None:
         assert found.channel("omega").dead_time == pytest.approx(0.06, abs=1e-6)
     efforts = track(paper, "eight", duration=0.1, collisions=False)
     assert efforts.log.nu_cmd.shape == (len(efforts.t), 0)
-    with pytest.raises(RpctlError, match="its output were efforts; track with output velocity"):
+    with pytest.raises(RpctlError, match="its output was efforts; track with --output velocity"):
         lag_from(efforts)
 
 
@@ -168,7 +168,7 @@ def test_the_command_line_prints_what_to_set(tmp_path: Path) -> None:
         ("", "empty; give a header such as t,commanded,measured"),
         ("a,commanded,measured\n", ":1: error: no column t"),
         ("t,commanded,v\n", ":1: error: no commanded speed has a measured one beside it"),
-        ("t,commanded,measured\n0,1\n", ":2: error: 2 entries where the header names 3"),
+        ("t,commanded,measured\n0,1\n", ":2: error: 2 entries, but the header has 3"),
         ("t,commanded,measured\n0,x,1\n", ':2: error: commanded "x" is not a number'),
         ("t,commanded,measured\n0,1,nan\n", ':2: error: measured "nan" is not finite'),
         ("t;commanded;measured\n", "separated by semicolons"),
@@ -205,7 +205,7 @@ def test_arrays_that_are_no_log_are_refused(
 
 
 @pytest.mark.parametrize(
-    ("step", "told"), [(1e6, "every 1e\\+06 s tells nothing"), (1e-9, "lasts 1.99e-07 s")]
+    ("step", "told"), [(1e6, "every 1e\\+06 s is too coarse"), (1e-9, "lasts 1.99e-07 s")]
 )
 def test_absurd_steps_are_no_log(step: float, told: str) -> None:
     t, speed = step * np.arange(200.0), np.sin(np.arange(200.0))

@@ -159,7 +159,7 @@ def test_a_search_without_any_end_is_told(
     paper: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     patch_rollouts(monkeypatch, lambda numbers, gain, delay: np.full(len(gain), np.inf), KNOWN)
-    with pytest.raises(RpctlError, match="let any run come to its end"):
+    with pytest.raises(RpctlError, match="let a run reach its end"):
         optimise(paper, study_of(paper, tmp_path), tmp_path / "out")
 
 

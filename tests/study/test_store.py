@@ -83,10 +83,10 @@ def test_what_is_no_file_of_runs_is_refused(tmp_path: Path) -> None:
     flipped = data[:inside] + bytes([data[inside] ^ 1]) + data[inside + 1 :]
     for damaged in (data[:-9], flipped, b"PAR1 no"):
         path.write_bytes(damaged)
-        with pytest.raises(RpctlError, match=r"is no file of a study's runs: .*; remove it"):
+        with pytest.raises(RpctlError, match=r"is not a file of a study's runs: .*; remove it"):
             read_runs(path)
     library("pandas").DataFrame({"a": [1]}).to_parquet(path)
-    with pytest.raises(RpctlError, match="is no file of a study's runs"):
+    with pytest.raises(RpctlError, match="is not a file of a study's runs"):
         read_runs(path)
 
 
@@ -101,7 +101,7 @@ def test_a_merit_that_was_changed_is_found_out(tmp_path: Path) -> None:
         changed = table.set_column(column, table.field(name), library("pyarrow").array(
             values, table.field(name).type))  # fmt: skip
         pq.write_table(changed, path)
-        with pytest.raises(RpctlError, match="it was changed after it was written; remove it"):
+        with pytest.raises(RpctlError, match="it was edited after it was written; remove it"):
             read_runs(path)
     pq.write_table(table, path)
     assert_same(read_runs(path)[0], rows(*range(9)))

@@ -63,7 +63,7 @@ def test_what_a_folder_holds_is_not_mixed(tmp_path: Path, monkeypatch: pytest.Mo
     patch_runs(monkeypatch)
     found = battery("delay", laws=1)
     run_battery(found, tmp_path)
-    with pytest.raises(RpctlError, match="add --resume to go on with them, or give another --out"):
+    with pytest.raises(RpctlError, match="add --resume to continue them, or give another --out"):
         run_battery(found, tmp_path)
     other = replace(found, run=replace(found.run, duration=3.0))
     with pytest.raises(RpctlError, match=r"something else: run.duration: 2.0 there, 3.0 here"):
@@ -123,7 +123,7 @@ def test_the_worst_is_by_its_verdict_first() -> None:
     ]
     (worst,) = replace(found, rows=tuple(rows)).worst()
     assert worst.cell.words == "payload 1 kg"
-    with pytest.raises(RpctlError, match="no run could be made: on its way"):
+    with pytest.raises(RpctlError, match="none of the runs could start: on its way"):
         report(p0="refused", p05="refused", p1="refused", p2="refused", p5="refused")
 
 
@@ -161,11 +161,13 @@ def test_wheels_that_hang_are_told_once_a_ladder() -> None:
                for c in found.cells}  # fmt: skip
     report = report_of(found, figures, TOLERANCE)
     (sentence,) = report.hanging("rolling")
-    assert sentence.startswith("radius -3, -2, -1 %: a, b bear nothing from the start: the support")
+    assert sentence.startswith(
+        "radius -3, -2, -1 %: a, b carry no load from the start: the support"
+    )
     assert report.to_dict()["hanging"] == {"rolling": [sentence]}
     always = {key: replace(GOOD, hanging_wheels=("a",)) for key in figures}
     (sentence,) = report_of(found, always, TOLERANCE).hanging("rolling")
-    assert sentence.startswith("nothing stressed: a bear nothing: the other")
+    assert sentence.startswith("nothing stressed: a carry no load: the other")
     assert report_of(found, dict.fromkeys(figures, GOOD), TOLERANCE).hanging("rolling") == []
 
 

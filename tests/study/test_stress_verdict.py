@@ -29,7 +29,7 @@ TOLERANCE = 0.010
         ({"outcome": "late"}, "degrade", "late: on its way"),
         ({"would_slip": True}, "degrade", "its wheels would slip"),
         ({"tilt": math.radians(9.9)}, "pass", "10 mm"),
-        ({"tilt": 0.5, "late_base": 0.5}, "fail", "tipped over: it leant 29 degrees"),
+        ({"tilt": 0.5, "late_base": 0.5}, "fail", "tipped over: it leaned 29 degrees"),
         ({"would_tip": True, "would_slip": True}, "fail", "it would tip over"),
         ({"violations": ("a effort", "b upper")}, "fail", "broke a effort, b upper"),
         ({"outcome": "late", "violations": ("a effort",)}, "fail", "broke a effort"),
@@ -40,7 +40,7 @@ TOLERANCE = 0.010
         (
             {"outcome": "stuck", "lifted_wheels": ("a", "b"), "hanging_wheels": ("a",)},
             "fail",
-            "stuck: on its way; a bore nothing from the start",
+            "stuck: on its way; a carried no load from the start",
         ),
         ({"outcome": "late", "lifted_wheels": ("a",)}, "degrade", "late: on its way; a lifted"),
         ({"late_base": 0.02, "lifted_wheels": ("a",)}, "degrade", "20 mm from its reference; a l"),

@@ -104,7 +104,7 @@ def test_a_run_of_a_study_is_a_configuration(paper: Robot, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("wrong", "text"),
     [
-        ("[studdy]", "studdy: is no table of a study"),
+        ("[studdy]", "studdy: a study has no such table"),
         ("[study]\ncuont = 3", "study.cuont: setting 'cuont' is not known; did you mean count"),
         ("[study]\ncount = 2.5", "study.count: is 2.5; give a whole number"),
         ("[study]\ncount = 0", "study.*count is 0"),
@@ -113,8 +113,8 @@ def test_a_run_of_a_study_is_a_configuration(paper: Robot, tmp_path: Path) -> No
         ("[study]\nworst = -1", "study.*worst is -1"),
         ("[study]\ntolerance = 0.0", "study.*tolerance is 0"),
         ("[study]\nmerit = 'rms'", "study.merit: merit of paper 'rms' is not known"),
-        ("[study]\nduration = 1.0\n[run]\nduration = 2.0", "run.duration says another one"),
-        ("[study]\ndesign = 'grid'", r"study: a grid design has no parameter"),
+        ("[study]\nduration = 1.0\n[run]\nduration = 2.0", "run.duration has another value"),
+        ("[study]\ndesign = 'grid'", r"study: a grid design needs parameters"),
         ("study = 3", r"study: is 3; write \[study\]"),
         ("[kinematic]\nlaw = 'papr'", "kinematic.law: kinematic law 'papr' is not known"),
         ("[scatter]\n'plant.dely' = 0.1", "scattered setting 'plant.dely' is not known; did you"),
@@ -134,7 +134,7 @@ def test_a_run_of_a_study_is_a_configuration(paper: Robot, tmp_path: Path) -> No
         ("[optimize.parameters]\n'dynamic.gain' = 3.0", "'?dynamic.gain.*: has no range"),
         ("[optimize.parameters]\n'dynamic.gain' = {normal = [1, 2]}", "has no range"),
         ("[scatter]\ndynamic.gain = {uniform = [1, 2]}\n"
-         "[optimize.parameters]\n'dynamic.gain' = [1, 2]", "is scattered, too"),
+         "[optimize.parameters]\n'dynamic.gain' = [1, 2]", "is also under .scatter"),
     ],
 )  # fmt: skip
 def test_a_fault_is_named(paper: Robot, tmp_path: Path, wrong: str, text: str) -> None:

@@ -241,7 +241,7 @@ def test_a_result_says_what_matters(paper: Robot, tmp_path: Path, kind: str) -> 
 
 
 def test_a_folder_without_runs_is_told(tmp_path: Path) -> None:
-    with pytest.raises(RpctlError, match="holds no study that has ended"):
+    with pytest.raises(RpctlError, match="holds no finished study"):
         read_result(tmp_path)
 
 

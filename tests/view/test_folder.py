@@ -75,7 +75,7 @@ def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None
     run = rpctl.track(paper, "circle", duration=0.02, kinematic=rpctl.PaperKinematic())
     written = write_folder(run, tmp_path)
     ignored, gains = rpctl.Run.load(tmp_path / "run.npz").law_sentences
-    assert "leaves the lateral error of a straight line as it is" in ignored
+    assert "does not reduce the lateral error on a straight line" in ignored
     assert gains.startswith("gains: 2.5 Hz")
     assert {ignored, gains} <= set(written.notes)
     assert {ignored, gains} <= set(json.loads((tmp_path / "summary.json").read_text())["notes"])
@@ -171,8 +171,8 @@ def test_killed_before_old_files_are_removed_they_are_told(
     page = RunPage(tmp_path, say=said.append)
     names = (*MADE_FILES, "figure.pdf")
     assert said == [
-        f"{tmp_path}: {', '.join(f'{name} is of another run' for name in names)}",
-        f"{tmp_path}: {', '.join(MADE_FILES)} are drawn again",
+        f"{tmp_path}: {', '.join(f'{name} belongs to another run' for name in names)}",
+        f"{tmp_path}: rpctl draws {', '.join(MADE_FILES)} again",
     ]
     digest = sha256((tmp_path / "run.npz").read_bytes()).hexdigest()
     assert [*find_faults(tmp_path, digest)] == ["figure.pdf"]
@@ -223,7 +223,7 @@ def test_a_folder_that_cannot_be_written_to_is_shown(
     said: list[str] = []
     page = RunPage(tmp_path, say=said.append)()
     assert page.endswith(b"paper")
-    assert said[-1] == "the disk is full; the report is shown, and not kept"
+    assert said[-1] == "the disk is full; rpctl shows the report without saving it"
 
 
 def test_a_run_is_told_from_a_robot(paper_run: Run, tmp_path: Path) -> None:
@@ -256,7 +256,7 @@ def test_the_newest_motion_is_shown_after_a_loss_of_power(
     np.testing.assert_array_equal(run.q, part.q)
     assert said == [
         f"{tmp_path / 'run.part'}: it reaches t = 0.1 s",
-        f"{tmp_path / 'run.npz'} is of an earlier simulation and stays as it is",
+        f"{tmp_path / 'run.npz'} belongs to an earlier simulation and is unchanged",
     ]
     assert RunPage(tmp_path)().endswith(b"paper")
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before

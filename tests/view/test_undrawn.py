@@ -70,7 +70,7 @@ def test_a_run_is_reported_without_its_robot(paper_run: Run, tmp_path: Path) -> 
     assert isinstance(robot_of(older), RpctlError)
     text = write_report(older, tmp_path / "a.html").read_text()
     data = embedded(text)
-    assert "a wedge stands for its base: " in text
+    assert "a wedge represents its base: " in text
     assert data["effort"]["joints"] == [0] * len(older.robot.actuators)
     whole = embedded(write_report(paper_run, tmp_path / "b.html").read_text())
     assert data["plots"] == whole["plots"]

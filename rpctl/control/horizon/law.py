@@ -57,7 +57,7 @@ class Horizon(PlannerSettings):
     failed solve is counted and its period is left to ``fallback``.
     """
 
-    fallback: Annotated[KinematicLaw, Setting("", "", "Law of the samples without a plan.")] = (
+    fallback: Annotated[KinematicLaw, Setting("", "", "Law used at samples without a plan.")] = (
         field(default_factory=UnifiedKinematic)
     )
     asynchronous: Annotated[
@@ -65,9 +65,9 @@ class Horizon(PlannerSettings):
         Setting(
             "",
             "",
-            "Whether solves run beside the samples, on a robot in a process of their own. A plan "
-            "then starts from the state that is expected when it will be there; the law never "
-            "waits. Give false where you simulate the samples yourself, faster than time.",
+            "Whether a separate process solves while the robot runs. A plan then starts from the "
+            "state predicted for the time when it is ready; the law never waits. Give false if "
+            "you simulate faster than real time.",
         ),
     ] = True
     leaning: Annotated[LeaningHorizon, Setting("", "", "On robots that lean.")] = field(
@@ -78,8 +78,8 @@ class Horizon(PlannerSettings):
         Setting(
             "",
             "Approach from",
-            "Stage for large errors of a base that cannot turn on the spot; false: none. "
-            "It knows of no obstacles: there is none where base_obstacles are given.",
+            "Approach path for large errors of a base that cannot turn on the spot; false: none. "
+            "It ignores obstacles, so it is off if base_obstacles are given.",
         ),
     ] = field(default_factory=Approach)
 
@@ -101,8 +101,8 @@ class Horizon(PlannerSettings):
         leans, simulated, process = dynamics.robot.drive.leans, simulated_time.get(), None
         if leans and (self.base_obstacles or self.end_effector_obstacles or self.body_clearance):
             raise UnfitLawError(
-                f"{dynamics.robot.name} leans: the horizon law keeps it clear of nothing; "
-                "leave out obstacles and body_clearance"
+                f"{dynamics.robot.name} leans: the horizon law does not keep it clear of "
+                "obstacles; leave out obstacles and body_clearance"
             )
         if self.asynchronous and simulated is None:
             process = self._process(dynamics.robot, period)  # it starts while this one goes on
@@ -212,14 +212,18 @@ class HorizonLaw:
         found, delay = [], self._delays.largest
         if delay > 0.0:
             found.append(
-                f"plans of the horizon law took up to {1e3 * delay:.3g} ms; those in use were made "
-                f"of states up to {1e3 * self.largest_age:.3g} ms old"
+                f"plans of the horizon law took up to {1e3 * delay:.3g} ms; the plans in use "
+                f"started from states up to {1e3 * self.largest_age:.3g} ms old"
             )
         if self.process is not None and self.process.restarts:
             fault = self.process.fault
             found.append(
-                f"the process that plans ended, or did not answer, {self.process.restarts} times; "
-                + (f"in the end it could not be started: {fault}" if fault else "others followed")
+                f"the planning process ended, or did not answer, {self.process.restarts} times; "
+                + (
+                    f"at last it could not be started: {fault}"
+                    if fault
+                    else "rpctl started it again"
+                )
             )
         if self._fault:
             found.append(f"a plan of the horizon law failed: {self._fault}")

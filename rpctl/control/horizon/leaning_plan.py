@@ -47,7 +47,9 @@ class LeaningHorizon(Record):
     dt: Annotated[
         float, POSITIVE, Setting("s", "", "Length of a step, and time between two solves.")
     ] = 0.02
-    max_tilt: Annotated[float, POSITIVE, Setting("rad", "", "Beyond, it costs much.")] = 0.5
+    max_tilt: Annotated[
+        float, POSITIVE, Setting("rad", "", "Tilt beyond which the cost is high.")
+    ] = 0.5
     regulator: Annotated[Balance, Setting("", "", "Its cost, and how late it is.")] = field(
         default_factory=partial(Balance, place=0.05, heading=0.2, speed=0.15, turn=0.3)
     )

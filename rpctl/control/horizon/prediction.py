@@ -154,7 +154,7 @@ class Model:
         beside = np.hstack([joints[:-1, : self.steered], speeds[:-1, :moving], nu_dot[:, :moving]])
         ends, jacobian, margins = self._moves(start, beside.ravel())
         if not (margins > RANK_MARGIN).all():
-            raise SingularBasisError("the steered wheels fix no one motion ahead")
+            raise SingularBasisError("the steered wheels do not determine the motion ahead")
         poses, casters = np.hsplit(np.vstack([start, ends.reshape(n, -1)]), [BASE_NV])
         jacobian = jacobian.reshape(n, BASE_NV, -1)
         return PredictedMotion(q, poses, joints, speeds, nu_dot, casters, jacobian)

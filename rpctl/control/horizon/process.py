@@ -66,8 +66,8 @@ class Process:
             )  # fmt: skip
         except OSError as error:
             raise RpctlError(
-                f"no process could be started to plan in ({error.strerror}); with "
-                "Horizon(asynchronous=False) plans are made between the samples"
+                f"the planning process could not be started ({error.strerror}); with "
+                "Horizon(asynchronous=False) rpctl plans between the samples"
             ) from None
         assert self._child.stdin is not None
         assert self._child.stdout is not None
@@ -162,8 +162,9 @@ class PlanningProcess:
             self._made_of = pickle.dumps((make, robot))
         except Exception as error:  # whatever somebody's own obstacle raises
             raise RpctlError(
-                f"the horizon law's settings cannot be sent to the process that plans ({error}); "
-                "give obstacles of a class of an importable module, or Horizon(asynchronous=False)"
+                f"the horizon law's settings cannot be sent to the planning process ({error}); "
+                "give obstacles of a class of an importable module, or "
+                "Horizon(asynchronous=False)"
             ) from None
         self._reach, self._ahead = reach * dt, ReadAhead(robot, dt)
         self.restarts, self.fault = 0, ""
@@ -185,8 +186,8 @@ class PlanningProcess:
             self._receive()
         if not self._ready:
             raise RpctlError(
-                f"the process to plan in does not start: {self.fault or 'it takes too long'}; with "
-                "Horizon(asynchronous=False) plans are made between the samples"
+                f"the planning process does not start: {self.fault or 'it takes too long'}; with "
+                "Horizon(asynchronous=False) rpctl plans between the samples"
             )
 
     @property

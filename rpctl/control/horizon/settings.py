@@ -24,17 +24,24 @@ MAX_STEPS = 200  # memory grows with their square: .3 GB for a mobile manipulato
 class Weights(Record):
     """Weights of squared errors at each step, SI units."""
 
-    position: Annotated[float, WEIGHT, Setting("", "", "Of the base's position.")] = 300.0
-    heading: Annotated[float, WEIGHT, Setting("", "", "Of the base's heading.")] = 20.0
-    joints: Annotated[float, WEIGHT, Setting("", "", "Of the arm's positions.")] = 50.0
+    position: Annotated[float, WEIGHT, Setting("", "", "Weight of the base's position error.")] = (
+        300.0
+    )
+    heading: Annotated[float, WEIGHT, Setting("", "", "Weight of the base's heading error.")] = 20.0
+    joints: Annotated[float, WEIGHT, Setting("", "", "Weight of the arm's position errors.")] = 50.0
     steering: Annotated[
         float,
         WEIGHT,
-        Setting("", "", "Of the steered joints' positions; little, as they serve the base's."),
+        Setting(
+            "",
+            "",
+            "Weight of the steered joints' positions; small, as they follow from the "
+            "base's motion.",
+        ),
     ] = 1.0
-    end_effector: Annotated[float, WEIGHT, Setting("", "", "Of the end effector's position.")] = (
-        200.0
-    )
+    end_effector: Annotated[
+        float, WEIGHT, Setting("", "", "Weight of the end effector's position error.")
+    ] = 200.0
     rates: Annotated[float, WEIGHT, Setting("", "", "Of ν.")] = 2.0
     accelerations: Annotated[float, WEIGHT, Setting("", "", "Of ν̇.")] = 0.05
 
@@ -130,7 +137,7 @@ class PlannerSettings(Record):
         Setting(
             "m",
             "Base's radius",
-            "Radius of the base about P; distance of the farthest contact if not given.",
+            "Radius of the base about P; default: distance of the farthest contact.",
         ),
     ] = None
     end_effector_radius: Annotated[
@@ -142,7 +149,7 @@ class PlannerSettings(Record):
         Setting(
             "m",
             "Leash",
-            "Largest distance of the base behind the reference; beyond, the reference waits.",
+            "Distance of the base behind the reference beyond which the reference waits.",
         ),
     ] = 0.3
     body_clearance: Annotated[
@@ -151,8 +158,8 @@ class PlannerSettings(Record):
         Setting(
             "m",
             "Links keep clear by",
-            "Distance that all links keep from obstacles, from the ground and from each "
-            "other; if not given only base and end effector keep clear, as discs.",
+            "Distance that all links keep from obstacles, the ground and each other; default: "
+            "only discs around base and end effector keep clear.",
         ),
     ] = None
 

@@ -62,7 +62,8 @@ def require_within(size: Size, most: Size) -> None:
         if count > cap:
             said = f"{count:,}" if count < 1e15 else "more than can be counted"
             raise MeshFaultError(
-                f"refused: it shows {said} {what}, and {cap:,} are the most; {how_to_raise(name)}"
+                f"refused: it shows {said} {what}, but at most {cap:,} are allowed; "
+                f"{how_to_raise(name)}"
             )
 
 
@@ -73,7 +74,7 @@ def _check_dae(content: bytes) -> Size:
     try:
         root: Any = etree.fromstring(content, parser)
     except etree.XMLSyntaxError as error:
-        raise MeshFaultError(f"not readable: no XML ({error.msg}); export it again") from None
+        raise MeshFaultError(f"not readable: not XML ({error.msg}); export it again") from None
     _require_unit(root)
     nodes = {n.get("id"): n for n in root.iter("{*}node") if n.get("id")}
     geometries = {g.get("id"): _dae_geometry(g) for g in root.iter("{*}geometry")}
@@ -81,7 +82,9 @@ def _check_dae(content: bytes) -> Size:
 
     def count(node: Any, above: tuple[Any, ...]) -> Size:
         if node in above or len(above) > MAX_DEPTH:
-            raise MeshFaultError("refused: its nodes hold each other in a circle, or too deeply")
+            raise MeshFaultError(
+                "refused: its nodes contain each other in a loop, or are nested too deeply"
+            )
         if node not in known:
             sizes = [count(inner, (*above, node)) for inner in node.iterchildren("{*}node")]
             for each in node.iterchildren("{*}instance_node"):
@@ -127,7 +130,7 @@ def _dae_geometry(geometry: Any) -> Size:
 def _check_glb(content: bytes) -> Size:
     length = int.from_bytes(content[12:16], "little")
     if content[:4] != b"glTF" or content[16:GLB_HEAD] != JSON_CHUNK:
-        raise MeshFaultError("not readable: no GLB of version 2; export it again")
+        raise MeshFaultError("not readable: not a GLB of version 2; export it again")
     try:
         return _glb_size(json.loads(content[GLB_HEAD : GLB_HEAD + length]))
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
@@ -161,7 +164,7 @@ def _glb_size(header: Mapping[str, Any]) -> Size:
 def _check_ply(content: bytes) -> Size | None:
     head, end, body = content.partition(b"end_header")
     if not end:
-        raise MeshFaultError("not readable: no header of a PLY; export it again")
+        raise MeshFaultError("not readable: its header is not that of a PLY; export it again")
     counts = {name: int(count) for name, count in PLY_ELEMENT.findall(head)}
     for name, count in counts.items():
         if not 0 <= count <= len(body):  # an element has a byte at least
@@ -178,7 +181,7 @@ def _check_stl(content: bytes) -> Size | None:
         return Size(1, count)
     if b"facet" not in content[:2048].lower() and len(content) >= STL_HEAD:
         raise MeshFaultError(
-            f"refused: its header promises {count} triangles, and its length is not theirs; "
+            f"refused: its header promises {count} triangles, which do not match its length; "
             "export it again"
         )
     return None

@@ -100,9 +100,9 @@ def _pieces(scene: Any, kind: str, most: Size) -> tuple[list[tuple[Any, Any, Any
 def _nothing(scene: Any, promised: Size | None) -> str:
     """Return what is wrong with a file of which no triangle was read."""
     if promised is not None and promised.triangles:
-        return "holds no triangles whose vertices are there and are numbers; export it again"
+        return "has no triangles with valid vertices; export it again"
     points = sum(len(getattr(mesh, "vertices", ())) for mesh in scene.geometry.values())
-    return f"holds no triangles{f', only {points} points' if points else ''}"
+    return f"has no triangles{f', only {points} points' if points else ''}"
 
 
 def _require_corners(faces: Any, count: int) -> None:
@@ -120,11 +120,11 @@ def _require_sensible(vertices: Any, unit: float) -> Any:
         placed = unit * np.asarray(vertices, float)
         reach = float(np.abs(placed).max())  # a NaN among them is the largest
     if not math.isfinite(reach):
-        raise MeshFaultError("refused: it has vertices that are no numbers; export it again")
+        raise MeshFaultError("refused: some vertices are not numbers; export it again")
     if reach > MAX_COORDINATE:
         raise MeshFaultError(
-            f"refused: its vertices reach {reach:.3g} m, and no robot {MAX_COORDINATE:g}; "
-            "export it again, in m"
+            f"refused: its vertices reach {reach:.3g} m; at most {MAX_COORDINATE:g} m are "
+            "allowed; export it again, in m"
         )
     return placed
 
@@ -144,7 +144,7 @@ def _loose_vertices(mesh: Any) -> list[str]:
     if not count:
         return []
     what = f"{count} vertices lie" if count > 1 else "a vertex lies"
-    return [f"{what} beyond its triangles, in none of them, and counts for nothing"]
+    return [f"{what} beyond its triangles, belong to none of them, and are ignored"]
 
 
 def stack(pieces: Sequence[tuple[Any, Any]]) -> tuple[Any, Any]:

@@ -64,7 +64,7 @@ class MeshPaths:
             MeshError: The name is refused, or there is no such file.
         """
         if len(name) > MAX_NAME or not name.isprintable():
-            raise MeshError("refused: no file has such a name")
+            raise MeshError("refused: this is not a valid file name")
         confined = []
         for path, package in self._candidates(name):
             file = os.path.realpath(path)
@@ -77,11 +77,11 @@ class MeshPaths:
                 "--package-dir"
             )
         if os.path.splitext(confined[0])[1].lower() not in EXTENSIONS:  # noqa: PTH122 - speed
-            raise MeshError(f"refused: a mesh ends in {', '.join(EXTENSIONS)}")
+            raise MeshError(f"refused: the name of a mesh must end in {', '.join(EXTENSIONS)}")
         for file in confined:
             if os.path.isfile(file):  # noqa: PTH113 - speed; a robot has 100 meshes
                 return Path(file)
-        raise MeshError("no such file; put it there, or correct the name")
+        raise MeshError("no such file; add it, or correct the name")
 
     def _candidates(self, name: str) -> list[tuple[str, str | None]]:
         """Return the paths that a name may mean, each with the package that confines it."""
@@ -89,8 +89,8 @@ class MeshPaths:
             path = name.removeprefix(FILE) if name.startswith(f"{FILE}/") else name
             if ":" in path:
                 raise MeshError(
-                    "refused: only package:// and paths from the URDF's folder are read; "
-                    "write one of these"
+                    "refused: rpctl reads only package:// and paths relative to the URDF's "
+                    "folder; write one of these"
                 )
             return [(path if path[0] == "/" else f"{self._folder}/{path}", None)]
         package, _, rest = name.removeprefix(PACKAGE).partition("/")

@@ -100,7 +100,7 @@ def read_mesh(path: Path) -> Mesh:
     except InputError as error:
         raise MeshError(f"not readable: {error.fault}") from None
     if content.startswith(LFS_POINTER):
-        raise MeshError("only a pointer of Git LFS, not the mesh; run: git lfs pull")
+        raise MeshError("only a Git LFS pointer, not the mesh; run: git lfs pull")
     material = _material(content, path) if kind == "obj" else None
     key = hashlib.sha256(repr([kind, material, *map(cap, CAPS)]).encode() + content).digest()
     return _once(key, lambda: _ask(kind, content, material))
@@ -118,7 +118,7 @@ def read_shape(name: str, scale: Sequence[float], paths: MeshPaths) -> Mesh:
     """
     path = paths.resolve(name)
     if len(paths.stalled - {name}) >= MAX_STALLED:
-        raise MeshError(f"not read: {MAX_STALLED} meshes of this robot took too long already")
+        raise MeshError(f"not read: {MAX_STALLED} other meshes of this robot took too long")
     try:
         mesh = read_mesh(path)
     except StalledMeshError:
@@ -207,7 +207,7 @@ def _mesh_of(answer: tuple[dict[str, Any], Sequence[Any]]) -> Mesh:
     try:
         return _checked(*answer)
     except (TypeError, ValueError, KeyError, AttributeError):
-        raise MeshError("not readable: its reader answered with no mesh") from None
+        raise MeshError("not readable: the reading process returned no mesh") from None
 
 
 def _checked(answer: dict[str, Any], arrays: Sequence[Any]) -> Mesh:
@@ -259,7 +259,7 @@ def _checked_hull(points: Array, answer: Sequence[NDArray[np.generic]]) -> Mesh:
     corners = np.array(answer[0]) if len(answer) == 1 else np.empty(0)
     triangles = corners.dtype == np.uint32 and corners.shape[1:] == (3,) and len(corners) > 0
     if not triangles or corners.max() >= len(points):
-        raise MeshError("its reader answered with no hull")
+        raise MeshError("the reading process returned no hull")
     used, faces = np.unique(corners.astype(np.int64), return_inverse=True)
     faces = faces.reshape(-1, 3)
     faces.setflags(write=False)

@@ -59,7 +59,7 @@ class MeshService:
                 head, _ = unpack(answer)
             except ValueError:
                 self.close()
-                raise StalledMeshError("not readable: its reader broke off") from None
+                raise StalledMeshError("not readable: the reading process ended") from None
             except BaseException:
                 self.close()  # half of an answer may be under way
                 raise
@@ -91,7 +91,7 @@ class MeshService:
             worker.close()
             fault, bound = f"it takes over {seconds} s", "MAX_MESH_SECONDS"
             if not error.late:
-                fault = f"it ends its reader ({excerpt(str(error))}), for lack of memory perhaps"
+                fault = f"the reading process ended ({excerpt(str(error))}), perhaps out of memory"
                 bound = "MAX_MESH_MEMORY"
             raise StalledMeshError(f"refused: {fault}; {how_to_raise(bound)}") from None
         except BaseException:

@@ -41,9 +41,9 @@ UNUSED = ("PIL", "networkx", "shapely", "rtree", "jsonschema", "manifold3d", "ma
 LIBRARIES = ("scipy.spatial", "trimesh.creation", "collada", "lxml.etree", "fast_simplification")
 MAX_REQUEST = 2**40  # bytes; who asks is trusted
 WORDS = {  # for what the readers' errors mean
-    IndexError: "a triangle names a vertex that is not there",
-    KeyError: "a part that it names is not there",
-    UnicodeDecodeError: "it is no text",
+    IndexError: "a triangle refers to a missing vertex",
+    KeyError: "it refers to a missing part",
+    UnicodeDecodeError: "it is not text",
 }
 
 
@@ -79,7 +79,7 @@ def _answer(request: bytes, jobs: Mapping[str, Job]) -> bytes:
             {"fault": f"refused: it needs too much memory; {how_to_raise('MAX_MESH_MEMORY')}"}
         )
     except RecursionError:
-        return pack({"fault": "refused: its parts hold each other too deeply"})
+        return pack({"fault": "refused: its parts are nested too deeply"})
     except Exception as error:  # readers of foreign formats fail in every way there is
         reason = next((text for kind, text in WORDS.items() if isinstance(error, kind)), None)
         return pack({"fault": f"not readable ({reason or type(error).__name__}); export it again"})

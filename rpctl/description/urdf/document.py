@@ -108,7 +108,7 @@ def parse_document(data: bytes, findings: Findings) -> Any:
     if "xmlns" in text or findings.items:
         _drop_namespaces(root, findings)
     if text.count("\n") > MAX_LINE:
-        findings.add_at("info", None, f"lines of this file beyond {MAX_LINE} are not told exactly")
+        findings.add_at("info", None, f"line numbers beyond {MAX_LINE} are not exact")
     return root
 
 
@@ -124,7 +124,7 @@ def _root_start(text: str) -> int:
         if re.match(pattern, text[place : place + 200]):
             raise Refusal(f"this is {kind}, not URDF; {fix}", line)
     if text.startswith("<!DOCTYPE", place):
-        entities = " and its entities are never read" if "<!ENTITY" in text else ""
+        entities = " and rpctl never reads its entities" if "<!ENTITY" in text else ""
         raise Refusal(f"a DOCTYPE is not part of URDF{entities}; remove it", line)
     root = ROOT_NAME.match(text, place)
     if root is None:
@@ -172,13 +172,13 @@ def _require_few(text: str, line: int) -> None:
         if elements > most:
             require_few_links(links, line)
             raise Refusal(
-                f"{elements} elements, where {most} are the limit; {how_to_raise('MAX_ELEMENTS')}",
+                f"{elements} elements; at most {most} are allowed; {how_to_raise('MAX_ELEMENTS')}",
                 line,
             )
     most = cap("MAX_ATTRIBUTES")
     if (many := text.count("=")) > most:
         raise Refusal(
-            f"{many} attributes, where {most} are the limit; {how_to_raise('MAX_ATTRIBUTES')}", line
+            f"{many} attributes; at most {most} are allowed; {how_to_raise('MAX_ATTRIBUTES')}", line
         )
 
 
@@ -191,7 +191,7 @@ def require_few_links(count: int, line: int) -> None:
     most = cap("MAX_LINKS")
     if count > most:
         raise Refusal(
-            f"{count} links, where {most} are the limit; {how_to_raise('MAX_LINKS')}", line
+            f"{count} links; at most {most} are allowed; {how_to_raise('MAX_LINKS')}", line
         )
 
 
@@ -212,8 +212,8 @@ def _parsed(text: str, start: int, findings: Findings) -> Any:
             findings.add_at(
                 "warning",
                 error.lineno,
-                f'the prefix "{prefix}" is not declared; what bears it is left out, '
-                f'add xmlns:{prefix}="..." to <robot>',
+                f'the prefix "{prefix}" is not declared; rpctl ignores what has it; add '
+                f'xmlns:{prefix}="..." to <robot>',
             )
 
 
@@ -234,7 +234,7 @@ def _syntax(error: Any, text: str) -> Refusal:
     if TOO_DEEP in reason:
         fault = "elements are nested over 256 deep, where a URDF nests 5; close what is left open"
     elif "XML_PARSE_HUGE" in reason:
-        fault = "a tag or text is over 10 MB; a URDF names its meshes, it does not hold them"
+        fault = "a tag or text is over 10 MB; a URDF refers to meshes, it does not contain them"
     elif _ends_early(text):
         fault = f"{TRUNCATED} ({reason}); {FIX_TRUNCATED}"
     else:
@@ -277,14 +277,15 @@ def _drop_namespaces(root: Any, findings: Findings) -> None:
     if macros:
         first = f"<{etree.QName(macros[0]).localname}>"
         raise Refusal(
-            f"xacro is left unexpanded ({len(macros)} elements, the first is {first}); "
-            "name the file .xacro and it is expanded, or run `xacro FILE > robot.urdf`",
+            f"the file contains xacro that is not expanded ({len(macros)} elements, the first is "
+            f"{first}); name the file .xacro to let rpctl expand it, or run `xacro FILE > "
+            "robot.urdf`",
             macros[0].sourceline,
         )
     own = etree.QName(root).namespace
     if own is not None:
-        findings.warn(root, f'<robot> is in the namespace "{excerpt(own)}"; it is left out, '
-                      "remove the xmlns")  # fmt: skip
+        findings.warn(root, f'<robot> is in the namespace "{excerpt(own)}"; rpctl ignores the '
+                            'namespace; remove the xmlns')  # fmt: skip
     for element in root.xpath("//*[namespace-uri() != '']"):
         name = etree.QName(element)
         rotor = name.localname in ROTOR_TAGS and element.getparent().tag == "actuator"
@@ -321,7 +322,7 @@ def decode(data: bytes, findings: Findings) -> str:
     if declaration[1]:
         line = declaration[1].count("\n") + 1
         findings.add_at(
-            "warning", line, "blanks before <?xml; remove them, other readers refuse them"
+            "warning", line, "blanks before <?xml; remove them, as other parsers reject them"
         )
     return "\n" * declaration[0].count("\n") + text[declaration.end() :]
 
@@ -357,8 +358,8 @@ def _narrow(data: bytes, codec: str, findings: Findings) -> str:
         findings.add_at(
             "warning",
             line,
-            f"byte 0x{data[error.start]:02X} is not {codec.upper()}, the file's encoding; "
-            "it is read as Latin-1, save the file as UTF-8",
+            f"byte 0x{data[error.start]:02X} is not {codec.upper()}, the file's encoding; rpctl "
+            "reads it as Latin-1; save the file as UTF-8",
         )
         return data.decode("latin-1")
 

@@ -53,7 +53,7 @@ def parse_numbers(text: str, count: int) -> list[float]:
 
 def _not_a_number(text: str, word: str) -> str:
     if "${" in text or "$(" in text:
-        return "is not a number: xacro is left unexpanded; run `xacro` on the file first"
+        return "is not a number but unexpanded xacro; run `xacro` on the file first"
     if word.lower().lstrip("+-") in INFINITE:
         return "is not finite; give a finite number"
     if COMMA.fullmatch(word):
@@ -108,7 +108,7 @@ class Findings:
         try:
             values = parse_numbers(text, count)
             if any(abs(value) > MAX_NUMBER for value in values):
-                raise Fault("is absurd; URDF counts in metres, kilograms, seconds and radians")
+                raise Fault("is too large; URDF uses metres, kilograms, seconds and radians")
         except Fault as fault:
             self.error(element, f'<{element.tag} {attribute}="{excerpt(text)}"> {fault}')
             return zeros
@@ -129,7 +129,7 @@ class Findings:
         """Return the one child of a tag, or None; further ones are noted and removed."""
         children = element.findall(tag)
         for child in children[1:]:
-            self.warn(child, f"a second <{tag}> in <{element.tag}>; only the first is read")
+            self.warn(child, f"a second <{tag}> in <{element.tag}>; rpctl reads only the first")
             element.remove(child)
         return children[0] if children else None
 

@@ -42,7 +42,8 @@ def read_joint(findings: Findings, element: Any) -> Joint:
     if (far := float(np.linalg.norm(origin[:3, 3]))) > FAR_M:
         findings.warn(
             element.find("origin"),
-            f'joint "{name}" is {far:.4g} m from its parent\'s origin; lengths in mm? give m',
+            f'joint "{name}" is {far:.4g} m from its parent\'s origin; if lengths are in mm, give '
+            "m",
         )
     return Joint(
         name=name,
@@ -91,8 +92,8 @@ def _read_losses(
 def _read_loss(findings: Findings, dynamics: Any, name: str, key: str) -> float:
     value = findings.number(dynamics, key, "0")
     if value < 0.0:
-        findings.warn(dynamics, f'{key} {value:g} of joint "{name}" is negative, which would drive '
-                      "it; 0 is used, correct the sign")  # fmt: skip
+        findings.warn(dynamics, f'{key} {value:g} of joint "{name}" is negative, which would '
+                                'drive it; rpctl uses 0; correct the sign')  # fmt: skip
     return max(value, 0.0)
 
 
@@ -129,7 +130,7 @@ def _read_axis(findings: Findings, element: Any, name: str, kind: str) -> Array:
             )
         elif abs(length - 1.0) > AXIS_LENGTH_TOLERANCE and length > MIN_AXIS_LENGTH:
             findings.warn(
-                given, f'axis of joint "{name}" has length {length:.6g}; it is made a unit vector'
+                given, f'axis of joint "{name}" has length {length:.6g}; rpctl scales it to 1'
             )
             given.set("xyz", " ".join(repr(value / length) for value in axis))
     return read_only(np.array(axis) / length if length > MIN_AXIS_LENGTH else np.zeros(3))
@@ -156,7 +157,7 @@ def _read_limits(findings: Findings, element: Any, name: str, kind: str) -> tupl
     if limit is None and kind in LIMITED_KINDS:
         findings.warn(
             element,
-            f'joint "{name}" has no <limit>; it is taken as unlimited, give lower and upper',
+            f'joint "{name}" has no <limit>; rpctl treats it as unlimited; give lower and upper',
         )
     if limit is not None:
         effort, velocity = (_read_size(findings, limit, name, k) for k in ("effort", "velocity"))
@@ -174,8 +175,8 @@ def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[f
     if kind == "revolute" and not {"lower", "upper"} & set(limit.attrib):
         findings.warn(
             limit,
-            f'joint "{name}" cannot move: its <limit> has no lower and upper, which count as 0; it '
-            'is taken as unlimited, give them, or make it type="continuous"',
+            f'joint "{name}" cannot move: its <limit> has no lower and upper, which count as 0; '
+            'rpctl treats it as unlimited; give them, or make it type="continuous"',
         )
         return -math.inf, math.inf
     lower, upper = (_extended(findings, limit, key, "0") for key in ("lower", "upper"))
@@ -188,13 +189,13 @@ def _read_range(findings: Findings, limit: Any, name: str, kind: str) -> tuple[f
     least, most = DEGREES
     whole = (value % 1.0 == 0.0 and abs(value) <= most for value in (lower, upper))
     if kind == "revolute" and max(-lower, upper) > least and all(whole):
-        findings.warn(limit, f'limits {lower:g} and {upper:g} of joint "{name}" are taken as rad; '
-                      "degrees? give rad")  # fmt: skip
+        findings.warn(limit, f'limits {lower:g} and {upper:g} of joint "{name}" are read as rad; '
+                             'if they are degrees, give rad')  # fmt: skip
     far = MAX_POSITION[kind]
     for key, value in (("lower", lower), ("upper", upper)):
         if far < abs(value) < math.inf:
-            findings.warn(limit, f'{key} limit {value:g} of joint "{name}" is out of reach; taken '
-                          "as unlimited, give rad or m")  # fmt: skip
+            findings.warn(limit, f'{key} limit {value:g} of joint "{name}" is out of range; rpctl '
+                                 'treats it as unlimited; give rad or m')  # fmt: skip
     return (lower if lower >= -far else -math.inf), (upper if upper <= far else math.inf)
 
 
@@ -203,14 +204,14 @@ def _read_size(findings: Findings, limit: Any, name: str, attribute: str) -> flo
     size = _extended(findings, limit, attribute, "inf")
     text = f'{attribute} limit {size:g} of joint "{name}"'
     if size == NO_LIMIT:
-        findings.warn(limit, f"{text} is taken as no limit; give one above 0, or none")
+        findings.warn(limit, f"{text} is treated as no limit; give a positive one, or none")
         return math.inf
     if size <= -MIN_LIMIT:
-        findings.warn(limit, f"{text} is negative; {-size:g} is used")
+        findings.warn(limit, f"{text} is negative; rpctl uses {-size:g}")
     elif size < MIN_LIMIT:
         if attribute == "effort":
             return 0.0
-        findings.warn(limit, f"{text} is taken as not given; give one above 0")
+        findings.warn(limit, f"{text} is ignored; give a positive one")
     return abs(size) if MIN_LIMIT <= abs(size) <= MAX_LIMIT else math.inf
 
 
@@ -239,8 +240,11 @@ def read_rotors(findings: Findings, root: Any) -> dict[str, float]:
         if not given:
             continue
         if len(joints) != 1:
-            findings.warn(given[0], "the rotor of a transmission of several joints is left out; "
-                          "give its inertia as --armature PATTERN=KG_M2")  # fmt: skip
+            findings.warn(
+                given[0],
+                "rpctl ignores the rotor of a transmission with several joints; give its inertia "
+                "as --armature PATTERN=KG_M2",
+            )
             continue
         name = joints[0].get("name", "")
         inertia = sum(_inertia(findings, actuator, name) for actuator in given)
@@ -254,11 +258,14 @@ def _inertia(findings: Findings, actuator: Any, joint: str) -> float:
     inertia = findings.number(element, "value")
     if inertia < 0.0:
         findings.warn(element, f'the rotor inertia {inertia:g} of joint "{joint}" is negative; '
-                      "0 is used, correct it")  # fmt: skip
+                               "rpctl uses 0; correct it")  # fmt: skip
         return 0.0
     if inertia > LARGE_ROTOR:
-        findings.warn(element, f'the rotor inertia {inertia:g} of joint "{joint}" is that of no '
-                      "motor; give kg m2, before the gears")  # fmt: skip
+        findings.warn(
+            element,
+            f'the rotor inertia {inertia:g} of joint "{joint}" is too large for a motor; give kg '
+            "m2, on the motor's side of the gears",
+        )
     return inertia * _ratio(findings, actuator) ** 2
 
 

@@ -102,14 +102,14 @@ def _doubt_inertia(
     elif least < -slack or least <= slack < most:
         findings.warn(
             element,
-            f'inertia of link "{name}" is not positive definite ({listed}); no real body has it, '
-            "correct it",
+            f'inertia of link "{name}" is not positive definite ({listed}); no rigid body has '
+            "this inertia; correct it",
         )
     elif most > (least + middle) * (1 + TRIANGLE_MARGIN):
         findings.warn(
             element,
-            f'inertia of link "{name}" breaks the triangle rule ({listed}); no real body has it, '
-            "correct it",
+            f'inertia of link "{name}" breaks the triangle rule ({listed}); no rigid body has '
+            "this inertia; correct it",
         )
     elif (radius := math.sqrt(most / mass)) > MAX_GYRATION_RADIUS_M:
         findings.warn(
@@ -155,11 +155,11 @@ def read_shapes(findings: Findings, link: Any, tag: str, colours: Colours) -> tu
 def _shape(findings: Findings, element: Any, colours: Colours) -> Shape | None:
     geometry = findings.only(element, "geometry")
     if geometry is None or not len(geometry):
-        findings.warn(element, f"<{element.tag}> without a shape in <geometry>; it is left out")
+        findings.warn(element, f"<{element.tag}> without a shape in <geometry> is ignored; add one")
         return None
     solid, *others = geometry
     if others:
-        findings.warn(others[0], "a second shape in <geometry>; only the first is read")
+        findings.warn(others[0], "a second shape in <geometry>; rpctl reads only the first")
     size = _size(findings, solid)
     if size is None:
         return None
@@ -182,11 +182,11 @@ def _size(findings: Findings, solid: Any) -> tuple[float, ...] | None:
         size = [findings.number(solid, "radius")]
     elif kind == "mesh":
         if not solid.get("filename"):
-            findings.warn(solid, "<mesh> without a filename; it is left out")
+            findings.warn(solid, "<mesh> without a filename is ignored; give one")
             return None
         size = findings.numbers(solid, "scale", 3, "1 1 1")
     else:
-        findings.warn(solid, f"<{kind}> is no URDF shape; it is left out")
+        findings.warn(solid, f"<{kind}> is not a URDF shape; rpctl ignores it")
         return None
     return _sane(findings, solid, size) if len(findings.items) == before else tuple(size)
 
@@ -195,10 +195,12 @@ def _sane(findings: Findings, solid: Any, size: list[float]) -> tuple[float, ...
     if solid.tag == "mesh":
         if 0.0 not in size:
             return tuple(size)
-        findings.warn(solid, "<mesh> with a scale of 0; it is left out")
+        findings.warn(solid, "<mesh> with a scale of 0 is ignored; correct the scale")
         return None
     if min(size) < 0 or max(size) == 0:
-        findings.warn(solid, f"<{solid.tag}> has a size that is not positive; it is left out")
+        findings.warn(
+            solid, f"<{solid.tag}> has a size that is not positive and is ignored; correct it"
+        )
         return None
     if max(size) > MAX_LENGTH_M:
         findings.warn(solid, f"<{solid.tag}> is over {MAX_LENGTH_M:g} m large; is it in mm? give m")
@@ -221,7 +223,9 @@ def read_origin(findings: Findings, element: Any) -> Array:
 
 def _doubt(findings: Findings, origin: Any, xyz: list[float], rpy: list[float]) -> None:
     if origin.get("quat_xyzw") is not None:
-        findings.error(origin, "<origin quat_xyzw> is not read; write the turn as rpy (rad)")
+        findings.error(
+            origin, "rpctl does not read <origin quat_xyzw>; write the rotation as rpy (rad)"
+        )
     if max(map(abs, xyz)) > MAX_LENGTH_M:
         findings.warn(origin, f'<origin xyz="{origin.get("xyz")}"> is over {MAX_LENGTH_M:g} m '
                       "away; is it in mm? give m")  # fmt: skip

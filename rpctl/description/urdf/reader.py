@@ -70,7 +70,7 @@ def read(path: str | Path, settings: ReadSettings = READ_DEFAULTS) -> Descriptio
         if settings.xacro_args:
             given = ", ".join(settings.xacro_args)
             raise fault_at(
-                path, None, f"it holds no xacro and takes no arguments; leave out {given}"
+                path, None, f"it contains no xacro, so it takes no arguments; leave out {given}"
             )
         return replace(parse(path, data), read_with=settings, file_sha256=digest)
     expansion = expand(path, settings)
@@ -127,7 +127,7 @@ def _document(data: bytes, findings: Findings) -> Any:
     most = cap("MAX_BYTES")
     if len(data) > most:
         raise Refusal(
-            f"the file is over {most} bytes; a URDF names its meshes, it does not hold them; "
+            f"the file is over {most} bytes; a URDF refers to meshes, it does not contain them; "
             f"{how_to_raise('MAX_BYTES')}"
         )
     root = parse_document(data, findings)
@@ -135,7 +135,7 @@ def _document(data: bytes, findings: Findings) -> Any:
     if not count:
         if root.find("group") is not None or root.find("disable_collisions") is not None:
             raise Refusal(
-                "this is SRDF, what MoveIt adds to a URDF; give the URDF beside it", root.sourceline
+                "this is an SRDF, which MoveIt uses beside a URDF; give the URDF", root.sourceline
             )
         raise Refusal(
             "the robot has no <link>; a URDF has at least one, and xacro's macros alone are no "
@@ -171,8 +171,8 @@ def check_spelling(findings: Findings, root: Any) -> None:
             if near:
                 findings.warn(
                     child,
-                    f"<{tag}> in <{parent.tag}> is not URDF, it is left out; "
-                    f"did you mean <{near[0]}>?",
+                    f"<{tag}> in <{parent.tag}> is not URDF and is ignored; did you mean "
+                    f"<{near[0]}>?",
                 )
 
 
@@ -198,7 +198,7 @@ def check_names(findings: Findings, root: Any) -> None:
                 )
             elif tag == "joint" and name in RESERVED:
                 findings.error(
-                    element, f'joint "{name}" has a name that Pinocchio takes for itself; rename it'
+                    element, f'joint "{name}" has a name that Pinocchio reserves; rename it'
                 )
             lines.setdefault(name, element.sourceline)
 
@@ -280,8 +280,8 @@ def resolve_mimics(findings: Findings, root: Any, joints: Sequence[Joint]) -> tu
         elif mimic != joint.mimic:
             findings.warn(
                 element,
-                f'joint "{joint.name}" mimics "{joint.mimic.joint}", itself a mimic; '
-                f'read as one of "{mimic.joint}"',
+                f'joint "{joint.name}" mimics "{joint.mimic.joint}", itself a mimic; rpctl '
+                f'resolves it to "{mimic.joint}"',
             )
             element.set("joint", mimic.joint)
             element.set("multiplier", repr(mimic.multiplier))
@@ -300,12 +300,15 @@ def _followed(joint: Joint, mimic: Mimic, by_name: dict[str, Joint]) -> tuple[st
         if followed.name == joint.name and len(seen) == 1:
             return "mimics itself; name another joint", mimic
         if followed.name in seen:
-            return f"mimics in a circle ({' > '.join(seen[:MAX_LISTED])}); let one be free", mimic
+            return (
+                f"mimics itself in a loop ({' > '.join(seen[:MAX_LISTED])}); let one be free",
+                mimic,
+            )
         if not followed.moving:
             return f'mimics joint "{followed.name}", which is fixed; make it fixed, too', mimic
         seen.append(followed.name)
         if abs(mimic.multiplier) > MAX_NUMBER or abs(mimic.offset) > MAX_NUMBER:
-            return "mimics with an absurd multiplier or offset; correct it", mimic
+            return "mimics with a multiplier or offset that is too large; correct it", mimic
         if followed.mimic is None:
             return "", mimic
         if len(seen) > MAX_CHAIN:

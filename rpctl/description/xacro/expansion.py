@@ -137,7 +137,7 @@ def _ask(path: Path, settings: ReadSettings) -> dict[str, Any]:
             worker.send(json.dumps(request).encode())
             answer = _converse(worker, files)
     except WorkerError as error:
-        fault = f"its expansion broke off ({excerpt(str(error))}); {RUN_IT}"
+        fault = f"its expansion stopped ({excerpt(str(error))}); {RUN_IT}"
         if error.late:
             fault = f"its expansion takes over {seconds} s; {how_to_raise('MAX_XACRO_SECONDS')}"
         raise refusal(path, fault) from None
@@ -165,7 +165,7 @@ def _converse(worker: Worker, files: XacroFiles) -> dict[str, Any] | None:
                 break
             reply = files.reply(verb, content)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            raise WorkerError("it answers nonsense") from None
+            raise WorkerError("the expanding process returned invalid data") from None
         worker.send(reply)
     text = worker.receive(2 * cap("MAX_BYTES")).decode("utf-8", "replace")
     return answer | {"text": text} if text or "error" in answer else None
@@ -177,8 +177,8 @@ def _warn_of_what_is_open(path: Path, measures: Sequence[str]) -> str | None:
     if not ways:
         return None
     text = (
-        f"this system cannot keep the file's expressions from {' or '.join(ways)}; expand only "
-        "what you trust"
+        f"this system cannot prevent the file's expressions from {' or '.join(ways)}; expand only "
+        "files that you trust"
     )
     logging.getLogger("rpctl").warning("%s: warning: %s", path, text)
     return text
@@ -207,5 +207,8 @@ def explanation(path: Path) -> Finding:
     """Return the remark on the lines of an expanded file's findings."""
     text = f"lines are those of the expanded text; `rpctl expand {path}` prints it"
     if path.suffix.lower() != ".xacro":
-        text = f"it holds xacro and was expanded, though not called .xacro; {text}"
+        text = (
+            "it contains xacro, so rpctl expanded it although its name does not end in "
+            f".xacro; {text}"
+        )
     return Finding("info", None, text)

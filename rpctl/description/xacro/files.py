@@ -22,7 +22,7 @@ from rpctl.errors import InputError
 from rpctl.files.caps import cap, read_input
 
 OUTSIDE = f"refused: it lies outside the folders that the file may use; {DECLARE}"
-HIDDEN = "refused: it lies in a hidden folder, or is hidden; move what the robot needs out of it"
+HIDDEN = "refused: it is hidden or in a hidden folder; move what the robot needs out of it"
 SYSTEM = ("/proc", "/sys", "/dev")  # below no robot's folder, though it be the whole disk
 WILD = re.compile(r"[*?[]")
 MAX_MATCHES = 1000  # files of one pattern that are told
@@ -89,7 +89,7 @@ class XacroFiles:
             "find": self.find, "place": self.place, "match": self.match
         }  # fmt: skip
         if not isinstance(asked, str) or "\0" in asked:
-            raise ValueError("a path or a name is a text")
+            raise ValueError("a path or a name must be text")
         if verb != "read":
             return json.dumps(verbs[verb](asked)).encode()
         try:

@@ -120,7 +120,7 @@ class Hooks:
             ValueError: It cannot be the name of a package.
         """
         if not NAME.fullmatch(name):
-            raise ValueError(f'"{name}" is no name of a package')
+            raise ValueError(f'"{name}" is not the name of a package')
         folders = self.find_all(name)
         if folders:
             self.found[name] = folders[0]

@@ -55,8 +55,8 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
     elif "variable" in answer:
         name = excerpt(answer["variable"])
         fault = (
-            f'xacro: environment variable "{name}" has no value, for a file sees none of yours; '
-            f"add {ENVIRONMENT}{name}:=VALUE"
+            f'xacro: environment variable "{name}" has no value, as the file cannot read your '
+            f"environment; add {ENVIRONMENT}{name}:=VALUE"
         )
         lines.append(say(answer.get("file") or path, answer.get("line"), fault))
     elif "error" in answer and not lines:
@@ -64,8 +64,8 @@ def refuse_faults(path: Path, answer: Answer, settings: ReadSettings) -> None:
     elif not lines:
         lines += unused_arguments(path, answer, settings)
         lines += [
-            say(_short(file, path), line, f"<{tag}> is xacro's without its prefix, and would be "
-            f"dropped; write <xacro:{tag} …>")
+            say(_short(file, path), line, f"<{tag}> is a xacro element without its prefix, which "
+                                          f"xacro would drop; write <xacro:{tag} …>")
             for file, tag, line in answer["plain"]
         ]  # fmt: skip
         if not lines and answer["defined"] and "<link" not in answer["text"]:
@@ -94,21 +94,21 @@ def findings_of(path: Path, answer: Answer, settings: ReadSettings) -> tuple[Fin
     ours = {*os.environ}  # looked up by text: no variable has any name that a file may ask for
     notes = [
         *(
-            f'argument "{name}" is used before it is declared; its default is taken'
+            f'argument "{name}" is used before it is declared; xacro uses its default'
             for name in answer["early"]
         ),
         *(
-            f'environment variable "{name}" is not shown to the file; '
-            f"add {ENVIRONMENT}{name}:=VALUE if it needs it"
+            f'environment variable "{name}" is hidden from the file; add '
+            f"{ENVIRONMENT}{name}:=VALUE if it needs it"
             for name in answer["asked"]
             if name in ours and ENVIRONMENT + name not in settings.xacro_args
         ),
         *(
-            f'package "{package}" was not found; only texts name it ({_places(places, path)})'
+            f'package "{package}" was not found; only text refers to it ({_places(places, path)})'
             for package, places in _by_name(texts).items()
         ),
         *(
-            f'"{path}" is not there, before its package is installed; taken from {place}'
+            f'"{path}" does not exist until its package is installed; rpctl reads {place}'
             for path, place in dict.fromkeys(map(tuple, answer["moved"]))
         ),
     ]
@@ -132,7 +132,10 @@ def _uncalled(path: Path, macros: Sequence[tuple[str, str, int]]) -> str:
     inside = "".join(f"<{each}>...</{each}>" for each in blocks)
     call = f"<xacro:{name}{words}>{inside}</xacro:{name}>"
     names = ", ".join(each for each, _, _ in macros)
-    text = f"it defines macros ({names}) and calls none, so there is no robot; write this beside it"
+    text = (
+        f"it defines macros ({names}) but calls none, so there is no robot; write this file "
+        "beside it"
+    )
     wrapper = (
         f'\n<robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">'
         f'\n  <xacro:include filename="{path.name}"/>\n  {call}\n</robot>'
@@ -145,7 +148,8 @@ def _left_out(path: Path, answer: Answer) -> list[str]:
     wants = [w for w in answer["wants"] if w[3] == "include"]
     calls = [(tag, file, line, "call") for file, line, tag in answer["left_out"]]
     return [
-        *(f'left out, for package "{package}" was not found: the includes of {_places(where, path)}'
+        *(f'left out, because package "{package}" was not found: the includes of '
+          f'{_places(where, path)}'
           for package, where in _by_name(wants).items()),
         *(f"left out: <{tag}>, a macro that was not found ({_places(where, path)})"
           for tag, where in _by_name(calls).items()),
@@ -182,7 +186,7 @@ def _fault(path: Path, answer: Answer) -> list[str]:
     if answer["old"]:
         file, tag, line = answer["old"][0]
         fault = (
-            "this is xacro from before ROS Jade, whose own elements had no prefix: write "
+            "this is xacro from before ROS Jade, whose elements had no prefix: write "
             f"<xacro:{tag}> for <{tag}>, and so for all, its calls, too"
         )
         return [say(file, line, fault)]
@@ -275,7 +279,7 @@ def missing_argument(path: Path, answer: Answer, settings: ReadSettings) -> list
     """Return the lines of the message on arguments that nobody gives, with those declared."""
     name, declared = answer["argument"], declared_arguments(answer)
     names = [each.name for each in declared]
-    hint = _nearest(name, names) if name not in names else ", for it is declared too late"
+    hint = _nearest(name, names) if name not in names else ", because it is declared too late"
     others = {*answer["open_arguments"]} - {name, *settings.xacro_args}
     more = "".join(f" {excerpt(each)}:=VALUE" for each in sorted(others))
     fault = f'xacro: argument "{excerpt(name)}" has no value; add {name}:=VALUE{more}{hint}'
@@ -298,8 +302,8 @@ def unused_arguments(path: Path, answer: Answer, settings: ReadSettings) -> list
         ),
         *(listed(declared) if unknown else ()),
         *(
-            say(path, None, f'no expression asks for "{excerpt(name)}"'
-                f"{_nearest(name, asked) or leave}")
+            say(path, None, 'no expression uses '
+                            f'"{excerpt(name)}"{_nearest(name, asked) or leave}')
             for name in strange
         ),
     ]  # fmt: skip

@@ -107,8 +107,8 @@ def find_certificate(texts: Mapping[str, str], path: object) -> MjcfCertificate:
     if packed is None:
         raise InputError(
             path,
-            "no certificate of rpctl is in it: it was not written by `rpctl export`, or its "
-            "<custom> was removed; export the robot again",
+            "it has no certificate of rpctl: `rpctl export` did not write it, or its <custom> "
+            "was removed; export the robot again",
         )
     try:
         data = _unpacked(packed)
@@ -116,7 +116,9 @@ def find_certificate(texts: Mapping[str, str], path: object) -> MjcfCertificate:
     except (ValueError, KeyError, TypeError, AttributeError, zlib.error, binascii.Error) as fault:
         raise InputError(path, f"its certificate is damaged ({fault}); export again") from None
     if texts.get("rpctl_certificate_sha256") != hashlib.sha256(data).hexdigest():
-        raise InputError(path, "its certificate was edited: its digest is another; export again")
+        raise InputError(
+            path, "its certificate was edited: the digest does not match; export again"
+        )
     return certificate
 
 
@@ -157,4 +159,4 @@ def _require_table(table: Any) -> None:
     for value in values:
         numbers = value if isinstance(value, list) else [value]
         if not all(isinstance(each, float | int | str) for each in numbers):
-            raise TypeError("its table holds what is no value")
+            raise TypeError("its table has an entry that is not a value")

@@ -243,7 +243,7 @@ def check_file(
     rounding = compared.largest
     _collect(checks, file, certificate.witness, rounding, "the numbers in the file")
     if robot is None:
-        skipped.append(Skipped("the robot itself", "reduced model", "its URDF is not known here"))
+        skipped.append(Skipped("the robot itself", "reduced model", "its URDF is unknown here"))
     else:
         notes += _identity_notes(robot, certificate, given)
         root = certificate.witness.root
@@ -285,7 +285,7 @@ def _identity_notes(robot: Robot, certificate: MjcfCertificate, given: bool) -> 
     if not given:
         return ()
     if robot.description.sha256 != certificate.urdf:
-        return (f"the URDF of {robot.name} is not the one that the file was written of",)
+        return (f"the URDF of {robot.name} is not the one that the file was written from",)
     if not same_model(robot, certificate):
         return (f"{robot.name} was loaded with other options than the robot of the file",)
     return ()

@@ -30,8 +30,8 @@ SETTINGS = ContactSettings(wheel_shape="crowned")  # those that ``rpctl export``
 LIFT = 0.7  # of a wheel's load, that scrubbing may take: a turn slips slower than the rims run
 GRAVITY = 9.81  # m/s²
 SETTING = (
-    "give the wheels the crowned shapes and the contact pairs that `rpctl export` writes, and turn "
-    "slowly: what slides faster than some .1 m/s hops there, too"
+    "give the wheels the crowned shapes and the contact pairs that `rpctl export` writes, and "
+    "turn slowly: what slides faster than about 0.1 m/s hops even then"
 )
 TICK_S = 2e-3  # s: one of MuJoCo's default steps
 STEP_ROUNDING = 1e-6  # of a step

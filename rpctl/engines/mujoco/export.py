@@ -82,8 +82,8 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bo
     if built.followers:
         leaders = ", ".join(swivel.joint for swivel in robot.drive.steered)
         loose = (
-            f"{', '.join(built.followers)} follow {leaders} in a way that no tie of MuJoCo says: "
-            "the file leaves them to their motors; hold each at its angle of "
+            f"{', '.join(built.followers)} follow {leaders} in a way that MuJoCo's constraints "
+            "cannot express: in the file only their motors move them; hold each at its angle of "
             "robot.configuration(...)"
         )
         built = replace(built, notes=(*built.notes, loose))
@@ -95,9 +95,9 @@ def _require_possible(robot: Robot) -> None:
     drive = robot.drive
     if drive.leans:
         raise RpctlError(
-            f"{robot.name} leans on two wheels, and a file is proven by how it stands and rolls by "
-            "itself, which this robot does only while a law balances it; simulate it with "
-            "`rpctl track --plant contact`, prove it with `rpctl verify --contact`"
+            f"{robot.name} leans on two wheels, and export verifies a file by how it stands and "
+            "rolls without a law, which this robot cannot; simulate it with `rpctl track --plant "
+            "contact`, prove it with `rpctl verify --contact`"
         )
     if not drive.wheels:
         raise RpctlError(
@@ -280,7 +280,7 @@ def _compiled(data: bytes, drawn: Drawn, path: Path) -> Any:
             reason = " ".join(str(error).replace(str(folder), "").split())
             raise RpctlError(
                 f"MuJoCo refuses what is drawn of the robot: {reason}; leave meshes out with "
-                "--no-meshes, or mend the mesh"
+                "--no-meshes, or correct the mesh"
             ) from None
 
 

@@ -193,7 +193,7 @@ class GroundContacts:
             body = self._spec.body(body_name(head))
             self._add(body, link, "sphere", [radius, 0.0, 0.0], pose, friction)
             self.notes.append(
-                f'caster "{link}" is drawn by meshes alone; it is a ball of {radius:.3g} m'
+                f'caster "{link}" has only meshes; it becomes a ball of {radius:.3g} m'
             )
 
     def _add_props(self) -> None:
@@ -208,9 +208,7 @@ class GroundContacts:
             pose[1, 3] = drive.point[1] + reach * (sin * ahead + cos * left)
             pose[2, 3] = drive.ground + PROP
             self._add(body, f"prop{k}", "sphere", [PROP, 0.0, 0.0], pose, 0.0)
-        self.notes.append(
-            f"four balls that its file does not have hold it up, {reach:.3g} m around P"
-        )
+        self.notes.append(f"four added balls hold it up, {reach:.3g} m around P")
 
     def _add_body(self) -> None:
         """Let all that the file draws for collisions meet the ground, but for meshes."""
@@ -266,8 +264,8 @@ class LeaningContacts(GroundContacts):
     def __init__(self, spec: Any, robot: Robot, settings: ContactSettings, friction: float) -> None:
         if settings.props:
             raise RpctlError(
-                f"{robot.name} leans on two wheels, which props would take from it; leave them out "
-                "of [plant.contact]"
+                f"{robot.name} leans on two wheels, so props would hold it upright; leave them "
+                "out of [plant.contact]"
             )
         super().__init__(spec, robot, settings, friction)
 

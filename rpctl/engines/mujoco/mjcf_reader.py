@@ -249,8 +249,8 @@ def parse_mjcf(data: bytes, path: str | Path) -> StrictMjcf:
     for element in root.iter():
         why = NOT_READ.get(element.tag) or _greed(element)
         if why:
-            fault = f"<{element.tag}> {why}: a check does not read it"
-            raise _fault(path, f"{fault}; write out what it stands for, or export again", element)
+            fault = f"<{element.tag}> {why}: check does not read it"
+            raise _fault(path, f"{fault}; expand it, or export again", element)
     texts = {text.get("name", ""): text.get("data", "") for text in root.iterfind("custom/text")}
     mujoco = mujoco_library()
     try:

@@ -37,8 +37,8 @@ class ContactSettings(Record):
         Setting(
             "m",
             "",
-            "Of all wheels; each as its file draws it if not given. A wheel that turns on "
-            "a line of this length scrubs: its moment is about μ N width/4.",
+            "Width of all wheels; default: that of each wheel's shape. A wheel that turns on a "
+            "contact line of this length scrubs, with a moment of about μ N width/4.",
         ),
     ] = None
     wheel_shape: Annotated[
@@ -47,7 +47,8 @@ class ContactSettings(Record):
         Setting(
             "",
             "",
-            "A cylinder, or crowned: an ellipsoid, which touches at one point and does not scrub.",
+            "Shape of the wheels: a cylinder, or crowned, an ellipsoid that touches at one point "
+            "and does not scrub.",
         ),
     ] = "cylinder"
     caster_friction: Annotated[
@@ -56,20 +57,24 @@ class ContactSettings(Record):
         Setting(
             "",
             "",
-            "Coefficient of supports that nothing lets roll, balls and skids; casters "
-            "that swivel and roll by joints of the file have the ground's friction. 0: "
-            "they slide.",
+            "Friction coefficient of supports that cannot roll, balls and skids; casters with "
+            "swivel and wheel joints have the ground's friction. 0: they slide.",
         ),
     ] = 0.0
     cone: Annotated[
         str,
         OneOf(CONES),
-        Setting("", "", "Elliptic, Coulomb's, or pyramidal, which creeps, and holds less askew."),
+        Setting(
+            "",
+            "",
+            "Friction cone: elliptic, as Coulomb's, or pyramidal, which creeps and "
+            "holds less diagonally.",
+        ),
     ] = "elliptic"
     timestep: Annotated[
         float,
         POSITIVE,
-        Setting("s", "", "Longest step; each stretch is divided into equal steps no longer."),
+        Setting("s", "", "Longest step; each interval is divided into equal steps."),
     ] = 1e-3
     time_constant: Annotated[
         float,
@@ -77,13 +82,13 @@ class ContactSettings(Record):
         Setting(
             "s",
             "",
-            "Of contacts; at least 20 timesteps. Shorter is harder: a robot sinks by "
-            "about a quarter of g times its square.",
+            "Time constant of contacts, at least 20 timesteps. A shorter one is stiffer: the "
+            "robot sinks by about a quarter of g times its square.",
         ),
     ] = 2e-2
     losses: Annotated[
         bool,
-        Setting("", "", "Whether the joints lose what the robot's do (damping and dry friction)."),
+        Setting("", "", "Whether the joints have the robot's damping and dry friction."),
     ] = True
     heights: Annotated[
         str,
@@ -97,21 +102,21 @@ class ContactSettings(Record):
         Setting(
             "m",
             "",
-            "Length along x and y of the ground that heights shows; its middle is the origin.",
+            "Lengths along x and y of the ground in heights; its centre is the origin.",
         ),
     ] = (20.0, 20.0)
     relief: Annotated[
         float,
         POSITIVE,
-        Setting("m", "", "Height of white in a .png; multiplies the heights, in m, of the others."),
+        Setting("m", "", "Height of white in a .png, m; a factor for the heights in other files."),
     ] = 1.0
     props: Annotated[
         bool,
         Setting(
             "",
             "",
-            "Whether four balls that slide without friction hold the robot up, around P, "
-            "half a track off: for a robot whose file draws too few contacts to stand on.",
+            "Whether to add four frictionless balls that hold the robot up, half a track from P, "
+            "for a robot whose file has too few contacts to stand on.",
         ),
     ] = False
     body: Annotated[
@@ -119,8 +124,7 @@ class ContactSettings(Record):
         Setting(
             "",
             "",
-            "Whether all that the file draws for collisions meets the ground, not only "
-            "wheels and supports.",
+            "Whether all collision shapes touch the ground, not only wheels and supports.",
         ),
     ] = False
 
@@ -180,7 +184,7 @@ def read_heights(settings: ContactSettings) -> Heights | None:
     read = {".png": _picture, ".csv": _table, ".npy": _array}
     suffix = path[path.rfind(".") :].lower()
     if suffix not in read:
-        raise InputError(path, f"no kind of file that is known; give {KIND}")
+        raise InputError(path, f"an unknown kind of file; give {KIND}")
     try:
         grid = read[suffix](data)
     except (ValueError, OSError, SyntaxError, EOFError, MemoryError) as error:

@@ -234,7 +234,7 @@ def _wheel(robot: Robot) -> Switch:
     if any(one_directional(robot, wheel) for wheel in wheels):
         return Switch(
             "wheel",
-            "solid wheels hold sideways where rollers would run",
+            "solid wheels have lateral friction where rollers would roll",
             "model each roller as a body on its own hinge, or turn the contact's frame between "
             "mj_step1 and mj_step2",
         )
@@ -266,8 +266,10 @@ def _caster(robot: Robot) -> Iterator[Switch]:
     setting = 'set <geom condim="1" priority="1"/> there: they slide'
     if bare:
         have = "have" if len(bare) > 1 else "has"
-        fault = f"{listed(bare, MAX_NAMED)} {have} no <collision>, so nothing bears there"
-        setting = f"draw them for collisions, too, and {setting.removesuffix(' there: they slide')}"
+        fault = (
+            f"{listed(bare, MAX_NAMED)} {have} no <collision>, so nothing carries the load there"
+        )
+        setting = f"give them a <collision> too, and {setting.removesuffix(' there: they slide')}"
     yield Switch("caster", fault, setting)
 
 
@@ -299,7 +301,7 @@ def _mimic(robot: Robot) -> Iterator[Switch]:
             f'polycoef="{" ".join(f"{c:.4g}" for c in coefficients)}"/>'
             for name, coefficients in tie_polynomials(robot).items()
         ]
-        springs = "pull them by stiff springs to the angles that the others fix"
+        springs = "hold them with stiff springs at the angles that follow from the others"
         setting = f"set <equality>{''.join(ties)}</equality>" if ties else springs
         yield Switch("mimic", fault, setting)
     elif robot.mimics:
@@ -315,12 +317,12 @@ def _losses(robot: Robot) -> Iterator[Switch]:
     if robot.losses is None and given:
         yield Switch(
             "losses",
-            "joints lose by the file's <dynamics>, which the model leaves out",
-            'set <joint damping="0" frictionloss="0"/>, or let the model lose as much',
+            "joints have the losses of the file's <dynamics>, which the model ignores",
+            'set <joint damping="0" frictionloss="0"/>, or give the model the same losses',
         )
     elif robot.losses is not None:
         yield Switch(
             "losses",
-            "joints lose by the file's <dynamics>, or nothing",
+            "joints have the losses of the file's <dynamics>, or none",
             'set <joint damping="..." frictionloss="..."/> to those of the model',
         )

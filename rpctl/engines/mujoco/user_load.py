@@ -78,7 +78,7 @@ def _told(spec: Any, reason: str) -> str:
         return f"it refuses links without mass unless <compiler {bounds}/>"
     if "positive eigenvalues" in reason and _made_ball(spec, reason):
         return f"it refuses the inertia of {_named(reason)}, which becomes a ball's of its trace"
-    raise EngineFault(f"MuJoCo refuses it: {reason}")
+    raise EngineFault(f"MuJoCo rejects it: {reason}")
 
 
 def _named(reason: str) -> str:

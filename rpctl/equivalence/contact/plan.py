@@ -212,10 +212,10 @@ def standing_contacts(dynamics: ReducedDynamics, friction: float = FRICTION) -> 
     """
     found = find_contacts(dynamics, friction)
     if found is None:
-        raise NotGentle("a fixed base has nothing to roll")
+        raise NotGentle("a fixed base does not roll")
     if not found.balanced:
         why = found.notes[0] if found.notes else "it has no contacts"
-        raise NotGentle(f"not known to stand: {why}")
+        raise NotGentle(f"rpctl does not know that it stands: {why}")
     return found
 
 

@@ -369,9 +369,9 @@ def tilt_note(tilt: float) -> Iterator[str]:
     """Yield a note if a robot settles at a larger tilt (rad) than soft contacts explain."""
     if tilt > MAX_TILT:
         yield (
-            f"it stands {math.degrees(tilt):.2g}° out of the level: its wheels and supports do not "
-            "end at one height in the file, as the reduced model takes them to; correct their "
-            "origins or sizes"
+            f"it stands {math.degrees(tilt):.2g}° tilted: its wheels and supports do not end at "
+            "one height in the file, as the reduced model assumes; correct their origins or "
+            "sizes"
         )
 
 
@@ -380,8 +380,8 @@ def _notes(robot: Robot, contacts: Contacts, engine: ContactMotion) -> Iterator[
     drive = robot.drive
     if drive.type == "skid-steer":
         yield (
-            "straight ahead only: a skid-steer base turns by scrubbing, which the effective track "
-            "stands for in the reduced model"
+            "straight ahead only: a skid-steer base turns by scrubbing, which the reduced model "
+            "replaces by an effective track"
         )
     if drive.type in ("mecanum", "omni"):
         yield (
@@ -399,4 +399,4 @@ def _notes(robot: Robot, contacts: Contacts, engine: ContactMotion) -> Iterator[
     rolling = rolling_casters(robot, contacts, engine)
     lifted = [name for name in caster_names(robot) if name not in rolling]
     if lifted:
-        yield f"{', '.join(lifted)} bear no load all the while: how they swing is not compared"
+        yield f"{', '.join(lifted)} carry no load throughout: their swing is not compared"

@@ -37,7 +37,7 @@ REST = np.zeros(3)
 SMALLEST, LARGEST = 1e-3, 64.0  # of the natural size: where an onset is looked for
 RESOLUTION = 1e-4  # relative, of a predicted onset
 ALMOST = 0.98  # of the value at which it tips: up to there its wheels must not slip
-SLIPS_FIRST = "the wheels that have to push bear nothing where it would tip: it slips before"
+SLIPS_FIRST = "the wheels that must drive carry no load where it would tip: it slips before"
 LOAD_RESOLUTION = 1e-9  # of the weight: a smaller load is rounding
 
 

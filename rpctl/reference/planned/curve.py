@@ -56,8 +56,7 @@ def _require_passable(waypoints: Sequence[Waypoint]) -> None:
     ]
     turns = np.abs(np.degrees(np.angle(legs[1:] * legs[:-1].conj())))
     faults += [
-        f"waypoint {i} turns the path back by {turn:.0f} degrees; lead it round by further "
-        "waypoints"
+        f"waypoint {i} turns the path back by {turn:.0f} degrees; add waypoints that lead it round"
         for i, turn in enumerate(turns, start=2)
         if turn > MAX_TURN_DEG and not faults
     ]

@@ -211,8 +211,8 @@ def _refuse_coarse(rows: RowFit, rms: float) -> None:
     tolerance = rows.tolerance()
     if tolerance is not None and rms > tolerance:
         raise RpctlError(
-            f"smooth = {tolerance:g}: a base that rolls comes no nearer to its rows than {rms:.2g} "
-            "m rms; allow as much"
+            f"smooth = {tolerance:g}: a base that rolls cannot follow its rows closer than "
+            f"{rms:.2g} m rms; allow at least that"
         )
 
 
@@ -230,12 +230,17 @@ def _refuse_contradiction(
     """
     fault = ""
     if headings.largest > MAX_HEADING_CHANGE:
-        line, fault = headings.line, f"{HEADING} is {headings.largest:.2g} rad off the smoothed way"
+        line, fault = (
+            headings.line,
+            (f"{HEADING} is {headings.largest:.2g} rad off the smoothed path"),
+        )
     if places.rms > MAX_PLACE_RATIO * alone and places.largest > MAX_PLACE_CHANGE:
         line = places.line
-        fault = f"a base that heeds {HEADING} comes no nearer to x, y than {places.largest:.2g} m"
+        fault = f"a base that follows {HEADING} stays off x, y by up to {places.largest:.2g} m"
     if fault:
-        raise rows.table.refuse([(line, f"{fault}; turn {HEADING} into the way, or leave it out")])
+        raise rows.table.refuse(
+            [(line, f"{fault}; make {HEADING} follow the path, or leave it out")]
+        )
 
 
 def _heading_rows(t: Array, way: Smoothed, turning: Smoothed | None) -> HeadingRows:
@@ -291,7 +296,7 @@ def _refuse_sliding(robot: Robot, rows: RowFit, found: FittedSpline) -> None:
     rate, heading = found.spline(t, 1), found.spline(t)[:, 2]
     sideways = rate[:, 1] * np.cos(heading) - rate[:, 0] * np.sin(heading)
     allowed = np.maximum(MAX_SIDEWAYS_SPEED, MAX_SIDEWAYS_RATIO * np.hypot(rate[:, 0], rate[:, 1]))
-    fix = f"turn {HEADING} into the way, or leave {HEADING} out"
+    fix = f"make {HEADING} follow the path, or leave {HEADING} out"
     fix += "" if rows.tolerance() is None else f", or smooth by more than {rows.wish} m"
     faults = [
         (lines[row], f"at t = {t[row]:g} s {robot.name} would have to slide sideways at "

@@ -54,11 +54,11 @@ def speed_faults(robot: Robot, table: Table) -> list[tuple[int, str]]:
         for row in np.flatnonzero(speeds > min(IMPOSSIBLE_RATIO * limit, MAX_SPEED)):
             limited = f", where {robot.name}'s limit is {limit:.3g}" if limit < math.inf else ""
             fault = f"{label} at {speeds[row]:.3g} {unit} from the row before{limited}"
-            faults.append((table.lines[row + 1], f"{fault}; use s, m and rad, or mend the row"))
+            faults.append((table.lines[row + 1], f"{fault}; use s, m and rad, or correct the row"))
     if len(faults) > MOST_FAULTS:
         line, first = min(faults)
-        fault = f"{first.partition(';')[0]}, and {len(faults) - 1} more rows are like it"
-        return [(line, f"{fault}; use s, m and rad, or take their noise out (--smooth auto)")]
+        fault = f"{first.partition(';')[0]}, and {len(faults) - 1} more rows have the same fault"
+        return [(line, f"{fault}; use s, m and rad, or remove their noise (--smooth auto)")]
     return sorted(faults)
 
 
@@ -127,7 +127,7 @@ class Jump(Told):
         """It in one line."""
         return (
             f"line {self.line}: {self.columns} at {self.speed:.3g} {self.unit} from the row "
-            f"before, {self.pace:.2g} {self.unit} about it; mend the row or leave it out"
+            f"before, {self.pace:.2g} {self.unit} about it; correct the row or leave it out"
         )
 
 
@@ -212,7 +212,8 @@ def _check_columns(robot: Robot, table: Table) -> None:
             faults.append(f"{robot.name} has no arm, so no end effector; leave out its columns")
         if named := [name for name in table.columns if name not in POSE_COLUMNS]:
             faults.append(
-                f"{EE_COLUMNS[0]} and {named[0]} both say where the arm is; leave one of them out"
+                f"{EE_COLUMNS[0]} and {named[0]} both set the position of the arm; leave one of "
+                "them out"
             )
     if faults:
         raise table.refuse([(table.header, fault) for fault in faults])
@@ -319,7 +320,9 @@ class Recording:
         """What was changed of the rows, a sentence each."""
         found = [f"smoothed {each.sentence}" for each in self.smoothed]
         if self.smooth is not None and not self.smoothed:
-            found.append("not smoothed: its rows have no noise, or more than that was not allowed")
+            found.append(
+                "not smoothed: its rows have no noise, or removing it exceeds what --smooth allows"
+            )
         if self.retimed is not None:
             found.append(self.retimed.sentence)
         return tuple(found)
@@ -334,9 +337,9 @@ class Recording:
         found += [f"{more[1]} more limits are exceeded"] if more[1] else []
         ways = []
         if self.smooth is None:
-            ways.append("smoothing (--smooth auto) takes the noise out of the rows")
+            ways.append("smoothing (--smooth auto) removes the noise of the rows")
         if self.retimed is None:
-            ways.append("retiming (--retime) slows the motion down where limits bind")
+            ways.append("retiming (--retime) slows the motion down where it exceeds limits")
         return (*found, "; ".join(ways)) if found and ways else tuple(found)
 
     def to_dict(self) -> dict[str, Any]:

@@ -63,15 +63,16 @@ def read_rows(path: str | Path) -> Iterator[TextRow]:
             raise fault_at(
                 path,
                 line,
-                f"a row of {len(content)} characters; {MAX_LINE} are the most; keep to t and the "
-                "columns of a robot",
+                f"a row of {len(content)} characters; at most {MAX_LINE} are allowed; give only t "
+                "and columns of the robot",
             )
         cells = [cell.strip() for cell in _cells(path, line, content)]
         if len(cells) > most_columns:
             raise fault_at(
                 path,
                 line,
-                f"{len(cells)} columns; {most_columns} are the most; {how_to_raise('MAX_COLUMNS')}",
+                f"{len(cells)} columns; at most {most_columns} are allowed; "
+                f"{how_to_raise('MAX_COLUMNS')}",
             )
         if count > most_rows:  # the header is none of them
             raise fault_at(
@@ -97,8 +98,8 @@ def separator_fault(cells: list[str]) -> str:
     for separator, (name, translation) in TRANSLATIONS.items():
         if len(cells) == 1 and separator in cells[0]:
             return (
-                f"separated by {name}; put commas between the columns and points into the numbers, "
-                f"as {translation} does"
+                f"columns are separated by {name}; use commas between columns and decimal points "
+                f"in numbers, as {translation} does"
             )
     return ""
 
@@ -112,27 +113,30 @@ def header_faults(names: list[str], joints: Sequence[str]) -> list[str]:
     """
     if _is_trajectory(names):
         return [
-            "a trajectory of time, position and quaternion between blanks; make a table of it, as "
+            "a trajectory of time, position and quaternion separated by blanks; convert it, as "
             f"{TRAJECTORY_TO_TABLE} does"
         ]
     if fault := separator_fault(names):
         return [fault]
     if all(map(_is_number, names)):
-        return ["numbers where the columns' names belong; write them above, as t,x,y,theta"]
+        return [
+            "the first row has numbers instead of column names; add a row above it, such as "
+            "t,x,y,theta"
+        ]
     known = ("t", *POSE_COLUMNS, *joints)
     faults = []
     for name in dict.fromkeys(names):
         if name not in known:
             faults.append(f'column "{excerpt(name)}" is not known; {_hint(name, known)}')
         if names.count(name) > 1:
-            faults.append(f'column "{excerpt(name)}" comes {names.count(name)} times; keep one')
+            faults.append(f'column "{excerpt(name)}" occurs {names.count(name)} times; keep one')
     return faults + _missing(names)
 
 
 def _missing(names: list[str]) -> list[str]:
     faults = []
     if "t" not in names:
-        faults.append("no column t; add the time in s")
+        faults.append("there is no column t; add the time in s")
     for group in (BASE_COLUMNS, EE_COLUMNS, QUATERNION):
         missing = [name for name in group if name not in names]
         if missing and len(missing) < len(group):
@@ -142,7 +146,7 @@ def _missing(names: list[str]) -> list[str]:
         if name in names and needed[0] not in names:
             faults.append(f"column {name} needs {', '.join(needed)} beside it; add them")
     if not faults and len(names) == 1:
-        faults.append("only times; add x,y or ee_x,ee_y,ee_z or joints")
+        faults.append("there are only times; add x,y or ee_x,ee_y,ee_z or joints")
     return faults
 
 
@@ -273,11 +277,11 @@ def _length_fault(row: list[str], names: list[str]) -> str:
     """Return what is wrong with the number of a row's entries; empty if nothing is."""
     if len(row) == len(names):
         return ""
-    fault = f"{len(row)} entries where the header names {len(names)}"
+    fault = f"{len(row)} entries, but the header has {len(names)}"
     if separated := separator_fault(row):
         return f"{fault}: {separated}"
     if len(row) > len(names) and not any("." in text for text in row):
-        return f"{fault}; if its numbers have decimal commas, write points, as 0.5 for 0,5"
+        return f"{fault}; if its numbers have decimal commas, write points, such as 0.5 for 0,5"
     return f"{fault}; complete the row or leave it out"
 
 
@@ -294,7 +298,7 @@ def _number(name: str, text: str) -> float:
     except Fault as fault:
         raise Fault(f'{name} "{excerpt(text)}" {fault}') from None
     if abs(number) > MAX_ABSOLUTE and name != "t":  # times may count from 1970 on
-        raise Fault(f"{name} is {number:g}, which is absurd; use s, m and rad")
+        raise Fault(f"{name} is {number:g}, which is too large; use s, m and rad")
     return number
 
 

@@ -19,8 +19,8 @@ UNCOMPILED = {  # fields of a plant that only Python simulates, and why
     "dropped": "samples are dropped",
     "effort_lag": "efforts lag",
     "backlash": "joints have backlash",
-    "encoder_bits": "encoders know whole steps only",
-    "jitter": "the moments of sampling jitter",
+    "encoder_bits": "encoders are quantised",
+    "jitter": "the sampling times jitter",
     "wrenches": "the robot is pushed from outside",
 }
 # s: what a sample takes in Python, and what a loop takes to build, by quasi-velocities. Half of
@@ -54,7 +54,7 @@ def run_loop(loop: Loop, recorder: Recorder, backend: str = "auto") -> None:
         if reason is None:
             return None
     if not expected:
-        loop.remarks = (f"the loop was closed in Python: {reason}",)
+        loop.remarks = (f"the loop ran in Python, not as machine code: {reason}",)
     numbers = itertools.count()
 
     def take(sample: LoopSample) -> None:
@@ -117,17 +117,17 @@ def refusal(robot: Robot, config: Config, watched: bool = False) -> str | None:
     plant = config.plant
     reasons = {
         "the robot leans": robot.drive.leans,
-        "every sample is watched when it is computed": watched,
-        "the controller foretells a delay": bool(config.run.delay),
+        "a live page shows every sample": watched,
+        "the controller predicts over a delay": bool(config.run.delay),
         "rates are estimated": config.run.rates == "estimated",
         "the robot takes speeds": config.output is not None,
-        "a simulator of the user's moves the robot": plant.own is not None,
+        "the plant is a simulator of the user's": plant.own is not None,
         f"the plant is {plant.kind}": plant.kind != "rolling",
         "computing takes simulated time": bool(plant.computing_time),
         plant_refusal(plant) or "": plant_refusal(plant) is not None,
         "the plant has a lag or a dead time": bool(plant.lags)
         or (plant.lag, plant.dead_time) != (None, None),
-        f"it has {robot.dof} quasi-velocities, and beyond {MOST_DOF} a loop takes long to build": (
+        f"it has {robot.dof} quasi-velocities; beyond {MOST_DOF} the loop takes long to compile": (
             robot.dof > MOST_DOF
         ),
     }

@@ -107,7 +107,7 @@ class Watching(Generic[Shown]):
             self._watcher(*values, **named)
         except Exception as error:
             reason = f"{type(error).__name__}: {error}".removesuffix(": ")
-            self.note = f"{self._what} failed and was left out from then on ({reason})"
+            self.note = f"{self._what} failed and was not called again ({reason})"
 
 
 def close_loop(loop: Loop, take: Callable[[LoopSample], object]) -> None:

@@ -29,14 +29,14 @@ def _notes(config: Config, whole: bool) -> Iterator[str]:
         periods = whole_periods(run.duration, period)
         if not is_whole(run.duration, period, periods):
             yield (
-                f"a duration of {run.duration:g} s is no whole number of control periods of "
+                f"a duration of {run.duration:g} s is not a whole number of control periods of "
                 f"{period:g} s: the run ends at {periods * period:g} s"
             )
     periods = delay_periods(delay, period)
     if not is_whole(delay, period, periods):
         yield (
-            f"a delay of {delay:g} s is no whole number of control periods of {period:g} s: "
-            f"{periods * period:g} s are simulated"
+            f"a delay of {delay:g} s is not a whole number of control periods of {period:g} s: "
+            f"the plant delays by {periods * period:g} s"
         )
     if config.output is not None:
         truth = plant.velocity_interface(config.output)
@@ -44,8 +44,8 @@ def _notes(config: Config, whole: bool) -> Iterator[str]:
     every = run.log_every or 1
     if every > 1:
         yield (
-            f"one sample of {every} is logged, each {every * period:g} s: figures and curves do "
-            "not see what happens in between"
+            f"one sample of {every} is logged, each {every * period:g} s: figures and curves miss "
+            "what happens in between"
         )
     if plant.own is not None:
         yield f"a simulator of the user's, {type(plant.own).__name__}, moved the robot"
@@ -57,12 +57,12 @@ def _speeds_note(known: VelocityOutput, truth: VelocityOutput, contact: bool) ->
     """Return the note that a robot takes speeds, and how it follows them."""
     forms = " and ".join(f"{group.kind} to {name}" for name, group in known.groups.items())
     note = (
-        f"the controller sends {forms or 'speeds'}, which the robot follows {_lateness(truth)}"
-        f"{'' if contact else '; the efforts are those that this motion takes'}"
+        f"the controller sends {forms or 'speeds'}, which the robot follows "
+        f"{_lateness(truth)}{'' if contact else '; the efforts are those that this motion needs'}"
     )
     if truth == known:
         return note
-    return f"{note}; the controller takes them to be followed {_lateness(known)}"
+    return f"{note}; the controller assumes that the robot follows them {_lateness(known)}"
 
 
 def _lateness(output: VelocityOutput) -> str:
@@ -80,4 +80,4 @@ def end_note(error: BaseException, t: float, duration: float) -> str:
     """Return the sentence that says when (s) and why a run ended early."""
     reason = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
     reason = reason or type(error).__name__
-    return f"ended at {t:.4g} of {duration:.4g} s ({reason}); what was simulated is kept"
+    return f"ended at {t:.4g} of {duration:.4g} s ({reason}); the samples until then are kept"

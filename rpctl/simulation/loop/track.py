@@ -376,7 +376,7 @@ def require_held(robot: Robot, config: Config, reference: Reference | None = Non
     if reference is not None:
         require_state(robot, reference(0.0), 0.0)
     if weak := too_weak(ReducedDynamics(robot), reference):
-        raise RpctlError(f"{weak}; or let it sink: --allow-sag, or allow_sag of [run]")
+        raise RpctlError(f"{weak}; or allow it to sag with --allow-sag, or allow_sag of [run]")
 
 
 def late(delay: float, duration: float) -> str:

@@ -12,7 +12,7 @@ NEAR_M = 0.1  # m: what a robot that stands is nearer to than this may be what i
 TOLD_COLLISIONS = 5  # in sentences; more are counted
 NAMED_PAIRS = 6  # in a sentence; more are counted
 SELF, GROUND = "itself", "the ground"  # beside obstacles, which are called by their shape
-NOT_LOOKED_FOR = "collisions were not looked for: that is done once a run is whole"
+NOT_LOOKED_FOR = "collisions are not checked until a run is complete"
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class CollisionFacts:
         """Refuse what does not belong together."""
         lengths = [len(self.times)] * len(self.clearances)
         if [len(each) for each in self.series] != lengths:
-            raise RpctlError("series must be one distance a time, for each thing")
+            raise RpctlError("series must hold one distance per time, for each thing")
 
     @property
     def ahead(self) -> tuple[str, ...]:
@@ -108,7 +108,7 @@ class CollisionFacts:
         pairs = [f"{first} and {second} ({why})" for first, second, why in self.allowed]
         more = f" and {len(pairs) - NAMED_PAIRS} more" if len(pairs) > NAMED_PAIRS else ""
         listed = ", ".join(pairs[:NAMED_PAIRS])
-        return (f"links that touch by build may touch: {listed}{more}", *self.notes)
+        return (f"links that touch by design may touch: {listed}{more}", *self.notes)
 
 
 NO_COLLISIONS = CollisionFacts((), (), (), (), 0.0, (), ())
@@ -122,7 +122,7 @@ def collision_texts(collisions: Sequence[Collision]) -> list[str]:
     """
     found = [each.sentence for each in collisions[:TOLD_COLLISIONS]]
     rest = len(collisions) - len(found)
-    return [*found, f"{rest} more ran into something, less deep"] if rest > 0 else found
+    return [*found, f"{rest} more links collided, less deep"] if rest > 0 else found
 
 
 def clearance_text(clearance: LinkClearance) -> str:

@@ -75,7 +75,7 @@ class Expectation:
         elif tip is not None:  # of a base that stands, or turns on the spot
             errors, main = f"{length(tip.rms)} rms at the end effector", tip
         behind = lag(main.largest_lag, main.largest_lag_distance)
-        word = "the error stays" if self.outcome == STUCK else self.outcome
+        word = "the error does not decay" if self.outcome == STUCK else self.outcome
         tail = "" if self.outcome in SUCCESSES else f"; {word}"
         return f"{head}: path error {errors}, {behind} behind at most{tail}"
 

@@ -134,9 +134,9 @@ def _grip(run: Run, slips: Array | None, equal: float) -> str:
         grip_text = _grip_needed(
             run, np.column_stack([run.log.slip_ratio, run.log.slip_ratio]), friction
         )
-        return f"{grip_text} ({many} contacts, taken as equally stiff)"
+        return f"{grip_text} ({many} contacts, assumed equally stiff)"
     if np.isnan(slips).all():
-        return "nothing can be said of its grip"
+        return "its grip cannot be computed"
     grip_text = _grip_needed(run, slips, friction)
     if _is_single(*np.nanmax(slips, axis=0).tolist()):
         return grip_text
@@ -152,12 +152,12 @@ def _grip_needed(run: Run, slips: Array, friction: str) -> str:
     elif math.isinf(most):
         amount, of = _grip_in_words(least)
         amount = f"at least {amount}"
-        friction += ", without an upper bound, as a wheel that pushes may bear nothing"
+        friction += ", with no upper bound, as a wheel that drives may carry no load"
     else:
         (low, _), (amount, of) = _grip_in_words(least), _grip_in_words(most)
         if low != amount:  # in the figures that are shown
             amount = f"{low.removesuffix(' %') if of else low} to {amount}"
-        friction += ", as the load splits"
+        friction += ", depending on how the contacts share the load"
     worst = least if math.isinf(most) else most  # an infinite end has no first instant
     if worst <= 1.0:
         return f"uses {amount} {of}{friction}"
@@ -214,14 +214,15 @@ class FeltGround:
             )
         if self.hanging:
             said.append(
-                f"{', '.join(self.hanging)} bore nothing from the start: the others carry the robot"
+                f"{', '.join(self.hanging)} carried no load from the start: the other wheels "
+                "carry the robot"
             )
         if later := [name for name in self.lifted if name not in self.hanging]:
             said.append(f"{', '.join(later)} lifted")
         if not self.lifted and self.min_load is not None:
             said.append(f"the least load of a contact was {self.min_load:.3g} N")
         if self.max_tilt > TOLD_TILT:
-            said.append(f"it leant {math.degrees(self.max_tilt):.2g}° at most")
+            said.append(f"it leaned {math.degrees(self.max_tilt):.2g}° at most")
         return "; ".join(said)
 
 

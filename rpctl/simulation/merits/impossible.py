@@ -98,7 +98,7 @@ def _tips(run: Run) -> Outcome | None:
         return None
     off = f"{-log.tip_margin.min():.2g} m"
     return Outcome(
-        TIPS, f"it tips over at {first:.3g} s: its weight falls {off} outside its contacts at worst"
+        TIPS, f"it tips over at {first:.3g} s: its weight falls up to {off} outside its contacts"
     )
 
 
@@ -112,10 +112,10 @@ def _slips(run: Run) -> Outcome | None:
     first = _lasting(run, least > 1.0)
     if first is None:
         return None
-    much = f"{100.0 * least.max():.0f} %" if least.max() < 10.0 else "over ten times"
+    much = f"{100.0 * least.max():.0f} %" if least.max() < 10.0 else "more than ten times"
     return Outcome(
         SLIPS, f"it slips at {first:.3g} s: it needs {much} of the grip at friction "
-        f"{run.ground.friction:g}, however the load splits"
+               f"{run.ground.friction:g}, however the contacts share the load"
     )  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def _lost(run: Run) -> Outcome | None:
         return None
     return Outcome(
         LOST, f"at its limits for {guards.lost_after:g} s, {np.abs(log.e[at]).max():.2g} m or rad "
-        f"from its reference and no nearer, at {run.t[at]:.3g} s"
+              f"from its reference without coming nearer, at {run.t[at]:.3g} s"
     )  # fmt: skip
 
 
@@ -193,8 +193,8 @@ def _chatters(run: Run) -> Outcome | None:
         return None
     name = run.robot.actuators[worst]
     return Outcome(
-        CHATTERS, f"the effort of {name} leaps by {100.0 * leaps[worst]:.0f} % of its limit each "
-        "sample"
+        CHATTERS, f"the effort of {name} jumps by {100.0 * leaps[worst]:.0f} % of its limit "
+                  "between samples"
     )  # fmt: skip
 
 

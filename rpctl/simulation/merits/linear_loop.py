@@ -122,7 +122,7 @@ class LinearLoop:
         robot = self._dynamics.robot
         tau, K = (x.full() for x in self._laws(q, nu, row_of(state), self._settings))
         if not np.isfinite(K).all():
-            raise RpctlError("at the reference the laws return no finite efforts")
+            raise RpctlError("the laws return no finite efforts on the reference")
         spread, rows = _coordinates(self._dynamics, q)
         A, B = self._plant(q, nu, tau[:, 0])
         nv, dof, size = robot.nv, len(nu), len(rows) + len(nu)
@@ -170,14 +170,18 @@ def _laws(run: Run, robot: Robot) -> tuple[BaseLaw, Any, Array]:
     """Return the run's laws but for what they remember, and what integral action adds."""
     law, efforts, gains = run.config.kinematic, run.config.dynamic, np.zeros(0)
     if run.config.output is not None:
-        raise RpctlError("its output are speeds, which another's loop turns into efforts")
+        raise RpctlError(
+            "the controller commands speeds, which the robot's own loop turns into efforts"
+        )
     if not isinstance(law, BaseLaw):
-        raise RpctlError(f"the law {name_of(law)} plans or remembers, which has no linear form")
+        raise RpctlError(
+            f"the law {name_of(law)} plans ahead or has memory, so it has no linear form"
+        )
     if isinstance(efforts, IntegralDynamic):
         gains = efforts.gains(ReducedDynamics(robot), run.config.run.control_period)
         efforts = efforts.inner
     if not isinstance(efforts, PaperDynamic | BoundedDynamic):
-        raise RpctlError(f"the law {name_of(efforts)} is not one that is linearised")
+        raise RpctlError(f"rpctl does not linearise the law {name_of(efforts)}")
     return law, efforts, gains
 
 

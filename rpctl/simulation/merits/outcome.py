@@ -56,7 +56,6 @@ TOUCH_M = 0.005  # m: the horizon law keeps clear at its steps and along straigh
 TURNING_ARM_M = 0.5  # m from P: where the heading of a base that turns on the spot is looked at
 NEAR_TURN_RAD = 0.5  # a reference turning by 1 rad/s is as far ahead in LATE_S
 HEADING = "heading"  # beside BASE and TIP
-TENTH, QUARTER = "over the last tenth", "(median of the last quarter)"  # of a run
 POINT_NAMES = {
     BASE: "base",
     TIP: "end effector",
@@ -186,7 +185,7 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
     count, name, off = len(t), point.name, point.trace.error
     ahead = np.linalg.norm(point.reference - point.actual, axis=1)
     if not np.isfinite(off).all():
-        return Outcome(DIVERGING, f"{name} left the finite numbers")
+        return Outcome(DIVERGING, f"the motion of {name} has infinite or undefined numbers")
     last = slice(3 * count // 4, None)
     end = slice(9 * count // 10, None)
     error, beside = float(ahead[end].max()), float(off[end].max())
@@ -199,27 +198,31 @@ def _outcome_of(t: Array, point: TracedPoint) -> Outcome:
     rests = _reach(point.actual[end]) <= STANDING_RATIO * to_go
     grown = beside > max(ON_PATH_M, GROWTH_RATIO * start)
     if grown and not rests:
-        return Outcome(DIVERGING, f"{name} is up to {length(beside)} off its path {TENTH}, "
-                       f"and was {length(start)} at most in the first half")  # fmt: skip
+        return Outcome(DIVERGING, f"{name} is up to {length(beside)} off its path in the last "
+                                  f"tenth of the run, and at most {length(start)} in the first "
+                                  "half")  # fmt: skip
     if error <= ON_PATH_M:
-        return Outcome(TRACKED, f"{name} is within {length(error)} of its reference {TENTH}")
+        return Outcome(TRACKED, f"{name} is within {length(error)} of its reference in the last "
+                       "tenth of the run")  # fmt: skip
     run = float(t[-1] - t[0])
-    short = Outcome(LATE, f"too short a run to tell: {name} is up to {length(error)} from its "
-                    f"reference {TENTH}")  # fmt: skip
+    short = Outcome(LATE, f"the run is too short to judge: {name} is up to {length(error)} from "
+                    "its reference in its last tenth")  # fmt: skip
     if run < EVIDENCE_S:
         return short
     if stands or grown:
-        return Outcome(STUCK, f"{name} stands up to {length(error)} from its reference {TENTH}")
+        return Outcome(STUCK, f"{name} stands {length(error)} from its reference")
     falls = beside < FALL_RATIO * float(off[count // 4 : count // 2].mean())
     if beside > ON_PATH_M and not falls:
         return short if run < DECAY_S else Outcome(
-            STUCK, f"{name} moves along up to {length(beside)} off its path {TENTH}, "
-            "and the error stays")  # fmt: skip
-    where = "on its path" if beside <= ON_PATH_M else f"{length(beside)} off its path and nearing"
+            STUCK, f"{name} moves on, up to {length(beside)} off its path in the last tenth of "
+            "the run, and the error does not decay")  # fmt: skip
+    where = (
+        "on its path" if beside <= ON_PATH_M else f"up to {length(beside)} off its path and nearing"
+    )
     when = f"{abs(lag):.2g} s ({length(abs(gap))}) {'behind' if lag >= 0.0 else 'ahead of'}"
     under_way = beside > ON_PATH_M and run >= DECAY_S
     return Outcome(LATE if lag > LATE_S or under_way else TRACKED,
-                   f"{name} is {where}, {when} its reference {QUARTER}")  # fmt: skip
+                   f"{name} is {where}, {when} its reference (last quarter)")  # fmt: skip
 
 
 def _reach(places: Array) -> float:

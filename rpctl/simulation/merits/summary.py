@@ -199,7 +199,7 @@ class Summary:
         if not self.lost:
             return None
         return (
-            f"the actuators did {self.work:.3g} J of work; damping, friction and stops took "
+            f"the actuators did {self.work:.3g} J of work; damping, friction and stops dissipated "
             f"{self.lost:.3g} J"
         )
 

@@ -34,7 +34,10 @@ STEEP = 0.7  # rad: likewise on a ground that is no plane
 REACH = 1.0  # m about the root link: nothing of the ground there stands above where it is let fall
 TOLD_TILT = 2e-3  # rad; soft contacts let a robot lean by a tenth of it
 TOLD_SINK = 2e-3  # m, likewise
-TYRES = "its wheels are tyres with the section that the drive has, which touch at one point each"
+TYRES = (
+    "its wheels are tyres with the cross-section given in the drive, and touch the ground at "
+    "one point each"
+)
 
 
 class MujocoMotion(MujocoWorld):
@@ -98,9 +101,10 @@ class MujocoMotion(MujocoWorld):
         tilt = self.tilt
         if not tilt <= most:
             raise RpctlError(
-                f"{self.robot.name} falls over: it leans {math.degrees(tilt):.0f}° standing "
-                f"on {len(self.contacts)} contacts ({', '.join(self.contacts)}), which the rolling "
-                "model holds upright; draw a caster as <collision>, or set props of [plant.contact]"
+                f"{self.robot.name} falls over: it leans {math.degrees(tilt):.0f}° standing on "
+                f"{len(self.contacts)} contacts ({', '.join(self.contacts)}); only the rolling "
+                "model keeps it upright. Add a caster as <collision>, or set props of "
+                "[plant.contact]"
             )
 
     def _settled_notes(self) -> tuple[str, ...]:
@@ -111,9 +115,9 @@ class MujocoMotion(MujocoWorld):
             names = ", ".join(self.rods)
             said += (f"stiff tie rods hold {names} to the common centre of rotation",)
         if tilt > TOLD_TILT and self._level:
-            said += (f"it stands {math.degrees(tilt):.2g}° out of the level",)
+            said += (f"it stands tilted by {math.degrees(tilt):.2g}°",)
         if abs(sink) > TOLD_SINK and self._level:
-            said += (f"its root link stands {1e3 * sink:.1f} mm lower than the file has it",)
+            said += (f"its root link stands {1e3 * sink:.1f} mm lower than in the file",)
         return said
 
 

@@ -256,7 +256,7 @@ class OwnInterface:
     def advance(self, duration: float) -> None:
         """Advance the robot to the next sample; see :class:`Interface`."""
         if self._output is None:
-            raise RpctlError("the plant was commanded nothing")
+            raise RpctlError("the plant got an empty command")
         sample, self._t = self._plant.step(self._output, duration), self._t + duration
         if not abs(sample.t - self._t) <= CLOCK_S:
             raise RpctlError(

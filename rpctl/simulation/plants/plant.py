@@ -55,8 +55,8 @@ class Plant(Variation):
         Setting(
             "N·m or N",
             "Bias",
-            "Efforts that push besides the controller's, by pattern of the names of "
-            "actuators; the last that matches counts.",
+            "Constant efforts added to the controller's, by pattern of actuator names; the last "
+            "match counts.",
         ),
     ] = field(default_factory=dict)
     delay: Annotated[
@@ -65,8 +65,8 @@ class Plant(Variation):
         Setting(
             "s",
             "Delay",
-            "Time from a measurement to the efforts it leads to; the nearest whole number "
-            "of control periods is simulated, halves up, and logged.",
+            "Time from a measurement to the efforts that answer it, rounded to whole control "
+            "periods.",
         ),
     ] = 0.0
     controller_model: Annotated[Robot | None, IN_PYTHON] = None
@@ -75,9 +75,9 @@ class Plant(Variation):
         SHARE,
         Setting(
             "",
-            "Samples dropped, of 1",
-            "Share of the samples that never reach the controller. Which ones is drawn, "
-            "and the same in every run of one seed; the first one arrives.",
+            "Fraction of samples dropped",
+            "Fraction of the samples that never reach the controller, chosen at random by the "
+            "seed; the first one always arrives.",
         ),
     ] = 0.0
     computing_time: Annotated[
@@ -86,10 +86,9 @@ class Plant(Variation):
         Setting(
             "s",
             "Computing time",
-            "Time that computing takes, or measured: the processor's time. The efforts of "
-            "a sample come as much later, and what would be sampled meanwhile is missed. "
-            "A stated time is that of a plan, for a law that plans now and then, or else "
-            "of a sample.",
+            'Time that computing takes, or "measured" for the processor\'s time. Efforts act '
+            "that much later, and samples due meanwhile are missed. For a law that plans now and "
+            "then, a number is the time of one plan; else of one sample.",
         ),
     ] = 0.0
     lag: Annotated[
@@ -98,8 +97,7 @@ class Plant(Variation):
         Setting(
             "s",
             "Lag",
-            "Of a robot that takes speeds, the lag with which it follows them; as the "
-            "controller knows it if not given.",
+            "Lag with which a robot follows speeds; default: the lag that the controller assumes.",
         ),
     ] = None
     lags: Annotated[
@@ -113,7 +111,8 @@ class Plant(Variation):
         Setting(
             "s",
             "Dead time",
-            "Time until such a robot begins to follow; as the controller knows it if not given.",
+            "Dead time before a robot follows speeds; default: the dead time that the controller "
+            "assumes.",
         ),
     ] = None
     effort: Annotated[
@@ -136,7 +135,7 @@ class Plant(Variation):
         Setting(
             "rad or m",
             "Backlash",
-            "Width of the gap between actuator and joint, by pattern of the names of actuators.",
+            "Backlash between actuator and joint, by pattern of actuator names.",
         ),
     ] = field(default_factory=dict)
     encoder_bits: Annotated[
@@ -154,13 +153,13 @@ class Plant(Variation):
         Setting(
             "s",
             "Jitter of samples",
-            "Standard deviation of the moments at which the controller samples; none is "
-            "farther off than .45 of a control period, so they stay in order.",
+            "Standard deviation of the sampling times; none is off by more than 0.45 control "
+            "periods, so they stay in order.",
         ),
     ] = 0.0
     wrenches: Annotated[
         tuple[Wrench, ...],
-        Setting("", "Push", "What pushes and pulls the simulated robot from outside."),
+        Setting("", "Push", "Forces and moments on the simulated robot from outside."),
     ] = ()
     noise: Annotated[
         Noise, Setting("", "", "Standard deviations of what the controller measures.")
@@ -168,7 +167,7 @@ class Plant(Variation):
     seed: Annotated[
         int,
         Range(0, MAX_SEED, "a whole number, 0 or more"),
-        Setting("", "", "Of all that is drawn at random."),
+        Setting("", "", "Seed of all random numbers."),
     ] = 0
     kind: Annotated[
         str,
@@ -176,16 +175,16 @@ class Plant(Variation):
         Setting(
             "",
             "",
-            "What moves it: rolling, wheels that roll without slipping, as the "
-            "controller's model has it; slipping, tyres; contact, MuJoCo; own, a "
-            "simulator of the user's. The coefficient of friction is the run's.",
+            "Simulator: rolling, wheels that roll without slipping, as in the controller's "
+            "model; slipping, tyres; contact, MuJoCo; own, a simulator of the user's. The "
+            "friction coefficient is that of [run].",
         ),
     ] = "rolling"
-    slipping: Annotated[Slipping, Setting("", "", "The tyres of a slipping one.")] = field(
+    slipping: Annotated[Slipping, Setting("", "", "Tyres of the slipping plant.")] = field(
         default_factory=Slipping
     )
     contact: Annotated[
-        ContactSettings, Setting("", "", "How a robot in MuJoCo meets the ground.")
+        ContactSettings, Setting("", "", "Contacts of the robot with the ground in MuJoCo.")
     ] = field(default_factory=ContactSettings)
     own: Annotated[PlantModel | None, IN_PYTHON] = None
 
@@ -293,7 +292,7 @@ class Plant(Variation):
             if getattr(model, names) != getattr(robot, names):
                 raise RpctlError(
                     f"the controller's model, {model.name}, has other {names} than {robot.name}; "
-                    "vary its masses or limits only"
+                    "vary only its masses or limits"
                 )
         return model
 

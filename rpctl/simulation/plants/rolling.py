@@ -280,14 +280,13 @@ class SlippingMotion:
         notes = list(self._assumed)
         if self._tipped is not None:
             notes.append(
-                f"from {self._tipped:.4g} s on there were moments at which no loads that only push "
-                "balance the robot: it would tip, and is held upright; contacts that would lift "
-                "bear nothing"
+                f"from {self._tipped:.4g} s on the robot would tip at times; the simulation keeps "
+                "it upright, and contacts that would lift carry no load"
             )
         if self._held:
             notes.append(
-                f"in {self._held} steps loads and forces of the tyres found no common solution; "
-                "the loads are those of the accelerations just before"
+                f"in {self._held} steps the loads and tyre forces did not converge; the loads of "
+                "the step before were used"
             )
         return tuple(notes)
 
@@ -332,27 +331,25 @@ def leading_wheels(robot: Robot) -> tuple[int, ...]:
 def _assumptions(robot: Robot, contacts: Contacts | None) -> tuple[str, ...]:
     """Return what the loads of the tyres take for granted, in sentences."""
     if contacts is None:
-        return ("the base is fixed: no wheel slips",)
+        return ("the base is fixed, so no wheel slips",)
     notes: list[str] = []
     if contacts.supports.unknown:
         listed = ", ".join(contacts.supports.unknown)
         notes.append(
-            f"the tyres bear the whole load: {listed} touch the ground, but are drawn as meshes "
-            "only, so their places are not known"
+            f"the tyres carry the whole load: {listed} touch the ground but have only meshes, so "
+            "their contact points are unknown"
         )
     elif not contacts.balanced:
         notes.append(
-            f"the tyres bear the load as if balance were kept: {', '.join(contacts.names)} stand "
-            "on one line"
+            f"the tyres carry the load as if the robot were balanced: {', '.join(contacts.names)} "
+            "stand on one line"
         )
     elif not contacts.determinate:
         notes.append(
-            f"{len(contacts.names)} contacts share the load, more than statics can tell apart: the "
-            "tyres bear what equally stiff contacts would"
+            f"{len(contacts.names)} contacts share the load, which statics cannot determine: the "
+            "tyres carry the loads of equally stiff contacts"
         )
     if robot.drive.followers:
         listed = ", ".join(swivel.joint for swivel in robot.drive.followers)
-        notes.append(
-            f"{listed} turn exactly as the other wheels' steering asks, as if rods tied them"
-        )
+        notes.append(f"{listed} steer exactly with the other wheels, as if connected by rods")
     return tuple(notes)

@@ -58,24 +58,34 @@ class SensorNumbers(Record):
     """A number for each quantity that the controller measures."""
 
     position: Annotated[
-        float, WITHIN, Setting("m", "position, x and y", "Of x and of y of the root link.")
+        float, WITHIN, Setting("m", "position, x and y", "Deviation of x and y of the root link.")
     ] = 0.0
-    heading: Annotated[float, WITHIN, Setting("rad", "heading", "Of the root link.")] = 0.0
+    heading: Annotated[
+        float, WITHIN, Setting("rad", "heading", "Deviation of the root link's heading.")
+    ] = 0.0
     joints: Annotated[
         float,
         WITHIN,
         Setting(
             "rad or m",
             "joints' positions",
-            "Of the positions of the arm's joints and of those that are steered.",
+            "Deviation of the positions of arm joints and steered joints.",
         ),
     ] = 0.0
-    speed: Annotated[float, WITHIN, Setting("m/s", "speed", "Of the base's speeds.")] = 0.0
+    speed: Annotated[float, WITHIN, Setting("m/s", "speed", "Deviation of the base's speeds.")] = (
+        0.0
+    )
     turn_rate: Annotated[
-        float, WITHIN, Setting("rad/s", "turning rate", "Of the base's turning rate.")
+        float, WITHIN, Setting("rad/s", "turning rate", "Deviation of the base's turning rate.")
     ] = 0.0
     joint_rates: Annotated[
-        float, WITHIN, Setting("rad/s or m/s", "joints' rates", "Of the rates of the same joints.")
+        float,
+        WITHIN,
+        Setting(
+            "rad/s or m/s",
+            "joints' rates",
+            "Deviation of the rates of arm joints and steered joints.",
+        ),
     ] = 0.0
 
     def __bool__(self) -> bool:
@@ -114,10 +124,9 @@ class Slipping(Record):
         Setting(
             "",
             "",
-            "Force of a tyre per load and per slip, its slip velocity over its rolling "
-            "speed. A rolling cylinder has 2R/a with a contact 2a long [J85, Sec. 8.3], "
-            "so 20 where a is a tenth of the radius, as of solid rubber; pneumatic tyres "
-            "have 10 to 20 [P12, Ch. 4]. The higher, the nearer to wheels that roll "
+            "Force of a tyre per load and per slip (slip velocity over rolling speed). A rolling "
+            "cylinder with a contact 2a long has 2R/a [J85, Sec. 8.3]: 20 for solid rubber with "
+            "a = R/10. Pneumatic tyres have 10 to 20 [P12, Ch. 4]. High values approach rolling "
             "without slipping.",
         ),
     ] = 20.0
@@ -127,8 +136,8 @@ class Slipping(Record):
         Setting(
             "m/s",
             "",
-            "Rolling speed below which a tyre is as soft as at it: one that stands still "
-            "under a force creeps, by force over load times this over the slip stiffness.",
+            "Rolling speed below which the slip stiffness stays constant. A tyre at rest under a "
+            "force creeps at force/load × this speed / slip stiffness.",
         ),
     ] = 0.01
     rolling_resistance: Annotated[
@@ -137,7 +146,7 @@ class Slipping(Record):
         Setting(
             "",
             "",
-            "Moment against a wheel's rolling, per load and radius. Hard floors and solid "
-            "rubber have .01 to .02.",
+            "Moment against a wheel's rolling, per load and radius: 0.01 to 0.02 for solid "
+            "rubber on hard floors.",
         ),
     ] = 0.0

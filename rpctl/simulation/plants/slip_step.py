@@ -232,7 +232,7 @@ class SlipStepper:
         found = self._newton(stage, guess, None)
         found = found or self._newton(stage, guess, self._loads(stage, guess))
         if found is None:
-            raise RpctlError("the forces of the tyres determine no speeds")
+            raise RpctlError("the tyre forces do not determine the speeds")
         return found
 
     def _loads(self, stage: _Stage, y: Array) -> ContactLoads:
@@ -328,5 +328,5 @@ class SlipStepper:
                 H += at.E.T.dot(brake[:, None] * at.E)
         _, _, step, info = dgesv(H, -now.rest)
         if info or not np.isfinite(step).all():
-            raise RpctlError("the forces of the tyres determine no speeds")
+            raise RpctlError("the tyre forces do not determine the speeds")
         return np.asarray(step)

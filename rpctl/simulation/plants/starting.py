@@ -142,8 +142,8 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
         for name in OF_EFFORTS:
             if getattr(plant, name) != getattr(Plant(), name):
                 raise RpctlError(
-                    f"{name} of the plant is of robots that take efforts; this one follows the "
-                    "speeds that it is sent, whatever that takes: leave out --output velocity"
+                    f"{name} of the plant applies to robots that take efforts; this robot takes "
+                    "speeds: leave out --output velocity"
                 )
         if plant.kind == "contact":
             motion = MujocoMotion(dynamics.robot, plant.contact, config.run.friction, rest.q)
@@ -152,8 +152,8 @@ def start_interface(dynamics: ReducedDynamics, config: Config, rest: Rest) -> In
         return (ArmInterface if joints else SpeedInterface)(dynamics, config, rest)
     if plant.lag is not None or plant.lags or plant.dead_time is not None:
         raise RpctlError(
-            "the plant has a lag or a dead time, which robots have that take speeds; add the table "
-            "[output], or --output velocity"
+            "the plant has a lag or a dead time, which apply to robots that take speeds; add the "
+            "table [output], or --output velocity"
         )
     return EffortInterface(start_motion(dynamics, config, rest), dynamics, config, rest)
 
@@ -172,7 +172,7 @@ def start_motion(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Motio
     plant, run = config.plant, config.run
     if plant.kind == "own":
         raise RpctlError(
-            "the plant was a simulator of the user's, which no file can hold; give another kind"
+            "the plant was a simulator of the user's, which a file cannot store; give another kind"
         )
     if plant.kind == "slipping":
         return SlippingMotion(dynamics.robot, plant.slipping, run.friction, rest.q, run.plant_step)

@@ -229,6 +229,5 @@ def _require_finite(t: Array, block: Mapping[str, Array]) -> None:
 def left(t: float) -> DivergedError:
     """Return the error of a motion that left the finite numbers at a time, s."""
     return DivergedError(
-        f"the motion left the finite numbers at t = {t:g} s; shorten the control period or "
-        "lengthen the horizons"
+        f"the motion diverged at t = {t:g} s; shorten the control period or lengthen the horizons"
     )

@@ -116,7 +116,7 @@ class RobotFacts:
             if not re.fullmatch("[0-9a-f]{64}", getattr(self, name))
         ]
         faults += [
-            f"{name} must be a list of names, none of them twice"
+            f"{name} must be a list of distinct names"
             for name in NAMES
             if len(set(getattr(self, name))) < len(getattr(self, name))
         ]

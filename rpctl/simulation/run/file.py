@@ -262,9 +262,11 @@ def check_numbers(name: str, numbers: Array) -> None:
         EntryError: Naming the entry.
     """
     if name not in MAY_BE_INFINITE and not (np.abs(numbers) <= MAX_NUMBER).all():
-        raise EntryError(f'entry "{name}" holds other than finite numbers up to {MAX_NUMBER:g}')
+        raise EntryError(
+            f'entry "{name}" has numbers that are not finite, or beyond ±{MAX_NUMBER:g}'
+        )
     if name == "t" and not (np.diff(numbers) > 0.0).all():
-        raise EntryError('entry "t" does not run: each time must be later than the one before')
+        raise EntryError('entry "t" does not increase: each time must be later than the one before')
 
 
 class _Archive:
@@ -294,9 +296,9 @@ class _Archive:
         for info in infos:
             name, suffix = one_line(info.filename[: -len(SUFFIX)]), info.filename[-len(SUFFIX) :]
             if suffix != SUFFIX or "/" in name or "\\" in name:
-                raise EntryError(f'entry "{one_line(info.filename)}" is no array')
+                raise EntryError(f'entry "{one_line(info.filename)}" is not an array')
             if name in self.shapes:
-                raise EntryError(f'entry "{name}" is there twice')
+                raise EntryError(f'entry "{name}" occurs twice')
             self.shapes[name] = self._shape(info, name)
 
     def _shape(self, info: zipfile.ZipInfo, name: str) -> tuple[int, ...]:
@@ -309,7 +311,7 @@ class _Archive:
             known = ARRAY_HEADER.fullmatch(file.read(length)) if length <= 1024 else None
         of_type = known is not None and (known[1] == TEXT_TYPE) == (name == HEADER)
         if start[:8] != b"\x93NUMPY\x01\x00" or known is None or not of_type:
-            raise EntryError(f'entry "{name}": no array of numbers')
+            raise EntryError(f'entry "{name}" is not an array of numbers')
         shape = tuple(int(size) for size in known[3].replace(b" ", b"").split(b",") if size)
         if 10 + length + np.dtype(known[1].decode()).itemsize * math.prod(shape) != info.file_size:
             raise EntryError(f'entry "{name}": its size is not that of its shape {shape}')
@@ -322,7 +324,7 @@ class _Archive:
     def text(self, name: str) -> bytes:
         """Return the bytes of a text, which is no array of numbers."""
         if len(shape := self.shapes[name]) != 1:
-            raise EntryError(f'entry "{name}": no JSON of a run')
+            raise EntryError(f'entry "{name}" is not JSON of a run')
         if shape[0] > MAX_HEADER:
             raise EntryError(f'entry "{name}": over {MAX_HEADER} bytes')
         return self._read(name).tobytes()
@@ -349,7 +351,7 @@ class _Bounded:
     def read(self, size: int = -1) -> bytes:
         data = self._file.read(MAX_READ + 1 if size < 0 else min(size, MAX_READ + 1))
         if len(data) > MAX_READ:
-            raise zipfile.BadZipFile("a directory of entries that no array file has")
+            raise zipfile.BadZipFile("a table of contents that is not that of an array file")
         return data
 
 

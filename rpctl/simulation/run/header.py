@@ -176,7 +176,7 @@ def _walk(value: Any, where: str, faults: list[str]) -> None:
         for key, each in pairs:
             place = f"{where}.{key}" if where else str(key)
             if isinstance(key, str) and _text_faults(key, where):
-                faults.append(f'entry "{where}" has a name that is no text')
+                faults.append(f'entry "{where}" has a name that is not text')
             _walk(each, place if isinstance(value, dict) else where, faults)
     elif isinstance(value, float) and not math.isfinite(value):
         is_limit = math.isinf(value) and where.startswith(LIMITS)

@@ -107,8 +107,8 @@ class PartWriter:
             aside = _free_name(self.folder)
             self.folder.rename(aside)  # the old lock goes along
             os.close(lock)
-            self.notes = (f"{aside} keeps what an earlier simulation left when it was stopped: "
-                          "look at it, then remove it",)  # fmt: skip
+            self.notes = (f"{aside} holds the samples of an earlier simulation that was stopped: "
+                          "view it, then remove it",)  # fmt: skip
             self.folder.mkdir()
             lock = _locked(self.folder)
         (self.folder / HEADER_FILE).unlink(missing_ok=True)
@@ -154,7 +154,7 @@ class PartWriter:
             write_atomically(self.folder / name, data, follow_links=False)
         except RpctlError as error:
             self._failed = True
-            self.notes += (f"a kill would have lost what was simulated: {error}",)
+            self.notes += (f"samples could not be saved while simulating: {error}",)
 
     def remove(self) -> None:
         """Remove the part, because all of it is written elsewhere; files of others stay."""
@@ -207,7 +207,7 @@ def _ended(header: Header, t: float) -> Header:
     planned = header.config.run.duration
     if planned is None or t >= planned * (1.0 - ENDED):
         return header
-    note = f"ended early at t = {t:.4g} of {planned:.4g} s; what was simulated until then is kept"
+    note = f"ended early at t = {t:.4g} of {planned:.4g} s; the samples until then are kept"
     notes = (*header.notes, NOT_LOOKED_FOR, note)
     return replace(header, config=header.config.with_run(duration=t), notes=notes)
 
@@ -220,8 +220,8 @@ def _all_chunks(folder: Path) -> list[Path]:
     for k, chunk in enumerate(chunks):
         if chunk.name != (name := f"{k:06d}.npz"):
             raise RunFileError(
-                f"{folder / name}: missing, but {chunk.name} is there; put it back, or remove "
-                "those behind it to keep what came before"
+                f"{folder / name}: missing, but {chunk.name} is there; restore it, or remove the "
+                "files after it to keep the samples before"
             )
     return chunks
 
@@ -253,7 +253,7 @@ def _locked(folder: Path) -> int:
     except OSError:
         os.close(lock)
         raise RpctlError(
-            f"{folder}: another simulation is writing there; wait until it ends, or write to "
+            f"{folder}: another simulation writes to this folder; wait until it ends, or give "
             "another folder (--out)"
         ) from None
     return lock

@@ -303,7 +303,7 @@ def _kept(known: RobotFacts, path: Path) -> Description:
     """Return the description in the URDF that the run holds, as if it lay at a path."""
     data = urdf_bytes(known)
     if hashlib.sha256(data).hexdigest() != known.urdf_sha256:
-        raise RunFileError(f"{known.name}: the URDF in the run is not the one that it tells of")
+        raise RunFileError(f"{known.name}: the URDF in the run does not match the hash in the run")
     return replace(
         parse(path, data),
         expanded=known.file_sha256 != known.urdf_sha256,

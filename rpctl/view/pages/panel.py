@@ -30,7 +30,7 @@ MERIT_LABELS = {
     "rms_end_effector_path_error": "End effector off its path, rms",
 }
 HEADLINE = ("rms_base_error", "rms_base_path_error", "rms_end_effector_error")
-NOMINAL = "The model follows itself: the simulated robot is the one that the controller knows."
+NOMINAL = "Ideal plant: the simulated robot equals the controller's model."
 SYMBOLS = (
     "q: configuration; ν: quasi-velocities, the base's speeds (v or vx forward, vy to the left, "
     "omega turning) and the rates of joints; S: rates that roll, per ν; M: inertia; h: bias, what "
@@ -152,7 +152,7 @@ def _sentences(run: Run, summary: Summary) -> Iterator[str]:
     yield from (f"{each.sentence}." for each in summary.limits_bound)
     yield from (f"{each}." for each in collision_texts(summary.collisions))
     if summary.clearances:
-        yield f"Nearest to {', '.join(map(clearance_text, summary.clearances))}."
+        yield f"Smallest distance: {', '.join(map(clearance_text, summary.clearances))}."
     for each in (*summary.collision_notes, summary.energy_sentence):
         if each:
             yield f"{capital(each)}."

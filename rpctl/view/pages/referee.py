@@ -80,7 +80,7 @@ def _shown(verdicts: Sequence[EngineVerdict]) -> Iterator[Shown]:
             yield Shown(verdict.engine, verdict.recording)
         mended = verdict.mended
         if mended is not None and len(mended.t) > 1:
-            yield Shown(f"{verdict.engine}, mended", mended, shown=False)
+            yield Shown(f"{verdict.engine}, corrected", mended, shown=False)
 
 
 def _badge(verdict: EngineVerdict) -> Badge:
@@ -108,7 +108,7 @@ def _cause(cause: Cause, verdict: EngineVerdict) -> tuple[str, str]:
     """Return a cause, what it does alone, and its mend."""
     fault = ", and ".join(switch.fault for switch in cause.switches)
     alone = f"Alone: {cause.gaps[0].words}. " if cause.gaps else ""
-    return fault, f". {alone}To mend it, {cause.setting(verdict.friction)}."
+    return fault, f". {alone}To correct it, {cause.setting(verdict.friction)}."
 
 
 def _gap_row(gap: EngineGap) -> tuple[str, list[str]]:

@@ -50,8 +50,9 @@ TITLE = "Linear loop"
 NO_SWING = 0.99  # damping of poles that are equal but for rounding
 LOW_DAMPING = 0.4  # below it a loop overshoots by a quarter and swings on
 HOW = (
-    "Eigenvalues of the sampled loop, efforts held for a control period, linearised about the "
-    "reference at instants at which it moves. They judge motions that change slowly beside them."
+    "Eigenvalues of the sampled loop, with efforts held for a control period, linearised about "
+    "the reference at times when it moves. They hold for references that change slowly compared "
+    "with them."
 )
 
 
@@ -121,7 +122,7 @@ def write_report(
     """
     runs = [run] if isinstance(run, Run) else list(run)
     if not runs:
-        raise RpctlError("there is no run to report on; give one or several")
+        raise RpctlError("no run is given; give one or more")
     if len(runs) > 1:
         return write_atomically(path, comparison_page(runs, names or _names(runs)))
     found = robot or robot_of(runs[0])
@@ -316,10 +317,13 @@ def verdict(poles: LoopPoles) -> str:
             "gains or a shorter control period are needed."
         )
     if worst < STILL:
-        return "An error stays as it is: the law does not act on it while the reference moves so."
+        return (
+            "One error does not decay: the law does not act on it while the reference moves "
+            "like this."
+        )
     if poles.damping.min() < LOW_DAMPING:
-        return "Errors decay, but swing several times: more damping would serve."
-    return f"Errors decay at all instants, the slowest by 63 % within {1.0 / worst:.3g} s."
+        return "Errors decay with several oscillations: more damping would help."
+    return f"Errors decay at all times, the slowest by 63 % within {1.0 / worst:.3g} s."
 
 
 def _slowest(poles: LoopPoles) -> str:

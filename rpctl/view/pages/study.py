@@ -41,13 +41,13 @@ REPORT_FILE, PICTURE_FILE = "study.html", "study.png"
 STYLES = ("report.css", "study.css")
 DPI = 200
 METHODS = {
-    "sobol": "Share of the variance that a parameter causes, with all that it acts together with "
-    "(total Sobol index), and its 95 % interval.",
+    "sobol": "Share of the variance that a parameter causes, including interactions (total Sobol "
+    "index), and its 95 % interval.",
     "morris": "Mean size of the change over a parameter's range (μ* of Morris), and its 95 % "
     "interval.",
-    "rank-correlation": "Rank correlation of a parameter, or of its distance from its median where "
-    "that is larger, with the merit, and its 95 % interval: 1 if the merit grows wherever it does, "
-    "−1 if it falls.",
+    "rank-correlation": "Rank correlation of a parameter, or of its distance from its median "
+    "where that is larger, with the merit, and its 95 % interval: 1 if the "
+    "merit always grows with it, −1 if it always falls.",
 }
 DISTRIBUTIONS = {
     "uniform": "uniform, {0} to {1}",

@@ -89,7 +89,7 @@ def _meshcat_file(name: str) -> str:
         file = Path(folder, name)
         if file.is_file():
             return _known(name, file.read_bytes(), package)
-    raise RpctlError(f"meshcat or its {name} is not there; run: pip install '{package}'")
+    raise RpctlError(f"meshcat or its {name} is missing; run: pip install '{package}'")
 
 
 def _known(name: str, content: bytes, package: str) -> str:
@@ -106,9 +106,9 @@ def _known(name: str, content: bytes, package: str) -> str:
     digest = hashlib.sha256(content).hexdigest()
     if digest != SHA256[name]:
         raise RpctlError(
-            f"{name}: not the file that rpctl was tested with (its sha256 begins {digest[:8]}, not "
-            f"{SHA256[name][:8]}), and every page would pass it on; "
-            f"run: pip install --force-reinstall --no-deps '{package}'"
+            f"{name}: not the file that rpctl was tested with (its sha256 begins {digest[:8]}, "
+            f"not {SHA256[name][:8]}) and would be in every page; run: pip install "
+            f"--force-reinstall --no-deps '{package}'"
         )
     return content.decode()
 

@@ -27,14 +27,14 @@ TICKS_S = (3, 6, 15, 30, 60)  # of the colours of converging starts: settled so 
 FAST, SLOW = light("settled-early"), light("settled-late")  # the colours themselves
 FAILED, NOT_TAKEN, UNDECIDED = light("failed"), light("refused"), light("undecided")
 KEYS = {
-    "did not converge, and says so": FAILED,
-    "still on its way at the end": UNDECIDED,
-    "the law does not take this reference": NOT_TAKEN,
+    "did not converge": FAILED,
+    "undecided at the end": UNDECIDED,
+    "the law cannot follow this reference": NOT_TAKEN,
 }
 ARROW: dict[str, Any] = {"arrowstyle": "-|>", "color": style.INK, "shrinkA": 0, "shrinkB": 0}
 CAPTION = (
-    "A petal is a start: it lies where the robot stands, seen from its reference (the arrow),\n"
-    "and points where the robot heads."
+    "Each petal is a start: its position is that of the robot relative to its reference (the\n"
+    "arrow), its direction the robot's heading."
 )
 SMALL: dict[str, Any] = {"fontsize": SMALL_PT, "color": style.INK}
 
@@ -71,7 +71,7 @@ def attraction_figure(rows: Sequence[Row[Start]], title: str) -> Figure:
     scale = figure.colorbar(times, ax=panels, location="top", aspect=50, ticks=TICKS_S)
     scale.ax.set_xticklabels([str(t) for t in TICKS_S], **SMALL)
     scale.ax.minorticks_off()
-    scale.set_label("within 5 cm from so many seconds on (logarithmic)", **SMALL)
+    scale.set_label("seconds until it stays within 5 cm (logarithmic)", **SMALL)
     handles = [Patch(color=colour, label=words) for words, colour in KEYS.items()]
     figure.legend(handles=handles, loc="outside lower center", frameon=False, fontsize=SMALL_PT,
                   title=CAPTION, title_fontsize=SMALL_PT)  # fmt: skip

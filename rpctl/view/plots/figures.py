@@ -101,7 +101,7 @@ def save_figure(
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in (".pdf", ".png"):
-        raise RpctlError(f"{path}: figures are .pdf or .png; give a name that ends so")
+        raise RpctlError(f"{path}: figures are .pdf or .png; give a name with that ending")
     figure = tracking_figure(run, panels=panels, column=column, log=log)
     if suffix == ".pdf":
         return write_atomically(path, to_pdf(figure, run.digest))
@@ -352,9 +352,7 @@ def draw_obstacles(axes: Axes, run: Run) -> None:
     for body in dict.fromkeys(obstacle.body for obstacle in obstacles):
         axes.fill([], [], label=OBSTACLE_LABELS[body], **_fill_style(body, colours[body]))
     if any(obstacle.radius for obstacle in obstacles):
-        axes.plot(
-            [], [], label="as near as its centre may come", color=style.INK, **CLEARANCE_STYLE
-        )
+        axes.plot([], [], label="limit for its centre", color=style.INK, **CLEARANCE_STYLE)
 
 
 def half_plane(plane: HalfPlane, centre: Array, far: float) -> Array:

@@ -111,7 +111,7 @@ def others_figure(result: StudyResult) -> Figure:
     figure = _figure(1.2 + BAR_IN * len(found))
     axes = figure.add_subplot()
     axes.imshow(np.abs(shares), cmap="Blues", vmin=0.0, vmax=1.4, aspect="auto")
-    _style(axes, "What matters to each merit, of its largest", "", "")
+    _style(axes, "Influence on each merit, relative to the largest", "", "")
     axes.grid(False)
     for (row, column), value in np.ndenumerate(values):
         axes.text(column, row, number(float(value)), fontsize=SMALL_PT, ha="center", va="center")
@@ -200,7 +200,7 @@ def draw_map(result: StudyResult, axes: Axes) -> None:
     shown = np.where(np.isposinf(values), np.nextafter(high, np.inf), values)
     cells = axes.pcolormesh(found.x_edges, found.y_edges, shown, cmap=ramp, vmin=low, vmax=high)
     names = [str(parameter_words(name)) for name in (found.x, found.y)]
-    _style(axes, "Median over what matters most", *names)
+    _style(axes, "Median over the two most influential parameters", *names)
     axes.grid(False)
     bar = axes.figure.colorbar(cells, ax=axes, aspect=16)
     bar.outline.set_visible(False)
@@ -222,7 +222,7 @@ def draw_importance(result: StudyResult, found: Sensitivity, axes: Axes) -> None
     axes.barh(range(len(bars)), value, xerr=ends, height=0.6, ecolor=style.INK,
               color=[colours[each] for each in bent], error_kw={"lw": 0.8})  # fmt: skip
     measure = f"{MEASURES[found.method]} ({unit.name})".removesuffix(" ()")
-    style_axes(axes, literal(f"What matters: {merit_words(found.merit)}"))
+    style_axes(axes, literal(f"Influence on {merit_words(found.merit)}"))
     axes.set_xlabel(f"{measure}; line: its 95 % interval")
     names = [literal(fold(parameter_words(each.name).name, NAME_LETTERS)) for each in bars]
     axes.set_yticks(range(len(bars)), names, fontsize=SMALL_PT)

@@ -35,7 +35,7 @@ MIN_MESH_TRIANGLES = 300  # triangles that even the smallest mesh keeps
 DEFAULT_RGBA = (0.74, 0.77, 0.81, 1.0)  # where neither the URDF nor the mesh gives a colour
 THINNEST = 0.01  # of a box's longest edge: a thinner one would have no volume
 FARTHEST = 10.0  # of a mesh's reach: collapsed edges may leave its box
-NOTHING_LEFT = "nothing is left of its triangles when they are simplified"
+NOTHING_LEFT = "no triangles remain after simplification"
 MARKER_RGBA = (0.45, 0.52, 0.62, 1.0)
 DEFAULT_LENGTH_M = 0.5  # m; of a wedge where no contact tells how large the robot is
 HEIGHT_RATIO = 0.2  # of the wedge's length
@@ -115,7 +115,7 @@ def build_bodies(robot: Robot, triangles: int = MAX_TRIANGLES) -> Bodies:
     said = [(name, remark) for (name, _), mesh in cache.items() for remark in mesh.remarks]
     notes += [f'mesh "{_file_label(name)}": {remark}' for name, remark in dict.fromkeys(said)]
     if len(placed_surfaces) == sum(each.kind == "marker" for each in found):
-        notes.append("no shape of this robot can be drawn: sticks stand for its links")
+        notes.append("rpctl cannot draw any shape of this robot: sticks represent its links")
         placed_surfaces, found = list(sticks(robot)), []
     elif found:
         notes.append(stand_ins.note(found))
@@ -251,7 +251,7 @@ def base_marker(run: Run, reason: str) -> Bodies:
     corners = np.column_stack([np.tile(centre + length * outline, (2, 1)), heights])
     surface = shade(corners, np.array(TRIANGLES))
     part = BodyPart(ROOT_JOINT, np.eye(4), 0, MARKER_RGBA)
-    note = f"the robot cannot be drawn, and a wedge stands for its base: {reason}"
+    note = f"rpctl cannot draw the robot; a wedge represents its base: {reason}"
     return Bodies((part,), (surface,), (note,), size=length)
 
 

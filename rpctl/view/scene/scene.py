@@ -253,8 +253,8 @@ def _notes(run: Run, times: Array, robot: Robot | RpctlError) -> Iterator[str]:
         yield f"mass and inertia of {', '.join(names)} are estimates at {density}"
     if not has_surroundings(robot) and robot.description.mesh_lines:
         yield (
-            f"{robot.description.path.name}, the robot's file, is not there as it was: meshes "
-            "beside it are not drawn; declare their folder with --package-dir"
+            f"{robot.description.path.name}, the robot's file, is missing or was edited: rpctl "
+            "does not draw meshes beside it; declare their folder with --package-dir"
         )
 
 

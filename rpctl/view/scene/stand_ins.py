@@ -214,7 +214,7 @@ def note(stand_ins: Iterable[StandIn], most: int = NAMED_LINKS) -> str:
     parts = [
         SENTENCES[kind][len(names) > 1].format(listed(names, most)) for kind, names in links.items()
     ]
-    return f"hatched, in the place of missing meshes: {'; '.join(parts)}" if parts else ""
+    return f"hatched, in place of missing meshes: {'; '.join(parts)}" if parts else ""
 
 
 def label(stand_ins: Iterable[StandIn]) -> str:

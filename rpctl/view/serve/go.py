@@ -38,10 +38,16 @@ class GoRequest(Record):
     """A motion that a page asks for."""
 
     of = "the page's "
-    start: Annotated[Pose, PLACE, Setting("m, m, rad", help="Pose of P where it begins.")]
-    posture: Annotated[Mapping[str, float], WITHIN, Setting("rad or m", help="Of the arm there.")]
-    goal: Annotated[Pose | None, PLACE, Setting("m, m, rad", help="Pose of P where it ends.")]
-    arm: Annotated[Mapping[str, float], WITHIN, Setting("rad or m", help="Of the arm's joints.")]
+    start: Annotated[Pose, PLACE, Setting("m, m, rad", help="Pose of P at the start.")]
+    posture: Annotated[
+        Mapping[str, float], WITHIN, Setting("rad or m", help="Posture of the arm at the start.")
+    ]
+    goal: Annotated[Pose | None, PLACE, Setting("m, m, rad", help="Pose of P at the goal.")]
+    arm: Annotated[
+        Mapping[str, float],
+        WITHIN,
+        Setting("rad or m", help="Positions of the arm's joints at the goal."),
+    ]
     kinematic: Annotated[str, OneOf(tuple(KINEMATIC_LAWS)), Setting(help="The kinematic law.")]
 
 
@@ -59,7 +65,7 @@ def read_request(robot: Robot, asked: Any) -> GoRequest:
     faults: list[str] = []
     request = read_record(GoRequest, asked if isinstance(asked, dict) else {}, "", faults)
     if request is None:
-        raise RpctlError(f"no motion can be asked for so: {'; '.join(faults)}")
+        raise RpctlError(f"the request is invalid: {'; '.join(faults)}")
     require_known("joint of the arm", [*request.posture, *request.arm], robot.joint_names)
     if set(request.posture) != set(robot.joint_names):
         raise RpctlError(f"posture: give all joints of the arm, {', '.join(robot.joint_names)}")
@@ -124,7 +130,7 @@ class GoServer:
         robot.require_level()  # a page is sent the pose of a level root link
         request = read_request(robot, asked)
         if not self._busy.acquire(blocking=False):
-            raise RpctlError("the robot is on its way already; stop it first")
+            raise RpctlError("the robot is already moving; stop it first")
         self._stream.forget()  # who listens from now on hears of this motion only
         self._asked.put((robot, request))
 

@@ -29,7 +29,7 @@ CLIENT_TIMEOUT_S = 30.0  # s; a client that neither asks nor listens for as long
 MAX_REQUEST = 65_536  # bytes of what a page may ask for
 EVENT_NUMBER = re.compile(r"[0-9]{1,18}")  # Python refuses to read thousands of digits
 JSON_TYPE = "application/json"
-NO_TOKEN = "nothing is here: open the whole address that rpctl printed, with its secret part"
+NO_TOKEN = "there is no page here: open the whole address that rpctl printed, with its secret part"
 HEADERS = {  # of every answer, refusals included
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",

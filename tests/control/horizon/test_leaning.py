@@ -238,9 +238,11 @@ def test_efforts_stay_within_limits_and_are_named() -> None:
 def test_what_it_does_not_do_is_refused() -> None:
     robot = leaning("balancer")
     for law in (Horizon(base_obstacles=(Disc(1.0, 0.0, 0.1),)), Horizon(body_clearance=0.02)):
-        with pytest.raises(UnfitLawError, match="balancer leans: the horizon law keeps it clear"):
+        with pytest.raises(
+            UnfitLawError, match="balancer leans: the horizon law does not keep it clear"
+        ):
             law.start(ReducedDynamics(robot), PERIOD)
-    with pytest.raises(RpctlError, match="leans: no law here balances it where rates"):
+    with pytest.raises(RpctlError, match="leans: no law of rpctl balances it if rates"):
         rpctl.Controller(robot, "line", kinematic=Horizon(), rates="estimated")
 
 

@@ -149,7 +149,7 @@ def test_it_goes_on_when_its_process_dies(steps: Steps) -> None:
     assert steps.law.unplanned == unplanned + 1
     steps.until_solved(2)
     assert steps.pid != before
-    assert "ended, or did not answer, 1 times; others followed" in steps.law.notes()[-1]
+    assert "ended, or did not answer, 1 times; rpctl started it again" in steps.law.notes()[-1]
 
 
 def test_one_that_does_not_answer_is_replaced(steps: Steps) -> None:
@@ -176,7 +176,7 @@ def test_settings_that_cannot_be_sent_are_refused(paper: Robot) -> None:
         pass
 
     law = Horizon(base_obstacles=(Own(9.0, 0.0, 0.1),))
-    with pytest.raises(RpctlError, match="cannot be sent to the process that plans"):
+    with pytest.raises(RpctlError, match="cannot be sent to the planning process"):
         law.start(ReducedDynamics(paper), 0.002)
 
 

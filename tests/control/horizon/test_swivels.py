@@ -95,7 +95,7 @@ def test_steering_that_is_singular_ahead_is_left_to_the_fallback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def singular(self: Model, *_: Array) -> PredictedMotion:
-        raise SingularBasisError("the steered wheels fix no one motion ahead")
+        raise SingularBasisError("the steered wheels do not determine the motion ahead")
 
     robot = load(tmp_path, "twin")
     monkeypatch.setattr(Model, "predict", singular)
@@ -113,7 +113,7 @@ def test_angles_that_fix_no_one_motion_are_told(tmp_path: Path) -> None:
     still = np.zeros(model.robot.dof), np.zeros((STEPS, model.robot.dof))
     q = [model.configuration(np.array([a, a, 0.0])) for a in (0.5, 0.5 * math.pi)]
     model.predict(q[0], *still)
-    with pytest.raises(SingularBasisError, match="fix no one motion"):
+    with pytest.raises(SingularBasisError, match="do not determine the motion"):
         model.predict(q[1], *still)
 
 

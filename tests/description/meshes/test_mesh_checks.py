@@ -28,7 +28,7 @@ def with_mesh(tmp_path: Path, name: str) -> Path:
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("none.stl", "no such file; put it there"),
+        ("none.stl", "no such file; add it"),
         ("package://bot/none.stl", "no such file"),
         ("package://nobody/a.stl", 'package "nobody" was not found; declare a folder'),
         ("package://", "package:// without the name of a package"),
@@ -37,10 +37,10 @@ def with_mesh(tmp_path: Path, name: str) -> Path:
         ("/etc/passwd", "refused: it lies outside the folders"),
         ("package://bot/../../../etc/passwd", "refused: it lies outside the folders"),
         ("file:///etc/passwd", "refused: it lies outside the folders"),
-        ("file://etc/passwd", "refused: only package:// and paths"),
-        ("http://example.org/a.stl", "refused: only package:// and paths"),
-        ("bot.urdf", "refused: a mesh ends in .stl"),
-        ("a" * 5000 + ".stl", "refused: no file has such a name"),
+        ("file://etc/passwd", "refused: rpctl reads only package:// and paths"),
+        ("http://example.org/a.stl", "refused: rpctl reads only package:// and paths"),
+        ("bot.urdf", "refused: the name of a mesh must end in .stl"),
+        ("a" * 5000 + ".stl", "refused: this is not a valid file name"),
     ],
 )  # fmt: skip
 def test_meshes_out_of_reach_are_told(name: str, expected: str, tmp_path: Path) -> None:

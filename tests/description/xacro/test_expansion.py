@@ -102,7 +102,7 @@ def test_lines_are_those_of_what_expand_prints(tmp_path: Path) -> None:
         ("${().__class__}", "Use of invalid name"),
         ("$(arg size)", 'argument "size" has no value; add size:=VALUE'),
         ('<xacro:include filename="$(find nobody)/a"/>', "was not found: nobody; declare"),
-        ("$(find ../..)", '"../.." is no name of a package'),
+        ("$(find ../..)", '"../.." is not the name of a package'),
         ("<xacro:leg/>", "unknown macro name: xacro:leg"),
         ('<xacro:macro name="m"><a b="${u}"/></xacro:macro><xacro:m/>', '(in macro "m")'),
         ('<xacro:include filename="none.xacro"/>', "No such file or directory"),
@@ -112,10 +112,10 @@ def test_lines_are_those_of_what_expand_prints(tmp_path: Path) -> None:
         ('<xacro:include filename="bot.urdf.xacro"/>', "maximum recursion depth exceeded"),
         ('${xacro.load_yaml("/etc/hostname")}', "refused: it lies outside the folders"),
         ('${xacro.fatal("no such size")}', "no such size"),
-        ("${'a' * 10**11}", "of memory; if it is meant, set RPCTL_MAX_XACRO_MEMORY"),
-        ("${[0] * 10**9}", "of memory; if it is meant, set RPCTL_MAX_XACRO_MEMORY"),
+        ("${'a' * 10**11}", "of memory; to allow it, set RPCTL_MAX_XACRO_MEMORY"),
+        ("${[0] * 10**9}", "of memory; to allow it, set RPCTL_MAX_XACRO_MEMORY"),
         pytest.param(
-            "${9**9**9}", "takes over 3 s; if it is meant, set RPCTL_MAX_XACRO_SECONDS",
+            "${9**9**9}", "takes over 3 s; to allow it, set RPCTL_MAX_XACRO_SECONDS",
             marks=pytest.mark.slow,  # it waits
         ),
     ],
@@ -165,7 +165,7 @@ def test_macros_alone_come_with_the_file_that_calls_them(tmp_path: Path) -> None
         rpctl.load(path)
     told, _, wrapper = str(caught.value).partition("load it:\n")
     line = 2 + macro[: macro.index('"bot"')].count("\n")
-    assert told.startswith(f"{path}:{line}: error: it defines macros (helper, bot) and calls none")
+    assert told.startswith(f"{path}:{line}: error: it defines macros (helper, bot) but calls none")
     assert wrapper.count("...") == 2
     filled = wrapper.replace('prefix="..."', 'prefix="p"').replace("<cargo>...", "<cargo>")
     robot = rpctl.load(write(path.with_name("mine.xacro"), filled))

@@ -84,16 +84,16 @@ def test_what_comes_from_them_is_left_out_and_told(tmp_path: Path) -> None:
     assert robot.mass == pytest.approx(7.0)
     told = [f.message for f in robot.findings if "left out" in f.message]
     assert told == [
-        'left out, for package "laser" was not found: the includes of bot.urdf.xacro:2, '
+        'left out, because package "laser" was not found: the includes of bot.urdf.xacro:2, '
         "bot.urdf.xacro:4",
-        'left out, for package "camera" was not found: the includes of mount.xacro:2',
+        'left out, because package "camera" was not found: the includes of mount.xacro:2',
         "left out: <xacro:laser>, a macro that was not found (bot.urdf.xacro:6)",
         "left out: <xacro:camera>, a macro that was not found (mount.xacro:6)",
         'left out: tip, end, which hang on the missing link "laser"',
         'left out: joint "to_laser", whose link "laser" is missing',
         'left out: transmission "gone"',
     ]
-    assert 'package "control" was not found; only texts name it (bot.urdf.xacro:13)' in [
+    assert 'package "control" was not found; only text refers to it (bot.urdf.xacro:13)' in [
         f.message for f in robot.findings
     ]
     with pytest.raises(RpctlError, match="error: left out: <xacro:laser>"):
@@ -118,7 +118,10 @@ def test_a_urdf_that_holds_xacro_is_expanded_and_told(tmp_path: Path) -> None:
     assert robot.mass == 4.0
     assert robot.description.expanded
     note = robot.findings[-1].message
-    assert note.startswith("it holds xacro and was expanded, though not called .xacro; lines are")
+    assert note.startswith(
+        "it contains xacro, so rpctl expanded it although its name does not "
+        "end in .xacro; lines are"
+    )
     commented = link("base").replace("<link", "<!-- <xacro:leg/> $(find a) --><link")
     plain = rpctl.load(write(tmp_path / "p.urdf", f'<robot name="r">{commented}</robot>'), "fixed")
     assert not plain.description.expanded
@@ -141,6 +144,6 @@ def test_an_include_is_found_where_the_source_keeps_it(tmp_path: Path) -> None:
     assert 'name="wheel"' in expansion.text
     told = [finding.message for finding in expansion.findings]
     assert told == [
-        f'"{bot}/parts/wheel.xacro" is not there, before its package is installed; '
-        f"taken from {wheel}"
+        f'"{bot}/parts/wheel.xacro" does not exist until its package is installed; rpctl reads '
+        f"{wheel}"
     ]

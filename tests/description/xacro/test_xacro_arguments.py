@@ -65,7 +65,7 @@ def test_an_argument_used_too_early_has_its_default(tmp_path: Path) -> None:
     path = xacro(tmp_path / "r.urdf.xacro", USE, MASS)
     found = expand(path)
     assert '<mass value="3"/>' in found.text
-    note = 'argument "mass" is used before it is declared; its default is taken'
+    note = 'argument "mass" is used before it is declared; xacro uses its default'
     assert [f.message for f in found.findings] == [note]
     assert mass(path, "mass:=4") == 4.0
     late = '<xacro:arg name="mass" default="$(arg other)"/>'
@@ -102,7 +102,9 @@ def test_an_argument_that_nobody_declares_is_an_error(tmp_path: Path) -> None:
     undeclared = xacro(tmp_path / "u.urdf.xacro", USE)
     assert mass(undeclared, "mass:=5") == 5.0
     plain = write(tmp_path / "plain.urdf", f'<robot name="r">{link("base")}</robot>')
-    with pytest.raises(DescriptionError, match="holds no xacro and takes no arguments; leave out"):
+    with pytest.raises(
+        DescriptionError, match="contains no xacro, so it takes no arguments; leave out"
+    ):
         rpctl.load(plain, xacro_args={"mass": 1})
 
 

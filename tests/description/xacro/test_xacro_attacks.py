@@ -129,7 +129,7 @@ FRAMES = [
 @pytest.mark.parametrize("frame", every(len(FRAMES), FRAMES))
 def test_a_forged_answer_is_told(frame: bytes, tmp_path: Path) -> None:
     code = f"outside._channel.send({frame!r}), outside._channel.receive(9)"
-    with pytest.raises(ExpansionError, match=r"r\.xacro: error: its expansion broke off \(it answ"):
+    with pytest.raises(ExpansionError, match=r"r\.xacro: error: its expansion stopped \(the exp"):
         run_in_xacro(tmp_path / "r.xacro", [code], False)
 
 
@@ -317,7 +317,7 @@ def test_variables_are_those_that_are_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = xacro(tmp_path / "r.urdf.xacro", link("base", "$(optenv BOT_MASS 3)"))
-    note = 'environment variable "BOT_MASS" is not shown to the file; add env:BOT_MASS:=VALUE if'
+    note = 'environment variable "BOT_MASS" is hidden from the file; add env:BOT_MASS:=VALUE if'
     monkeypatch.setenv("BOT_MASS", "5")
     found = expand(path)
     assert '<mass value="3"/>' in found.text
@@ -337,8 +337,8 @@ def test_a_variable_that_nobody_gives_is_told(
     with pytest.raises(ExpansionError) as caught:
         rpctl.load(path)
     assert str(caught.value) == (
-        f'{path}:3: error: xacro: environment variable "BOT_MASS" has no value, for a file sees '
-        "none of yours; add env:BOT_MASS:=VALUE"
+        f'{path}:3: error: xacro: environment variable "BOT_MASS" has no value, as the file '
+        "cannot read your environment; add env:BOT_MASS:=VALUE"
     )
 
 
@@ -363,7 +363,7 @@ def test_what_a_system_lacks_is_told_before_expanding(
     assert said == [0, 1]
     assert finding.severity == "warning"
     assert finding.message == (
-        "this system cannot keep the file's expressions from reading and writing your files or "
-        "starting processes or using the network; expand only what you trust"
+        "this system cannot prevent the file's expressions from reading and writing your files "
+        "or starting processes or using the network; expand only files that you trust"
     )
     assert caplog.messages == [f"{path}: warning: {finding.message}"]

@@ -253,5 +253,7 @@ def test_a_fixed_base_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_robot_that_leans_is_refused_with_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(rpctl.RpctlError, match=r"balancer leans.*while a law balances it"):
+    with pytest.raises(
+        rpctl.RpctlError, match=r"balancer leans.*without a law, which this robot cannot"
+    ):
         export_mjcf(rpctl.load("balancer"), tmp_path / "balancer.xml")

@@ -18,8 +18,8 @@ WORDS = {  # in the sentence: what the engine does, and the setting that mends i
     "four_wheels": ("a velocity motor holds each joint still", "VELOCITY_CONTROL, force=0"),
     "tracer": ("a velocity motor holds each joint still", "VELOCITY_CONTROL, force=0"),
     "rear_steered": ("a velocity motor holds each joint still", "VELOCITY_CONTROL, force=0"),
-    "forklift": ("its supports hold the ground with friction", "drake:mu_static"),
-    "mecanum": ("solid wheels hold sideways", "roller"),
+    "forklift": ("its supports drag on the ground with friction", "drake:mu_static"),
+    "mecanum": ("solid wheels have lateral friction", "roller"),
 }
 
 

@@ -117,7 +117,10 @@ def test_other_laws(paper: Robot, law: object, dynamic: BoundedDynamic) -> None:
 def test_what_cannot_be_compiled_is_said_and_done_in_python(paper: Robot) -> None:
     config = Config(kinematic=Horizon(), run=RunSettings("line", 0.1))
     run = simulate(paper, config, backend="compiled")
-    assert any("closed in Python: the kinematic law Horizon" in note for note in run.notes)
+    assert any(
+        "ran in Python, not as machine code: the kinematic law Horizon" in note
+        for note in run.notes
+    )
     assert not simulate(paper, config).notes
 
 
@@ -197,7 +200,7 @@ def test_a_robot_that_is_lost_is_told_and_stopped_in_both(paper: Robot) -> None:
     limits = LimitOverrides({"wheel_*": 1.0})  # less than what pulls it back
     one, other = both(paper, Config(run=RunSettings("line", 4.0), limits=limits, plant=plant))
     require_same(one, other)
-    assert "closed in Python: the robot is lost" in one.notes[0]
+    assert "ran in Python, not as machine code: the robot is lost" in one.notes[0]
     assert other.notes[0] in one.notes[1]
     summary = summarize(one)
     assert summary.outcome == "lost"

@@ -57,7 +57,9 @@ def test_watcher_that_ends_it_leaves_the_samples_so_far(paper: Robot, tmp_path: 
     count = 8  # 0, 2, ..., 14 ms
     check_is_beginning(run, whole, count)
     assert run.config.run.duration == run.t[-1] == pytest.approx(0.014)
-    assert run.notes[-1] == "ended at 0.014 of 0.03 s (interrupted); what was simulated is kept"
+    assert (
+        run.notes[-1] == "ended at 0.014 of 0.03 s (interrupted); the samples until then are kept"
+    )
     again = Run.load(run.save(tmp_path / "run.npz"))
     np.testing.assert_array_equal(again.q, run.q)
     assert again.notes == run.notes
@@ -78,13 +80,15 @@ def test_sample_that_is_no_motion_ends_the_run_before_it(
 
     monkeypatch.setattr(recorder.Recorder, "add", spoilt)
     kept: list[Run] = []
-    with pytest.raises(RpctlError, match=rf"left the finite numbers at t = {whole.t[bad]:g} s"):
+    with pytest.raises(RpctlError, match=rf"the motion diverged at t = {whole.t[bad]:g} s"):
         simulate(paper, SETTINGS, ended=kept.append)
     if bad < MIN_SAMPLES:
         assert kept == []
     else:
         check_is_beginning(kept[0], whole, bad)
-        assert f"ended at {whole.t[bad - 1]:.4g} of 0.03 s (the motion left" in kept[0].notes[-1]
+        assert (
+            f"ended at {whole.t[bad - 1]:.4g} of 0.03 s (the motion diverged" in kept[0].notes[-1]
+        )
 
 
 def test_error_of_a_law_is_what_the_note_says(paper: Robot) -> None:
@@ -98,7 +102,7 @@ def test_error_of_a_law_is_what_the_note_says(paper: Robot) -> None:
     with pytest.raises(ValueError, match="no effort"):
         simulate(paper, config, ended=kept.append)
     assert kept == []  # one sample is no motion
-    note = "ended at 0.01 of 0.03 s (no effort for this); what was simulated is kept"
+    note = "ended at 0.01 of 0.03 s (no effort for this); the samples until then are kept"
 
     def later(dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         if nu[0] > 0.00149:

@@ -175,8 +175,8 @@ def test_a_run_ends_with_the_last_whole_period(paper: Robot, asked: float, ends:
     assert run.t[-1] == run.config.run.duration == pytest.approx(ends)
     assert summarize(run).duration == run.t[-1]
     message = (
-        f"a duration of {asked:g} s is no whole number of control periods of 0.002 s: the run ends "
-        f"at {ends:g} s",
+        f"a duration of {asked:g} s is not a whole number of control periods of 0.002 s: the run "
+        f"ends at {ends:g} s",
     )
     assert run.notes == (() if asked == ends else message)
 

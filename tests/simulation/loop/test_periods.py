@@ -30,9 +30,9 @@ def test_they_count_as_decimals_do(period: str) -> None:
 def test_what_is_simulated_is_told() -> None:
     run = RunSettings(duration=1.0, control_period=0.3)
     ends, late = run_notes(Config(run=run, plant=Plant(delay=0.5)))
-    said = "is no whole number of control periods of"
+    said = "is not a whole number of control periods of"
     assert ends == f"a duration of 1 s {said} 0.3 s: the run ends at 0.9 s"
-    assert late == f"a delay of 0.5 s {said} 0.3 s: 0.6 s are simulated"
+    assert late == f"a delay of 0.5 s {said} 0.3 s: the plant delays by 0.6 s"
     assert run_notes(Config(run=run, plant=Plant(delay=0.5)), whole=False) == (late,)
 
 

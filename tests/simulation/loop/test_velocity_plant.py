@@ -190,7 +190,9 @@ def test_a_lag_costs_less_than_a_millimetre(
         assert (good.rms_end_effector_error or 0.0) < 1e-3
         assert good.rms_base_error < bad.rms_base_error < 5e-3
         assert duration < 5.0 or (bad.settled_base_error or 1.0) < 1e-3
-        assert any("follows its speeds otherwise than told" in note for note in blind.notes)
+        assert any(
+            "follows its speeds differently from the settings" in note for note in blind.notes
+        )
         assert not any("otherwise" in note for note in best.notes)
 
 
@@ -202,7 +204,7 @@ def test_the_plant_may_be_later_than_its_controller_knows(paper: Robot) -> None:
     assert np.flatnonzero(run.nu[:, 1])[0] == 5  # .05 s, .04 s, and it is seen a sample later
     note = next(each for each in run.notes if "speeds" in each)
     assert "a lag of 0.15 s and a dead time of 0.05 s" in note
-    assert "takes them to be followed with a lag of 0.1 s and a dead" in note
+    assert "assumes that the robot follows them with a lag of 0.1 s and a dead" in note
     assert "; omega with a lag of 0.2 s and a dead" in note
 
 

@@ -222,7 +222,7 @@ def test_facts_that_are_none_are_refused(robot: Robot) -> None:
     around, (t, q) = surroundings(robot, OBSTACLES), motion(robot, 1, 20)
     facts = find_collisions(around, t, q)
     for wrong in ({"times": facts.times[1:]}, {"series": facts.series[1:]}):
-        with pytest.raises(RpctlError, match="one distance a time, for each thing"):
+        with pytest.raises(RpctlError, match="one distance per time, for each thing"):
             dataclasses.replace(facts, **wrong)
 
 

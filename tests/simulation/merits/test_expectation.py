@@ -108,7 +108,7 @@ def test_the_sentence() -> None:
     assert cart.sentence == f"{head}, 0.12 s (34 mm) behind at most"
     assert cart.to_dict()["sentence"] == cart.sentence
     assert cart.to_dict()["base_path"]["rms"] == 0.0031
-    stays = "; the error stays"
+    stays = "; the error does not decay"
     arm = replace(cart, end_effector_path=path(0.07), outcome="stuck")
     assert arm.sentence == f"{head} (end effector 70 mm), 0.12 s (34 mm) behind at most{stays}"
     assert replace(arm, outcome="collided").sentence.endswith(" behind at most; collided")

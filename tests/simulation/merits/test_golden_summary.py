@@ -50,7 +50,7 @@ def test_figures_of_a_run(golden: Run) -> None:
     }
     assert {name: summary.to_dict()[name] for name in figures} == pytest.approx(figures, rel=1e-12)
     assert summary.energy_sentence == (
-        "the actuators did 4 J of work; damping, friction and stops took 3 J"
+        "the actuators did 4 J of work; damping, friction and stops dissipated 3 J"
     )
     assert summarize(vary(golden, lost=np.zeros(COUNT))).energy_sentence is None
     assert summary.max_effort_joint == "swing_joint"
@@ -255,7 +255,7 @@ def test_what_the_ground_does(
 
 def test_a_split_of_the_load_that_is_assumed_is_told(golden: Run) -> None:
     summary = summarize(vary(golden, contacts=("a", "b", "c", "d"))).ground.sentence
-    assert str(summary).endswith("friction 0.7 (4 contacts, taken as equally stiff)")
+    assert str(summary).endswith("friction 0.7 (4 contacts, assumed equally stiff)")
 
 
 def test_ground_without_a_balance(golden: Run) -> None:

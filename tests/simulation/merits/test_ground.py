@@ -46,7 +46,7 @@ def test_slip_load_and_tilt(robot: Robot) -> None:
     assert found.max_tilt == pytest.approx(math.radians(2.0))
     assert found.sentence == (
         f"{found.slipping_wheel} slipped most, 5 mm/s at {run.t[3]:.3g} s; "
-        f"{run.ground.contacts[0]} lifted; it leant 2° at most"
+        f"{run.ground.contacts[0]} lifted; it leaned 2° at most"
     )
 
 
@@ -65,8 +65,8 @@ def test_a_wheel_that_hangs_says_so_and_does_not_slip(robot: Robot) -> None:
     assert found is not None
     assert (found.lifted, found.hanging) == ((wheels[0], wheels[1]), (wheels[0],))
     assert found.sentence == (
-        f"{wheels[1]} slipped most, 2 mm/s at {run.t[3]:.3g} s; {wheels[0]} bore nothing from the "
-        f"start: the others carry the robot; {wheels[1]} lifted"
+        f"{wheels[1]} slipped most, 2 mm/s at {run.t[3]:.3g} s; {wheels[0]} carried no load "
+        f"from the start: the other wheels carry the robot; {wheels[1]} lifted"
     )
 
 

@@ -59,8 +59,8 @@ def test_ground_where_the_split_is_not_known(run: Run) -> None:
     assert figures.ground.equal_springs_slip_ratio == 0.2
     assert figures.ground.would_slip is figures.ground.could_slip is False
     assert str(figures.ground.sentence).endswith(
-        "and uses 12 to 31 % of the grip at friction 0.7, as the load splits "
-        "(20 % if its 4 contacts are equally stiff)"
+        "and uses 12 to 31 % of the grip at friction 0.7, depending on how the contacts share "
+        "the load (20 % if its 4 contacts are equally stiff)"
     )
     assert figures.ground.contact_loads == tuple(
         LoadRange(name, least, most)
@@ -80,8 +80,8 @@ def test_ground_where_the_split_is_not_known(run: Run) -> None:
             0.12,
             np.inf,
             False,
-            "uses at least 12 % of the grip at friction 0.7, without an upper bound, as a wheel "
-            "that pushes may bear nothing (20 % if its 4 contacts are equally stiff)",
+            "uses at least 12 % of the grip at friction 0.7, with no upper bound, as a wheel "
+            "that drives may carry no load (20 % if its 4 contacts are equally stiff)",
         ),
     ],
 )
@@ -111,7 +111,7 @@ def test_ground_of_a_robot_that_tips_all_the_time(run: Run) -> None:
     assert figures.ground.would_tip is True
     ground = figures.ground
     assert (ground.slip_ratio_range, ground.contact_loads, ground.would_slip) == (None, None, None)
-    assert str(figures.ground.sentence).endswith("at worst, and nothing can be said of its grip")
+    assert str(figures.ground.sentence).endswith("at worst, and its grip cannot be computed")
 
 
 def test_a_run_that_logged_no_ranges_tells_of_one_split(run: Run) -> None:

@@ -114,7 +114,7 @@ def test_a_fall_turns_height_into_speed(name: str) -> None:
 
 def test_props_are_refused() -> None:
     robot = leaning("balancer")
-    with pytest.raises(RpctlError, match="leans on two wheels, which props would take"):
+    with pytest.raises(RpctlError, match="leans on two wheels, so props would hold"):
         LeaningMotion(robot, ContactSettings(props=True), MU, placed(robot, 0.0))
 
 

@@ -47,7 +47,7 @@ def test_own_simulator_gets_the_efforts_and_gives_the_measurements(paper: Robot)
     assert "a simulator of the user's, Mine, moved the robot" in run.notes
     assert not rpctl.summarize(run).nominal
     assert run.config.plant == Plant(kind="own")  # what a file can say
-    with pytest.raises(RpctlError, match="which no file can hold"):
+    with pytest.raises(RpctlError, match="which a file cannot store"):
         rpctl.track(paper, "circle", duration=0.2, plant=run.config.plant, collisions=False)
 
 

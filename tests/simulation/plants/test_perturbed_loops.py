@@ -50,7 +50,7 @@ def test_a_file_says_all_of_it(tmp_path: Path) -> None:
         "plant.encoder_bits: is 12.0; give a whole number",
         "did you mean mass",
         "plant.sensor_bias.speed: is True; give a number",
-        "plant.wrenches[1]: lacks link",
+        "plant.wrenches[1]: misses link",
     ):
         assert part in str(found.value)
 
@@ -131,5 +131,5 @@ def test_odometry_believes_the_radii_that_it_knows(paper: Robot) -> None:
     ],
 )
 def test_who_takes_speeds_has_no_efforts_to_saturate(paper: Robot, plant: Plant) -> None:
-    with pytest.raises(RpctlError, match="is of robots that take efforts"):
+    with pytest.raises(RpctlError, match="applies to robots that take efforts"):
         track(paper, "line", duration=0.1, plant=plant, output="velocity", collisions=False)

@@ -62,8 +62,8 @@ def test_the_delay_logged_is_the_one_simulated(paper: Robot, delay: float, sampl
     np.testing.assert_array_equal(run.tau[samples:], sent[:-samples])
     assert run.config.plant.delay == pytest.approx(samples * 0.002)
     notes = (
-        f"a delay of {delay:g} s is no whole number of control periods of 0.002 s: "
-        f"{samples * 0.002:g} s are simulated",
+        f"a delay of {delay:g} s is not a whole number of control periods of 0.002 s: "
+        f"the plant delays by {samples * 0.002:g} s",
     )
     assert run.notes == (() if delay == 0.01 else notes)
 
@@ -127,7 +127,7 @@ def test_samples_that_never_arrive_leave_the_efforts_on(paper: Robot) -> None:
     distance = np.linalg.norm(runs[0].log.base - runs[2].log.base, axis=1)
     assert 0.0 < distance.max() < 1e-3
     for share in (-0.1, 1.0, np.nan):
-        with pytest.raises(RpctlError, match="give a share from 0 to less than 1"):
+        with pytest.raises(RpctlError, match="give a fraction from 0 to less than 1"):
             Plant(dropped=share)
 
 

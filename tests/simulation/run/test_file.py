@@ -180,7 +180,7 @@ WRONG: tuple[tuple[str, Any, str], ...] = (
     ("robot.name", "a" * 100_001, "a text of at most"),
     ("robot.locked", {"a": INF}, "must be a finite number"),
     ("robot.density", 0.0, "positive numbers"),
-    ("robot.quasi_velocities", ["v"] * 4, "none of them twice"),
+    ("robot.quasi_velocities", ["v"] * 4, "a list of distinct names"),
     ("robot.units.0", "deg", "give one of rad, m"),
     ("robot.units", ["rad"], "as long as joint_names"),
     ("robot.effort_limits.0", NAN, "must be a finite number"),
@@ -228,11 +228,11 @@ def test_right_values_near_wrong_ones_are_right(parts: Parts, tmp_path: Path) ->
 
 def test_json_is_strict(parts: Parts, tmp_path: Path) -> None:
     for old, new, wanted in (
-        ('"robot": ', '"robot": "x", "robot": ', '"robot" is there twice'),
+        ('"robot": ', '"robot": "x", "robot": ', '"robot" occurs twice'),
         ('"wall_time": ', f'"wall_time": {"9" * 19}, "x": ', "a whole number of 19 digits"),
         ('"wall_time": ', f'"wall_time": {"1" * 5000}, "x": ', "a whole number of 5000 digits"),
         ('"wall_time": ', '"wall_time": 1e999, "x": ', "must be a finite number"),
-        ("{", "[{", "no JSON of a run"),
+        ("{", "[{", "not JSON of a run"),
         ('{"schema"', "[" * 100_000 + '{"schema"', "nested deeper than 24"),
     ):
         text = parts.text().replace(old, new, 1)
@@ -242,11 +242,11 @@ def test_json_is_strict(parts: Parts, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "wanted"),
     [
-        (lambda t: t[::-1], '"t" does not run'),
-        (lambda t: t * 0.0, '"t" does not run'),
-        (lambda t: np.where(t == t[3], t[4], t), '"t" does not run'),
-        (lambda t: np.where(t == t[3], NAN, t), '"t" holds other than finite numbers'),
-        (lambda t: np.where(t == t[-1], 2 * MAX_NUMBER, t), '"t" holds other than finite'),
+        (lambda t: t[::-1], '"t" does not increase'),
+        (lambda t: t * 0.0, '"t" does not increase'),
+        (lambda t: np.where(t == t[3], t[4], t), '"t" does not increase'),
+        (lambda t: np.where(t == t[3], NAN, t), '"t" has numbers that are not finite'),
+        (lambda t: np.where(t == t[-1], 2 * MAX_NUMBER, t), '"t" has numbers that are not finite'),
     ],
 )
 def test_time_runs(
@@ -295,20 +295,20 @@ def test_entries_are_those_of_a_run(parts: Parts, tmp_path: Path) -> None:
     cases: tuple[tuple[list[tuple[str, bytes]], str], ...] = (
         ([header, t, q], "missing or not known: active_limits, base_ref"),
         ([t, q, *rest], "not a run of rpctl"),
-        ([header, t, q, q, *rest], 'entry "q" is there twice'),
-        ([header, header, t, q, *rest], 'entry "header" is there twice'),
+        ([header, t, q, q, *rest], 'entry "q" occurs twice'),
+        ([header, header, t, q, *rest], 'entry "header" occurs twice'),
         ([header, t, q, *rest, ("x.npy", npy(np.zeros(26)))], "missing or not known: x"),
-        ([header, t, q, ("../x.npy", b"")], 'entry "../x.npy" is no array'),
-        ([header, t, q, ("x.txt", b"")], 'entry "x.txt" is no array'),
-        ([header, t, ("q.npy", objects.getvalue())], '"q": no array of numbers'),
-        ([header, t, ("q.npy", with_header(q[1], evil))], '"q": no array of numbers'),
+        ([header, t, q, ("../x.npy", b"")], 'entry "../x.npy" is not an array'),
+        ([header, t, q, ("x.txt", b"")], 'entry "x.txt" is not an array'),
+        ([header, t, ("q.npy", objects.getvalue())], '"q" is not an array of numbers'),
+        ([header, t, ("q.npy", with_header(q[1], evil))], '"q" is not an array of numbers'),
         ([header, t, ("q.npy", with_header(q[1], taller))], "its size is not that of its"),
         ([header, t, ("q.npy", q[1] + b"\0")], "its size is not that of its"),
         ([header, t, ("q.npy", q[1][:-1])], "its size is not that of its"),
-        ([header, t, ("q.npy", b"\x93NUMPY\x01\x00\xff\xff")], "no array of numbers"),
-        ([("header.npy", npy(np.zeros(3))), t, q, *rest], 'entry "header": no array'),
-        ([("header.npy", npy(np.array("{}"))), t, q, *rest], 'entry "header": no array'),
-        ([("header.npy", npy(np.frombuffer(b"[]", np.uint8))), t, q], "no JSON of a run"),
+        ([header, t, ("q.npy", b"\x93NUMPY\x01\x00\xff\xff")], "not an array of numbers"),
+        ([("header.npy", npy(np.zeros(3))), t, q, *rest], 'entry "header" is not an array'),
+        ([("header.npy", npy(np.array("{}"))), t, q, *rest], 'entry "header" is not an array'),
+        ([("header.npy", npy(np.frombuffer(b"[]", np.uint8))), t, q], "not JSON of a run"),
     )
     for members, wanted in cases:
         assert wanted in refusal(zipped(members), tmp_path / "run.npz")
@@ -338,9 +338,9 @@ def test_a_file_takes_no_more_memory_than_a_run(
     long = zipped([("header.npy", npy(np.zeros(1_000_000, np.uint8))), t, *rest])
     monkeypatch.setattr(file, "MAX_HEADER", 900_000)
     for data, most, wanted in (
-        (large, 1_000_000, "bytes, over 1000000; if it is meant, set RPCTL_MAX_RUN_BYTES"),
+        (large, 1_000_000, "bytes, over 1000000; to allow it, set RPCTL_MAX_RUN_BYTES"),
         (long, 10_000_000, 'entry "header": over 900000 bytes'),
-        (directory_of(50_000), 10_000_000, "a directory of entries that no array file has"),
+        (directory_of(50_000), 10_000_000, "a table of contents that is not that of an array file"),
     ):
         monkeypatch.setenv("RPCTL_MAX_RUN_BYTES", str(most))
         tracemalloc.start()

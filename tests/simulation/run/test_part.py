@@ -105,7 +105,7 @@ def test_whenever_it_is_killed_what_was_written_is_a_run(paper: Robot, tmp_path:
         check_same(run, whole, written)
         end = (written - 1) * PERIOD
         assert run.notes[-1] == (
-            f"ended early at t = {end:.4g} of 0.06 s; what was simulated until then is kept"
+            f"ended early at t = {end:.4g} of 0.06 s; the samples until then are kept"
         )
         assert run.config.run.duration == run.t[-1] == pytest.approx(end)
     assert rpctl.summarize(run).duration == pytest.approx(end)
@@ -154,7 +154,7 @@ def test_a_full_disk_does_not_end_the_run(
     run = spooled(paper, tmp_path / "run.part")
     assert calls == ["header.json", "header.json", "000000.npz", "header.json", "000001.npz"]
     assert run.notes == (
-        "a kill would have lost what was simulated: 000001.npz: cannot be written: No space left "
+        "samples could not be saved while simulating: 000001.npz: cannot be written: No space left "
         "on device",
     )
     check_same(Run.load(tmp_path / "run.part"), run, 8)
@@ -165,7 +165,7 @@ def test_two_simulations_do_not_share_a_folder(paper: Robot, tmp_path: Path) -> 
 
     def watch(sample: LoopSample) -> None:
         if sample.t > 0.05:
-            with pytest.raises(RpctlError, match="another simulation is writing there; wait"):
+            with pytest.raises(RpctlError, match="another simulation writes to this folder; wait"):
                 PartWriter(part)
             refused.append(sample.t)
 
@@ -183,8 +183,8 @@ def test_an_older_part_is_set_aside_and_never_mixed(paper: Robot, tmp_path: Path
     for folder, run in (("run.part-1", older), ("run.part-2", newer), ("run.part", newest)):
         assert Run.load(tmp_path / folder).config == run.config
     assert newest.notes == (
-        f"{tmp_path}/run.part-2 keeps what an earlier simulation left when it was stopped: look "
-        "at it, then remove it",
+        f"{tmp_path}/run.part-2 holds the samples of an earlier simulation that was "
+        "stopped: view it, then remove it",
     )
 
 
@@ -269,7 +269,7 @@ DAMAGES: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "meta lacks": ("header.json.*lacks robot", lambda p: remeta(p, robot="drop")),
     "meta wrong": ("header.json.*notes", lambda p: remeta(p, notes=3)),
     "limits": ('0000.*"active_limits" does not fit', lambda p: remeta(p, bound_limits=[])),
-    "order": ('"t" does not run', lambda p: shutil.copy(p / "000002.npz", p / "000001.npz")),
+    "order": ('"t" does not increase', lambda p: shutil.copy(p / "000002.npz", p / "000001.npz")),
     "truncated": (
         "000001.npz: damaged",
         lambda p: os.truncate(p / "000001.npz", (p / "000001.npz").stat().st_size // 2),

@@ -138,7 +138,7 @@ def test_a_pipe_at_the_path_is_not_waited_for(cart_with_mesh: Run, tmp_path: Pat
 
 def test_a_run_cannot_claim_another_urdf(cart_with_mesh: Run) -> None:
     urdf = str(cart_with_mesh.robot.urdf)
-    with pytest.raises(RunFileError, match="is not the one that it tells of"):
+    with pytest.raises(RunFileError, match="does not match the hash in the run"):
         vary(cart_with_mesh, urdf=urdf.replace('"10"', '"11"')).load_robot()
 
 

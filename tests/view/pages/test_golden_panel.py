@@ -118,8 +118,10 @@ def test_panel_of_a_run(golden: Run) -> None:
     assert {label: setting_rows.get(label) for label in expected} == expected
     assert not {"Gain k, 1/s", "Weights"} & set(setting_rows)
     assert badges(page) == [("good", "late"), ("good", "within limits"), ("good", "verified")]
-    assert "<li>Late: too short a run to tell: base is up to 102 mm from its reference" in page
-    assert "<li>The model follows itself: the simulated robot is the one that" in page
+    assert (
+        "<li>Late: the run is too short to judge: base is up to 102 mm from its reference" in page
+    )
+    assert "<li>Ideal plant: the simulated robot equals the" in page
     assert "Worst of 7 random states, seed 3." in page
     assert "On the ground: keeps 0.12 m from tipping" in page
     bound = "slide_joint upper position limit bound from 0.1 s, at (0.00, 0.02) m, 0.17 s in all."

@@ -169,7 +169,7 @@ def test_what_is_before_a_law_and_what_the_plant_does_is_told(paper_run: Run) ->
     plain = setting_texts(replace(paper_run, config=Config(), law_sentences=()))
     assert (plain["Leash (m, rad)"], plain["Approach (m, rad)"]) == ("0.3, 1", "0.5, 0.8")
     assert plain["Model of the period's middle"] == "yes"
-    absent = {"Gains", "Delay, s", "Samples dropped, of 1", "Computing time, s"}
+    absent = {"Gains", "Delay, s", "Fraction of samples dropped", "Computing time, s"}
     absent |= {"Reference retimed"}
     assert not absent & plain.keys()
     config = Config(
@@ -183,6 +183,6 @@ def test_what_is_before_a_law_and_what_the_plant_does_is_told(paper_run: Run) ->
     told = {
         "Joints' horizon h, s": "0.3", "Joints' gain k, 1/s": "7", "Gains": "5 Hz",
         "Reference smoothed by, m": "0.01", "Reference retimed": "yes",
-        "Delay, s": "0.004", "Samples dropped, of 1": "0.3", "Computing time, s": "0.006",
+        "Delay, s": "0.004", "Fraction of samples dropped": "0.3", "Computing time, s": "0.006",
     }  # fmt: skip
     assert {label: rows.get(label) for label in told} == told

@@ -243,7 +243,7 @@ def test_the_page_shows_settings_that_were_found() -> None:
 def test_a_study_of_one_setting_and_one_kind_of_run_has_a_page() -> None:
     bare = result(maps=(), sensitivities=(), worst=())
     page = study.study_page(bare).decode()
-    assert "What matters to each merit" not in page
+    assert "Influence on each merit" not in page
     assert "Worst runs" not in page
 
 
@@ -264,8 +264,8 @@ def test_the_picture_has_a_panel_for_each_thing_that_was_found() -> None:
     assert [title for title in titles if title] == [
         "Base error over time",
         "Base error, rms",
-        "Median over what matters most",
-        "What matters: base error, rms",
+        "Median over the two most influential parameters",
+        "Influence on base error, rms",
     ]
 
 

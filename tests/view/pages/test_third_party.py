@@ -80,7 +80,7 @@ def test_a_meshcat_that_is_not_the_known_one_goes_into_no_page(
                        "'meshcat==0.3.2'"):  # fmt: skip
         robot_page(cart)
     file.unlink()
-    with pytest.raises(RpctlError, match=f"{name} is not there; run: pip install 'meshcat==0.3.2'"):
+    with pytest.raises(RpctlError, match=f"{name} is missing; run: pip install 'meshcat==0.3.2'"):
         robot_page(cart)
     monkeypatch.setattr(third_party, "find_spec", lambda name: None)
     with pytest.raises(RpctlError, match="meshcat or its"):

@@ -72,4 +72,4 @@ def test_wheels_that_hang_are_told() -> None:
     figures = {c.key: hangs if sum(dict(c.levels).values()) < 0.0 else GOOD for c in found.cells}
     figure = stress_figure(report_of(found, figures, 0.01))
     (legend,) = figure.legends
-    assert "radius -3, -2, -1 %: wheel bear nothing" in legend.get_title().get_text()
+    assert "radius -3, -2, -1 %: wheel carry no load" in legend.get_title().get_text()

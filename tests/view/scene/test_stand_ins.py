@@ -86,14 +86,14 @@ def test_collision_shape_stands_in_where_it_is(tmp_path: Path) -> None:
     assert sum(part.stands_in for part in bodies.parts) == 1
     gone, instead = bodies.notes
     assert 'mesh "gone.stl" of link "mast" is not drawn: no such file' in gone
-    assert instead.endswith("in the place of missing meshes: the collision shape of mast")
+    assert instead.endswith("in place of missing meshes: the collision shape of mast")
 
 
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
         ("package://nowhere/mast.stl", None, 'package "nowhere" was not found'),
-        ("mast.blend", b"BLENDER", "refused: a mesh ends in"),
+        ("mast.blend", b"BLENDER", "refused: the name of a mesh must end in"),
         ("mast.stl", b"version https://git-lfs.github.com/spec/v1\noid sha256:1\n", "git lfs pull"),
         ("mast.dae", b"<COLLADA", "not readable"),
         ("mast.stl", b"", "not readable|no triangles"),

@@ -113,7 +113,7 @@ def test_robot_goes_where_its_page_says_and_says_how_near_it_came(paper: Robot) 
         assert post(url, json.dumps({**FINE, "goal": [0, 0, 0, 0]}).encode())[0] == 409
         assert post(url, json.dumps(FINE).encode(), GO) == (200, b"")
         status, text = post(url, json.dumps(FINE).encode(), GO)
-        assert (status, text) == (409, b"the robot is on its way already; stop it first")
+        assert (status, text) == (409, b"the robot is already moving; stop it first")
         kinds, end = until_end(url)
         assert kinds[0] == "begin"
         assert kinds.count("frame") == kinds.count("figures") > 20

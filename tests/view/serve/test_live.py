@@ -142,7 +142,8 @@ def test_simulation_that_is_watched_and_ended_leaves_its_run(how: str, tmp_path:
     assert process.returncode == 130
     kept, last = error.splitlines()
     assert re.fullmatch(
-        r"ended at 0\.\d+ of 600 s \(interrupted\); what was simulated is kept: out/report.html",
+        r"ended at 0\.\d+ of 600 s \(interrupted\); the samples until then are kept: "
+        r"out/report.html",
         kept,
     )
     assert last == "interrupted"
