@@ -41,7 +41,7 @@ START_S = 120.0  # s that a process may take to load and to make its planner; 2 
 PARENT_S = 1.0  # s between two looks at whether the parent lives
 LONG = 2**30  # bytes: no message is longer
 PIECE = 2**16  # bytes that a pipe takes at once
-HUNG = 5.0  # horizons without an answer: a busy machine may take more than one
+HUNG = 4.0  # times what a plan reads without an answer: a busy machine may take more than one
 NICENESS = 5  # of a process that plans
 KEPT_S = 1.0  # s of the past that a reference is kept for
 
