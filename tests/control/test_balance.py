@@ -11,6 +11,7 @@ from rpctl import Plant, ReducedDynamics, Wrench
 from rpctl.control.balance import Balance
 from rpctl.control.law import LeaningCommand, Rest
 from rpctl.control.steady_motion import ERRORS, Posture, sampled
+from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.simulation.config import Config
 from rpctl.simulation.plants.starting import start_motion
@@ -132,6 +133,22 @@ def test_it_leans_by_three_tenths_to_mend_its_place(name: str) -> None:
     leant, share = 0.3 * design.K[:, ERRORS], design.leans_less(x, outer)
     asked = design.K[:, outer] @ x[outer]
     assert np.linalg.norm(share * asked) == pytest.approx(np.linalg.norm(leant))
+
+
+def test_another_reference_is_looked_ahead_at_at_once() -> None:
+    """As by a regulator that never knew the one before."""
+    robot = leaning("balancer")
+    dynamics, law = ReducedDynamics(robot), Balance(lateness=0.0)
+    wish = UnifiedKinematic().start(dynamics, PERIOD)
+    line, eight = (rpctl.load_reference(robot, name) for name in ("line", "eight"))
+    q, nu = robot.state(twist=(0.3, 0.0, 0.0), rates={"shoulder_joint": 0.0}, tilt=0.0)
+    found = []
+    for references in ((line, eight), (eight,)):
+        controller = law.start(dynamics, PERIOD)
+        for reference in references:
+            efforts = controller(dynamics, q, nu, wish(dynamics, reference, 1.0, q, nu))
+        found.append(efforts.tau)
+    assert found[0] == pytest.approx(found[1], abs=1e-9)
 
 
 def test_a_bicycle_goes_in_a_circle_from_the_start_however_late_it_is() -> None:
