@@ -38,6 +38,7 @@ from rpctl.control.steady_motion import ERRORS, Posture, SteadyMotion, sampled
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import UnfitLawError
 from rpctl.files.records import POSITIVE, Record, Setting
+from rpctl.reference.motion import Reference
 
 SPEEDS = (-4.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
 SLACK = 100.0  # times: a robot that only stays up may be so much further off its place
@@ -215,6 +216,7 @@ class BalanceController(ReportsNothing):
         self._steady: SteadyMotion | None = None
         self._ahead: deque[SteadyMotion] = deque(maxlen=AHEAD + 2)
         self._last = 0  # step of the last of these
+        self._followed: Reference | None = None
         self._looked: int | None = None  # step of the first, as it was looked at last
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
@@ -259,8 +261,10 @@ class BalanceController(ReportsNothing):
         """
         posture, (step, share) = self._posture, divmod(goal.t / AHEAD_STEP, 1.0)
         first = int(step)
-        if not 0 <= first - (self._last + 1 - len(self._ahead)) <= len(self._ahead):
+        known = 0 <= first - (self._last + 1 - len(self._ahead)) <= len(self._ahead)
+        if not known or goal.reference is not self._followed:
             self._ahead.clear()
+            self._followed = goal.reference
         if not self._ahead:
             self._looked, self._last = None, first
             state = posture.possible(goal.reference(first * AHEAD_STEP))

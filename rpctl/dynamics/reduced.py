@@ -250,7 +250,14 @@ class ReducedDynamics:
     def stepped(
         self, q: Array, nu: Array, tau: Array, dt: float
     ) -> tuple[Array, Array, float, float] | None:
-        """Return q, ν, work and loss after a step, where machine code has them; else None."""
+        """Return q, ν, work and loss after a step, where machine code has them; else None.
+
+        Args:
+            q: Configuration (nq,).
+            nu: Quasi-velocities (dof,).
+            tau: Actuator efforts (n_act,), N·m or N.
+            dt: Step, s.
+        """
         return None
 
     def _not_finite(self, q: Array, nu: Array) -> RpctlError:

@@ -11,6 +11,7 @@ from rpctl import Plant, ReducedDynamics, Wrench
 from rpctl.control.balance import Balance, mended
 from rpctl.control.law import LeaningCommand, Rest
 from rpctl.control.steady_motion import ERRORS, Posture, sampled
+from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.simulation.config import Config
 from rpctl.simulation.plants.starting import start_motion
@@ -158,6 +159,22 @@ def test_no_cunning_of_several_motors_keeps_legs_up() -> None:
         for loop in [(upright + mending) @ np.linalg.solve(np.exp(1j * w * PERIOD) * one - F, G)]
     )
     assert least > 0.14
+
+
+def test_another_reference_is_looked_ahead_at_at_once() -> None:
+    """As by a regulator that never knew the one before."""
+    robot = leaning("balancer")
+    dynamics, law = ReducedDynamics(robot), Balance(lateness=0.0)
+    wish = UnifiedKinematic().start(dynamics, PERIOD)
+    line, eight = (rpctl.load_reference(robot, name) for name in ("line", "eight"))
+    q, nu = robot.state(twist=(0.3, 0.0, 0.0), rates={"shoulder_joint": 0.0}, tilt=0.0)
+    found = []
+    for references in ((line, eight), (eight,)):
+        controller = law.start(dynamics, PERIOD)
+        for reference in references:
+            efforts = controller(dynamics, q, nu, wish(dynamics, reference, 1.0, q, nu))
+        found.append(efforts.tau)
+    assert found[0] == pytest.approx(found[1], abs=1e-9)
 
 
 def test_a_bicycle_goes_in_a_circle_from_the_start_however_late_it_is() -> None:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.leaning_plan import LeaningHorizon, LeaningPlan, deviation
+from rpctl.control.horizon.leaning_plan import LeaningHorizon, LeaningPlan
 from rpctl.control.horizon.planner import Asked
 from rpctl.control.horizon.process import PlanningProcess
 from rpctl.control.horizon.simulated import SimulatedPlanning
@@ -76,21 +76,19 @@ class LeaningHorizonLaw:
         if plan is None or reference is not self._made_for or acts >= plan.ends:
             self.unplanned, self._sent = self.unplanned + 1, self._idle
             return self._fallback(dynamics, reference, t, q, nu)
-        now, row, wanted = reference(t), plan.nearest(acts), plan.at(acts)
-        xi = deviation(self._law.regulator, self._posture, now, plan.at(t), q, nu)
-        for u in self._sent:
-            xi = plan.F[row] @ xi + plan.G[row] @ u
-        xi[ERRORS:] += plan.at(t) - wanted
+        asked = Asked(t, q, nu, 0.0, self._sent)
+        x = plan.deviation(self._law, self._posture, reference(t), asked)
         k, since = divmod((acts - plan.t) / plan.dt, 1.0)
-        k, first = int(k), plan.nearest(plan.t) + int(k)
-        change, bend = plan.x[k + 1] - plan.x[k], plan.tau[first + 1] - plan.tau[first]
-        aim, held = plan.x[k] + since * change, plan.tau[first] + since * bend
-        asked = held + plan.u[k] - plan.gains[k] @ (xi - aim)
-        tau = np.clip(asked, -limits, limits)
+        k, first, row = int(k), plan.nearest(plan.t) + int(k), plan.nearest(acts)
+        planned, u, gains, _ = plan.motion
+        change, bend = planned[k + 1] - planned[k], plan.tau[first + 1] - plan.tau[first]
+        aim, held = planned[k] + since * change, plan.tau[first] + since * bend
+        wished = held + u[k] - gains[k] @ (x - aim)
+        tau = np.clip(wished, -limits, limits)
         self._sent = np.vstack([self._sent, tau - held])[1:]
         change = change[ERRORS:] + plan.wanted[row + 1] - plan.wanted[row]
-        nu_d = wanted + aim[ERRORS:]  # finite as τ is, and looked at
-        binding = np.array(self._robot.actuators)[np.abs(asked) >= limits].tolist()
+        nu_d = plan.at(acts) + aim[ERRORS:]  # finite as τ is, and looked at
+        binding = np.array(self._robot.actuators)[np.abs(wished) >= limits].tolist()
         efforts = Efforts(tau, tuple(Limit(name, "effort") for name in binding))
         return EffortCommand(nu_d[-len(nu) :], change[-len(nu) :] / plan.dt, efforts)
 
@@ -120,7 +118,7 @@ class LeaningHorizonLaw:
             self.solves, self.largest_delay = (
                 self.solves + 1, max(self.largest_delay, t - self._asked_at)
             )  # fmt: skip
-            self.fallbacks += found.plan is None or not found.plan.solved
+            self.fallbacks += found.plan is None or not found.plan.motion.solved
             self._fault = self._fault or found.fault
             if found.plan is not None:
                 self._plan, self._made_for = found.plan, self._asked

@@ -36,6 +36,7 @@ MAX_REMEMBERED = 256  # of them, and of steps: those of a horizon and more
 SLOW, FORGETS = 0.1, 0.05  # m/s, 1/s: beside a reference that stands nothing brings a base back
 TOLD = 15  # steps of a plan that its follower gets: until then it has a better one
 REACH = STRIDE + 2  # steps of the reference that are read beyond a plan's end
+NOTHING = Regulated(*np.empty((3, 0)))
 LEASH = 5.0  # the base's errors are taken for less than so often what costs as much as any other
 
 
@@ -94,11 +95,6 @@ class Course:
         self.state = reference
         self.point = lru_cache(MAX_REMEMBERED)(self._point)
         self.wanted = lru_cache(MAX_REMEMBERED)(self._wanted)
-
-    def at(self, t: float) -> Array:
-        """Return what :meth:`wanted` is at a time (s)."""
-        k, share = divmod(t / self._law.dt, 1.0)
-        return np.asarray((1.0 - share) * self.wanted(int(k)) + share * self.wanted(int(k) + 1))
 
     def _point(self, k: int) -> Point:
         """Return the steady motion at k steps: between exact ones, in proportion."""
@@ -163,29 +159,16 @@ class LeaningPlan(NamedTuple):
     t: float  # s, when it begins
     dt: float  # s
     first: int
-    solved: bool  # whether it is the solution; else no bound is kept
     wanted: Array  # (rows, n − 3), as Course.wanted
     tau: Array  # (rows, m) efforts of the steady motions
     F: Array  # (rows, n, n) of a control period
     G: Array  # (rows, n, m)
-    x: Array  # (steps + 1, n)
-    u: Array  # (steps, m)
-    gains: Array  # (steps, m, n)
-
-    @property
-    def parts(self) -> tuple[tuple[float, ...], list[Array]]:
-        """Its numbers, and its arrays; see :meth:`of`."""
-        return tuple(self[:4]), list(self[4:])
-
-    @classmethod
-    def of(cls, numbers: tuple[float, ...], arrays: list[Array]) -> LeaningPlan:
-        """Return the plan of its parts."""
-        return cls(*numbers, *arrays)  # type: ignore[arg-type]
+    motion: Regulated
 
     @property
     def ends(self) -> float:
         """When nothing is planned any more, s."""
-        return self.t + len(self.u) * self.dt
+        return self.t + len(self.motion.u) * self.dt
 
     def nearest(self, t: float) -> int:
         """Return the row that is nearest to a time (s)."""
@@ -197,24 +180,26 @@ class LeaningPlan(NamedTuple):
         row = min(max(int(k) - self.first, 0), len(self.tau) - 2)
         return np.asarray((1.0 - share) * self.wanted[row] + share * self.wanted[row + 1])
 
+    def deviation(
+        self, law: LeaningHorizon, posture: Posture, state: ReferenceState, asked: Asked
+    ) -> Array:
+        """Return x (n,) when what is sent now acts, with the base's errors on their leash.
 
-def deviation(
-    cost: Balance, posture: Posture, state: ReferenceState, wanted: Array, q: Array, nu: Array
-) -> Array:
-    """Return x (n,) as measured, with the base's errors on their leash.
-
-    Args:
-        cost: What deviations cost as much as any other.
-        posture: The robot's coordinates.
-        state: What the reference asks for.
-        wanted: Tilt, steering, arm and ν of the steady motion.
-        q: Configuration (nq,).
-        nu: Quasi-velocities (dof,).
-    """
-    base = np.array(base_error(posture.robot.base_pose(q), state.pose))
-    size = float(np.linalg.norm(base / [cost.place, cost.place, cost.heading])) / LEASH or 1.0
-    own = np.concatenate([posture.of(q), nu]) - wanted
-    return np.concatenate([np.tanh(size) / size * base, posture.short(own)])
+        Args:
+            law: The law.
+            posture: The robot's coordinates.
+            state: What the reference asks for.
+            asked: What was measured, and the efforts that do not act yet.
+        """
+        cost, acts, (t, q, nu, _, sent, _) = law.regulator, asked.t + law.lateness, asked
+        base = np.array(base_error(posture.robot.base_pose(q), state.pose))
+        size = float(np.linalg.norm(base / [cost.place, cost.place, cost.heading])) / LEASH or 1.0
+        own = posture.short(np.concatenate([posture.of(q), nu]) - self.at(t))
+        x, row = np.concatenate([np.tanh(size) / size * base, own]), self.nearest(acts)
+        for u in sent.reshape(-1, self.tau.shape[1]):
+            x = self.F[row] @ x + self.G[row] @ u
+        x[ERRORS:] += self.at(t) - self.at(acts)
+        return x
 
 
 class LeaningPlanner:
@@ -243,23 +228,19 @@ class LeaningPlanner:
 
     def __call__(self, reference: Reference, asked: Asked) -> Planned:
         """Return the plan from when efforts act that are sent now; it does not know of delays."""
-        course, (t, q, nu, _, sent, _) = self._course, asked
+        course, acts = self._course, asked.t + self._law.lateness
         if reference is not self._followed:
             self._followed = reference
             course.follow(reference)
-        acts = t + self._law.lateness
-        first = round(acts / self.dt)
-        xi = deviation(self._law.regulator, self._posture, course.state(t), course.at(t), q, nu)
-        for u in sent.reshape(-1, len(self._posture.robot.actuators)):
-            xi = course.point(first).F_brief @ xi + course.point(first).G_brief @ u
-        xi[ERRORS:] += course.at(t) - course.at(acts)
-        motion = self._solved(first, xi)
-        count, since = min(self._law.steps, TOLD), int(t // self.dt)
-        rows = range(since, first + count + 2)
+        first, since, count = round(acts / self.dt), int(asked.t // self.dt), self._law.steps
+        rows = range(since, first + min(count, TOLD) + 2)
         _, tau, *_, F, G = map(np.array, zip(*map(course.point, rows), strict=True))
         wanted = np.array([course.wanted(k) for k in rows])
-        told = motion.x[: count + 1], motion.u[:count], motion.gains[:count]
-        return Planned(LeaningPlan(acts, self.dt, since, motion.solved, wanted, tau, F, G, *told))
+        plan = LeaningPlan(acts, self.dt, since, wanted, tau, F, G, NOTHING)
+        x = plan.deviation(self._law, self._posture, course.state(asked.t), asked)
+        found = self._solved(first, x)
+        told = found.x[: TOLD + 1], found.u[:TOLD], found.gains[:TOLD]
+        return Planned(plan._replace(motion=Regulated(*told, found.solved)))
 
     def _solved(self, first: int, xi: Array) -> Regulated:
         """Return the motion from x on.

@@ -306,17 +306,6 @@ class HorizonPlan(NamedTuple):
     feedback: Feedback | None = None
 
     @property
-    def parts(self) -> tuple[tuple[float, ...], list[Array]]:
-        """Its numbers, and its arrays; see :meth:`of`."""
-        return self[:2], [self.nu, self.nu_dot, *(self.feedback or ())]
-
-    @classmethod
-    def of(cls, numbers: tuple[float, float], arrays: list[Array]) -> HorizonPlan:
-        """Return the plan of its parts."""
-        nu, nu_dot, *gain = arrays
-        return cls(*numbers, nu, nu_dot, Feedback(*gain) if gain else None)
-
-    @property
     def ends(self) -> float:
         """When nothing is planned any more, s."""
         return self.t + len(self.nu_dot) * self.dt

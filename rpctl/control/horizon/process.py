@@ -28,8 +28,7 @@ from typing import Any
 import numpy as np
 
 from rpctl.arrays import Array
-from rpctl.control.horizon.leaning_plan import LeaningPlan
-from rpctl.control.horizon.planner import Asked, HorizonPlan, Planned
+from rpctl.control.horizon.planner import Asked, Planned
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import RpctlError
 from rpctl.files.worker import LENGTH, ONE_THREAD, Channel
@@ -41,7 +40,7 @@ START_S = 120.0  # s that a process may take to load and to make its planner; 2 
 PARENT_S = 1.0  # s between two looks at whether the parent lives
 LONG = 2**30  # bytes: no message is longer
 PIECE = 2**16  # bytes that a pipe takes at once
-HUNG = 5.0  # horizons without an answer: a busy machine may take more than one
+HUNG = 4.0  # times what a plan reads without an answer: a busy machine may take more than one
 NICENESS = 5  # of a process that plans
 KEPT_S = 1.0  # s of the past that a reference is kept for
 
@@ -235,7 +234,7 @@ class PlanningProcess:
             return None
         if message is None:
             return None
-        found = planned_of(message)
+        found: Planned = pickle.loads(message)
         if not self._ready:  # the first message: no plan, or why it cannot make any
             self.fault = found.fault
             self._ready = not self.fault
@@ -274,24 +273,6 @@ def _failed(error: Exception) -> Planned:
     return Planned(None, fault=f"{type(error).__name__}: {error}")
 
 
-PLANS: dict[str, Any] = {plan.__name__: plan for plan in (HorizonPlan, LeaningPlan)}
-
-
-def message_of(planned: Planned) -> bytes:
-    """Return a plan as Python's own format has it, which a sample reads soonest."""
-    plan, *figures, fault = planned
-    numbers, arrays = ((), []) if plan is None else plan.parts
-    told = [(each.shape, each.tobytes()) for each in arrays]
-    return marshal.dumps((type(plan).__name__, numbers, told, *map(float, figures), fault))
-
-
-def planned_of(message: bytes) -> Planned:
-    """Return what :func:`message_of` was given; its arrays are read-only."""
-    name, numbers, told, *more = marshal.loads(message)
-    arrays = [np.frombuffer(data).reshape(shape) for shape, data in told]
-    return Planned(PLANS[name].of(numbers, arrays) if name in PLANS else None, *more)
-
-
 def main(parent: int) -> None:
     """Be the process: make a planner of the first message, then a plan of each.
 
@@ -327,7 +308,7 @@ def main(parent: int) -> None:
             except Exception as error:  # this one; the next may do
                 found = _failed(error)
             lag = found.lag if found.plan else lag
-            channel.send(message_of(found))
+            channel.send(pickle.dumps(found))
 
 
 def _planning(channel: Channel) -> Any:
@@ -336,9 +317,9 @@ def _planning(channel: Channel) -> Any:
         make, robot = pickle.loads(channel.receive(LONG))
         planning = make(ReducedDynamics(robot))
     except Exception as error:  # as of a class that the parent alone knows
-        channel.send(message_of(_failed(error)))
+        channel.send(pickle.dumps(_failed(error)))
         raise EOFError from None
-    channel.send(message_of(Planned(None)))
+    channel.send(pickle.dumps(Planned(None)))
     return planning
 
 

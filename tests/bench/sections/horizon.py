@@ -46,7 +46,7 @@ def section(quick: bool) -> Section:
         "limits bind. What is left of a sample is prediction and bookkeeping. Steps: at 500 Hz in "
         "real time, plans from a process of their own or in line; beside them the default laws, in "
         "the same run half a period later: what of their slowest steps is the machine's is so of "
-        "both. Robots that lean: processor time of a plan, one each 20 ms within a sample, over 60 "
+        "both. Robots that lean: processor time of a plan, one each 20 ms, over 60 "
         "steps; one in five linearises about a new motion."
     )
     return Section("A sample of the horizon law", rows, note)
