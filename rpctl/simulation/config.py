@@ -167,7 +167,9 @@ class RunSettings(Record):
     laps: Annotated[
         float | None,
         POSITIVE,
-        Setting("", "", "How many times to go round circle, eight or spin; default: 1.", metavar="N"),
+        Setting(
+            "", "", "How many times to go round circle, eight or spin; default: 1.", metavar="N"
+        ),
     ] = None
     log_every: Annotated[
         int | None,
