@@ -141,7 +141,7 @@ class Balance(Record):
         up = np.ones(len(F))
         up[posture.outer] = SLACK**-2
         P = cost_to_go(posture, steady, F, G, Q * up, R)
-        upright = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
+        upright = np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
         P = cost_to_go(posture, steady, F, G, Q, R)
         left = np.linalg.solve(R + G.T @ P @ G, G.T)
         K = left @ P @ F

@@ -72,7 +72,8 @@ def test_the_regulator_is_stable_however_late_it_is(name: str, late: int) -> Non
     """It foretells 10 ms; efforts come 0, 10 or 20 ms late. The poles are those of the loop."""
     posture, law = posture_of(name), Balance()
     steady = posture.steady(3.0 if name == "whipple" else 0.5, 0.0, posture.robot.home)
-    F, G, K, _ = law.design(posture, steady, PERIOD)
+    F, G, upright, mending, _ = law.design(posture, steady, PERIOD)
+    K = upright + mending
     (n, m), told = G.shape, 5
     depth = max(late, told)
     size = n + depth * m

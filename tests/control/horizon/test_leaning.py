@@ -307,7 +307,7 @@ def test_a_process_makes_the_plan() -> None:
         assert one == pytest.approx(other, rel=1e-3, abs=1e-4)
 
 
-PUSH = Wrench("base_link", (260.0, 0.0, 0.0), (0.0, 130.0, 0.0), 1.0, 1.1)
+PUSH = Wrench("base_link", (260.0, 0.0, 0.0), (0.0, 130.0, 0.0), start=1.0, end=1.1)
 
 
 @pytest.mark.slow
