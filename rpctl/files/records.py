@@ -269,7 +269,7 @@ def read_record(
             given[key] = made
     missing = [n for n in names if known[n].default is dataclasses.MISSING and n not in data]
     if missing:
-        faults.append(f"{where}: misses {', '.join(missing)}")
+        faults.append(f"{where}{': ' * bool(where)}missing: {', '.join(missing)}")
         return None
     try:
         record = kind(**given)  # even if a fault is known: there may be another

@@ -68,7 +68,7 @@ BAD: dict[str, Callable[[float, Array, Array], tuple[Any, Any, Any]]] = {
     "nu has the shape": lambda t, q, nu: (t, q, nu[:, None]),
     "are not those of an angle": lambda t, q, nu: (t, np.where(np.arange(len(q)) == 2, 0.5, q), nu),
     "entries that are not numbers: could not": lambda t, q, nu: (t, q, ["fast"] * len(nu)),
-    "no number": lambda t, q, nu: (None, q, nu),
+    "not numbers": lambda t, q, nu: (None, q, nu),
     "larger than 1e+06": lambda t, q, nu: (t, q, np.full_like(nu, 1e9)),
 }
 

@@ -130,7 +130,7 @@ for label, value, message in (
     ("comma", "1,5", 'decimal comma; write "1.5"'),
     ("unit", "1.5kg", 'leave out the unit "kg"; write "1.5"'),
     ("unit after a blank", "1.5 kg", 'leave out the unit "kg"; write "1.5"'),
-    ("xacro value", "${m}", "the file contains xacro that is not expanded"),
+    ("xacro value", "${m}", "unexpanded xacro"),
     ("hexadecimal", "0x10", "is not a number"),
     ("underscore", "1_000", "is not a number"),
     ("full-width digit", "１", "is not a number"),

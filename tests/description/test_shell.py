@@ -39,7 +39,7 @@ def _unreadable(path: Path) -> None:
 
 
 ODD: dict[str, tuple[Callable[[Path], object], str]] = {
-    "a folder": (Path.mkdir, "Is a directory"),
+    "a folder": (Path.mkdir, "this is a folder"),
     "an empty file": (Path.touch, "the file is empty"),
     "no file": (lambda path: None, "No such file or directory"),
     "not readable": (_unreadable, "Permission denied"),

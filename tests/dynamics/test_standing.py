@@ -149,7 +149,9 @@ def test_a_law_balances_nothing_beyond_the_ends_of_an_axle(
     assert f"0.0338 m beyond wheel_{'left' if aside > 0.0 else 'right'}_joint" in found.fault
     proof = rpctl.verify(rpctl.load(write(tmp_path, moved)), samples=1)
     assert (
-        not failed(proof) and not proof.passed and "which is false: its centre" in proof.scope.line
+        not failed(proof)
+        and not proof.passed
+        and "which is not true: its centre" in proof.scope.line
     )
     with pytest.raises(rpctl.RpctlError, match=r"falls over.*: its centre of mass lies 0\.0338 m"):
         rpctl.track(rpctl.load(write(tmp_path, moved)), "line", duration=0.1, collisions=False)

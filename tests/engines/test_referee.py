@@ -213,7 +213,7 @@ def test_the_command_prints_what_was_found() -> None:
     [
         (["panda"], "fixed base"),
         ([], "no robot is given"),
-        (["paper", "--catalogue"], "not both"),
+        (["paper", "--catalogue"], "either robots or --catalogue"),
         (["paper", "--engines", "odd"], "odd"),
     ],
 )

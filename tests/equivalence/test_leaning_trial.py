@@ -121,7 +121,7 @@ def test_a_certificate_has_the_trial_and_its_picture(capsys: pytest.CaptureFixtu
         ConvexHull(proof.contact.footprint)
     contact_figures(proof.contact)
     assert not says_legs_were_stiff(proof, capsys)
-    assert "taken for granted: both wheels press on the ground;" in proof.scope.line
+    assert "assumptions: both wheels press on the ground;" in proof.scope.line
 
 
 def says_legs_were_stiff(proof: rpctl.Certificate, capsys: pytest.CaptureFixture[str]) -> bool:

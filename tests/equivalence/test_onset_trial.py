@@ -157,7 +157,7 @@ def test_a_wrong_prediction_ends_the_command(monkeypatch: pytest.MonkeyPatch) ->
     words = " ".join(shown.output.split())
     assert "not verified: brakes until it slips at 100 N, predicted at 110 N" in words
     assert "+10.0 % wrong" in words
-    assert "untried drives off until it tips: it slips before" in words
+    assert "not tried drives off until it tips: it slips before" in words
     printed = json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)
     assert printed["passed"] is False
     assert printed["onset"]["onsets"][0]["verdict"] == "wrong"

@@ -166,7 +166,7 @@ def test_a_heading_across_the_way_is_told(paper: Robot, tmp_path: Path) -> None:
     ("source", "smooth", "why"),
     [
         ("a.csv", -1.0, "smooth is -1; give a positive number"),
-        ("a.csv", "much", 'smooth is "much"; give metres, as 0.01, or auto'),
+        ("a.csv", "much", 'smooth is "much"; give metres, such as 0.01, or auto'),
         ("eight", 0.01, r"smooth = 0\.01: eight has no rows to smooth"),
     ],
 )

@@ -203,7 +203,7 @@ FAULTS = {
     f"t,x,z\n{GOOD}": 'a.csv:1: error: column "z" is not known; columns are t, x, y, theta',
     f"t,x,thet\n{GOOD}": 'a.csv:1: error: column "thet" is not known; did you mean theta?',
     f"t,x\n{GOOD}": "a.csv:1: error: column y is missing beside x; add it",
-    f"t,x,x,y\n{GOOD}": 'a.csv:1: error: column "x" comes 2 times; keep one',
+    f"t,x,x,y\n{GOOD}": 'a.csv:1: error: column "x" occurs 2 times; keep one',
     f"t,theta\n{GOOD}": "a.csv:1: error: column theta needs x, y beside it; add them",
     f"t,x,y\n{GOOD}\n0.8,1": "a.csv:10: error: 2 entries, but the header has 3; complete",
     f"t,x,y\n{GOOD}\n0.8,nan,0": 'a.csv:10: error: x "nan" is not finite; give a finite number',
@@ -211,7 +211,7 @@ FAULTS = {
     f"t,x,y\n{GOOD}\n0.8,,0": "a.csv:10: error: x is empty; give a number or leave the row out",
     f"t,x,y\n{GOOD}\n0.7,1,0": "a.csv:10: error: t is 0.7 after 0.7; times must increase",
     f"# made by hand\n\nt,x,y\n{GOOD}\n0.2,1,0": "a.csv:12: error: t is 0.2 after 0.7",
-    f"t,x,y\n{GOOD}\n0.8,1e9,0": "a.csv:10: error: x is 1e+09, which is absurd",
+    f"t,x,y\n{GOOD}\n0.8,1e9,0": "a.csv:10: error: x is 1e+09, which is too large",
     f"t,x,y\n{GOOD[:25]}\n": "rows; give 6 or more",
     't,x,y\n0,"1\n2': "a.csv:2: error: not CSV: unexpected end of data in a cell with quotation",
     "t,ee_x,ee_y,ee_z,ee_qx,ee_qy,ee_qz,ee_qw\n0,1,0,1,0,0,0,2": "a.csv:2: error: the quaternion "

@@ -272,8 +272,8 @@ def test_a_robot_without_limits_is_told_what_was_assumed(tmp_path: Path, paper: 
     ("name", "wish", "why"),
     [
         ("spin", {"size": 1.0}, "size = 1: a spin has no size"),
-        ("line", {"laps": 2.0}, "laps = 2: a line does not close"),
-        ("waypoints", {"laps": 2.0}, "laps = 2: waypoints do not close"),
+        ("line", {"laps": 2.0}, "laps = 2: a line is not a closed path"),
+        ("waypoints", {"laps": 2.0}, "laps = 2: waypoints do not form a closed path"),
         ("ee-square", {"laps": 2.0}, "laps = 2: ee-square"),
         ("circle", {"size": -1.0}, "size is -1; give a positive number"),
         ("circle", {"speed": math.nan}, "speed is nan; give a positive number"),

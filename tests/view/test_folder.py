@@ -25,6 +25,7 @@ from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.run.part import PartWriter
 from rpctl.view import run_folder
 from rpctl.view.labels import JSON_KEY, mark_of
+from rpctl.view.pages.settings import GAINS
 from rpctl.view.run_folder import (
     BYTES_PER_MB,
     MADE_FILES,
@@ -87,7 +88,7 @@ def test_each_file_says_of_which_run_it_is(paper: Robot, tmp_path: Path) -> None
     report = (tmp_path / "report.html").read_bytes()
     assert report.count(digest.encode()) == 1
     assert str(escape(ignored)) in report.decode()
-    assert str(escape(gains)) in report.decode()
+    assert str(escape(gains.removeprefix(GAINS))) in report.decode()
 
 
 @pytest.fixture

@@ -190,9 +190,9 @@ def read_header(data: bytes, path: str | Path) -> Header:
     try:
         plain = read_json(data.decode())
     except ValueError as error:  # also of bytes that are no text
-        raise EntryError(f"no JSON of a run: {one_line(str(error))}") from None
+        raise EntryError(f"not JSON of a run: {one_line(str(error))}") from None
     if not isinstance(plain, dict):
-        raise EntryError("no JSON of a run")
+        raise EntryError("not JSON of a run")
     schema = plain.pop("schema", None)
     if schema != SCHEMA:
         raise RunFileError(

@@ -161,7 +161,7 @@ BAD: dict[str, tuple[bytes, str]] = {  # by name: what the file holds, and what 
         "its vertices reach 1e+30 m; at most 1e+09 m are allowed",
     ),
     "over.dae": (dae(points=_scaled(1e300)), "with valid vertices"),
-    "broken.dae": (dae()[:-100], "no XML"),
+    "broken.dae": (dae()[:-100], "not XML"),
     "far.stl": (stl(_scaled(3e38)), "its vertices reach 3e+38 m"),
     "nan.stl": (stl([(float("nan"), 0, 0), *TRIANGLE[1:]]), "vertices are not numbers"),
     "point.stl": (stl([(1, 1, 1)] * 3), "is degenerate: its only triangle has no area"),

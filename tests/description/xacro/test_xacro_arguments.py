@@ -70,7 +70,7 @@ def test_an_argument_used_too_early_has_its_default(tmp_path: Path) -> None:
     assert mass(path, "mass:=4") == 4.0
     late = '<xacro:arg name="mass" default="$(arg other)"/>'
     path = xacro(tmp_path / "s.urdf.xacro", USE, late)
-    fault = r'xacro:2: error: xacro: argument "mass" has no value; add mass:=VALUE other:=VALUE, f'
+    fault = r'xacro:2: error: xacro: argument "mass" has no value; add mass:=VALUE other:=VALUE, b'
     with pytest.raises(ExpansionError, match=fault):
         expand(path)
 

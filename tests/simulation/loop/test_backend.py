@@ -144,7 +144,7 @@ def test_plants_that_only_python_has(paper: Robot, plant: Plant, reason: str) ->
     assert refusal(paper, Config(plant=free)) is None
     assert plant_refusal(Plant(), ["plant.payload.mass", "run.jitter"]) is None
     assert "jitter" in (plant_refusal(Plant(), ["plant.jitter"]) or "")
-    assert "watched" in (refusal(paper, Config(), watched=True) or "")
+    assert "every sample" in (refusal(paper, Config(), watched=True) or "")
 
 
 def test_an_unknown_backend_is_refused(paper: Robot) -> None:

@@ -140,7 +140,7 @@ def test_the_section_tells_the_worst_and_when(paper: Robot) -> None:
     section, poles = poles_section(run, paper), loop_poles(run, paper)
     assert section is not None
     k = int(poles.decay.argmin())
-    assert f"{-poles.decay[k]:.3g} 1/s at {poles.t[k]:.3g} s" in dict(section.rows).values()
+    assert f"−{poles.decay[k]:.3g} 1/s at {poles.t[k]:.3g} s" in dict(section.rows).values()
     assert section.badges[0].good and section.curve is not None
     assert "none oscillates" in dict(section.rows).values()
     assert poles_section(run, RpctlError("gone")) is None

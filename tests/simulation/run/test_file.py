@@ -158,7 +158,7 @@ def test_every_member_and_array_is_checked(parts: Parts, tmp_path: Path) -> None
             text = refusal(parts.changed(**{name: None}).whole(), path)
             assert f"missing or not known: {name};" in text
     for name in ("robot", "config", "wall_time"):
-        assert f"lacks {name}" in refusal(changed(parts, name, KeyError), path)
+        assert f"missing: {name}" in refusal(changed(parts, name, KeyError), path)
 
 
 WRONG: tuple[tuple[str, Any, str], ...] = (
@@ -171,7 +171,7 @@ WRONG: tuple[tuple[str, Any, str], ...] = (
     ("robot.drive.wheels.0.axis.1", NAN, "must be a finite number"),
     ("robot.drive.wheels.0.driven", 1, "true or false"),
     ("robot.drive.wheels.0.colour", "red", "setting 'colour' is not known"),
-    ("robot.drive.wheels.0", {"joint": "a"}, "lacks radius, source, axis"),
+    ("robot.drive.wheels.0", {"joint": "a"}, "missing: radius, source, axis"),
     ("robot.drive.swivels", [{"joint": "a", "role": "x", "pivot": [0, 0]}], "none of steered"),
     ("robot.urdf_sha256", "0" * 63, "64 hexadecimal digits"),
     ("robot.urdf", "\ud800", "must be a text"),

@@ -266,7 +266,7 @@ DAMAGES: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "meta missing": ("header.json", lambda p: (p / "header.json").unlink()),
     "meta no text": ("header.json", lambda p: (p / "header.json").write_bytes(b"\xff\xfe")),
     "meta a list": ("header.json", lambda p: (p / "header.json").write_text("[]")),
-    "meta lacks": ("header.json.*lacks robot", lambda p: remeta(p, robot="drop")),
+    "meta lacks": ("header.json.*missing: robot", lambda p: remeta(p, robot="drop")),
     "meta wrong": ("header.json.*notes", lambda p: remeta(p, notes=3)),
     "limits": ('0000.*"active_limits" does not fit', lambda p: remeta(p, bound_limits=[])),
     "order": ('"t" does not increase', lambda p: shutil.copy(p / "000002.npz", p / "000001.npz")),

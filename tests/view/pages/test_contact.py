@@ -120,7 +120,7 @@ def test_a_gap_too_wide_is_told(trial: ContactTrial) -> None:
         robot="robot", samples=1, seed=0, checks=(), scope=SCOPE, contact=failed
     )
     page = certificate_page(certificate)
-    assert "the two paths come <strong>200 mm</strong> apart, where 100 mm is allowed" in page
+    assert "the two paths come <strong>200 mm</strong> apart, beyond the allowed 100 mm" in page
     assert '<span class="badge bad">1 of 3 gaps too wide</span>' in page
     assert '<td data-head="Residual">200 mm &gt; 100 mm ✗</td>' in page
     axes = drawn(draw_distance, failed)

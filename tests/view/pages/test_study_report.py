@@ -264,7 +264,7 @@ def test_the_picture_has_a_panel_for_each_thing_that_was_found() -> None:
     assert [title for title in titles if title] == [
         "Base error over time",
         "Base error, rms",
-        "Median over the two most influential parameters",
+        "Median over the two most\ninfluential parameters",
         "Influence on base error, rms",
     ]
 

@@ -64,7 +64,7 @@ def test_request_of_another_form_is_refused(
 
 @pytest.mark.parametrize("asked", [None, [], "go", {"goal": [0, 0, 0]}])
 def test_request_that_is_none_is_refused(paper: Robot, asked: object) -> None:
-    with pytest.raises(RpctlError, match="lacks start"):
+    with pytest.raises(RpctlError, match="missing: start"):
         read_request(paper, asked)
 
 
