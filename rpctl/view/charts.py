@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from rpctl.arrays import Array
+from rpctl.robot.leaning import MAX_TILT
 from rpctl.simulation.merits.collision_facts import GROUND, SELF
-from rpctl.simulation.merits.impossible import LYING
 from rpctl.simulation.run.run import Run
 from rpctl.view.labels import shorten
 
@@ -93,8 +93,8 @@ def _tilt(run: Run) -> list[Chart]:
         Line("pitch", "rad", pitch, 0, printed="pitch, forward"),
         Line("roll", "rad", roll, 1, printed="roll, to the right", dash=1),
     )
-    far = max(np.abs(pitch).max(), np.abs(roll).max()) < FAR_RATIO * LYING
-    limits, end = ((), f"±{LYING:g} rad") if far else ((-LYING, LYING), "the dashed lines")
+    far = max(np.abs(pitch).max(), np.abs(roll).max()) < FAR_RATIO * MAX_TILT
+    limits, end = ((), f"±{MAX_TILT:g} rad") if far else ((-MAX_TILT, MAX_TILT), "the dashed lines")
     panel = Panel("tilt", "Tilt" if far else "Tilt, limits dashed", "rad", legend="own")
     note = f"forward, and to the right; fallen beyond {end}"
     return [Chart("Tilt", "rad", lines, limits, note=note, panel=panel)]

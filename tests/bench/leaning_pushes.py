@@ -1,8 +1,9 @@
 """The largest pushes that robots that lean survive on contact, late or not, beside a plain LQR's.
 
 ``python -m tests.bench.leaning_pushes [URDF …]`` prints a table for the project's own robots and
-those of some files. A push of .1 s goes through the robot's centre of mass: ahead, or at a
-bicycle's side. It is survived if the robot leans by less than .3 rad three seconds later.
+those of some files. A push goes through the robot's centre of mass, ahead or at a bicycle's side,
+for .1 s; or ahead at the origin of its root link, for .1 or .6 s. It is survived if the robot leans
+by less than .3 rad three seconds later.
 
 The plain LQR knows the textbook's planar pendulum on wheels, or the linear bicycle of Meijaard et
 al. 2007 at 3 m/s. It keeps upright and no more: it has no wish, foretells nothing, and its efforts
@@ -14,6 +15,8 @@ from __future__ import annotations
 import sys
 from collections import deque
 from collections.abc import Callable
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -32,8 +35,10 @@ from rpctl.simulation.plants.settings import Wrench
 from tests.dynamics.whipple import PUBLISHED
 from tests.leaning import OWN
 
-PERIOD, PUSH_S, LATER, UPRIGHT = 2e-3, 0.1, 3.0, 0.3  # s, s, s, rad
+PERIOD, LATER, UPRIGHT = 2e-3, 3.0, 0.3  # s, s, rad
 DELAYS = 0.0, 0.02  # s
+CENTRE, ROOT = "centre of mass", "root link"
+PUSHES = (CENTRE, 0.1), (ROOT, 0.1), (ROOT, 0.6)  # s
 SPEED, SLOW, G, FRICTION = 3.0, 0.1, 9.81, 0.7  # m/s of a bicycle and of others; m/s²
 FIRST, GROWTH, HALVINGS, MOST = 0.1, 1.6, 2, 5.0  # m/s that pushes give; steps of the search
 SERVO = 80.0  # rad/s of legs and arms, critically damped
@@ -121,78 +126,96 @@ def servos(dynamics: ReducedDynamics, q: Array) -> Law:
     return law
 
 
-def push_of(robot: LeaningRobot, q: Array, size: float, start: float) -> Wrench:
-    """Return a push of ``size`` (N s) through the centre of mass of a robot that stands at q."""
-    own = size / PUSH_S
+class Push(NamedTuple):
+    """A push of a robot that leans."""
+
+    at: str
+    duration: float  # s
+    size: float  # N s
+    delay: float  # s, of the efforts
+
+
+def wrench(robot: LeaningRobot, q: Array, push: Push, start: float) -> Wrench:
+    """Return a push of a robot that stands at q (nq,)."""
+    own = push.size / push.duration
     force = (0.0, own, 0.0) if robot.rolls_sideways else (own, 0.0, 0.0)
     arm = pin.centerOfMass(robot.model, robot.model.createData(), q) - q[:3]
-    x, y, z = np.cross(arm, force).tolist()
-    link = robot.description.root
-    return Wrench(link, force, (x, y, z), start=start, end=start + PUSH_S)
+    x, y, z = np.cross(arm if push.at == CENTRE else np.zeros(3), force).tolist()
+    return Wrench(robot.description.root, force, (x, y, z), start=start,
+                  end=start + push.duration)  # fmt: skip
 
 
-def survives_by_lqr(robot: LeaningRobot, size: float, delay: float) -> bool:
+def survives_by_lqr(robot: LeaningRobot, push: Push) -> bool:
     """Return whether the plain LQR keeps a robot upright."""
     dynamics = ReducedDynamics(robot)
     steady = Posture(dynamics).steady(0.0, 0.0, robot.home)
     law, hold = plain_lqr(dynamics, steady.q), servos(dynamics, steady.q)
-    push, limits = push_of(robot, steady.q, size, 1.0), robot.effort_limits
+    pushed, limits = wrench(robot, steady.q, push, 1.0), robot.effort_limits
     motion = LeaningMotion(robot, ContactSettings(), FRICTION, steady.q)
     if robot.rolls_sideways:
         nu = np.zeros(robot.dof)
         nu[0] = SPEED
         motion.launch(dynamics.basis(motion.q) @ nu)
-    sent = deque([np.zeros_like(steady.tau)] * round(delay / PERIOD))
-    for k in range(round((1.0 + PUSH_S + LATER) / PERIOD)):
+    sent = deque([np.zeros_like(steady.tau)] * round(push.delay / PERIOD))
+    for k in range(round((1.0 + push.duration + LATER) / PERIOD)):
         q = motion.q
         if lies(q):
             return False
         nu = motion.nu
         sent.append(law(q, nu))
         tau = np.clip(steady.tau + sent.popleft() + hold(q, nu), -limits, limits)
-        motion.advance(tau, PERIOD, (push,) if push.acts(PERIOD * k) else ())
+        motion.advance(tau, PERIOD, (pushed,) if pushed.acts(PERIOD * k) else ())
     return abs(robot.tilt(motion.q) - robot.tilt(steady.q)) < UPRIGHT
 
 
-def survives_by_balance(robot: LeaningRobot, size: float, delay: float) -> bool:
+def survives_by_balance(robot: LeaningRobot, push: Push) -> bool:
     """Return whether the law ``balance`` keeps a robot upright."""
     steady = Posture(ReducedDynamics(robot)).steady(0.0, 0.0, robot.home)
     start = 4.0 if robot.rolls_sideways else 1.0  # until it goes 3 m/s
-    push = push_of(robot, steady.q, size, start)
     run = rpctl.track(
-        robot, "line", duration=start + PUSH_S + LATER, collisions=False,
+        robot, "line", duration=start + push.duration + LATER, collisions=False,
         speed=SPEED if robot.rolls_sideways else SLOW,
-        plant=Plant(kind="contact", wrenches=(push,), delay=delay),
+        plant=Plant(kind="contact", wrenches=(wrench(robot, steady.q, push, start),),
+                    delay=push.delay),
     )  # fmt: skip
     off = abs(robot.tilt(run.q[-1]) - robot.tilt(steady.q))
     return rpctl.summarize(run).outcome != FELL and off < UPRIGHT
 
 
-def largest(survives: Callable[[LeaningRobot, float, float], bool], robot: LeaningRobot,
-            delay: float) -> str:  # fmt: skip
-    """Return the largest push that is survived, N s, in words."""
-    if not survives(robot, 0.0, delay):
+def largest(survives: Callable[[LeaningRobot, Push], bool], robot: LeaningRobot,
+            push: Push) -> str:  # fmt: skip
+    """Return the largest size of a push that is survived, N s, in words."""
+
+    def stands(size: float) -> bool:
+        return survives(robot, push._replace(size=size))
+
+    if not stands(0.0):
         return "falls"
     low, high = 0.0, FIRST * robot.mass
-    while survives(robot, high, delay):
+    while stands(high):
         low, high = high, GROWTH * high
         if high > MOST * robot.mass:
             return f"> {low:.3g}"
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if survives(robot, middle, delay) else (low, middle)
+        low, high = (middle, high) if stands(middle) else (low, middle)
     return f"{low:.3g}"
 
 
 def main() -> None:
     """Print the table."""
-    print("| robot | mass, kg | delay, ms | balance, N s | plain LQR, N s |\n|---|---|---|---|---|")
+    print("| robot, kg | at its | for, s | delay, ms | balance, N s | plain LQR, N s |")
+    print("|---|---|---|---|---|---|")
     for source in (*OWN, *sys.argv[1:]):
         robot = rpctl.load(source)
         assert isinstance(robot, LeaningRobot)
-        for delay in DELAYS:
-            ours, plain = (largest(s, robot, delay) for s in (survives_by_balance, survives_by_lqr))
-            cells = robot.name, f"{robot.mass:.3g}", f"{1e3 * delay:.0f}", ours, plain
+        for (at, duration), delay in product(PUSHES, DELAYS):
+            if at == ROOT and robot.rolls_sideways:
+                continue
+            push = Push(at, duration, 0.0, delay)
+            found = (largest(s, robot, push) for s in (survives_by_balance, survives_by_lqr))
+            name = f"{robot.name}, {robot.mass:.3g}"
+            cells = name, at, f"{duration:g}", f"{1e3 * delay:.0f}", *found
             print(f"| {' | '.join(cells)} |", flush=True)
 
 

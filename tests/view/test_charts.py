@@ -110,13 +110,13 @@ def test_no_peak_is_lost(paper_run: Run) -> None:
 
 @pytest.mark.parametrize(("name", "other"), [("balancer", "roll"), ("whipple", "pitch")])
 def test_the_tilt_is_drawn_against_what_nothing_raises(name: str, other: str) -> None:
-    """1 rad either way; headings change nothing; a bicycle hardly pitches as it rolls."""
+    """1.2 rad either way; headings change nothing; a bicycle hardly pitches as it rolls."""
     robot = leaning(name)
     run = rpctl.track(robot, "line", duration=0.02, collisions=False)
     tilts, headings = (np.linspace(*ends, len(run.t)) for ends in ((-0.7, 0.9), (-3.0, 3.0)))
     q = [robot.configuration(theta=h, tilt=x) for h, x in zip(headings, tilts, strict=True)]
     found = chart(vary(run, q=np.array(q)), "Tilt")
-    assert (found.unit, found.limits) == ("rad", (-1.0, 1.0))
+    assert (found.unit, found.limits) == ("rad", (-1.2, 1.2))
     lines = {line.label: line.values for line in found.lines}
     own = lines.pop("roll" if name == "whipple" else "pitch")
     assert own == pytest.approx(tilts, abs=1e-12)
@@ -124,12 +124,12 @@ def test_the_tilt_is_drawn_against_what_nothing_raises(name: str, other: str) ->
 
 
 def test_a_small_tilt_fills_its_chart() -> None:
-    """0.19 rad of the 1 rad beyond which it has fallen."""
+    """0.19 rad of the 1.2 rad beyond which it has fallen."""
     robot = leaning("balancer")
     run = rpctl.track(robot, "line", duration=0.02, collisions=False)
     q = [robot.configuration(tilt=tilt) for tilt in np.linspace(-0.1, 0.19, len(run.t))]
     found = chart(vary(run, q=np.array(q)), "Tilt")
-    assert found.limits == () and found.note.endswith("fallen beyond ±1 rad")
+    assert found.limits == () and found.note.endswith("fallen beyond ±1.2 rad")
 
 
 def test_a_level_robot_has_no_tilt(paper_run: Run) -> None:

@@ -16,6 +16,7 @@ from rpctl.control.end_effector import EndEffector
 from rpctl.control.horizon.law import Horizon
 from rpctl.control.safeguards import EFFORT_RATE, Watchdog, falls_short
 from rpctl.dynamics.ground_reaction import ON_ONE_LINE
+from rpctl.robot.leaning import MAX_TILT
 from rpctl.simulation.merits.ground import slip_ranges, tilts
 from rpctl.simulation.merits.outcome import (
     CANNOT_HOLD,
@@ -33,7 +34,6 @@ LASTING_S = 0.1  # s: in it a wheel whose load is gone lifts by a millimetre or 
 FOLDED = 0.5 * math.pi  # rad: beyond it a trailer lies beside what pulls it
 NEAR = 0.01  # rad: laws that know the limits of a hitch stop as near to them
 FALLEN = math.radians(10.0)  # rad: no soft contact lets a robot lean so far
-LYING = 1.0  # rad: no efforts raise a robot that has leant so far on two wheels
 THROWN = {"rad": 0.2, "m": 0.05}  # a joint so far off its reference is not held
 GROWN = 1.5  # times its error at the start, from which it may overshoot
 FEW = 20  # samples tell no chatter
@@ -70,11 +70,11 @@ def _jack_knifed(run: Run) -> Outcome | None:
 
 
 def _fell(run: Run) -> Outcome | None:
-    """Return that a robot that leans has leant too far to come back."""
+    """Return that a robot that leans has leant so far that it lies on the ground."""
     lean = 2.0 * np.arcsin(np.minimum(np.hypot(*run.q[:, 3:5].T), 1.0))
-    if lean.max() <= LYING:
+    if lean.max() <= MAX_TILT:
         return None
-    when = run.t[int(np.argmax(lean > LYING))]
+    when = run.t[int(np.argmax(lean > MAX_TILT))]
     return Outcome(
         FELL, f"it leans {math.degrees(lean.max()):.2g}° at {when:.3g} s, and has fallen"
     )
