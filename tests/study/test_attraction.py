@@ -96,7 +96,7 @@ def test_colours_say_what_became_of_a_start() -> None:
 
 @pytest.mark.slow
 def test_the_command_writes_what_it_found(tmp_path: Path) -> None:
-    words = ["attraction", "omni", "--reference", "line", "--starts", "16", "--duration", "0.1"]
+    words = ["attraction", "omni", "--references", "line", "--starts", "16", "--duration", "0.1"]
     result = CliRunner().invoke(app, [*words, "--workers", "1", "--out", str(tmp_path), "--json"])
     assert result.exit_code == 0, result.output
     shown = json.loads(result.stdout)

@@ -202,7 +202,7 @@ import os, signal, sys, threading, time
 import rpctl
 from rpctl import Horizon
 robot = rpctl.load("paper")
-controllers = [rpctl.Controller(robot, "eight", Horizon(steps=4)) for _ in range({count})]
+controllers = [rpctl.Controller(robot, "eight", kinematic=Horizon(steps=4)) for _ in range({count})]
 q = robot.configuration_at([0.0, 0.0, 0.0], robot.home)
 def pids():
     return [c._both._kinematic._controller.process._process.pid for c in controllers]
