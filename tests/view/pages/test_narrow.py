@@ -22,7 +22,11 @@ LONG = "gripper_left_inner_double_joint_of_a_long_name"
 
 def certificate() -> str:
     check = Check("inverse dynamics along ν", "Pinocchio, constrained", 3e-16, 1e-12, 66, LONG)
-    return certificate_page(Certificate("robot", 100, 0, (check,), Scope("all", (), (), None)))
+    return certificate_page(
+        Certificate(
+            robot="robot", samples=100, seed=0, checks=(check,), scope=Scope("all", (), (), None)
+        )
+    )
 
 
 def stress() -> str:
