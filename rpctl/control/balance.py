@@ -42,7 +42,7 @@ from rpctl.reference.motion import Reference
 
 SPEEDS = (-4.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
 SLACK = 100.0  # times: a robot that only stays up may be so much further off its place
-MENDING_LEAN = 0.3  # rad: it leans no more to mend its place
+MENDING, MENDING_LEAN = 2.0, 0.3  # of the limits, and rad: no more to bring it back to its place
 ALONE = 0.01  # of what an effort costs: as if others did not work with it
 LATENESS_S = 0.01  # s: what nobody tells, and is foretold
 AHEAD, AHEAD_STEP = 50, 0.04  # how far ahead the reference is looked at: steps, and their length, s
@@ -170,8 +170,8 @@ class Design(NamedTuple):
 def mended(upright: Array, efforts: Array, limits: Array) -> Array:
     """Return the efforts (n_act,) that bring a robot back to its place where staying up is first.
 
-    They become less together until none is beyond its limit and they lean by no more than
-    MENDING_LEAN.
+    They become less together until none is beyond twice its limit, since what keeps the robot up
+    works against them, and they lean it by no more than MENDING_LEAN.
 
     Args:
         upright: Gains that keep the robot up (n_act, n).
@@ -179,7 +179,7 @@ def mended(upright: Array, efforts: Array, limits: Array) -> Array:
         limits: Of the efforts (n_act,).
     """
     lean = math.hypot(*efforts) / (MENDING_LEAN * math.hypot(*upright[:, ERRORS]))
-    return efforts / max(1.0, lean, np.abs(efforts / limits).max())
+    return efforts / max(1.0, lean, np.abs(efforts / limits).max() / MENDING)
 
 
 def foretelling(F: Array, G: Array, periods: int) -> Array:
