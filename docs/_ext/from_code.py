@@ -155,9 +155,11 @@ API = {  # by what they are for
         "Controller ControllerOutput Guards OutputGroup GroupCommand VelocityOutput SpeedLog "
         "lag_from"
     ),
-    "Runs": "track Config Run summarize write_report",
+    "Runs": (
+        "track Config RunSettings LimitOverrides write_config Run Summary summarize write_report"
+    ),
     "Plants": (
-        "Plant start_plant PlantModel PlantSample Slipping ContactSettings Wrench MjcfRobot "
+        "Plant start_plant PlantModel PlantSample Slipping ContactSettings Noise Wrench MjcfRobot "
         "export_mjcf check_mjcf"
     ),
     "Many runs": "rollout Rollouts Uniform LogUniform Normal AnyOf Fixed",
