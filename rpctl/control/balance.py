@@ -42,8 +42,9 @@ from rpctl.reference.motion import Reference
 
 SPEEDS = (-4.0, -2.0, -1.0, -0.5, -0.1, 0.1, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # m/s, of the table
 SLACK = 100.0  # times: a robot that only stays up may be so much further off its place
+UNHURRIED = 1.0  # m/s: up to there no turn throws it
 MENDING, MENDING_LEAN = 2.0, 0.3  # of the limits, and rad: no more to bring it back to its place
-ALONE = 0.01  # of what an effort costs: as if others did not work with it
+ALONE = 0.03  # of what an effort costs: as if others did not work with it
 LATENESS_S = 0.01  # s: what nobody tells, and is foretold
 AHEAD, AHEAD_STEP = 50, 0.04  # how far ahead the reference is looked at: steps, and their length, s
 
@@ -239,10 +240,14 @@ class BalanceController(ReportsNothing):
         state = posture.possible(goal.state)
         self._steady = steady = posture.moved(self._steady or self._ahead[0], state, own)
         wanted = np.concatenate([steady.posture, steady.joints, command.nu_d])
+        error, turns = -goal.error, self._turns(float(nu[0]), float(state.twist[0]))
+        error[1:] *= turns
+        if not posture.steered:
+            wanted[1 - len(nu)] *= turns
         x = posture.short(np.concatenate([posture.of(q), nu]) - wanted)
-        k, part = self._near(float(state.twist[0]))
+        k, part = self._near(float(nu[0]))
         both, weights = slice(k, k + 2), np.array([1.0 - part, part])
-        x = self._foretold[k + round(part)] @ np.concatenate([-goal.error, x, *self._sent])
+        x = self._foretold[k + round(part)] @ np.concatenate([error, x, *self._sent])
         upright = np.tensordot(weights, self._upright[both], 1)
         mends = mended(upright, weights @ (self._mending[both] @ x), limits)
         asked = steady.tau + weights @ of_changes[both] - upright @ x - mends
@@ -282,6 +287,14 @@ class BalanceController(ReportsNothing):
             self._own, self._of_changes = postures[:2], self._by_changes @ ends.T
         weights = np.array([1.0 - share, share])
         return weights @ self._own, self._of_changes @ weights
+
+    @staticmethod
+    def _turns(v: float, wanted: float) -> float:
+        """Return by how much less a robot turns that is faster (m/s) than is wanted.
+
+        A push has made it so; turning as before would throw it on its side.
+        """
+        return min(1.0, max(abs(wanted), UNHURRIED) / max(abs(v), UNHURRIED)) ** 2
 
     def _index(self, v: float) -> int:
         """Return the entry of the table below a speed (m/s)."""

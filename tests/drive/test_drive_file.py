@@ -66,7 +66,7 @@ def test_it_picks_two_wheels_out_of_four(tmp_path: Path) -> None:
         (GOOD.replace("0.2", "nan"), "wheel[1].radius: is nan; give a finite number"),
         (GOOD.replace("0.2", "true"), "wheel[1].radius: is True; give a number"),
         (GOOD.replace("right_joint", "left_joint"), 'joint "left_joint" is named twice'),
-        (GOOD.replace('joint = "right_joint"', ""), "wheel[2]: misses joint"),
+        (GOOD.replace('joint = "right_joint"', ""), "wheel[2]: missing: joint"),
         ('type = "fixed"\n[wheel]\njoint = "a"', "write [[wheel]]"),
     ],
 )

@@ -250,7 +250,7 @@ def test_obstacles_come_from_a_file(tmp_path: Path) -> None:
     [
         ('shape = "disk"', "[1].shape: obstacle 'disk' is not known; did you mean disc?"),
         ("x = 1", '[1]: names no shape; write [[kinematic.base_obstacles]], then shape = "disc"'),
-        ('shape = "disc"\nx = 1', "[1]: misses y, radius"),
+        ('shape = "disc"\nx = 1', "[1]: missing: y, radius"),
         ('shape = "disc"\nx = 1\ny = 1\nradius = 0', "[1]: radius of a disc is 0"),
         ('shape = "half-plane"\nnx = 0\nny = 0\noffset = 1', "[1]: length of a half-plane's"),
     ],

@@ -50,7 +50,7 @@ def test_a_file_says_all_of_it(tmp_path: Path) -> None:
         "plant.encoder_bits: is 12.0; give a whole number",
         "did you mean mass",
         "plant.sensor_bias.speed: is True; give a number",
-        "plant.wrenches[1]: misses link",
+        "plant.wrenches[1]: missing: link",
     ):
         assert part in str(found.value)
 
