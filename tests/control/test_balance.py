@@ -302,3 +302,15 @@ def test_it_stays_upright(name: str) -> None:
     tilts = [robot.tilt(q) for q in run.q[::50]]
     assert np.abs(tilts).max() < 0.3
     assert np.abs(run.log.e[-1, :3]).max() < 0.2
+
+
+@pytest.mark.slow
+def test_a_robot_that_a_push_has_made_fast_turns_less() -> None:
+    """70 N s along its way make it 7 m/s fast on an eight for 0.3 m/s."""
+    robot = leaning("wheel_legs")
+    push = Wrench("base_link", (62.0, 62.0, 0.0), start=0.2, end=1.0)
+    run = rpctl.track(robot, "eight", duration=3.2, collisions=False,
+                      plant=Plant(wrenches=(push,), delay=0.02))  # fmt: skip
+    assert run.nu[:, 0].max() > 6.0
+    assert rpctl.summarize(run).outcome != "fell"
+    assert np.abs(run.nu[:, 1]).max() < 6.0
