@@ -141,11 +141,10 @@ class Balance(Record):
         Q, R = self.costs(posture, B)
         up = np.ones(len(F))
         up[posture.outer] = SLACK**-2
-        P = cost_to_go(posture, steady, F, G, Q * up, R)
-        upright = np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
-        P = cost_to_go(posture, steady, F, G, Q, R)
-        left = np.linalg.solve(R + G.T @ P @ G, G.T)
-        K = left @ P @ F
+        to_go = [cost_to_go(posture, steady, F, G, each, R) for each in (Q * up, Q)]
+        lefts = [np.linalg.solve(R + G.T @ P @ G, G.T) for P in to_go]
+        upright, K = (left @ P @ F for left, P in zip(lefts, to_go, strict=True))
+        left, P = lefts[-1], to_go[-1]
         loop = (F - G @ K).T
         own = slice(ERRORS, ERRORS + 1 + len(posture.steered))
         far, sums = P[:, own], np.zeros_like(F)
@@ -204,15 +203,15 @@ class BalanceController(ReportsNothing):
         self._posture, robot, limits = posture, posture.robot, posture.robot.effort_limits
         self._speeds = [v for v in SPEEDS if v > 0.5 * posture.slowest]
         steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds]
-        self._designs = [law.design(posture, each, period) for each in steady]
+        designs = [law.design(posture, each, period) for each in steady]
         slopes = [posture.slope(each, robot.home) for each in steady]
         self._slopes: list[Array] = [np.asarray(np.linalg.inv(each)) for each in slopes]
         late = LATENESS_S if law.lateness is None else law.lateness
         self._sent = deque([np.zeros(len(robot.actuators))] * round(late / period))
-        self._foretold = [foretelling(each.F, each.G, len(self._sent)) for each in self._designs]
-        self._upright = np.array([each.upright for each in self._designs])
-        self._mending = np.array([each.mending for each in self._designs])
-        flat = [each.ahead.swapaxes(0, 1).reshape(len(limits), -1) for each in self._designs]
+        self._foretold = [foretelling(each.F, each.G, len(self._sent)) for each in designs]
+        self._upright = np.array([each.upright for each in designs])
+        self._mending = np.array([each.mending for each in designs])
+        flat = [each.ahead.swapaxes(0, 1).reshape(len(limits), -1) for each in designs]
         self._by_changes = np.array(flat)
         self._steady: SteadyMotion | None = None
         self._ahead: deque[SteadyMotion] = deque(maxlen=AHEAD + 2)

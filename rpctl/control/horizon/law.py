@@ -115,9 +115,10 @@ class Horizon(PlannerSettings):
             LeaningPlanner(self.leaning, period, dynamics),
             (self.asynchronous and simulated) or SimulatedTime(),
         )
-        started = LeaningHorizonLaw(self.leaning, dynamics, period, fallback, beside)
-        started.asynchronous = self.asynchronous
-        return cast(HorizonLaw, started)
+        return cast(
+            HorizonLaw,
+            LeaningHorizonLaw(self.leaning, dynamics, period, fallback, beside, self.asynchronous),
+        )
 
     def _process(self, robot: Robot, period: float) -> PlanningProcess:
         """Return what plans beside the samples of a robot."""

@@ -33,12 +33,8 @@ class LeaningHorizonLaw:
         period: Control period, s.
         fallback: What answers without a plan.
         beside: What plans.
-
-    Attributes:
         asynchronous: Whether samples do not wait for plans.
     """
-
-    asynchronous = False
 
     def __init__(
         self,
@@ -47,9 +43,10 @@ class LeaningHorizonLaw:
         period: float,
         fallback: KinematicController,
         beside: PlanningProcess | SimulatedPlanning,
+        asynchronous: bool,
     ) -> None:
         self._law, self._robot, self._posture = law, dynamics.robot, Posture(dynamics)
-        self._fallback, self._beside = fallback, beside
+        self._fallback, self._beside, self._asynchronous = fallback, beside, asynchronous
         self._idle = np.zeros((round(law.lateness / period), len(self._robot.actuators)))
         self._sent = self._idle  # efforts that do not act yet, less the steady motion's
         self._asked: Reference | None = None  # for which a plan is on its way
@@ -99,7 +96,7 @@ class LeaningHorizonLaw:
         the samples, ``largest_delay`` (s) is the longest that one took, and ``restarts`` how often
         their process ended or did not answer.
         """
-        names = ["solves", "fallbacks"] + ["unplanned", "largest_delay"] * self.asynchronous
+        names = ["solves", "fallbacks"] + ["unplanned", "largest_delay"] * self._asynchronous
         report: dict[str, float] = {name: getattr(self, name) for name in names}
         if isinstance(self._beside, PlanningProcess):
             report["restarts"] = self._beside.restarts
