@@ -165,8 +165,9 @@ def test_the_gain_is_the_solutions_derivative(
         for size in (step, -step):
             start = StateDifference(*np.split(size * one, [3, 3 + joints]))
             beside = qp.solve(embedded(planner, values, start), found.active)
-            assert set(beside.active) == set(found.active)
             sides.append(beside.x[first])
+        straight = np.mean(sides, axis=0)  # no bound changed between the sides
+        np.testing.assert_allclose(straight, found.x[first], atol=1e-4 * step)
         differences.append((sides[0] - sides[1]) / (2.0 * step))
     expected = np.transpose(differences)
     np.testing.assert_allclose(qp.gain(values, found.active), expected, atol=1e-3)
