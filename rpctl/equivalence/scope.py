@@ -125,7 +125,7 @@ def _standing(robot: Robot, standing: Standing | None) -> Iterator[str]:
     elif standing.margin is None:
         yield "it stands, or something holds it upright: unknown"
     else:
-        yield f"it stands (by {standing.margin:.3g} m at home)"
+        yield f"it stands, {standing.margin:.3g} m from tipping at home"
 
 
 def _roles(robot: Robot) -> Iterator[str]:

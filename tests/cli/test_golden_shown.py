@@ -133,13 +133,13 @@ def test_a_robot_and_its_limits(tricycle: Robot, printed: Printed) -> None:
 def test_a_certificate_tells_its_worst(printed: Printed) -> None:
     near = Check("bias", "Lagrange", 4e-13, 1e-12, sample=3, entry="v")
     exact, bad = Check("inertia", "Lagrange", 0.0, 1e-12), Check("rolling", "A", 2e-3, 1e-6)
-    scope = Scope("the equations", ("it stands (by 0.1 m at home)",), (), 0.1)
+    scope = Scope("the equations", ("it stands, 0.1 m from tipping at home",), (), 0.1)
     good = Certificate(robot="golden", samples=5, seed=2, checks=(exact, near), scope=scope)
     verify.show_certificate(good)
     text = printed()
     assert "✓ bias Lagrange 4.0e-13 1e-12 v at sample 3" in text
     assert "✓ inertia Lagrange 0.0e+00 1e-12" in text
-    assert "scope the equations; assumptions: it stands (by 0.1 m at home)" in text
+    assert "scope the equations; assumptions: it stands, 0.1 m from tipping at home" in text
     assert text[-1].startswith("✓ verified: 2 checks over 5 random states, seed 2")
     assert text[-1].endswith("nearest to its limit: bias, 4e-13 of 1e-12")
     verify.show_certificate(replace(good, checks=(exact, bad)))

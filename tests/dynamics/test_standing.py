@@ -69,7 +69,7 @@ def test_the_margin_and_the_loads_are_those_of_statics(tmp_path: Path) -> None:
     proof, void = verified(robot)
     assert proof.passed and not void
     assert proof.scope.margin == found.margin
-    assert f"it stands (by {found.margin:.3g} m at home)" in proof.scope.line
+    assert f"it stands, {found.margin:.3g} m from tipping at home" in proof.scope.line
 
 
 def test_an_arm_ahead_of_the_axle_tips_it(tmp_path: Path) -> None:

@@ -32,10 +32,10 @@ MERIT_LABELS = {
 HEADLINE = ("rms_base_error", "rms_base_path_error", "rms_end_effector_error")
 NOMINAL = "Ideal plant: the simulated robot equals the controller's model."
 SYMBOLS = (
-    "q: configuration; ν: quasi-velocities, the base's speeds (v or vx forward, vy to the left, "
-    "omega turning) and the rates of joints; S: rates that roll, per ν; M: inertia; h: bias, what "
-    "speeds (C) and gravity (g) ask for; B: actuation; τ: efforts; A, λ: constraints of rolling "
-    "and their forces; G: Gibbs function"
+    "q: configuration; ν: quasi-velocities (speeds of the base: v or vx forward, vy to the left, "
+    "omega turning; joint rates); S: basis, v = S ν; M: inertia; h: bias, of velocities (C ν) and "
+    "gravity (g); B: actuation; τ: efforts; A, λ: rolling constraints and their multipliers; "
+    "G: Gibbs function"
 )
 NONE = "–"  # in a table
 EFFORT_SCALES = {  # what the end of the colours of efforts is, and that in full
