@@ -409,7 +409,7 @@ def vary(robot: Robot, variation: Variation) -> Robot:
 
     Its description differs, too. What no file can say is among the drive's declared numbers:
     radii, which are those of shapes, and the track of the contacts. So ``verify`` proves the robot
-    like any other.
+    like any other, unless the ground slopes: its derivations have the ground level.
 
     Raises:
         UnknownNameError: A pattern matches no link with a mass, wheel or moving joint.
