@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -200,24 +201,18 @@ class BalanceController(ReportsNothing):
     """
 
     def __init__(self, law: Balance, posture: Posture, period: float) -> None:
-        self._posture, robot, limits = posture, posture.robot, posture.robot.effort_limits
+        self._posture, robot = posture, posture.robot
         self._speeds = [v for v in SPEEDS if v > 0.5 * posture.slowest]
         steady = [posture.steady(v, 0.0, robot.home) for v in self._speeds]
         designs = [law.design(posture, each, period) for each in steady]
-        slopes = [posture.slope(each, robot.home) for each in steady]
-        self._slopes: list[Array] = [np.asarray(np.linalg.inv(each)) for each in slopes]
         late = LATENESS_S if law.lateness is None else law.lateness
         self._sent = deque([np.zeros(len(robot.actuators))] * round(late / period))
         self._foretold = [foretelling(each.F, each.G, len(self._sent)) for each in designs]
         self._upright = np.array([each.upright for each in designs])
         self._mending = np.array([each.mending for each in designs])
-        flat = [each.ahead.swapaxes(0, 1).reshape(len(limits), -1) for each in designs]
-        self._by_changes = np.array(flat)
         self._steady: SteadyMotion | None = None
-        self._ahead: deque[SteadyMotion] = deque(maxlen=AHEAD + 2)
-        self._last = 0  # step of the last of these
-        self._followed: Reference | None = None
-        self._looked: int | None = None  # step of the first, as it was looked at last
+        slopes = [np.asarray(np.linalg.inv(posture.slope(each, robot.home))) for each in steady]
+        self._look_ahead = LookAhead(posture, self._speeds, slopes, designs)
 
     def __call__(self, dynamics: ReducedDynamics, q: Array, nu: Array, command: Command) -> Efforts:
         """Return τ (n_act,) and the limits that bind.
@@ -235,9 +230,10 @@ class BalanceController(ReportsNothing):
         if not isinstance(command, LeaningCommand):
             raise UnfitLawError("the kinematic law gives no goal to balance for; use unified")
         goal = command.goal
-        own, of_changes = self._look(goal)
+        own, of_changes = self._look_ahead(goal)
         state = posture.possible(goal.state)
-        self._steady = steady = posture.moved(self._steady or self._ahead[0], state, own)
+        before = self._steady or self._look_ahead.first
+        self._steady = steady = posture.moved(before, state, own)
         wanted = np.concatenate([steady.posture, steady.joints, command.nu_d])
         error, turns = -goal.error, self._turns(float(nu[0]), float(state.twist[0]))
         error[1:] *= turns
@@ -257,36 +253,6 @@ class BalanceController(ReportsNothing):
         names = (posture.robot.actuators[i] for i in np.flatnonzero(tau != asked))
         return Efforts(tau, tuple(Limit(name, "effort") for name in names))
 
-    def _look(self, goal: Goal) -> tuple[Array, Array]:
-        """Return tilt and steering now (1 + n_steered,), and what their changes ahead add.
-
-        The steps ahead are those of time itself, so that each is looked at once. What they add to
-        the efforts is that of each design, (len(designs), n_act).
-        """
-        posture, (step, share) = self._posture, divmod(goal.t / AHEAD_STEP, 1.0)
-        first = int(step)
-        known = 0 <= first - (self._last + 1 - len(self._ahead)) <= len(self._ahead)
-        if not known or goal.reference is not self._followed:
-            self._ahead.clear()
-            self._followed = goal.reference
-        if not self._ahead:
-            self._looked, self._last = None, first
-            state = posture.possible(goal.reference(first * AHEAD_STEP))
-            v, _, omega = state.twist.tolist()
-            self._ahead.append(posture.steady(v, omega, state.joints))
-        while self._last < first + AHEAD + 1:
-            self._last += 1
-            state = posture.possible(goal.reference(self._last * AHEAD_STEP))
-            slope = self._slopes[self._index(float(state.twist[0]))]
-            self._ahead.append(posture.follow(self._ahead[-1], state, slope))
-        if first != self._looked:
-            self._looked, postures = first, np.array([each.posture for each in self._ahead])
-            changes = np.diff(postures, axis=0)
-            ends = np.array([changes[:-1].ravel(), changes[1:].ravel()])
-            self._own, self._of_changes = postures[:2], self._by_changes @ ends.T
-        weights = np.array([1.0 - share, share])
-        return weights @ self._own, self._of_changes @ weights
-
     @staticmethod
     def _turns(v: float, wanted: float) -> float:
         """Return by how much less a robot turns that is faster (m/s) than is wanted.
@@ -295,12 +261,80 @@ class BalanceController(ReportsNothing):
         """
         return min(1.0, max(abs(wanted), UNHURRIED) / max(abs(v), UNHURRIED)) ** 2
 
-    def _index(self, v: float) -> int:
-        """Return the entry of the table below a speed (m/s)."""
-        return min(max(bisect_left(self._speeds, v) - 1, 0), len(self._speeds) - 2)
-
     def _near(self, v: float) -> tuple[int, float]:
         """Return the entry of the table below a speed (m/s), and how far it is to the next."""
-        k = self._index(v)
+        k = entry_below(self._speeds, v)
         low, high = self._speeds[k : k + 2]
         return k, min(max((v - low) / (high - low), 0.0), 1.0)
+
+
+class LookAhead:
+    """The postures of a reference from now on, and what their changes add to the efforts.
+
+    They stand at steps of time itself, so that each is found once.
+
+    Args:
+        posture: The robot's coordinates.
+        speeds: Those of the tables that follow (n,), m/s, ascending.
+        slopes: What :meth:`Posture.follow` takes, one a speed.
+        designs: The regulators, one a speed.
+    """
+
+    def __init__(
+        self,
+        posture: Posture,
+        speeds: Sequence[float],
+        slopes: Sequence[Array],
+        designs: Sequence[Design],
+    ) -> None:
+        self._posture, self._speeds, self._slopes = posture, speeds, slopes
+        self._by_changes = np.array([np.hstack(list(each.ahead)) for each in designs])
+        self._followed: Reference | None = None
+        self._motions: deque[SteadyMotion] = deque(maxlen=AHEAD + 2)
+        self._last = 0  # step of the last of these
+        self._looked: int | None = None  # step of the first when the rest was found
+
+    @property
+    def first(self) -> SteadyMotion:
+        """The motion at the last step before now."""
+        return self._motions[0]
+
+    def __call__(self, goal: Goal) -> tuple[Array, Array]:
+        """Return tilt and steering now (1 + n_steered,), and what their changes ahead add.
+
+        What they add to the efforts is that of each design, (len(designs), n_act).
+        """
+        step, share = divmod(goal.t / AHEAD_STEP, 1.0)
+        first = int(step)
+        known = 0 <= first - (self._last + 1 - len(self._motions)) <= len(self._motions)
+        if not known or goal.reference is not self._followed:
+            self._motions.clear()
+            self._followed = goal.reference
+        if not self._motions:
+            self._looked, self._last = None, first
+            self._motions.append(self._steady(goal.reference, first))
+        while self._last < first + AHEAD + 1:
+            self._last += 1
+            self._motions.append(self._following(goal.reference, self._last))
+        if first != self._looked:
+            self._looked, postures = first, np.array([each.posture for each in self._motions])
+            changes = np.diff(postures, axis=0)
+            ends = np.array([changes[:-1].ravel(), changes[1:].ravel()])
+            self._own, self._of_changes = postures[:2], self._by_changes @ ends.T
+        weights = np.array([1.0 - share, share])
+        return weights @ self._own, self._of_changes @ weights
+
+    def _steady(self, reference: Reference, step: int) -> SteadyMotion:
+        state = self._posture.possible(reference(step * AHEAD_STEP))
+        v, _, omega = state.twist.tolist()
+        return self._posture.steady(v, omega, state.joints)
+
+    def _following(self, reference: Reference, step: int) -> SteadyMotion:
+        state = self._posture.possible(reference(step * AHEAD_STEP))
+        slope = self._slopes[entry_below(self._speeds, float(state.twist[0]))]
+        return self._posture.follow(self._motions[-1], state, slope)
+
+
+def entry_below(speeds: Sequence[float], v: float) -> int:
+    """Return the entry of a table of speeds below one (m/s), not the last."""
+    return min(max(bisect_left(speeds, v) - 1, 0), len(speeds) - 2)

@@ -243,7 +243,10 @@ def test_a_late_law_meets_its_reference_in_its_own_time(bicycle: Robot) -> None:
 
 
 def horizon_law(robot: Robot, **settings: Any) -> HorizonLaw:
-    return Horizon(steps=5, asynchronous=False, **settings).start(ReducedDynamics(robot), 0.02)
+    law = Horizon(steps=5, asynchronous=False, **settings)
+    found = law.start(ReducedDynamics(robot), 0.02)
+    assert isinstance(found, HorizonLaw)
+    return found
 
 
 def test_the_horizon_law_has_the_stage_where_a_base_needs_it(bicycle: Robot, paper: Robot) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 from functools import partial
-from typing import Annotated, cast
+from typing import Annotated
 
 from rpctl.arrays import Array
 from rpctl.control.approach import Approach, ApproachStage
@@ -85,7 +85,7 @@ class Horizon(PlannerSettings):
 
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
-    ) -> HorizonLaw:
+    ) -> HorizonLaw | LeaningHorizonLaw:
         """Return the controller of one run, without a plan and with all counts at zero.
 
         Where a process plans, that is started and waited for: it loads and makes its planner.
@@ -115,9 +115,8 @@ class Horizon(PlannerSettings):
             LeaningPlanner(self.leaning, period, dynamics),
             (self.asynchronous and simulated) or SimulatedTime(),
         )
-        return cast(
-            HorizonLaw,
-            LeaningHorizonLaw(self.leaning, dynamics, period, fallback, beside, self.asynchronous),
+        return LeaningHorizonLaw(
+            self.leaning, dynamics, period, fallback, beside, self.asynchronous
         )
 
     def _process(self, robot: Robot, period: float) -> PlanningProcess:

@@ -55,7 +55,9 @@ class Steps:
 
     def __init__(self, robot: Robot, law: Horizon, reference: Reference = any_function) -> None:
         self.dynamics, self.reference, self.t = ReducedDynamics(robot), reference, 0.0
-        self.law: HorizonLaw = law.start(self.dynamics, 0.002)
+        started = law.start(self.dynamics, 0.002)
+        assert isinstance(started, HorizonLaw)
+        self.law = started
         self.q, self.nu = self.state(0.0)
 
     def state(self, t: float) -> tuple[Array, Array]:

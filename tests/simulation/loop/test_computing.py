@@ -75,7 +75,9 @@ def summary(run: Run) -> dict[str, float]:
 
 def started(law: Horizon, robot: Robot, computing_time: float) -> HorizonLaw:
     with in_simulated_time(SimulatedTime(computing_time)):
-        return law.start(ReducedDynamics(robot), 0.002)
+        found = law.start(ReducedDynamics(robot), 0.002)
+    assert isinstance(found, HorizonLaw)
+    return found
 
 
 def test_a_plan_from_beside_applies_when_it_is_there(paper: Robot) -> None:
