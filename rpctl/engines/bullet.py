@@ -24,7 +24,7 @@ from rpctl.engines.engine import (
 )
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
 from rpctl.errors import EngineMissing
-from rpctl.libraries import library
+from rpctl.libraries import install_command, library
 from rpctl.robot.coordinates import level_pose
 from rpctl.robot.model import Robot
 
@@ -80,7 +80,7 @@ def load_pybullet() -> Any:
         with captured():  # it prints when it was built
             return library("pybullet_utils.bullet_client").BulletClient(library("pybullet").DIRECT)
     except ImportError as error:
-        raise EngineMissing(f"PyBullet: {error}; pip install 'rpctl[bullet]'") from error
+        raise EngineMissing(f"PyBullet: {error}; run {install_command('bullet')}") from error
 
 
 class BulletRun(UrdfRun):

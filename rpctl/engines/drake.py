@@ -24,7 +24,7 @@ from rpctl.engines.engine import (
 from rpctl.engines.mujoco.bodies import link_fault
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
 from rpctl.errors import EngineMissing
-from rpctl.libraries import library
+from rpctl.libraries import install_command, library
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 
@@ -58,7 +58,7 @@ def load_drake() -> Any:
         for name in MODULES:
             vars(drake).update(vars(library(f"pydrake.{name}")))
     except ImportError as error:
-        raise EngineMissing(f"Drake: {error}; pip install 'rpctl[drake]'") from error
+        raise EngineMissing(f"Drake: {error}; run {install_command('drake')}") from error
     return drake
 
 

@@ -32,6 +32,7 @@ from rpctl.engines.engine import (
 from rpctl.equivalence.contact.model import support_shapes
 from rpctl.equivalence.contact.mujoco_body import STABLE, one_directional, tie_rod_efforts
 from rpctl.errors import EngineMissing
+from rpctl.libraries import install_command
 from rpctl.robot.model import Robot
 
 NEAR_M = 0.02  # m: how far off the edge of a support's shape its contact may lie
@@ -207,7 +208,8 @@ class UrdfEngine(ABC):
     def __post_init__(self) -> None:
         """Refuse where it is not installed; its library is imported when it starts."""
         if find_spec(self.module) is None:
-            raise EngineMissing(f"{self.name} is not installed; pip install 'rpctl[{self.extra}]'")
+            command = install_command(self.extra)
+            raise EngineMissing(f"{self.name} is not installed; run {command}")
 
     @property
     def version(self) -> str:

@@ -19,6 +19,7 @@ from rpctl.equivalence.certificate import (
     Skipped,
     worst_cases,
 )
+from rpctl.equivalence.contact.mujoco_body import mujoco_absence
 from rpctl.equivalence.file_drive import FileReading, read
 from rpctl.equivalence.gibbs_appell import (
     BREAKDOWNS,
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from rpctl.equivalence.onset.trial import OnsetTrial
 
 ENGINES = ("mujoco",)
-ABSENT = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -303,7 +303,7 @@ def _engine(
     require_known("engine", engines, ENGINES)
     if "mujoco" not in engines:
         return None, ()
-    note = ABSENT
+    note = mujoco_absence()
     if mujoco_engine.installed():
         try:
             return mujoco_engine.engine_of(robot, reading), ()
@@ -329,7 +329,11 @@ def _with_trials(robot: Robot, certificate: Certificate, trials: Collection[str]
     undone: list[Check] = []
     for kind in trials:
         name, run = known[kind]
-        trial = run(robot) if mujoco_engine.installed() else Skipped(name, CONTACT_ORACLE, ABSENT)
+        trial = (
+            run(robot)
+            if mujoco_engine.installed()
+            else Skipped(name, CONTACT_ORACLE, mujoco_absence())
+        )
         if isinstance(trial, Skipped):
             undone.append(Check(name, CONTACT_ORACLE, math.inf, 1.0, entry=trial.note))
         else:
