@@ -310,7 +310,5 @@ class DrakeEngine(UrdfEngine):
             setting = "call joint.SetDamping(context, d + f/|rate|) at each step"
             yield Switch("losses", fault, setting)
         elif damped:
-            fault = (
-                f"it damps {damped[0]} as the file says, but the robot was loaded without losses"
-            )
+            fault = f"it damps {damped[0]} as its file says; the robot was loaded without losses"
             yield Switch("losses", fault, "call joint.set_default_damping(0)")

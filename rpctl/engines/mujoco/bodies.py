@@ -1,8 +1,8 @@
-"""The tree of bodies, one for each joint of the model: inertias that MuJoCo accepts, motors, losses.
+"""The tree of bodies, one per joint of the model: inertias that MuJoCo accepts, motors, losses.
 
-A body's second moments about its centre of mass are Σ = ∫ r rᵀ dm = ½ tr(I) 1 − I. Those of a real
-body are not negative: each moment of inertia is at most the sum of the other two. Links that move as
-one body are summed up before this is checked, because a link that is unphysical alone often is a part
+A body's second moments about its centre of mass are Σ = ∫ r rᵀ dm = ½ tr(I) 1 − I. In a real body
+none is negative: each moment of inertia is at most the sum of the other two. Links that move as one
+body are summed up before this is checked, because a link that is unphysical alone is often a part
 of a physical body.
 
 Sensors measure the state of the bodies; q and ν are computed from them.
@@ -27,9 +27,7 @@ from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import ROOT_JOINT, read_root, write_root
 from rpctl.robot.model import BASE_NV, Robot
 
-ROUNDING = (
-    1e-9  # of the largest moment: how well a file's digits fulfil the inequality for a lamina
-)
+ROUNDING = 1e-9  # of the largest moment: rounding of a file's digits for a lamina
 MIN_MASS = 1e-6  # kg of a moving body without mass
 MIN_MOMENT = 1e-9  # kg·m² of a body without inertia: above MuJoCo's mjMINVAL
 NO_LIMIT = 1e6  # rad or m: a range of MuJoCo has two finite ends
@@ -132,8 +130,8 @@ def add_bodies(spec: Any, robot: Robot, settings: ContactSettings) -> tuple[str,
 def add_motors(spec: Any, robot: Robot) -> None:
     """Add to each actuator's joint a motor with its name, which saturates at its limit.
 
-    The control is the effort at the joint, N·m or N; limit and rotor inertia are those at the joint,
-    gears included.
+    The control is the effort at the joint, N·m or N; limit and rotor inertia are those seen from
+    the joint, behind the gears.
     """
     for name, limit in zip(robot.actuators, robot.effort_limits.tolist(), strict=True):
         motor = spec.add_actuator(

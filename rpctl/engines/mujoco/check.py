@@ -32,7 +32,9 @@ DIRECTIONS = ("quat", "axis", "pos", "ipos", "inertia", "qpos")  # compared as w
 MAX_SHOWN = 60  # characters of a value
 EQUATIONS = "equations"  # the row of a model that lacks a part of the robot
 FRESH_SEED = 1  # of states other than those that the file holds
-ROUNDED_NOTE = "{count} numbers are rounded by at most {largest:.1e} of their size, as if MuJoCo had saved them"
+ROUNDED_NOTE = (
+    "{count} numbers are rounded by at most {largest:.1e} of their size, as MuJoCo saves them"
+)
 
 
 @dataclass(frozen=True)

@@ -140,7 +140,7 @@ def test_a_witness_comes_whole_out_of_json(robot: rpctl.Robot) -> None:
     assert as_plain(again) == as_plain(witness)
     broken = as_plain(witness)
     broken["effort"] = broken["effort"][1:]
-    with pytest.raises(ValueError, match=r"effort is of the shape \(2,\), not \(3,\)"):
+    with pytest.raises(ValueError, match=r"effort has the shape \(2,\), not \(3,\)"):
         from_plain(broken)
 
 
