@@ -322,7 +322,7 @@ class AnyOf:
             raise RpctlError(f"choice of {list(values)}; give one finite number or more")
 
     def quantile(self, p: Array) -> Array:
-        """Return the numbers (...,) at shares p (...,): (0, 1) is divided equally, in their order."""
+        """Return the numbers (...,) at shares p (...,), in their given order."""
         index = np.minimum((np.asarray(p) * len(self.values)).astype(int), len(self.values) - 1)
         return np.asarray(np.array(self.values)[index])
 
