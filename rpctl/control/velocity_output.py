@@ -178,7 +178,7 @@ class VelocityOutput(Record):
         return Lateness.of(self.lag_of(known.robot.quasi_velocities), period)._asdict()
 
     def structure(self, robot: Robot) -> object:
-        """Return a value that identifies the machine code on a robot, lags and dead times left out."""
+        """Return a value that identifies the machine code on a robot, without lag and dead time."""
         return replace(self, lag=0.0, dead_time=0.0, lags={}, dead_times={}, groups={})
 
     def statements(self, frame: LawFrame) -> LawFragment:

@@ -66,7 +66,7 @@ class Setting:
         unit: Unit in SI, or empty.
         label: Name of the field in a report.
         help: One sentence for help texts.
-        metavar: Placeholder of the value on the command line; empty: one that follows from the type.
+        metavar: Placeholder on the command line; empty: one that follows from the type.
     """
 
     unit: str = ""

@@ -388,7 +388,7 @@ class Config:
         return dataclasses.replace(self, **laws)
 
     def with_run(self, **settings: Any) -> Config:
-        """Return the configuration with these settings of ``run``; those that are None are ignored."""
+        """Return the configuration with these settings of ``run``; None keeps the present one."""
         given = {key: value for key, value in settings.items() if value is not None}
         return dataclasses.replace(self, run=dataclasses.replace(self.run, **given))
 

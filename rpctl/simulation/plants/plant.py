@@ -230,8 +230,8 @@ class Plant(Variation):
     def saturation(self, robot: Robot) -> Array:
         """Return the efforts (n_act,), N·m or N, at which the true actuators saturate.
 
-        With an effort scale of 1 they do not saturate, even beyond the limits of the robot's file:
-        the summary of a run then reports the excess.
+        With an effort scale of 1 they are infinite: commands act even beyond the limits of the
+        robot's file, and the summary of a run reports the excess.
 
         Args:
             robot: The robot, with the limits that its controller knows.
