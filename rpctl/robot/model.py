@@ -118,7 +118,7 @@ class Robot:
 
     @cached_property
     def quasi_velocities(self) -> tuple[str, ...]:
-        """Names of the entries of ν: the base's speeds (such as v of P and omega), then joint rates."""
+        """Names of the entries of ν: the base's speeds (as v of P and omega), then joint rates."""
         return self.drive.base_speeds + self.joint_names
 
     @cached_property
@@ -235,7 +235,7 @@ class Robot:
 
     @cached_property
     def velocity_limits(self) -> Array:
-        """Velocity limits of the actuators' joints (n_act,), rad/s or m/s; inf where the URDF has none."""
+        """Velocity limits of the actuators' joints (n_act,), rad/s or m/s; inf where none."""
         return np.array([self.description.joint[name].velocity for name in self.actuators])
 
     @cached_property
@@ -423,7 +423,7 @@ class Robot:
         return self.configuration(*self.root_pose(pose), joints=positions)
 
     def random_configuration(self, rng: np.random.Generator) -> Array:
-        """Return a random q (nq,): base within 10 m of the origin, joints within their limits.
+        """Return a random q (nq,): base within ±10 m along x and y, joints within their limits.
 
         Unlimited revolute joints are drawn from (−π, π), unlimited prismatic ones from ±1 m.
         Steering angles keep away from those at which the motion is not unique.
@@ -442,7 +442,7 @@ class Robot:
 
     @cached_property
     def home(self) -> Array:
-        """Home posture of the arm (n_joints,), rad or m: as given, else 0, well inside the limits."""
+        """Home posture of the arm (n_joints,), rad or m: as given, or 0, well inside the limits."""
         given = self.loaded_with.home
         positions = given if isinstance(given, Mapping) else {}
         return read_only([positions.get(joint.name, _home(joint)) for joint in self.joints])

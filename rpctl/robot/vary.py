@@ -89,7 +89,8 @@ def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:
         scale: Scale of the masses and inertias, positive.
 
     Raises:
-        RpctlError: The scale is not positive, or the pattern matches no joint.
+        RpctlError: The scale is not positive.
+        UnknownNameError: The pattern matches no joint.
     """
     require_positive("scale", scale)
     model = robot.model.copy()
