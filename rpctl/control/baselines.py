@@ -27,9 +27,9 @@ class Kanayama(BaseLaw):
     default gains, as the paper's, give critical damping.
     """
 
-    kx: Annotated[float, POSITIVE, Setting("1/s", "", "Kx.")] = 1.5
-    ky: Annotated[float, POSITIVE, Setting("1/m²", "", "Ky.")] = 16.0
-    ktheta: Annotated[float, POSITIVE, Setting("1/m", "", "Kθ.")] = 8.0
+    kx: Annotated[float, POSITIVE, Setting("1/s", "", "Gain Kx of the longitudinal error.")] = 1.5
+    ky: Annotated[float, POSITIVE, Setting("1/m²", "", "Gain Ky of the lateral error.")] = 16.0
+    ktheta: Annotated[float, POSITIVE, Setting("1/m", "", "Gain Kθ of the heading error.")] = 8.0
     leash: Leash | None = field(default_factory=Leash)
     approach: Approach | None = field(default_factory=Approach)
 

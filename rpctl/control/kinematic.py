@@ -36,12 +36,14 @@ class PaperKinematic(BaseLaw):
         float, POSITIVE, Setting("s", "Horizon h", "Prediction time h, also of the joints.")
     ] = 0.8
     beta: Annotated[
-        float, WITHIN, Setting("", "Weight β of the lateral error", "In the longitudinal output.")
+        float,
+        WITHIN,
+        Setting("", "Weight β of the lateral error", "Weight β in the longitudinal output."),
     ] = 1.5
     smoothing: Annotated[
         float,
         POSITIVE_OR_NONE,
-        Setting("rad/s", "Smoothing ω₀", "Of s = ω_r/√(ω_r² + ω₀²); 0 is the paper's sign."),
+        Setting("rad/s", "Smoothing ω₀", "ω₀ in s = ω_r/√(ω_r² + ω₀²); 0 is the paper's sign."),
     ] = 0.0
 
     def joint_horizons(self, dynamics: ReducedDynamics, period: float) -> Array:

@@ -59,15 +59,15 @@ class OutputGroup(Record):
         Setting("s", "Dead time", "Dead time; default: that of the output."),
     ] = field(default=None, kw_only=False)
     speeds: Annotated[
-        Mapping[str, float], POSITIVE, Setting("m/s or rad/s", "Speeds", "The largest.")
+        Mapping[str, float], POSITIVE, Setting("m/s or rad/s", "Speeds", "Largest speeds.")
     ] = field(default_factory=dict)
     accelerations: Annotated[
         Mapping[str, float],
         POSITIVE,
-        Setting("m/s² or rad/s²", "Accelerations", "The largest."),
+        Setting("m/s² or rad/s²", "Accelerations", "Largest accelerations."),
     ] = field(default_factory=dict)
     jerks: Annotated[
-        Mapping[str, float], POSITIVE, Setting("m/s³ or rad/s³", "Jerks", "The largest.")
+        Mapping[str, float], POSITIVE, Setting("m/s³ or rad/s³", "Jerks", "Largest jerks.")
     ] = field(default_factory=dict)
 
 

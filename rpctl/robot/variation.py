@@ -240,9 +240,9 @@ class CarriedLoad(Record):
     """A point mass fixed to a link of the simulated robot, unknown to its controller."""
 
     of = "the payload's "
-    link: Annotated[str, Setting("", "", "The link; empty for that of the end effector.")] = ""
+    link: Annotated[str, Setting("", "", "Name of the link; empty: that of the end effector.")] = ""
     mass: Annotated[
-        float, Range(0.0, LARGEST, "0 or more, in kg"), Setting("kg", "mass", "0: none.")
+        float, Range(0.0, LARGEST, "0 or more, in kg"), Setting("kg", "mass", "Mass; 0: no load.")
     ] = 0.0
     com: Annotated[
         Offset, OFFSET, Setting("m", "place", "Its centre of mass (x, y, z) in the link's frame.")
