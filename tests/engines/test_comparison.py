@@ -104,7 +104,7 @@ PLANTED: dict[str, tuple[Callable[[], EngineRecording], str, float, str]] = {
     "too short": (lambda: longer(0.9), "path", 0.1, "drives 10 % too short"),
     "stuck": (lambda: longer(0.0), "path", 1.0, "does not move"),
     "aside": (aside, "path", 0.1, "leaves the path by 100 mm, to the right"),
-    "aside, to the left": (lambda: aside(0.1), "path", 0.1, "leaves the path by 100 mm, to the left"),
+    "aside, to the left": (lambda: aside(0.1), "path", 0.1, "the path by 100 mm, to the left"),
     "veers left": (lambda: veered(0.2), "heading", 0.2, "veers 11° to the left"),
     "veers right": (lambda: veered(-0.2), "heading", -0.2, "veers 11° to the right"),
     "turns little": (lambda: turned(0.7), "heading", -0.15, "turns 30 % too little"),

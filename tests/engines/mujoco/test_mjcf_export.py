@@ -253,7 +253,5 @@ def test_a_fixed_base_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_robot_that_leans_is_refused_with_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(
-        rpctl.RpctlError, match=r"balancer leans.*falls without a law"
-    ):
+    with pytest.raises(rpctl.RpctlError, match=r"balancer leans.*falls without a law"):
         export_mjcf(rpctl.load("balancer"), tmp_path / "balancer.xml")
